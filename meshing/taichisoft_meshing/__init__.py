@@ -1,0 +1,1 @@
+"""From a finger's dimensions to tetrahedra (gmsh)."""

@@ -1,0 +1,1 @@
+"""The outputs that come with taichisoft: recording, metrics, pictures."""

@@ -1,0 +1,78 @@
+"""A volume mesh as read from a file or made by a mesher, checked before anything is computed with it."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from taichisoft.errors import MeshError
+
+
+@dataclass(frozen=True)
+class VolumeMesh:
+    """Nodes, elements and named groups.
+
+    Attributes:
+        source: the file or mesher that it came from; errors begin with it.
+        nodes: rest positions [mm], shape (node_count, 3).
+        elements: node indices, shape (element_count, nodes_per_element); linear tetrahedra have 4.
+        surface_groups: named boundary triangles ("outer", "cavity", "base", ...), each (count, 3) node indices.
+        element_groups: named sets of elements, each (count,) element indices.
+    """
+
+    source: str
+    nodes: np.ndarray
+    elements: np.ndarray
+    surface_groups: dict[str, np.ndarray] = field(default_factory=dict)
+    element_groups: dict[str, np.ndarray] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "nodes", np.ascontiguousarray(self.nodes, dtype=np.float64))
+        object.__setattr__(self, "elements", np.ascontiguousarray(self.elements, dtype=np.int32))
+
+    def check(self) -> "VolumeMesh":
+        """Return the mesh itself when it is fit to simulate.
+
+        Raises:
+            MeshError: no elements, NaN, indices out of range, unused nodes, flat, inverted or duplicate elements.
+        """
+        if self.elements.size == 0:
+            raise self._error("has no tetrahedra; a volume mesh (.vtk, .vtu, .msh) is needed, not a surface")
+        _refuse(self, ~np.isfinite(self.nodes).all(axis=1), "node", "has a coordinate that is not finite")
+        outside = (self.elements < 0) | (self.elements >= len(self.nodes))
+        _refuse(self, outside.any(axis=1), "element", f"has a node index outside 0..{len(self.nodes) - 1}")
+        used = np.zeros(len(self.nodes), dtype=bool)
+        used[self.elements] = True
+        _refuse(self, ~used, "node", "belongs to no element; remove it or mesh again")
+        _, first = np.unique(np.sort(self.elements, axis=1), axis=0, return_index=True)
+        duplicate = np.ones(len(self.elements), dtype=bool)
+        duplicate[first] = False
+        _refuse(self, duplicate, "element", "stands twice in the mesh")
+        volumes = tetrahedron_volumes(self.nodes, self.elements)
+        flat = np.abs(volumes) <= 1e-12 * np.abs(volumes).max()
+        _refuse(self, flat, "element", "has no volume")
+        _refuse(self, volumes < 0, "element", "is inverted (its volume is negative); swap two of its nodes")
+        return self
+
+    def _error(self, what: str) -> MeshError:
+        return MeshError(f"{self.source}: {what}")
+
+
+def tetrahedron_volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """Signed volumes [mm^3] of the tetrahedra spanned by each element's first four nodes, shape (element_count,)."""
+    edges = nodes[elements[:, 1:4]] - nodes[elements[:, :1]]
+    return np.linalg.det(edges) / 6.0
+
+
+def boundary_triangles(elements: np.ndarray) -> np.ndarray:
+    """Faces that belong to one tetrahedron only, outward for positive elements, shape (count, 3) node indices."""
+    faces = elements[:, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]].reshape(-1, 3)
+    _, first, counts = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    return faces[np.sort(first[counts == 1])]
+
+
+def _refuse(mesh: VolumeMesh, bad: np.ndarray, what: str, why: str) -> None:
+    """Raise for the first flagged item, saying how many there are."""
+    if bad.any():
+        count = int(bad.sum())
+        more = f" ({count} such {what}s)" if count > 1 else ""
+        raise mesh._error(f"{what} {int(np.argmax(bad))} {why}{more}")

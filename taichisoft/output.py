@@ -1,0 +1,28 @@
+"""What watches a run: the interface of an output."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+    from taichisoft.simulation import StepReport
+    from taichisoft.state import State
+
+
+class Output(Protocol):
+    """Made as `factory(folder)` with the run's output folder; then called in this order."""
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """Called once, with the state before the first step."""
+
+    def record(self, state: "State", report: "StepReport") -> None:
+        """Called after every step; `state` must be copied to be kept."""
+
+    def end(self, outcome: str) -> None:
+        """Called once, however the run ended: "completed", "interrupted", or the error's text."""
+
+
+class OutputFactory(Protocol):
+    """What `taichisoft_outputs` maps a name to."""
+
+    def __call__(self, folder: Path) -> Output: ...
