@@ -1,0 +1,5 @@
+"""The `taichisoft` command."""
+
+
+def main() -> None:
+    """Run the command line."""
