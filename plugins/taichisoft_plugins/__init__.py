@@ -1,1 +1,28 @@
-"""The outputs that come with taichisoft: recording, metrics, pictures."""
+"""The outputs that come with taichisoft: recording and pictures, and the commands that go with them."""
+
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING, Any
+
+from taichisoft.hookspecs import hookimpl
+
+if TYPE_CHECKING:
+    import typer
+
+
+@hookimpl
+def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
+    """Outputs by name."""
+    from taichisoft_plugins.pictures import PicturesOutput
+    from taichisoft_plugins.recording import RecordingOutput
+
+    return {"recording": RecordingOutput, "pictures": PicturesOutput}
+
+
+@hookimpl
+def taichisoft_commands(application: "typer.Typer") -> None:
+    """`taichisoft render` and `taichisoft doctor`."""
+    from taichisoft_plugins.doctor_command import doctor
+    from taichisoft_plugins.render_command import render
+
+    application.command()(render)
+    application.command()(doctor)

@@ -110,8 +110,16 @@ class Recording:
         return self._file["contacts"]["point"][rows], self._file["contacts"]["force"][rows]
 
     def frame_at(self, time: float) -> int:
-        """Index of the frame nearest to `time` [s]."""
-        return int(np.argmin(np.abs(self.times - time)))
+        """Index of the frame nearest to `time` [s].
+
+        Raises:
+            RecordingError: it was not recorded.
+        """
+        times = self.times
+        if not len(times) or not times[0] - self.step_size <= time <= times[-1] + self.step_size:
+            reach = f"from {times[0]:g} s to {times[-1]:g} s" if len(times) else "no frame"
+            raise RecordingError(f"{self.path}: nothing at {time:g} s; the recording has {reach}")
+        return int(np.argmin(np.abs(times - time)))
 
     def _surfaces(self) -> list[RecordedSurface]:
         surfaces = []

@@ -1,0 +1,76 @@
+"""Where the camera stands: named views, and the distance from which everything fits into the picture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+VERTICAL_ANGLE = 28.0
+"""Field of view [degrees]: narrow, so that parallel fingers look parallel."""
+
+MARGIN = 0.08
+"""Part of the picture that stays free along each edge [-]."""
+
+# Direction from the scene to the camera in the axes (right, front, up) of `scene_axes`.
+VIEWS = {
+    "iso": (-0.58, 1.0, 0.5),
+    "front": (0.0, 1.0, 0.06),
+    "top": (0.0, 0.0, 1.0),
+}
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A perspective camera.
+
+    Attributes:
+        eye: where it stands [mm], shape (3,).
+        target: what it looks at [mm], shape (3,).
+        up: direction that is up in the picture [-], shape (3,).
+    """
+
+    eye: np.ndarray
+    target: np.ndarray
+    up: np.ndarray
+
+
+def scene_axes(up: np.ndarray) -> np.ndarray:
+    """Orthonormal rows right, front and up of a scene whose unit vector against gravity is `up`, shape (3, 3).
+
+    Right is the next coordinate axis after up (z up: x, x up: y), so that the view of a scene stands firm.
+    """
+    right = np.roll(np.eye(3)[np.argmax(np.abs(up))], 1)
+    right = right - up * (right @ up)
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(right, up), up])
+
+
+def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> Camera:
+    """The nearest camera of the named view that has all points in the picture, margins free.
+
+    Args:
+        points: [mm], shape (point_count, 3).
+        up: unit vector against gravity, shape (3,).
+        view: a key of VIEWS.
+        aspect: width / height of the picture.
+    """
+    axes = scene_axes(up)
+    backward = np.array(VIEWS[view]) @ axes
+    backward /= np.linalg.norm(backward)
+    # Seen from the top, what is in front lies at the bottom of the picture.
+    picture_up = up if abs(backward @ up) < 0.999 else -axes[1]
+    right = np.cross(picture_up, backward)
+    right /= np.linalg.norm(right)
+    frame = np.array([right, np.cross(backward, right), backward])
+    coordinates = points @ frame.T
+    depth = coordinates[:, 2]
+    tangent = np.tan(np.radians(VERTICAL_ANGLE / 2)) * (1 - 2 * MARGIN)
+    # A point at (x, z) is inside when |x - x0| <= tangent (z0 - z): two half-planes whose tips meet at (x0, z0).
+    centres, distances = [], []
+    for axis, slope in ((0, tangent * aspect), (1, tangent)):
+        high = np.max(coordinates[:, axis] + slope * depth)
+        low = np.min(coordinates[:, axis] - slope * depth)
+        centres.append((high + low) / 2)
+        distances.append((high - low) / (2 * slope))
+    eye = np.array([*centres, max(distances)]) @ frame
+    middle = np.array([*centres, depth.mean()]) @ frame
+    return Camera(eye, middle, picture_up)
