@@ -143,7 +143,9 @@ def _refuse_truncated(path: Path) -> None:
 
 
 def _unreadable(path: Path, error: BaseException) -> MeshError:
-    why = " ".join(str(error).split()) or type(error).__name__
+    why = " ".join(str(error).split()) or "broken, or another kind of file"
+    if "gmsh:physical" in why:  # meshio's limit: MSH 4 with all elements saved, only some of them in a group
+        why = "some elements are in no physical group; save it from gmsh without 'Save all elements'"
     return MeshError(f"{path}: not readable as {path.suffix[1:].upper()}: {why}")
 
 

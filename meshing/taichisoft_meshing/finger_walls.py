@@ -93,7 +93,7 @@ def _check_slots_miss_chambers(finger: "FingerParameters") -> None:
             if gap < THINNEST_WALL - ROUNDING:
                 raise ValueError(
                     f"slots.depth = {slots.depth:g}: slot {slot + 1} ({near:g} to {near + slots.width:g} mm "
-                    f"from the base) cuts into chamber {chamber + 1} ({start:g} to {start + chambers.width:g}); "
+                    f"from the base) cuts into chamber {chamber + 1}, which begins at {start:g}; "
                     f"must be at most {reach:g}, or the slots must pass between the chambers"
                 )
 

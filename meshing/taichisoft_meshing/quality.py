@@ -26,7 +26,7 @@ def radius_ratios(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
         for p, q in ((b - a, d - c), (c - a, d - b), (d - a, c - b))
     )
     crelle = np.sqrt(np.maximum((x + y + z) * (x + y - z) * (x - y + z) * (-x + y + z), 0.0)) / 4
-    inscribed = 3 * volumes / areas
+    inscribed = np.divide(3 * volumes, areas, out=np.zeros_like(volumes), where=areas > 0)
     return np.divide(18 * volumes * inscribed, crelle, out=np.zeros_like(volumes), where=crelle > 0)
 
 

@@ -1,0 +1,160 @@
+"""Volume meshes in files: what was written is read again, and what is broken is refused in one line."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichisoft.errors import MeshError
+from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.mesh_files import read_volume_mesh, write_volume_mesh
+
+TUTORIAL = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"
+
+# Thirds and tenths have no short decimal form: a format that rounds shows.
+NODES = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]) / 3 + np.sqrt(2) / 10
+ELEMENTS = np.array([[0, 5, 4, 7], [0, 4, 6, 7], [0, 6, 2, 7], [0, 2, 3, 7], [0, 3, 1, 7], [0, 1, 5, 7]])
+OUTER = np.array([[0, 6, 4], [0, 2, 6], [1, 5, 7]])
+
+
+def cube() -> VolumeMesh:
+    """A cube whose groups overlap, stand out of order, or leave elements out."""
+    return VolumeMesh(
+        "cube",
+        NODES,
+        ELEMENTS,
+        {"outer": OUTER, "base plate": OUTER[[1]], "nowhere": OUTER[:0]},
+        {"stiff": np.array([1, 4, 5]), "half": np.array([0, 4])},
+    )
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(MeshError) as refused:
+        read_volume_mesh(path)
+    assert str(refused.value).startswith(f"{path}: ")
+    assert "\n" not in str(refused.value)
+    return str(refused.value)
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".vtk", ".vtu", ".MSH"])
+def test_nodes_and_elements_come_back_bit_for_bit(tmp_path: Path, suffix: str) -> None:
+    write_volume_mesh(cube(), tmp_path / f"cube{suffix}")
+    mesh = read_volume_mesh(tmp_path / f"cube{suffix}")
+    np.testing.assert_array_equal(mesh.nodes, NODES)
+    np.testing.assert_array_equal(mesh.elements, ELEMENTS)
+    assert list(tmp_path.iterdir()) == [tmp_path / f"cube{suffix}"]
+
+
+def test_msh_keeps_groups_that_overlap_and_elements_in_none(tmp_path: Path) -> None:
+    write_volume_mesh(cube(), tmp_path / "cube.msh")
+    mesh = read_volume_mesh(tmp_path / "cube.msh")
+    for name, groups in (("surface", "surface_groups"), ("element", "element_groups")):
+        written, read = getattr(cube(), groups), getattr(mesh, groups)
+        assert list(read) == list(written), name
+        for group, members in written.items():
+            np.testing.assert_array_equal(read[group], members)
+
+
+def test_what_gmsh_writes_is_read_with_its_groups(tmp_path: Path) -> None:
+    """MSH 4.1 by gmsh itself: a box of 2 x 3 x 4 mm in two groups, two of its sides in another."""
+    import gmsh
+
+    gmsh.initialize(readConfigFiles=False, interruptible=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        box = gmsh.model.occ.addBox(0, 0, 0, 2, 3, 4)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, [1, 2], name="two sides")
+        gmsh.model.addPhysicalGroup(3, [box], name="all")
+        gmsh.model.addPhysicalGroup(3, [box], name="everything")
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(tmp_path / "box.msh"))
+    finally:
+        gmsh.finalize()
+    mesh = read_volume_mesh(tmp_path / "box.msh")
+    assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(24, rel=1e-12)
+    np.testing.assert_array_equal(mesh.element_groups["all"], np.arange(len(mesh.elements)))
+    np.testing.assert_array_equal(mesh.element_groups["everything"], np.arange(len(mesh.elements)))
+    a, b, c = np.moveaxis(mesh.nodes[mesh.surface_groups["two sides"]], 1, 0)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area == pytest.approx(24, rel=1e-12)  # the sides x = 0 and x = 2, 3 x 4 each
+
+
+@pytest.mark.parametrize(("name", "nodes", "elements"), [("Coarse", 376, 1195), ("", 2316, 9560)])
+def test_the_tutorials_meshes_keep_their_numbering(name: str, nodes: int, elements: int) -> None:
+    path = TUTORIAL / f"pneunetCut{name}.vtk"
+    if not path.is_file():
+        pytest.skip(f"the tutorial's meshes are not at {TUTORIAL}")
+    mesh = read_volume_mesh(path)
+    assert (len(mesh.nodes), len(mesh.elements)) == (nodes, elements)
+    assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(51162.5, rel=1e-9)
+    lines = path.read_text().splitlines()
+    start = lines.index(f"POINTS {nodes} double") + 1
+    np.testing.assert_array_equal(mesh.nodes, np.loadtxt(lines[start : start + nodes]))
+
+
+def test_an_element_written_twice_is_still_an_error(tmp_path: Path) -> None:
+    """MSH repeats an element for each of its groups; repeated within one group it is a fault of the mesh."""
+    twice = VolumeMesh("cube", NODES, np.vstack([ELEMENTS, ELEMENTS[:1]]))
+    for suffix in (".msh", ".vtk"):
+        write_volume_mesh(twice, tmp_path / f"twice{suffix}")
+        assert "element 6 stands twice" in refusal(tmp_path / f"twice{suffix}")
+
+
+def test_an_inverted_element_is_refused_and_not_turned_round(tmp_path: Path) -> None:
+    write_volume_mesh(VolumeMesh("cube", NODES, ELEMENTS[:, [0, 1, 3, 2]]), tmp_path / "inside-out.vtu")
+    assert "is inverted" in refusal(tmp_path / "inside-out.vtu")
+
+
+def test_a_node_of_no_element_is_refused(tmp_path: Path) -> None:
+    write_volume_mesh(VolumeMesh("cube", np.vstack([NODES, [9, 9, 9]]), ELEMENTS), tmp_path / "loose.msh")
+    assert "node 8 belongs to no element" in refusal(tmp_path / "loose.msh")
+
+
+def test_a_surface_is_no_volume_mesh(tmp_path: Path) -> None:
+    import meshio
+
+    meshio.vtk.write(tmp_path / "skin.vtk", meshio.Mesh(NODES, [("triangle", OUTER)]))
+    assert "has no tetrahedra" in refusal(tmp_path / "skin.vtk")
+
+
+def test_quadratic_tetrahedra_are_named_as_such(tmp_path: Path) -> None:
+    import meshio
+
+    corners = np.arange(10).reshape(1, 10)
+    meshio.vtu.write(
+        tmp_path / "curved.vtu", meshio.Mesh(np.random.default_rng(1).random((10, 3)), [("tetra10", corners)])
+    )
+    assert "quadratic tetrahedra; mesh again with linear ones" in refusal(tmp_path / "curved.vtu")
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".vtk", ".vtu"])
+def test_a_file_that_stops_anywhere_is_refused(tmp_path: Path, suffix: str) -> None:
+    whole, broken = tmp_path / f"whole{suffix}", tmp_path / f"broken{suffix}"
+    write_volume_mesh(cube(), whole)
+    content = whole.read_bytes()
+    for length in range(0, len(content) - 2, max(len(content) // 40, 1)):
+        broken.write_bytes(content[:length])
+        refusal(broken)
+
+
+def test_what_is_missing_or_of_another_kind_is_refused(tmp_path: Path) -> None:
+    assert "no such file; a volume mesh (.msh, .vtk, .vtu) is needed" in refusal(tmp_path / "absent.msh")
+    assert "'.stl' is not a kind of volume mesh file; valid: .msh, .vtk, .vtu" in refusal(
+        tmp_path / "skin.stl"
+    )
+    (tmp_path / "noise.msh").write_bytes(bytes(range(256)))
+    assert "not readable as MSH" in refusal(tmp_path / "noise.msh")
+
+
+def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=r"cannot be written: No such file or directory"):
+        write_volume_mesh(cube(), tmp_path / "absent" / "cube.msh")
+    clash = VolumeMesh("cube", NODES, ELEMENTS, {"a": OUTER}, {"a": np.arange(2)})
+    with pytest.raises(MeshError, match="'a' names a surface group and an element group"):
+        write_volume_mesh(clash, tmp_path / "cube.msh")
+    with pytest.raises(MeshError, match="MSH needs a name without quotes"):
+        write_volume_mesh(VolumeMesh("cube", NODES, ELEMENTS, {'"': OUTER}), tmp_path / "cube.msh")
+    with pytest.raises(MeshError, match=r"'\.txt' is not a kind of volume mesh file"):
+        write_volume_mesh(cube(), tmp_path / "cube.txt")
+    assert list(tmp_path.iterdir()) == []
