@@ -119,7 +119,7 @@ def _set_sizes(gmsh: Any, finger: FingerParameters) -> None:
 
 
 def _tetrahedra(gmsh_mesh: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes in use [mm], (node_count, 3), and tetrahedra of positive volume, (element_count, 4)."""
+    """Nodes in use [mm], (node_count, 3), and tetrahedra, (element_count, 4), which gmsh makes positive."""
     tags, coordinates, _ = gmsh_mesh.getNodes()
     _, corner_tags = gmsh_mesh.getElementsByType(TETRAHEDRON)
     if len(corner_tags) == 0:
@@ -127,10 +127,7 @@ def _tetrahedra(gmsh_mesh: Any) -> tuple[np.ndarray, np.ndarray]:
     order = np.argsort(tags)
     used, elements = np.unique(corner_tags, return_inverse=True)
     nodes = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
-    elements = elements.reshape(-1, 4)
-    inverted = tetrahedron_volumes(nodes, elements) < 0
-    elements[inverted] = elements[inverted][:, [0, 1, 3, 2]]
-    return nodes, elements
+    return nodes, elements.reshape(-1, 4)
 
 
 def _check_volumes(mesh: VolumeMesh, finger: FingerParameters) -> None:

@@ -24,7 +24,7 @@ def cube() -> VolumeMesh:
         NODES,
         ELEMENTS,
         {"outer": OUTER, "base plate": OUTER[[1]], "nowhere": OUTER[:0]},
-        {"stiff": np.array([1, 4, 5]), "half": np.array([0, 4])},
+        {"stiff": np.array([1, 4, 5]), "half": np.array([1, 2])},
     )
 
 
@@ -95,7 +95,8 @@ def test_the_tutorials_meshes_keep_their_numbering(name: str, nodes: int, elemen
 
 def test_an_element_written_twice_is_still_an_error(tmp_path: Path) -> None:
     """MSH repeats an element for each of its groups; repeated within one group it is a fault of the mesh."""
-    twice = VolumeMesh("cube", NODES, np.vstack([ELEMENTS, ELEMENTS[:1]]))
+    group = {"all": np.arange(7)}
+    twice = VolumeMesh("cube", NODES, np.vstack([ELEMENTS, ELEMENTS[:1]]), element_groups=group)
     for suffix in (".msh", ".vtk"):
         write_volume_mesh(twice, tmp_path / f"twice{suffix}")
         assert "element 6 stands twice" in refusal(tmp_path / f"twice{suffix}")
@@ -133,7 +134,8 @@ def test_a_file_that_stops_anywhere_is_refused(tmp_path: Path, suffix: str) -> N
     whole, broken = tmp_path / f"whole{suffix}", tmp_path / f"broken{suffix}"
     write_volume_mesh(cube(), whole)
     content = whole.read_bytes()
-    for length in range(0, len(content) - 2, max(len(content) // 40, 1)):
+    end = content.rindex(b"$End") if suffix == ".msh" else len(content) - 2
+    for length in (*range(0, end, max(end // 40, 1)), *range(end - 20, end)):
         broken.write_bytes(content[:length])
         refusal(broken)
 
@@ -145,6 +147,23 @@ def test_what_is_missing_or_of_another_kind_is_refused(tmp_path: Path) -> None:
     )
     (tmp_path / "noise.msh").write_bytes(bytes(range(256)))
     assert "not readable as MSH" in refusal(tmp_path / "noise.msh")
+
+
+def test_a_disk_that_fills_up_leaves_the_old_file_as_it_was(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import meshio
+
+    def fill_the_disk(path: Path, *_: object, **__: object) -> None:
+        path.write_text("half a mesh")
+        raise OSError(28, "No space left on device")
+
+    (tmp_path / "cube.msh").write_text("the mesh of yesterday")
+    monkeypatch.setattr(meshio.gmsh, "write", fill_the_disk)
+    with pytest.raises(MeshError, match=r"cube\.msh: cannot be written: No space left on device$"):
+        write_volume_mesh(cube(), tmp_path / "cube.msh")
+    assert list(tmp_path.iterdir()) == [tmp_path / "cube.msh"]
+    assert (tmp_path / "cube.msh").read_text() == "the mesh of yesterday"
 
 
 def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
