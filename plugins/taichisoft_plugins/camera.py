@@ -34,7 +34,7 @@ class Camera:
 
 
 def scene_axes(up: np.ndarray) -> np.ndarray:
-    """Orthonormal rows right, front and up of a scene whose unit vector against gravity is `up`, shape (3, 3).
+    """Orthonormal rows right, front and up of a scene with the unit vector `up` against gravity, (3, 3).
 
     Right is the next coordinate axis after up (z up: x, x up: y), so that the view of a scene stands firm.
     """
@@ -64,7 +64,7 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
     coordinates = points @ frame.T
     depth = coordinates[:, 2]
     tangent = np.tan(np.radians(VERTICAL_ANGLE / 2)) * (1 - 2 * MARGIN)
-    # A point at (x, z) is inside when |x - x0| <= tangent (z0 - z): two half-planes whose tips meet at (x0, z0).
+    # The camera at (x0, z0) sees a point at (x, z) when |x - x0| <= tangent (z0 - z).
     centres, distances = [], []
     for axis, slope in ((0, tangent * aspect), (1, tangent)):
         high = np.max(coordinates[:, axis] + slope * depth)

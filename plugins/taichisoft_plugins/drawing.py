@@ -8,6 +8,9 @@ from taichisoft_plugins.camera import fit_camera, scene_axes
 from taichisoft_plugins.recording_reader import RecordedPlane, Recording
 from taichisoft_plugins.stage import Stage
 
+SQUARE, HORIZON = 2.2, 40.0
+"""Half widths of the drawn parts of a plane, in radii of what stands on it [-]."""
+
 
 def draw_frames(
     recording: Recording, frames: dict[str, int], folder: Path, size: tuple[int, int], view: str
@@ -34,25 +37,42 @@ def draw_frames(
     for name, frame in frames.items():
         stage.clear()
         for plane in recording.planes:
-            stage.add(plane.name, *plane_patch(plane, points, recording.up), "floor")
+            vertices, square, ring = floor_and_horizon(plane, points, recording.up)
+            stage.add(plane.name, vertices, square, "floor")
+            if len(ring):
+                stage.add(f"{plane.name} to the horizon", vertices, ring, "horizon")
         for surface in recording.surfaces:
             stage.add(surface.name, surface.vertices(frame), surface.triangles, surface.kind)
         stage.draw(camera, folder / f"{name}.png")
 
 
-def plane_patch(plane: RecordedPlane, points: np.ndarray, up: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The part of an infinite plane that is drawn: vertices [mm], (4, 3), and triangles, (2, 3).
+def floor_and_horizon(
+    plane: RecordedPlane, points: np.ndarray, up: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The part of an infinite plane that is drawn: a square, and a ring around it as far as the horizon.
 
-    A floor reaches so far that its edge is out of the picture from above and a horizon from the front.
-    A slope or a wall is only as large as what is in the scene, or it would hide it.
+    They are apart because only the square takes shadows: the finer is what the light must resolve. The
+    ring is only for a floor; around a slope or a wall it would hide the scene.
+
+    Args:
+        plane: what is drawn.
+        points: what must stand on it [mm], shape (point_count, 3).
+        up: unit vector against gravity, shape (3,).
+
+    Returns:
+        Vertices [mm], (8, 3); triangles of the square, (2, 3), and of the ring, (8, 3) or (0, 3).
     """
     middle = points.mean(axis=0)
     radius = np.linalg.norm(points - middle, axis=1).max()
-    half = radius * (40.0 if plane.normal @ up > 0.99 else 1.5)
     centre = middle - plane.normal * ((middle - plane.point) @ plane.normal)
     right, front, _ = scene_axes(plane.normal)
-    corners = np.array([right + front, front - right, -right - front, right - front])
-    triangles = np.array([[0, 1, 2], [0, 2, 3]])
-    if np.cross(corners[1] - corners[0], corners[2] - corners[0]) @ plane.normal < 0:
-        triangles = triangles[:, ::-1]
-    return centre + half * corners, triangles
+    # Front is right x up: seen from the side of the normal, right -> back -> left turns against the clock.
+    corners = np.array([right - front, -right - front, front - right, right + front])
+    vertices = np.concatenate([centre + SQUARE * radius * corners, centre + HORIZON * radius * corners])
+    square = np.array([[0, 1, 2], [0, 2, 3]])
+    if plane.normal @ up < 0.99:
+        return vertices, square, np.empty((0, 3), dtype=int)
+    start = np.arange(4)
+    stop = np.roll(start, -1)
+    ring = np.concatenate([np.stack([start, start + 4, stop + 4], 1), np.stack([start, stop + 4, stop], 1)])
+    return vertices, square, ring

@@ -1,4 +1,4 @@
-"""The output "pictures": the key moments of a run as PNG files, drawn from its recording when it has ended."""
+"""The output "pictures": the key moments of a run as PNG files, drawn from its recording at the end."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING

@@ -31,6 +31,6 @@ def render(
 def parse_size(text: str) -> tuple[int, int]:
     """Width and height from "1280x720"."""
     width, _, height = text.lower().partition("x")
-    if not (width.isdecimal() and height.isdecimal() and 16 <= min(int(width), int(height))):
+    if not (width.isdecimal() and height.isdecimal() and min(int(width), int(height)) >= 16):
         raise typer.BadParameter(f"'{text}' must look like 1280x720, at least 16x16")
     return int(width), int(height)

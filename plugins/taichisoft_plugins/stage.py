@@ -9,7 +9,7 @@ import numpy as np
 from taichisoft_plugins.camera import VERTICAL_ANGLE, Camera, scene_axes
 from taichisoft_plugins.smooth_normals import split_at_creases
 
-Look = Literal["soft", "cavity", "rigid", "obstacle", "floor"]
+Look = Literal["soft", "cavity", "rigid", "obstacle", "floor", "horizon"]
 
 BACKGROUND = (0.86, 0.90, 0.94)
 COLOURS: dict[Look, tuple[float, float, float, float]] = {
@@ -18,8 +18,18 @@ COLOURS: dict[Look, tuple[float, float, float, float]] = {
     "rigid": (0.05, 0.12, 0.35, 1.0),
     "obstacle": (0.55, 0.58, 0.62, 1.0),
     "floor": (0.62, 0.72, 0.82, 1.0),
+    "horizon": (0.62, 0.72, 0.82, 1.0),
 }
 """Red, green, blue and opacity [-]; the silicone is translucent so that the cavities show."""
+
+# A cavity would stand in the shadow of the silicone around it; the light's shadow map reaches as far as
+# whatever takes shadows, and over a whole horizon it would be too coarse.
+SHADOWS: dict[Look, tuple[bool, bool]] = {
+    "cavity": (False, False),
+    "floor": (False, True),
+    "horizon": (False, False),
+}
+"""Whether a look casts and receives shadows, where not both."""
 
 
 class Stage:
@@ -48,7 +58,7 @@ class Stage:
         self._scene.clear_geometry()
 
     def add(self, name: str, vertices: np.ndarray, triangles: np.ndarray, look: Look) -> None:
-        """Put a surface on the stage: vertices [mm], (vertex_count, 3), and triangles, outward, (count, 3)."""
+        """Put a surface on the stage: vertices [mm], (vertex_count, 3); triangles, outward, (count, 3)."""
         corners, normals = split_at_creases(vertices, triangles)
         geometry, utility = self._open3d.geometry, self._open3d.utility
         mesh = geometry.TriangleMesh(
@@ -57,8 +67,8 @@ class Stage:
         )
         mesh.vertex_normals = utility.Vector3dVector(normals)
         self._scene.add_geometry(name, mesh, self._material(look))
-        if look == "cavity":  # it would stand in the shadow of the silicone around it
-            self._scene.scene.geometry_shadows(name, False, False)
+        casts, receives = SHADOWS.get(look, (True, True))
+        self._scene.scene.geometry_shadows(name, casts, receives)
 
     def draw(self, camera: Camera, path: Path) -> None:
         """Write the picture as a PNG file."""
@@ -82,7 +92,7 @@ class Stage:
     def _material(self, look: Look) -> Any:
         material = self._open3d.visualization.rendering.MaterialRecord()
         material.base_color = COLOURS[look]
-        material.base_roughness = 0.95 if look == "floor" else 0.5
+        material.base_roughness = 0.95 if look in ("floor", "horizon") else 0.5
         material.has_alpha = COLOURS[look][3] < 1.0
         material.shader = "defaultLitTransparency" if material.has_alpha else "defaultLit"
         return material
