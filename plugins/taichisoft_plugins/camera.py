@@ -71,6 +71,8 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
         low = np.min(coordinates[:, axis] - slope * depth)
         centres.append((high + low) / 2)
         distances.append((high - low) / (2 * slope))
-    eye = np.array([*centres, max(distances)]) @ frame
+    # Something long seen from its end would have the camera at its very tip.
+    radius = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
+    eye = np.array([*centres, max(*distances, depth.max() + radius / 2)]) @ frame
     middle = np.array([*centres, depth.mean()]) @ frame
     return Camera(eye, middle, picture_up)

@@ -1,0 +1,123 @@
+"""A made-up run for the tests of outputs: a soft tetrahedron with a cavity, and a rigid cube that rises.
+
+`python fake_run.py FOLDER` records it for ever, until it is killed.
+"""
+
+import sys
+from itertools import count
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+
+from taichisoft.mapped_surface import MappedSurface
+from taichisoft.scene import Scene
+from taichisoft_plugins.recording import RecordingOutput
+
+STEP = 0.01
+RISE_AFTER = 5
+"""The base stands still up to this step."""
+
+REST = np.array([[0.0, 0.0, 0.0], [30.0, 0.0, 0.0], [0.0, 30.0, 0.0], [0.0, 0.0, 30.0]])
+FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+CUBE = np.array([[x, y, z] for x in (-5.0, 5.0) for y in (-5.0, 5.0) for z in (-5.0, 5.0)])
+CUBE_FACES = np.array(
+    [
+        [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+        [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+    ]
+)  # fmt: skip
+
+
+def fake_model(floor: bool = False) -> SimpleNamespace:
+    """What outputs may know of a model."""
+    scene = Scene.model_validate(
+        {
+            "gravity": [-9810.0, 0.0, 0.0],
+            "time": {"step": STEP},
+            "soft_bodies": {"finger": {"mesh": "a", "mass": 1, "young_modulus": 500, "poisson_ratio": 0.3}},
+            "rigid_bodies": {"cube": {"box": [10, 10, 10], "mass": 0.001}},
+        }
+    )
+    inner = 0.7 * np.eye(4) + 0.3 * np.full((4, 4), 0.25)
+    cavity = MappedSurface(np.tile(np.arange(4), (4, 1)), inner, FACES)
+    finger = SimpleNamespace(
+        name="finger",
+        nodes=slice(0, 4),
+        rest_position=REST,
+        elements=np.array([[0, 1, 2, 3]]),
+        surface=MappedSurface.of_nodes(FACES),
+        cavities=(SimpleNamespace(name="finger.cavity", surface=cavity),),
+    )
+    plane = SimpleNamespace(
+        name="floor",
+        vertices=None,
+        triangles=None,
+        point=np.array([-1.0, 0, 0]),
+        normal=np.array([1.0, 0, 0]),
+    )
+    return SimpleNamespace(
+        scene=scene,
+        soft_bodies=(finger,),
+        rigid_bodies=(SimpleNamespace(name="cube", vertices=CUBE, triangles=CUBE_FACES),),
+        obstacles=(plane,) if floor else (),
+    )
+
+
+def fake_state(step: int) -> SimpleNamespace:
+    """The state after `step` steps: every number depends on it."""
+    lift = max(step - RISE_AFTER, 0) * 1.0
+    turn = 0.01 * step
+    return SimpleNamespace(
+        time=step * STEP,
+        step=step,
+        position=REST + np.array([lift, 0.0, 0.0]),
+        velocity=np.full((4, 3), float(step)),
+        rigid_position=np.array([[lift, 30.0, 30.0]]),
+        rigid_rotation=np.array([[np.cos(turn), np.sin(turn), 0.0, 0.0]]),
+        rigid_velocity=np.zeros((1, 3)),
+        rigid_angular_velocity=np.zeros((1, 3)),
+        base_translation=np.array([lift, 0.0, 0.0]),
+        base_rotation=np.zeros(3),
+    )
+
+
+def fake_report(step: int) -> SimpleNamespace:
+    """The report of the step that led to `fake_state(step)`, with step % 3 contacts."""
+    contacts = step % 3
+    return SimpleNamespace(
+        step=step,
+        time=step * STEP,
+        pressures={"finger.cavity": 2.0 * step},
+        volumes={"finger.cavity": 100.0 + step},
+        normal_forces={"cube|finger": 3.0 * step},
+        friction_forces={"finger|cube": 1.0 * step},
+        contact_count=contacts,
+        contact_points=np.full((contacts, 3), float(step)),
+        contact_forces=np.full((contacts, 3), -float(step)),
+        max_penetration=0.1,
+        iterations=step,
+        residual=1e-6,
+        converged=step % 2 == 0,
+        step_time=0.02,
+    )
+
+
+def fake_run(outputs: list, steps: int, outcome: str = "completed", floor: bool = False) -> None:
+    """Take the outputs through a run."""
+    for output in outputs:
+        output.begin(fake_model(floor), fake_state(0))
+    for step in range(1, steps + 1):
+        for output in outputs:
+            output.record(fake_state(step), fake_report(step))
+    for output in outputs:
+        output.end(outcome)
+
+
+if __name__ == "__main__":
+    endless = RecordingOutput(Path(sys.argv[1]))
+    endless.begin(fake_model(), fake_state(0))
+    for number in count(1):
+        endless.record(fake_state(number), fake_report(number))
+        if number == 120:
+            print("120 steps", flush=True)

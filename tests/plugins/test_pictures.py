@@ -1,0 +1,140 @@
+"""Pictures show the whole scene, at the right moments; what prevents them is said clearly."""
+
+import fake_run
+import numpy as np
+import pytest
+import typer
+from typer.testing import CliRunner
+
+import taichisoft_plugins
+from taichisoft_plugins import rendering
+from taichisoft_plugins.child_process import ChildResult, run_python
+from taichisoft_plugins.pictures import PicturesOutput, key_moments
+from taichisoft_plugins.recording import RecordingOutput
+from taichisoft_plugins.recording_layout import RecordingError
+from taichisoft_plugins.recording_reader import read_recording
+from taichisoft_plugins.rendering import RenderError, render_pictures
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("pictures")
+    fake_run.fake_run([RecordingOutput(folder), PicturesOutput(folder)], steps=20)
+    return folder
+
+
+def read_picture(path):
+    """Shape (height, width, 3), uint8."""
+    import open3d
+
+    return np.asarray(open3d.io.read_image(str(path)))
+
+
+def foreground(picture):
+    """Where the picture differs from the background, whose colour is that of its upper left pixel."""
+    return np.abs(picture.astype(int) - picture[0, 0].astype(int)).max(axis=2) > 12
+
+
+def test_a_run_gives_three_pictures_with_everything_inside_the_frame(folder):
+    extents = {}
+    for name in ("before", "grasped", "lifted"):
+        picture = read_picture(folder / f"{name}.png")
+        assert picture.shape == (720, 1280, 3)
+        assert picture[0, 0].min() > 150, "the background is light"
+        rows, columns = np.nonzero(foreground(picture))
+        extents[name] = (rows.min(), rows.max())
+        assert rows.min() > 20 and rows.max() < 700
+        assert columns.min() > 20 and columns.max() < 1260
+    # The camera stands where all three fit: it stays there, so the lift is seen and the picture is filled.
+    assert extents["before"] == extents["grasped"]
+    assert extents["lifted"][0] < extents["before"][0] - 50
+    assert extents["before"][1] - extents["lifted"][0] > 0.6 * 720
+
+
+def test_the_cube_is_blue_and_not_black_or_inside_out(folder):
+    picture = read_picture(folder / "before.png").astype(int)
+    red, blue = picture[..., 0], picture[..., 2]
+    cube = (blue > red + 60) & foreground(picture)
+    assert cube.sum() > 2000
+    assert blue[cube].max() > 100
+    top, bottom = np.percentile(np.nonzero(cube)[0], [5, 95]).astype(int)
+    bright = blue[: (top + bottom) // 2][cube[: (top + bottom) // 2]].mean()
+    dark = blue[(top + bottom) // 2 :][cube[(top + bottom) // 2 :]].mean()
+    assert bright > dark + 10, "the upper face is nearest to the sun"
+
+
+def test_key_moments(folder):
+    with read_recording(folder / "recording.h5") as recording:
+        moments = key_moments(recording)
+    last_still = fake_run.RISE_AFTER * fake_run.STEP
+    assert moments == pytest.approx({"before": 0.0, "grasped": last_still, "lifted": 0.2})
+
+
+def test_without_a_lift_there_is_only_before_and_after(tmp_path):
+    fake_run.fake_run([RecordingOutput(tmp_path)], steps=3)
+    with read_recording(tmp_path / "recording.h5") as recording:
+        assert key_moments(recording) == pytest.approx({"before": 0.0, "after": 0.03})
+
+
+def test_render_command_draws_a_moment_with_a_floor_in_the_size_asked_for(tmp_path):
+    fake_run.fake_run([RecordingOutput(tmp_path)], steps=6, floor=True)
+    application = typer.Typer()
+    taichisoft_plugins.taichisoft_commands(application)
+    path = tmp_path / "recording.h5"
+    arguments = ["render", str(path), "--time", "0.03", "--size", "320x180", "--view", "front"]
+    answer = CliRunner().invoke(application, [*arguments, "--output", str(tmp_path / "new")])
+    assert answer.exit_code == 0, answer.output
+    picture = read_picture(tmp_path / "new" / "at_0.03s.png")
+    assert picture.shape == (180, 320, 3)
+    floor, background = picture[-1, 0].astype(int), picture[0, 0].astype(int)
+    assert np.abs(floor - background).max() > 5, "seen from the front the floor ends at a horizon"
+    assert np.abs(floor - picture[-1, -1]).max() < 12, "and it is evenly lit"
+    assert np.ptp(picture.astype(int)) > 100
+
+
+def test_pictures_need_the_recording_of_the_same_run(tmp_path):
+    with pytest.raises(RenderError, match="needs the output 'recording'"):
+        fake_run.fake_run([PicturesOutput(tmp_path)], steps=2)
+    with pytest.raises(RenderError, match="must stand before 'pictures'"):
+        fake_run.fake_run([PicturesOutput(tmp_path), RecordingOutput(tmp_path)], steps=2)
+
+
+def test_an_interrupted_run_is_not_drawn(tmp_path):
+    fake_run.fake_run([PicturesOutput(tmp_path)], steps=2, outcome="interrupted")
+    assert not list(tmp_path.glob("*.png"))
+
+
+def test_drawing_is_tried_twice_and_the_error_says_what_to_install(folder, tmp_path, monkeypatch):
+    calls = []
+
+    def fail(arguments, time_limit):
+        calls.append(arguments)
+        return ChildResult("ImportError: libEGL.so.1: cannot open shared object file")
+
+    monkeypatch.setattr(rendering, "run_python", fail)
+    with pytest.raises(RenderError, match=r"libEGL.so.1.*apt-get install .*libegl1\)"):
+        render_pictures(folder / "recording.h5", {"a": 0.0}, tmp_path)
+    assert len(calls) == 2
+
+
+def test_a_second_attempt_can_succeed(folder, tmp_path, monkeypatch):
+    answers = [ChildResult("no answer within 60 s"), ChildResult("")]
+    monkeypatch.setattr(rendering, "run_python", lambda *_: answers.pop(0))
+    assert render_pictures(folder / "recording.h5", {"a": 0.0}, tmp_path) == [tmp_path / "a.png"]
+    assert not answers
+
+
+def test_wrong_moment_or_view_is_said_before_anything_is_started(folder, tmp_path, monkeypatch):
+    monkeypatch.setattr(rendering, "run_python", lambda *_: pytest.fail("a process was started"))
+    with pytest.raises(RecordingError, match="nothing at 5 s"):
+        render_pictures(folder / "recording.h5", {"a": 5.0}, tmp_path)
+    with pytest.raises(RenderError, match="no view is called 'back'; there are: iso, front, top"):
+        render_pictures(folder / "recording.h5", {"a": 0.0}, tmp_path, view="back")
+
+
+def test_a_child_process_that_hangs_crashes_or_fails_is_reported():
+    assert run_python(["-c", "while True: pass"], 0.5).problem == "no answer within 0.5 s"
+    crash = "import os, signal; os.kill(os.getpid(), signal.SIGSEGV)"
+    assert "SIGSEGV" in run_python(["-c", crash], 20).problem
+    assert run_python(["-c", "raise OSError('no libGL')"], 20).problem == "OSError: no libGL"
+    assert run_python(["-c", "print(42)"], 20) == ChildResult("", "42\n")

@@ -1,0 +1,142 @@
+"""A recording gives back what was computed, also when the process that wrote it was killed."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import fake_run
+import numpy as np
+import pytest
+
+from taichisoft.scene_file import scene_to_toml
+from taichisoft_plugins.recording import BUFFERED_STEPS, RecordingOutput
+from taichisoft_plugins.recording_layout import RecordingError
+from taichisoft_plugins.recording_reader import read_recording
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("recording")
+    fake_run.fake_run([RecordingOutput(folder)], steps=BUFFERED_STEPS + 13, floor=True)
+    with read_recording(folder / "recording.h5") as opened:
+        yield opened
+
+
+def test_every_number_of_every_frame_comes_back_bit_for_bit(recording):
+    steps = BUFFERED_STEPS + 13
+    assert recording.frame_count == steps + 1
+    for frame in range(steps + 1):
+        for name, value in vars(fake_run.fake_state(frame)).items():
+            assert np.array_equal(recording.row(name, frame), value), (name, frame)
+    assert np.array_equal(recording.column("iterations"), np.arange(steps + 1))
+    assert np.array_equal(recording.column("converged")[1:], np.arange(1, steps + 1) % 2 == 0)
+
+
+def test_pressures_and_forces_stand_in_named_columns_whatever_the_order_of_a_pair(recording):
+    cavity, pair = recording.cavities.index("finger.cavity"), recording.pairs.index("finger|cube")
+    assert recording.row("pressure", 7)[cavity] == 14.0
+    assert recording.row("volume", 7)[cavity] == 107.0
+    assert recording.row("normal_force", 7)[pair] == 21.0  # reported as "cube|finger"
+    assert recording.row("friction_force", 7)[pair] == 7.0
+    assert np.isnan(recording.row("pressure", 0)).all(), "before the first step no pressure is known"
+
+
+@pytest.mark.parametrize("frame", [0, 1, 2, 3, 50, 51, 62, 63])
+def test_contacts_of_a_frame(recording, frame):
+    points, forces = recording.contacts(frame)
+    assert np.array_equal(points, np.full((frame % 3, 3), float(frame)))
+    assert np.array_equal(forces, -points)
+
+
+def test_header(recording):
+    assert recording.outcome == "completed"
+    assert recording.step_size == fake_run.STEP
+    assert recording.scene == scene_to_toml(fake_run.fake_model().scene)
+    assert np.array_equal(recording.up, [1.0, 0.0, 0.0]), "gravity is along -x"
+    assert [plane.name for plane in recording.planes] == ["floor"]
+
+
+def test_surfaces_follow_their_bodies(recording):
+    surfaces = {surface.name: surface for surface in recording.surfaces}
+    assert {name: surface.kind for name, surface in surfaces.items()} == {
+        "finger": "soft",
+        "finger.cavity": "cavity",
+        "cube": "rigid",
+    }
+    lift = np.array([15.0, 0.0, 0.0])
+    assert np.array_equal(surfaces["finger"].vertices(20), fake_run.REST + lift)
+    shrunk = fake_run.REST.mean(axis=0) + 0.7 * (fake_run.REST - fake_run.REST.mean(axis=0))
+    assert np.allclose(surfaces["finger.cavity"].vertices(20), shrunk + lift, atol=1e-12)
+    # A turn of 2 * 0.2 rad about x takes y to (0, cos, sin).
+    corner = fake_run.CUBE[3]
+    c, s = np.cos(0.4), np.sin(0.4)
+    turned = [corner[0], c * corner[1] - s * corner[2], s * corner[1] + c * corner[2]]
+    assert np.allclose(surfaces["cube"].vertices(20)[3], turned + lift + [0, 30, 30], atol=1e-12)
+
+
+def test_a_moment_is_found_and_one_outside_the_run_is_an_error(recording):
+    assert recording.frame_at(0.204) == 20
+    with pytest.raises(RecordingError, match=r"nothing at 9 s; .* from 0 s to 0\.63 s"):
+        recording.frame_at(9.0)
+
+
+def test_a_killed_writer_leaves_a_readable_file(tmp_path):
+    writer = subprocess.Popen(
+        [sys.executable, fake_run.__file__, str(tmp_path)], stdout=subprocess.PIPE, text=True
+    )
+    assert writer.stdout.readline() == "120 steps\n"
+    writer.kill()
+    writer.wait()
+    writer.stdout.close()
+    with read_recording(tmp_path / "recording.h5") as killed:
+        assert killed.outcome == "unfinished"
+        assert killed.frame_count >= 1 + 2 * BUFFERED_STEPS
+        for frame in range(killed.frame_count):
+            state = fake_run.fake_state(frame)
+            assert np.array_equal(killed.row("position", frame), state.position)
+            assert np.array_equal(killed.contacts(frame)[0], np.full((frame % 3, 3), float(frame)))
+
+
+def test_a_recording_can_be_read_while_it_is_written(tmp_path):
+    writer = RecordingOutput(tmp_path)
+    writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
+    with read_recording(tmp_path / "recording.h5") as running:
+        assert (running.frame_count, running.outcome) == (1, "unfinished")
+    writer.end("step 1: body 'finger' turned inside out")
+    with read_recording(tmp_path / "recording.h5") as ended:
+        assert ended.outcome == "step 1: body 'finger' turned inside out"
+
+
+def test_the_file_is_closed_when_the_last_bundle_cannot_be_written(tmp_path):
+    writer = RecordingOutput(tmp_path)
+    writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
+    broken = fake_run.fake_state(1)
+    broken.position = np.zeros((7, 3))
+    writer.record(broken, fake_run.fake_report(1))
+    with pytest.raises(TypeError):
+        writer.end("completed")
+    with read_recording(tmp_path / "recording.h5") as recording:
+        assert recording.frame_count == 1
+
+
+def test_what_is_no_recording_is_an_error_of_one_line(tmp_path):
+    import h5py
+
+    text, empty = tmp_path / "text.h5", tmp_path / "empty.h5"
+    text.write_text("no HDF5")
+    h5py.File(empty, "w").close()
+    cases = [
+        (tmp_path / "no.h5", "no such recording"),
+        (text, "not readable as HDF5"),
+        (empty, "not a recording"),
+    ]
+    for path, message in cases:
+        with pytest.raises(RecordingError, match=message) as caught:
+            read_recording(path)
+        assert "\n" not in str(caught.value) and str(path) in str(caught.value)
+
+
+def test_a_folder_that_cannot_be_written_is_an_error(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(RecordingError, match="cannot be written"):
+        RecordingOutput(Path(tmp_path / "file")).begin(fake_run.fake_model(), fake_run.fake_state(0))
