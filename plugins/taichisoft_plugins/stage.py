@@ -14,7 +14,7 @@ Look = Literal["soft", "cavity", "rigid", "obstacle", "floor", "horizon"]
 BACKGROUND = (0.86, 0.90, 0.94)
 COLOURS: dict[Look, tuple[float, float, float, float]] = {
     "soft": (0.93, 0.90, 0.85, 0.75),
-    "cavity": (0.0, 0.45, 0.48, 1.0),
+    "cavity": (0.0, 0.36, 0.40, 1.0),
     "rigid": (0.05, 0.12, 0.35, 1.0),
     "obstacle": (0.55, 0.58, 0.62, 1.0),
     "floor": (0.62, 0.72, 0.82, 1.0),
