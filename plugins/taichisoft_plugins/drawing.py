@@ -12,9 +12,7 @@ SQUARE, HORIZON = 2.2, 40.0
 """Half widths of the drawn parts of a plane, in radii of what stands on it [-]."""
 
 
-def draw_frames(
-    recording: Recording, frames: dict[str, int], folder: Path, size: tuple[int, int], view: str
-) -> None:
+def draw_frames(recording: Recording, frames: dict[str, int], folder: Path, size: tuple[int, int], view: str) -> None:
     """Write `folder/NAME.png` for every named frame, all seen from the same place.
 
     Args:

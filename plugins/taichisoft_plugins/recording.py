@@ -120,9 +120,7 @@ class RecordingOutput:
     ) -> None:
         chunks = (chunk_rows, *(max(length, 1) for length in shape))
         maximum = (None, *(length or None for length in shape))  # a chunk may not exceed the maximum
-        dataset = group.create_dataset(
-            name, (0, *shape), maxshape=maximum, chunks=chunks, dtype=dtype, **PACKING
-        )
+        dataset = group.create_dataset(name, (0, *shape), maxshape=maximum, chunks=chunks, dtype=dtype, **PACKING)
         dataset.attrs["unit"] = unit
 
     def _buffer(self, state: "State", report: "StepReport | None") -> None:

@@ -135,9 +135,7 @@ class Recording:
                 surfaces.append(_obstacle_surface(group))
         return surfaces
 
-    def _soft_surface(
-        self, name: str, kind: Literal["soft", "cavity"], nodes: slice, group: Any
-    ) -> RecordedSurface:
+    def _soft_surface(self, name: str, kind: Literal["soft", "cavity"], nodes: slice, group: Any) -> RecordedSurface:
         surface = MappedSurface(group["nodes"][:], group["weights"][:], group["triangles"][:])
         return RecordedSurface(
             name, kind, surface.triangles, lambda frame: surface.positions(self.row("position", frame)[nodes])

@@ -61,8 +61,6 @@ def test_all_missing_libraries_are_found_at_once(monkeypatch):
 def test_a_library_leads_to_its_package():
     for library in SYSTEM_LIBRARIES:
         if library.file:
-            message = (
-                f"ImportError: {library.file}: cannot open shared object file: No such file or directory"
-            )
+            message = f"ImportError: {library.file}: cannot open shared object file: No such file or directory"
             assert packages_for(message, "taichi") == [library.package]
     assert packages_for("libunknown.so.3: cannot open shared object file", "h5py") == []

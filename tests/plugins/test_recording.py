@@ -81,9 +81,7 @@ def test_a_moment_is_found_and_one_outside_the_run_is_an_error(recording):
 
 
 def test_a_killed_writer_leaves_a_readable_file(tmp_path):
-    writer = subprocess.Popen(
-        [sys.executable, fake_run.__file__, str(tmp_path)], stdout=subprocess.PIPE, text=True
-    )
+    writer = subprocess.Popen([sys.executable, fake_run.__file__, str(tmp_path)], stdout=subprocess.PIPE, text=True)
     assert writer.stdout.readline() == "120 steps\n"
     writer.kill()
     writer.wait()

@@ -12,8 +12,7 @@ def test_a_cube_keeps_its_faces_flat():
     triangles = corners.reshape(-1, 3, 3)
     centres = triangles.mean(axis=1)
     outward = (
-        np.eye(3)[np.abs(centres).argmax(axis=1)]
-        * np.sign(centres[np.arange(12), np.abs(centres).argmax(1)])[:, None]
+        np.eye(3)[np.abs(centres).argmax(axis=1)] * np.sign(centres[np.arange(12), np.abs(centres).argmax(1)])[:, None]
     )
     assert np.allclose(normals.reshape(-1, 3, 3), outward[:, None], atol=1e-12)
 
