@@ -1,0 +1,61 @@
+# make grasp   mesh the tutorial's finger and let the gripper grasp; the results are in out/grasp
+# make test    ruff and mypy, then every test
+# make clean   remove what these two made
+#
+# Both first install what they need into .venv. PYTHON=/path/to/python chooses the interpreter.
+
+.PHONY: grasp test lint clean system-libraries
+
+grasp: system-libraries
+	.venv/bin/taichisoft mesh tutorial --output out/grasp/finger.msh
+	.venv/bin/taichisoft run gripper --controller scripted \
+	    --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
+
+test: system-libraries lint
+	.venv/bin/pytest
+
+lint: .venv/installed
+	.venv/bin/ruff check
+	.venv/bin/ruff format --check
+	.venv/bin/mypy
+
+clean:
+	rm -rf .venv out
+
+# Debian and Ubuntu split ensurepip from Python, so that a python3 of the right version may still not do.
+fits = import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 13))
+
+# The stamp is written last and goes before anything changes: an install that was cut short starts again
+# in an empty .venv.
+.venv/installed: pyproject.toml
+	@test -e $@ && exit; \
+	for python in $(or $(PYTHON),python3.12 python3.11 python3); do \
+	    $$python -c '$(fits)' 2>/dev/null && exec $$python -m venv --clear .venv; \
+	done; \
+	echo "error: needs Python 3.11 or 3.12 with venv; on Debian and Ubuntu: sudo apt-get install python3-venv" >&2; \
+	exit 1
+	@rm -f $@
+	.venv/bin/python -m pip install --disable-pip-version-check --editable '.[test]'
+	@touch $@
+
+# The wheels of Taichi, gmsh and Open3D bring no X11 or OpenGL. To import the three takes seconds, to load
+# the libraries themselves milliseconds.
+define missing_packages
+import ctypes, sys
+from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES
+
+for library in SYSTEM_LIBRARIES if sys.platform == "linux" else ():
+    try:
+        ctypes.CDLL(library.file or None)
+    except OSError:
+        print(library.package)
+endef
+export missing_packages
+
+system-libraries: .venv/installed
+	@missing=$$(.venv/bin/python -c "$$missing_packages") || exit; \
+	test -n "$$missing" || exit 0; \
+	install="apt-get install -y --no-install-recommends $$(echo $$missing)"; \
+	if test $$(id -u) = 0; then sudo=; elif sudo -n true 2>/dev/null; then sudo='sudo -n'; \
+	else echo "error: missing system libraries; run: sudo apt-get update && sudo $$install" >&2; exit 1; fi; \
+	set -x; $$sudo apt-get update && DEBIAN_FRONTEND=noninteractive $$sudo $$install
