@@ -149,9 +149,7 @@ def _unreadable(path: Path, error: BaseException) -> MeshError:
     return MeshError(f"{path}: not readable as {path.suffix[1:].upper()}: {why}")
 
 
-def _merge_equal_vertices(
-    vertices: np.ndarray, triangles: np.ndarray, path: Path
-) -> tuple[np.ndarray, np.ndarray]:
+def _merge_equal_vertices(vertices: np.ndarray, triangles: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:
     _, first, same = np.unique(vertices, axis=0, return_index=True, return_inverse=True)
     triangles = first[same.ravel()][triangles]
     whole = (triangles != np.roll(triangles, 1, axis=1)).all(axis=1)

@@ -23,9 +23,7 @@ def cells_and_groups(content: Any, cell_type: str) -> tuple[np.ndarray, dict[str
     corners = DIMENSIONS[cell_type] + 1
     cells = np.concatenate([np.empty((0, corners), int), *(content.cells[b].data for b in blocks)])
     tags = {
-        name: int(tag)
-        for name, (tag, dimension) in content.field_data.items()
-        if dimension == DIMENSIONS[cell_type]
+        name: int(tag) for name, (tag, dimension) in content.field_data.items() if dimension == DIMENSIONS[cell_type]
     }
     if tags and not content.cell_sets:  # MSH 2: every cell carries the tag of one group
         carried = content.cell_data.get("gmsh:physical")
@@ -34,12 +32,9 @@ def cells_and_groups(content: Any, cell_type: str) -> tuple[np.ndarray, dict[str
     # MSH 4: whole blocks belong to groups.
     starts = np.cumsum([0, *(len(content.cells[b].data) for b in blocks)])
     members = {
-        name: [start + content.cell_sets[name][b] for start, b in zip(starts, blocks, strict=False)]
-        for name in tags
+        name: [start + content.cell_sets[name][b] for start, b in zip(starts, blocks, strict=False)] for name in tags
     }
-    return cells, {
-        name: np.concatenate([np.empty(0, int), *parts]).astype(int) for name, parts in members.items()
-    }
+    return cells, {name: np.concatenate([np.empty(0, int), *parts]).astype(int) for name, parts in members.items()}
 
 
 def with_physical_groups(mesh: VolumeMesh) -> Any:

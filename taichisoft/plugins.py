@@ -50,6 +50,4 @@ def _load(entry_point: EntryPoint) -> Any:
     try:
         return entry_point.load()
     except Exception as error:
-        raise PluginError(
-            f"plug-in '{entry_point.name}' ({entry_point.value}) cannot be imported: {error}"
-        ) from error
+        raise PluginError(f"plug-in '{entry_point.name}' ({entry_point.value}) cannot be imported: {error}") from error

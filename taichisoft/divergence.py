@@ -1,0 +1,54 @@
+"""Is a new state still a simulation of something?"""
+
+import numpy as np
+
+from taichisoft.errors import SimulationDiverged
+from taichisoft.model import Model
+from taichisoft.state import State
+
+# A corotational element survives being inverted for a while; a body of which more than this share is, does not.
+INVERTED_SHARE = 0.25
+# Nothing moves further than this many times its own size in a step.
+LARGEST_MOVE = 10.0
+
+ADVICE = "a smaller time.step, a lower pressure or pressure rate, or a finer mesh"
+
+
+def check_state(model: Model, before: State, after: State) -> None:
+    """Compare the state before and after a step.
+
+    Raises:
+        SimulationDiverged: a value is not finite, a body explodes, or too many of its elements are inverted.
+    """
+    for body in model.soft_bodies:
+        move = after.position[body.nodes] - before.position[body.nodes]
+        _check_move(body.name, before.step, move, np.ptp(body.rest_position, axis=0).max())
+    for index, rigid in enumerate(model.rigid_bodies):
+        move = after.rigid_position[index] - before.rigid_position[index]
+        turn = after.rigid_rotation[index]
+        _check_move(rigid.name, before.step, np.append(move, turn), np.ptp(rigid.vertices, axis=0).max())
+    _check_inverted(model, before.step)
+
+
+def _check_move(name: str, step: int, move: np.ndarray, size: float) -> None:
+    if not np.isfinite(move).all():
+        raise SimulationDiverged(name, step, "has a position that is not finite", ADVICE)
+    largest = float(np.abs(move).max())
+    if largest > LARGEST_MOVE * size:
+        cause = f"exploded: it would move {largest:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
+        raise SimulationDiverged(name, step, cause, ADVICE)
+
+
+def _check_inverted(model: Model, step: int) -> None:
+    if model.elasticity is None:
+        return
+    inverted = model.elasticity.volume_ratio <= 0.0
+    if not inverted.any():
+        return
+    end = 0
+    for body in model.soft_bodies:
+        start, end = end, end + len(body.elements)
+        count = int(inverted[start:end].sum())
+        if count > INVERTED_SHARE * len(body.elements):
+            cause = f"has {count} of {len(body.elements)} elements turned inside out"
+            raise SimulationDiverged(body.name, step, cause, ADVICE)

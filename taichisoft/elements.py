@@ -1,0 +1,29 @@
+"""Shape functions of finite elements: gradients and volumes at the quadrature points of the rest shape."""
+
+import numpy as np
+
+
+def linear_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients and volumes of four-node tetrahedra, which need one quadrature point.
+
+    Args:
+        nodes: rest positions [mm], shape (node_count, 3).
+        elements: node indices, shape (element_count, 4).
+
+    Returns:
+        gradients [1/mm] of the shape functions, shape (element_count, 1, 4, 3), and the volume [mm^3] of
+        each quadrature point, shape (element_count, 1).
+    """
+    edges = nodes[elements[:, 1:]] - nodes[elements[:, :1]]
+    # The rows of the inverse transpose of the edge matrix are the gradients of the last three functions.
+    last_three = np.linalg.inv(edges).transpose(0, 2, 1)
+    first = -last_three.sum(axis=1, keepdims=True)
+    volumes = np.abs(np.linalg.det(edges)) / 6.0
+    return np.ascontiguousarray(np.concatenate([first, last_three], axis=1)[:, None]), volumes[:, None]
+
+
+def lame_parameters(young_modulus: np.ndarray, poisson_ratio: np.ndarray) -> np.ndarray:
+    """Lame's lambda and mu [kPa], shape (count, 2), of isotropic materials given by arrays of shape (count,)."""
+    first = young_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    second = young_modulus / (2 * (1 + poisson_ratio))
+    return np.column_stack([first, second])

@@ -1,0 +1,50 @@
+"""Rotations and shifts that place bodies, with the conventions of scenes and states."""
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+
+def rotation_from_degrees(angles: tuple[float, float, float]) -> np.ndarray:
+    """Rotation matrix (3, 3) for turns [degrees] about the fixed x, y and z axes, in this order."""
+    return Rotation.from_euler("xyz", angles, degrees=True).as_matrix()
+
+
+def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
+    """Rotation matrix (3, 3) by the angle |vector| [rad] about it."""
+    return Rotation.from_rotvec(vector).as_matrix()
+
+
+def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:
+    """Unit quaternion (w, x, y, z) of a rotation matrix."""
+    return Rotation.from_matrix(matrix).as_quat()[[3, 0, 1, 2]]
+
+
+def matrices_from_quaternions(quaternions: np.ndarray) -> np.ndarray:
+    """Rotation matrices (count, 3, 3) of unit quaternions (w, x, y, z), shape (count, 4)."""
+    w, x, y, z = quaternions.T
+    return np.stack(
+        [
+            np.stack([1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)], axis=1),
+            np.stack([2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)], axis=1),
+            np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)], axis=1),
+        ],
+        axis=1,
+    )
+
+
+def rotate_quaternions(quaternions: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Quaternions (w, x, y, z) turned by world rotation vectors [rad]: the exponential map, normalised.
+
+    Both arguments have one row per body, shapes (count, 4) and (count, 3).
+    """
+    half = 0.5 * np.linalg.norm(turns, axis=1, keepdims=True)
+    vector = 0.5 * np.sinc(half / np.pi) * turns
+    scalar = np.cos(half)[:, 0]
+    w, v = quaternions[:, 0], quaternions[:, 1:]
+    turned = np.column_stack(
+        [
+            scalar * w - (vector * v).sum(axis=1),
+            scalar[:, None] * v + w[:, None] * vector + np.cross(vector, v),
+        ]
+    )
+    return turned / np.linalg.norm(turned, axis=1, keepdims=True)

@@ -1,0 +1,267 @@
+"""What a user describes: bodies, obstacles, contact and time, as plain validated data without arrays.
+
+Units: millimetre, kilogram, second; so forces are in mN and pressures and moduli in kPa.
+"""
+
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+Positive = Annotated[float, Field(gt=0)]
+NotNegative = Annotated[float, Field(ge=0)]
+Vector = tuple[float, float, float]
+
+
+class Table(BaseModel):
+    """A table of a scene: unknown keys, NaN and infinity are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    def require_one_of(self, *keys: str) -> None:
+        """Raise ValueError unless exactly one of `keys` is given."""
+        given = [key for key in keys if getattr(self, key) is not None]
+        if len(given) != 1:
+            raise ValueError(f"exactly one of {', '.join(keys)} is needed; given: {', '.join(given) or 'none'}")
+
+
+class Selection(Table):
+    """Nodes or elements of a soft body, by a box in the mesh's own coordinates or by a group of the mesh."""
+
+    box: tuple[Vector, Vector] | None = None
+    """Lower and upper corner [mm]; an element belongs when the mean of its nodes lies inside."""
+    group: str | None = None
+    """Name of an element group or surface group of the mesh."""
+
+    @model_validator(mode="after")
+    def _check_selection(self) -> "Selection":
+        self.require_one_of("box", "group")
+        if self.box is not None and any(low > high for low, high in zip(*self.box, strict=True)):
+            raise ValueError("the first corner of a box must be below the second in x, y and z")
+        return self
+
+
+class Region(Selection):
+    """Elements of another material; a later region wins over an earlier one."""
+
+    young_modulus: Positive
+    """[kPa]"""
+    poisson_ratio: Annotated[float, Field(gt=-1, lt=0.5)] | None = None
+    """[-]; the body's own when it is not given."""
+
+
+class Anchor(Selection):
+    """Nodes held by stiff springs to their rest positions, which move with the base."""
+
+    stiffness: Positive = 1e12
+    """[mN/mm] of each node's spring."""
+
+
+class Cavity(Table):
+    """An air chamber: a closed surface, by a group of the mesh or by a surface file of its own."""
+
+    group: str | None = None
+    surface: str | None = None
+
+    @model_validator(mode="after")
+    def _check_source(self) -> "Cavity":
+        self.require_one_of("group", "surface")
+        return self
+
+
+class SoftBody(Table):
+    """A silicone body of corotational finite elements."""
+
+    mesh: str
+    """Volume mesh file, or the name of a shipped one."""
+    rotation: Vector = (0.0, 0.0, 0.0)
+    """Placement: turns about the x, y and z axes, in this order [degrees]."""
+    translation: Vector = (0.0, 0.0, 0.0)
+    """Placement: shift after the rotation [mm]."""
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """At the start [mm/s]."""
+    mass: Positive | None = None
+    """[kg], spread evenly over the nodes; either this or density."""
+    density: Positive | None = None
+    """[kg/mm^3], each element's mass spread over its nodes."""
+    young_modulus: Positive
+    """[kPa]"""
+    poisson_ratio: Annotated[float, Field(gt=-1, lt=0.5)]
+    """[-]"""
+    rayleigh_mass: NotNegative = 0.0
+    """[1/s]"""
+    rayleigh_stiffness: NotNegative = 0.0
+    """[s]"""
+    corotation: Literal["edges", "polar"] = "edges"
+    """The element's rotation: from its first two edges, as SOFA's method "large", or by polar decomposition."""
+    collision_surface: str | None = None
+    """A closed surface file that follows the mesh; the mesh's outer boundary when it is not given."""
+    regions: list[Region] = []
+    anchors: list[Anchor] = []
+    cavities: dict[str, Cavity] = {}
+
+    @model_validator(mode="after")
+    def _check_mass(self) -> "SoftBody":
+        self.require_one_of("mass", "density")
+        return self
+
+
+class RigidBody(Table):
+    """A rigid object; mass, centre of mass and inertia come from its closed surface unless they are given."""
+
+    surface: str | None = None
+    """Closed surface file; either this or box."""
+    box: tuple[Positive, Positive, Positive] | None = None
+    """Edge lengths [mm] of a box about the origin."""
+    scale: Positive = 1.0
+    """Factor on the surface's coordinates [-]."""
+    mass: Positive | None = None
+    """[kg]; either this or density."""
+    density: Positive | None = None
+    """[kg/mm^3]"""
+    inertia: tuple[Vector, Vector, Vector] | None = None
+    """[kg mm^2] about the centre of mass, in the surface's axes."""
+    centre_of_mass: Vector | None = None
+    """[mm] in the surface's scaled coordinates."""
+    position: Vector = (0.0, 0.0, 0.0)
+    """Where the surface's origin is at the start [mm]."""
+    rotation: Vector = (0.0, 0.0, 0.0)
+    """Turns about the x, y and z axes, in this order, at the start [degrees]."""
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """Of the centre of mass at the start [mm/s]."""
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    """At the start [rad/s]."""
+
+    @model_validator(mode="after")
+    def _check_sources(self) -> "RigidBody":
+        self.require_one_of("surface", "box")
+        self.require_one_of("mass", "density")
+        return self
+
+
+class Plane(Table):
+    """An infinite plane, solid on the side that its normal points away from."""
+
+    point: Vector
+    """[mm]"""
+    normal: Vector
+
+    @model_validator(mode="after")
+    def _check_normal(self) -> "Plane":
+        if not any(self.normal):
+            raise ValueError("the normal of a plane must not be zero")
+        return self
+
+
+class Obstacle(Table):
+    """Something that never moves: a plane or a surface."""
+
+    plane: Plane | None = None
+    surface: str | None = None
+    scale: Positive = 1.0
+    rotation: Vector = (0.0, 0.0, 0.0)
+    """Turns about the x, y and z axes, in this order [degrees]."""
+    translation: Vector = (0.0, 0.0, 0.0)
+    """[mm]"""
+
+    @model_validator(mode="after")
+    def _check_source(self) -> "Obstacle":
+        self.require_one_of("plane", "surface")
+        return self
+
+
+class PairFriction(Table):
+    """The friction coefficient of one pair of bodies."""
+
+    bodies: tuple[str, str]
+    friction: NotNegative
+
+
+class Contact(Table):
+    """How contacts are found and solved."""
+
+    friction: NotNegative = 0.6
+    """Coulomb's friction coefficient [-]."""
+    pairs: list[PairFriction] = []
+    """Exceptions from `friction`."""
+    contact_distance: Positive = 1.0
+    """Surfaces are kept this far apart [mm]."""
+    alarm_distance: Positive = 5.0
+    """Closer pairs become constraints [mm]."""
+    spacing: NotNegative = 4.0
+    """Of contacts of one pair of bodies that lie closer together than this [mm], only the closest is kept."""
+    tolerance: Positive = 1e-5
+    """The Gauss-Seidel stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
+    max_iterations: Annotated[int, Field(gt=0)] = 2000
+
+    @model_validator(mode="after")
+    def _check_distances(self) -> "Contact":
+        if self.alarm_distance <= self.contact_distance:
+            raise ValueError(
+                f"alarm_distance ({self.alarm_distance:g}) must exceed contact_distance ({self.contact_distance:g})"
+            )
+        return self
+
+
+class Time(Table):
+    """Time stepping."""
+
+    step: Positive = 0.01
+    """[s]"""
+    duration: Positive = 1.0
+    """[s]"""
+
+
+class Controller(Table):
+    """Which controller drives the scene, and its settings."""
+
+    name: str
+    settings: dict[str, Any] = {}
+
+
+class Goal(Table):
+    """What a run must achieve: an object lifted with the base and held; checked by the metrics output."""
+
+    object: str
+    """Name of the rigid body."""
+    tolerance: Positive = 1.0
+    """Largest difference between the lift of the object and of the base [mm]."""
+    hold: Positive = 2.0
+    """The last seconds of the run, in which the object must stand still [s]."""
+    creep: Positive = 0.1
+    """Largest motion of the object during `hold` [mm]."""
+
+
+class Scene(Table):
+    """Everything that a run needs to know."""
+
+    title: str = ""
+    gravity: Vector = (0.0, 0.0, -9810.0)
+    """[mm/s^2]"""
+    time: Time = Time()
+    contact: Contact = Contact()
+    base_pivot: Vector | None = None
+    """The point about which the base turns [mm]; the mean of the anchored nodes when it is not given."""
+    controller: Controller | None = None
+    goal: Goal | None = None
+    soft_bodies: dict[str, SoftBody] = {}
+    rigid_bodies: dict[str, RigidBody] = {}
+    obstacles: dict[str, Obstacle] = {}
+
+    @model_validator(mode="after")
+    def _check_names(self) -> "Scene":
+        names = [*self.soft_bodies, *self.rigid_bodies, *self.obstacles]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"two bodies are called '{twice[0]}'; every body needs a name of its own")
+        mentioned = {name: "contact.pairs" for pair in self.contact.pairs for name in pair.bodies}
+        for name, key in mentioned.items():
+            if name not in names:
+                raise ValueError(f"{key} names '{name}', which is no body; there are: {', '.join(names)}")
+        if self.goal is not None and self.goal.object not in self.rigid_bodies:
+            raise ValueError(
+                f"goal.object is '{self.goal.object}', which is no rigid body; "
+                f"there are: {', '.join(self.rigid_bodies) or 'none'}"
+            )
+        if not self.soft_bodies and not self.rigid_bodies:
+            raise ValueError("a scene needs at least one soft body or rigid body")
+        return self

@@ -1,0 +1,118 @@
+"""What changes during a run, complete: a run continued from a saved state gives the same bits."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft.errors import StateError
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+
+
+@dataclass(frozen=True)
+class State:
+    """The state between two steps; `Simulation.step` makes a new one and leaves the old one untouched.
+
+    Attributes:
+        time: [s].
+        step: number of steps made.
+        position: soft nodes [mm], shape (node_count, 3).
+        velocity: soft nodes [mm/s], shape (node_count, 3).
+        rigid_position: centres of mass [mm], shape (rigid_count, 3).
+        rigid_rotation: unit quaternions (w, x, y, z), shape (rigid_count, 4).
+        rigid_velocity: [mm/s], shape (rigid_count, 3).
+        rigid_angular_velocity: [rad/s] in world axes, shape (rigid_count, 3).
+        base_translation: of all anchors [mm], shape (3,).
+        base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
+        cavity_volume_imposed: whether a cavity is driven by volume, else by pressure, shape (cavity_count,).
+        cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
+        cavity_impulse: multipliers of the last step, pressure times step [kPa s], shape (cavity_count,).
+        contact_key: pair of bodies of each contact of the last step (warm start), shape (contact_count,).
+        contact_point: where it was [mm], shape (contact_count, 3).
+        contact_impulse: on its second body [mN s], shape (contact_count, 3).
+    """
+
+    time: float
+    step: int
+    position: np.ndarray
+    velocity: np.ndarray
+    rigid_position: np.ndarray
+    rigid_rotation: np.ndarray
+    rigid_velocity: np.ndarray
+    rigid_angular_velocity: np.ndarray
+    base_translation: np.ndarray
+    base_rotation: np.ndarray
+    cavity_volume_imposed: np.ndarray
+    cavity_target: np.ndarray
+    cavity_impulse: np.ndarray
+    contact_key: np.ndarray
+    contact_point: np.ndarray
+    contact_impulse: np.ndarray
+
+    @classmethod
+    def at_start(cls, model: "Model") -> "State":
+        """The state that the model's scene describes."""
+        bodies = model.rigid_bodies
+        velocities = [np.tile(b.settings.velocity, (len(b.rest_position), 1)) for b in model.soft_bodies]
+        cavity_count = len(model.cavities.names)
+        return cls(
+            time=0.0,
+            step=0,
+            position=model.rest_position.copy(),
+            velocity=np.vstack([np.zeros((0, 3)), *velocities]),
+            rigid_position=np.array([b.start_position for b in bodies]).reshape(-1, 3),
+            rigid_rotation=np.array([b.start_rotation for b in bodies]).reshape(-1, 4),
+            rigid_velocity=np.array([b.start_velocity for b in bodies]).reshape(-1, 3),
+            rigid_angular_velocity=np.array([b.start_angular_velocity for b in bodies]).reshape(-1, 3),
+            base_translation=np.zeros(3),
+            base_rotation=np.zeros(3),
+            cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
+            cavity_target=np.zeros(cavity_count),
+            cavity_impulse=np.zeros(cavity_count),
+            contact_key=np.zeros(0, dtype=np.int32),
+            contact_point=np.zeros((0, 3)),
+            contact_impulse=np.zeros((0, 3)),
+        )
+
+    def copy(self) -> "State":
+        """A state that shares no array with this one."""
+        return State(
+            **{name: np.copy(value) if isinstance(value, np.ndarray) else value for name, value in _items(self)}
+        )
+
+    def __eq__(self, other: object) -> bool:
+        """Equal bit for bit."""
+        return isinstance(other, State) and all(
+            np.array_equal(value, getattr(other, name)) for name, value in _items(self)
+        )
+
+    def save(self, path: str | Path) -> None:
+        """Write the whole state to an .npz file."""
+        with Path(path).open("wb") as file:
+            np.savez(file, **dict(_items(self)))
+
+    @classmethod
+    def load(cls, path: str | Path) -> "State":
+        """Read a state that `save` wrote.
+
+        Raises:
+            StateError: the file is missing, damaged, or no state.
+        """
+        names = {field.name for field in dataclasses.fields(cls)}
+        try:
+            with np.load(path) as file:
+                arrays = {name: file[name] for name in file.files}
+        except (OSError, ValueError, EOFError) as error:
+            raise StateError(f"{path}: cannot be read as a state: {error}") from error
+        if set(arrays) != names:
+            wrong = ", ".join(sorted(set(arrays) ^ names))
+            raise StateError(f"{path}: is no state of this version of taichisoft; it differs in: {wrong}")
+        return cls(**{**arrays, "time": float(arrays["time"]), "step": int(arrays["step"])})
+
+
+def _items(state: State) -> list[tuple[str, object]]:
+    return [(field.name, getattr(state, field.name)) for field in dataclasses.fields(state)]
