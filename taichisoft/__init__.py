@@ -1,3 +1,39 @@
-"""taichisoft simulates soft pneumatic grippers: finite elements, cavities, contact and friction."""
+"""taichisoft simulates soft pneumatic grippers: finite elements, cavities, contact and friction.
+
+The names below are imported on first use, so that `import taichisoft` and `taichisoft --help` answer at once.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from taichisoft.controller import Control as Control
+    from taichisoft.controller import Observation as Observation
+    from taichisoft.model import Model as Model
+    from taichisoft.run import run as run
+    from taichisoft.scene import Scene as Scene
+    from taichisoft.scene_file import load_scene as load_scene
+    from taichisoft.scene_file import scene_from_dict as scene_from_dict
+    from taichisoft.simulation import Simulation as Simulation
+    from taichisoft.state import State as State
 
 __version__ = "0.1.0"
+
+_WHERE = {
+    "Control": "controller",
+    "Model": "model",
+    "Observation": "controller",
+    "Scene": "scene",
+    "Simulation": "simulation",
+    "State": "state",
+    "load_scene": "scene_file",
+    "run": "run",
+    "scene_from_dict": "scene_file",
+}
+__all__ = ["__version__", *_WHERE]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _WHERE:
+        raise AttributeError(f"module 'taichisoft' has no attribute '{name}'")
+    return getattr(import_module(f"taichisoft.{_WHERE[name]}"), name)

@@ -53,3 +53,7 @@ class SimulationDiverged(TaichisoftError):
         self.step = step
         self.cause = cause
         self.advice = advice
+
+
+class GoalMissed(TaichisoftError):
+    """The run went to its end, but not to the goal of its scene."""

@@ -10,16 +10,23 @@ if TYPE_CHECKING:
 
 
 class Output(Protocol):
-    """Made as `factory(folder)` with the run's output folder; then called in this order."""
+    """Made as `factory(folder)` with the run's output folder; then called in this order.
+
+    An output may also have `summary() -> dict[str, str]`: rows for the table that closes a run, called last.
+    """
 
     def begin(self, model: "Model", state: "State") -> None:
         """Called once, with the state before the first step."""
 
     def record(self, state: "State", report: "StepReport") -> None:
-        """Called after every step; `state` must be copied to be kept."""
+        """Called after every step; a state never changes, so it may be kept."""
 
     def end(self, outcome: str) -> None:
-        """Called once, however the run ended: "completed", "interrupted", or the error's text."""
+        """Called once, however the run ended: "completed", "interrupted", or the error's text.
+
+        An error raised here is shown when every output has ended; `taichisoft.errors.GoalMissed` says that the
+        run did not achieve what its scene asks for.
+        """
 
 
 class OutputFactory(Protocol):

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from dataclasses import dataclass
 from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
@@ -51,3 +52,35 @@ def _load(entry_point: EntryPoint) -> Any:
         return entry_point.load()
     except Exception as error:
         raise PluginError(f"plug-in '{entry_point.name}' ({entry_point.value}) cannot be imported: {error}") from error
+
+
+@dataclass(frozen=True)
+class LoadedPlugin:
+    """One row of `taichisoft plugins`."""
+
+    name: str
+    version: str
+    source: str
+    provides: list[str]
+
+
+def list_plugins() -> list[LoadedPlugin]:
+    """Every loaded plug-in, in the order of loading."""
+    distributions = {entry_point.name: entry_point.dist for entry_point in entry_points(group=hookspecs.PROJECT)}
+    rows = []
+    for name, plugin in plugin_registry().list_name_plugin():
+        distribution = distributions.get(name)
+        version = distribution.version if distribution is not None else ""
+        rows.append(LoadedPlugin(name, version, getattr(plugin, "__name__", repr(plugin)), _provided_by(plugin)))
+    return rows
+
+
+def _provided_by(plugin: Any) -> list[str]:
+    """What a plug-in gives through each hook that it implements."""
+    provided = []
+    for hook, kind in (("taichisoft_controllers", "controller"), ("taichisoft_outputs", "output")):
+        if hasattr(plugin, hook):
+            provided += [f"{kind} {name}" for name in sorted(getattr(plugin, hook)())]
+    if hasattr(plugin, "taichisoft_commands"):
+        provided.append("commands")
+    return provided

@@ -10,6 +10,7 @@ order: kernels write `array[i] = array[i] + x` where one task owns the entry.
 import os
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_LOG_LEVEL", "warn")
 
 import taichi as ti
 

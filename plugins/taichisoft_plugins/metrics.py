@@ -1,0 +1,153 @@
+"""The output "metrics": figures of a run in metrics.json, and whether it reached the goal of its scene."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichisoft.errors import GoalMissed
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+    from taichisoft.simulation import StepReport
+    from taichisoft.state import State
+
+FILE_NAME = "metrics.json"
+
+
+class MetricsOutput:
+    """Collects a few numbers per step; writes and judges them at the end."""
+
+    def __init__(self, folder: Path):
+        self.folder = Path(folder)
+        self.metrics: dict[str, Any] = {}
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """Take what the scene's goal is about."""
+        self._scene = model.scene
+        gravity = model.gravity
+        size = np.linalg.norm(gravity)
+        self._up = -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+        goal = self._scene.goal
+        self._object = [body.name for body in model.rigid_bodies].index(goal.object) if goal is not None else None
+        self._soft_names = {body.name for body in model.soft_bodies}
+        self._reports: list[StepReport] = []
+        self._object_positions = [self._object_position(state)]
+        self._base_positions = [state.base_translation]
+
+    def record(self, state: "State", report: "StepReport") -> None:
+        """Remember a step."""
+        self._reports.append(report)
+        self._object_positions.append(self._object_position(state))
+        self._base_positions.append(state.base_translation)
+
+    def end(self, outcome: str) -> None:
+        """Write metrics.json.
+
+        Raises:
+            GoalMissed: the run was completed, but its goal was not reached.
+        """
+        self.metrics = {"outcome": outcome, **self._step_metrics(), **self._goal_metrics()}
+        self.metrics["held"] = held = self._is_held(outcome)
+        text = json.dumps(self.metrics, indent=2) + "\n"
+        (self.folder / FILE_NAME).write_text(text, encoding="utf-8")
+        if held is False and outcome == "completed":
+            raise GoalMissed(self._why_not_held())
+
+    def summary(self) -> dict[str, str]:
+        """Rows of the table that closes a run."""
+        m = self.metrics
+        if not m or not self._reports:
+            return {}
+        rows = {}
+        if self._scene.goal is not None:
+            rows = {
+                f"{self._scene.goal.object} held": "yes" if m["held"] else "no",
+                f"{self._scene.goal.object} lifted by": f"{m['object_lift_mm']:.2f} of {m['base_lift_mm']:.2f} mm",
+                "slip": f"{m['object_slip_mm']:.3f} mm",
+                "creep while held": f"{m['object_creep_mm']:.4f} mm in {self._scene.goal.hold:g} s",
+                "normal force of the fingers, peak": f"{m['peak_normal_force_mN']:.1f} mN",
+                "normal force of the fingers, mean while held": f"{m['mean_normal_force_mN']:.1f} mN",
+            }
+        return rows | {
+            "largest penetration of the contact distance": f"{m['max_penetration_mm']:.3g} mm",
+            "solver iterations, median and most": f"{m['iterations_median']:.0f} and {m['iterations_max']}",
+            "steps not converged": f"{m['unconverged_steps']} of {m['steps']}",
+            "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
+            "real-time factor": f"{m['real_time_factor']:.2f}",
+        }
+
+    def _object_position(self, state: "State") -> np.ndarray:
+        return state.rigid_position[self._object] if self._object is not None else np.zeros(3)
+
+    def _step_metrics(self) -> dict[str, Any]:
+        reports = self._reports
+        if not reports:
+            return {"steps": 0}
+        median = float(np.median([report.step_time for report in reports]))
+        iterations = [report.iterations for report in reports]
+        return {
+            "steps": len(reports),
+            "simulated_time_s": reports[-1].time,
+            "max_penetration_mm": max(report.max_penetration for report in reports),
+            "iterations_median": float(np.median(iterations)),
+            "iterations_max": max(iterations),
+            "unconverged_steps": sum(not report.converged for report in reports),
+            "step_time_median_ms": 1e3 * median,
+            "real_time_factor": self._scene.time.step / median,
+        }
+
+    def _goal_metrics(self) -> dict[str, Any]:
+        """Lift and slip are counted from the moment before the base moves."""
+        goal = self._scene.goal
+        if goal is None or not self._reports:
+            return {}
+        base, position = np.array(self._base_positions), np.array(self._object_positions)
+        moves = np.any(base != base[0], axis=1)
+        before = max(0, int(np.argmax(moves)) - 1) if moves.any() else 0
+        base_lift = float((base[-1] - base[before]) @ self._up)
+        object_lift = float((position[-1] - position[before]) @ self._up)
+        held = position[-1 - min(len(self._reports), round(goal.hold / self._scene.time.step)) :]
+        forces = np.array([self._finger_force(report) for report in self._reports])
+        return {
+            "object_lift_mm": object_lift,
+            "base_lift_mm": base_lift,
+            "object_slip_mm": base_lift - object_lift,
+            "object_creep_mm": float(np.linalg.norm(held - held[0], axis=1).max()),
+            "peak_normal_force_mN": float(forces.max()),
+            "mean_normal_force_mN": float(forces[-len(held) + 1 :].mean()),
+            "final_normal_forces_mN": self._reports[-1].normal_forces,
+            "final_object_position_mm": position[-1].tolist(),
+        }
+
+    def _finger_force(self, report: "StepReport") -> float:
+        """Sum of the normal forces between the object and the soft bodies [mN]."""
+        assert self._scene.goal is not None
+        return sum(
+            force
+            for pair, force in report.normal_forces.items()
+            if self._scene.goal.object in (names := set(pair.split("|"))) and names & self._soft_names
+        )
+
+    def _is_held(self, outcome: str) -> bool | None:
+        goal, m = self._scene.goal, self.metrics
+        if goal is None:
+            return None
+        return bool(
+            outcome == "completed"
+            and abs(m["object_slip_mm"]) <= goal.tolerance
+            and m["object_creep_mm"] <= goal.creep
+            and m["mean_normal_force_mN"] > 0.0
+            and m["max_penetration_mm"] <= self._scene.contact.contact_distance
+        )
+
+    def _why_not_held(self) -> str:
+        goal, m = self._scene.goal, self.metrics
+        assert goal is not None
+        return (
+            f"'{goal.object}' is not held: lifted by {m['object_lift_mm']:.2f} mm with a base that rose "
+            f"{m['base_lift_mm']:.2f} mm (tolerance {goal.tolerance:g} mm), creep {m['object_creep_mm']:.3g} mm in the "
+            f"last {goal.hold:g} s (limit {goal.creep:g} mm), deepest contact {m['max_penetration_mm']:.2g} mm "
+            f"(limit {self._scene.contact.contact_distance:g} mm)"
+        )
