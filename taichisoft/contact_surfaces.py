@@ -43,7 +43,10 @@ class ContactSurfaces:
         vertex_owner: rigid body that carries each vertex, or SOFT, or STATIC.
         vertex_nodes, vertex_weights: soft nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
         position: of the vertices now [mm], shape (vertex_count, 3).
-        triangle_normal, edge_normal, vertex_normal: unit pseudo-normals now (Baerentzen and Aanaes 2005).
+        triangle_normal: unit normals now, shape (triangle_count, 3).
+        fan_start, fan: for each vertex, corners (3 * triangle + corner) of the triangles around it.
+        star_start, star: for each vertex, the other ends of its edges.
+        first_triangle: one triangle of each vertex, that of the lowest index.
         plane_body, plane_point, plane_normal: the planes.
     """
 
@@ -108,8 +111,6 @@ class ContactSurfaces:
     def _allocate(self) -> None:
         self.position = self._local.copy()
         self.triangle_normal = np.zeros((len(self.triangles), 3))
-        self.edge_normal = np.zeros((len(self.edges), 3))
-        self.vertex_normal = np.zeros((len(self._local), 3))
 
     @property
     def count(self) -> int:
@@ -126,17 +127,9 @@ class ContactSurfaces:
             node_position,
             rigid_position,
             rigid_rotation,
-            self.position,
-        )
-        kernels.compute_normals(
-            self.position,
             self.triangles,
-            self.edge_triangles,
-            self.fan_start,
-            self.fan,
+            self.position,
             self.triangle_normal,
-            self.edge_normal,
-            self.vertex_normal,
         )
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -102,10 +102,10 @@ class ContactDetection:
                 s.star_start,
                 s.star,
                 s.first_triangle,
+                s.fan_start,
+                s.fan,
                 s.position,
                 s.triangle_normal,
-                s.edge_normal,
-                s.vertex_normal,
                 self._near,
                 *store,
             )
@@ -121,7 +121,7 @@ class ContactDetection:
                 s.edge_triangles,
                 s.triangles,
                 s.position,
-                s.edge_normal,
+                s.triangle_normal,
                 self._near,
                 *store,
             )

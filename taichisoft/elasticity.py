@@ -18,8 +18,8 @@ class Elasticity:
         solver: the direct solver, whose `blocks` `assemble` fills.
         node_mass: [kg], shape (node_count,).
         anchor_stiffness: [mN/mm], shape (node_count,).
-        rotation: of each element at the last call of `forces`, shape (element_count, 3, 3).
-        volume_ratio: each element's volume over that at rest at the last call of `forces`; negative when inverted.
+        rotation: of each element at the last call of `assemble`, shape (element_count, 3, 3).
+        volume_ratio: each element's volume over that at rest at the last call of `assemble`; negative when inverted.
     """
 
     def __init__(self, bodies: Sequence[SoftBody], time_step: float):
@@ -50,7 +50,7 @@ class Elasticity:
         self._rotated_gradient = np.empty_like(self.gradient)
         self._element_force = np.empty((element_count, corner_count, 3))
         self.volume_ratio = np.ones(element_count)
-        self._gather = _contributions(self.elements.reshape(-1), node_count, corner_count)
+        self._node_parts = _contributions(self.elements.reshape(-1), node_count, corner_count)
         row, column = np.repeat(self.elements, corner_count, axis=1), np.tile(self.elements, corner_count)
         pattern = sparse.csr_matrix((np.ones(row.size), (row.ravel(), column.ravel())), (node_count, node_count))
         self.solver = Cholesky(pattern)
@@ -58,12 +58,18 @@ class Elasticity:
         self._block_parts = _block_contributions(self.elements, pairs, node_count)
         self._diagonal_block = np.where(pairs[:, 0] == pairs[:, 1], pairs[:, 0], -1).astype(np.int32)
 
-    def forces(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Elastic force less the lagged stiffness term, f - (h + b) K v [mN], shape (node_count, 3).
+    def assemble(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Fill the solver's blocks with A, its rotations frozen at these positions, and sum the elastic forces.
 
-        Leaves the rotations for `assemble`.
+        Args:
+            position: of the nodes [mm], shape (node_count, 3).
+            velocity: of the nodes [mm/s], shape (node_count, 3).
+
+        Returns:
+            Elastic force less the lagged stiffness term, f - (h + b) K v [mN], shape (node_count, 3).
         """
-        kernels.deform_elements(
+        force = np.empty_like(position)
+        kernels.assemble(
             self.elements,
             self.polar,
             self.rest_position,
@@ -77,23 +83,19 @@ class Elasticity:
             self._rotated_gradient,
             self._element_force,
             self.volume_ratio,
-        )
-        force = np.empty_like(position)
-        kernels.gather_forces(*self._gather, self._element_force, force)
-        return force
-
-    def assemble(self) -> None:
-        """Fill the solver's blocks with A, from the rotations of the last call of `forces`."""
-        kernels.assemble_system(
+            *self._node_parts,
+            force,
             *self._block_parts,
-            self.volume,
-            self.lame,
             self._stiffness_factor,
-            self._rotated_gradient,
             self._diagonal_block,
             self._diagonal,
             self.solver.blocks,
         )
+        return force
+
+    def internal_force(self, position: np.ndarray) -> np.ndarray:
+        """Elastic force on each node at rest in these positions [mN], shape (node_count, 3)."""
+        return self.assemble(position, np.zeros_like(position))
 
 
 def _contributions(nodes: np.ndarray, node_count: int, corner_count: int) -> tuple[np.ndarray, ...]:

@@ -119,8 +119,7 @@ class Simulation:
         )
         stretch = state.position - self._anchor_targets(state) + elasticity.node_lag[:, None] * state.velocity
         anchor = -elasticity.anchor_stiffness[:, None] * stretch
-        force = elasticity.forces(state.position, state.velocity) + anchor + momentum
-        elasticity.assemble()
+        force = elasticity.assemble(state.position, state.velocity) + anchor + momentum
         try:
             elasticity.solver.factorise()
         except NotPositiveDefinite as error:

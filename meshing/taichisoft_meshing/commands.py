@@ -21,9 +21,7 @@ from taichisoft_meshing.quality import longest_edges, radius_ratios
 
 
 def mesh(
-    finger: Annotated[
-        str, typer.Argument(metavar="FINGER.toml", help="Finger file, or the name of a shipped one.")
-    ],
+    finger: Annotated[str, typer.Argument(metavar="FINGER.toml", help="Finger file, or the name of a shipped one.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Mesh file to write: .msh, .vtk or .vtu.")],
     size: Annotated[
         float | None,

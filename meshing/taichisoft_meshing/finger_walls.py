@@ -103,9 +103,7 @@ def _check_sizes(finger: "FingerParameters") -> None:
     _at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
     # A regular tetrahedron of edge s has the volume s^3 / (6 sqrt 2).
     regular = 8.5 * (finger.solid_volume - finger.cavity_volume)
-    _at_least(
-        "mesh.largest", sizes.largest, (regular / MOST_ELEMENTS) ** (1 / 3), "or the mesh would not end"
-    )
+    _at_least("mesh.largest", sizes.largest, (regular / MOST_ELEMENTS) ** (1 / 3), "or the mesh would not end")
 
 
 def _underside(finger: "FingerParameters", distance: float) -> float:

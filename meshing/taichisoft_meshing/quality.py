@@ -17,8 +17,7 @@ def radius_ratios(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     a, b, c, d = np.moveaxis(nodes[elements[:, :4]], 1, 0)
     volumes = np.abs(tetrahedron_volumes(nodes, elements))
     areas = sum(
-        np.linalg.norm(np.cross(q - p, r - p), axis=1) / 2
-        for p, q, r in ((a, b, c), (a, b, d), (a, c, d), (b, c, d))
+        np.linalg.norm(np.cross(q - p, r - p), axis=1) / 2 for p, q, r in ((a, b, c), (a, b, d), (a, c, d), (b, c, d))
     )
     # Products of opposite edges are the sides of a triangle of area 6 V R (Crelle's formula).
     x, y, z = (

@@ -31,9 +31,7 @@ def name_surfaces(nodes: np.ndarray, elements: np.ndarray) -> dict[str, np.ndarr
     outer = [shell for shell in shells if enclosed_volume(nodes, shell) > 0]
     cavities = [shell for shell in shells if enclosed_volume(nodes, shell) < 0]
     if len(outer) != 1 or len(cavities) != 1:
-        raise MeshError(
-            f"the body has {len(outer)} outer skins and {len(cavities)} cavities; one of each is needed"
-        )
+        raise MeshError(f"the body has {len(outer)} outer skins and {len(cavities)} cavities; one of each is needed")
     in_base = (np.abs(nodes[outer[0], 0]) < BASE_TOLERANCE).all(axis=1)
     return {"outer": outer[0], "base": outer[0][in_base], "cavity": cavities[0][:, ::-1].copy()}
 

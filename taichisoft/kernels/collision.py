@@ -48,27 +48,57 @@ def closest_on_triangle(p: vec3, a: vec3, b: vec3, c: vec3) -> vec3:
 
 
 @ti.func
+def edge_pseudonormal(e: ti.i32, edge_triangles: IntegerTable, triangle_normal: Vectors) -> vec3:
+    """Sum of the normals of the triangles at an edge."""
+    normal = triangle_normal[edge_triangles[e, 0]]
+    if edge_triangles[e, 1] >= 0:
+        normal += triangle_normal[edge_triangles[e, 1]]
+    return normal
+
+
+@ti.func
+def vertex_pseudonormal(
+    v: ti.i32, fan_start: Integers, fan: Integers, triangles: IntegerTable, position: Vectors, triangle_normal: Vectors
+) -> vec3:
+    """Sum of the normals of the triangles around a vertex, weighted by their angles there."""
+    normal = vec3(0.0)
+    for k in range(fan_start[v], fan_start[v + 1]):
+        t = fan[k] // 3
+        corner = fan[k] % 3
+        first = position[triangles[t, (corner + 1) % 3]] - position[v]
+        second = position[triangles[t, (corner + 2) % 3]] - position[v]
+        normal += ti.atan2(first.cross(second).norm(), first.dot(second)) * triangle_normal[t]
+    return normal
+
+
+@ti.func
 def outward_normal(
     t: ti.i32,
     weights: vec3,
     triangles: IntegerTable,
     triangle_edges: IntegerTable,
+    edge_triangles: IntegerTable,
+    fan_start: Integers,
+    fan: Integers,
+    position: Vectors,
     triangle_normal: Vectors,
-    edge_normal: Vectors,
-    vertex_normal: Vectors,
 ) -> vec3:
-    """Pseudo-normal of the corner, edge or face of triangle t on which a point with these weights lies."""
+    """Unit pseudo-normal of the corner, edge or face of triangle t on which a point with these weights lies."""
     normal = triangle_normal[t]
     zeros = 0
+    corner = 0
+    opposite = 0
     for k in ti.static(range(3)):
         if weights[k] == 0.0:
             zeros += 1
-            normal = edge_normal[triangle_edges[t, k]]
-    if zeros == 2:
-        for k in ti.static(range(3)):
-            if weights[k] != 0.0:
-                normal = vertex_normal[triangles[t, k]]
-    return normal
+            opposite = k
+        else:
+            corner = k
+    if zeros == 1:
+        normal = edge_pseudonormal(triangle_edges[t, opposite], edge_triangles, triangle_normal)
+    elif zeros == 2:
+        normal = vertex_pseudonormal(triangles[t, corner], fan_start, fan, triangles, position, triangle_normal)
+    return normal / ti.max(normal.norm(), 1e-300)
 
 
 @ti.func
@@ -174,10 +204,10 @@ def vertices_against_triangles(
     star_start: Integers,
     star: Integers,
     first_triangle: Integers,
+    fan_start: Integers,
+    fan: Integers,
     position: Vectors,
     triangle_normal: Vectors,
-    edge_normal: Vectors,
-    vertex_normal: Vectors,
     near: Integers,
     count: Integers,
     pairs: Integers,
@@ -222,7 +252,9 @@ def vertices_against_triangles(
                 if best_triangle >= 0:
                     t = best_triangle
                     w = best_weights
-                    out = outward_normal(t, w, triangles, triangle_edges, triangle_normal, edge_normal, vertex_normal)
+                    out = outward_normal(
+                        t, w, triangles, triangle_edges, edge_triangles, fan_start, fan, position, triangle_normal
+                    )
                     foot = vec3(0.0)
                     for k in ti.static(range(3)):
                         foot += w[k] * position[triangles[t, k]]
@@ -250,7 +282,15 @@ def vertices_against_triangles(
                                 away = p - w[0] * a - w[1] * b - w[2] * c
                                 distance = away.norm()
                                 out = outward_normal(
-                                    t, w, triangles, triangle_edges, triangle_normal, edge_normal, vertex_normal
+                                    t,
+                                    w,
+                                    triangles,
+                                    triangle_edges,
+                                    edge_triangles,
+                                    fan_start,
+                                    fan,
+                                    position,
+                                    triangle_normal,
                                 )
                                 if (
                                     distance < reach
@@ -332,7 +372,7 @@ def edges_against_edges(
     edge_triangles: IntegerTable,
     triangles: IntegerTable,
     position: Vectors,
-    edge_normal: Vectors,
+    triangle_normal: Vectors,
     near: Integers,
     count: Integers,
     pairs: Integers,
@@ -374,8 +414,8 @@ def edges_against_edges(
                             normal = along.cross(other).normalized()
                             if distance > COINCIDENT:
                                 normal = gap / distance
-                            leaving = normal.dot(edge_normal[e])
-                            meeting = -normal.dot(edge_normal[f])
+                            leaving = normal.dot(edge_pseudonormal(e, edge_triangles, triangle_normal))
+                            meeting = -normal.dot(edge_pseudonormal(f, edge_triangles, triangle_normal))
                             if leaving < 0.0 and meeting < 0.0:
                                 normal, distance = -normal, -distance
                                 leaving, meeting = -leaving, -meeting

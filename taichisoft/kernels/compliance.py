@@ -19,8 +19,8 @@ from taichisoft.kernels.runtime import (
 GROUP = 8
 
 Table3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
-Panels = ti.types.ndarray(dtype=ti.f64, ndim=3)
 Columns = ti.types.vector(GROUP, ti.f64)
+Panels = ti.types.ndarray(dtype=Columns, ndim=2)
 
 
 @ti.kernel
@@ -93,10 +93,10 @@ def forward_solve(
     active: IntegerTable,
     y: Panels,
 ):
-    """Y = L^-1 J^T, one task per group of eight rows; y has shape (group, scalar position, column)."""
+    """Y = L^-1 J^T, one task per group of eight rows; y has shape (group, scalar position)."""
     for g_ in range(y.shape[0] * CHUNK):
         if g_ % CHUNK == 0:
-            g = g_ // CHUNK
+            g = y.shape[0] - 1 - g_ // CHUNK  # the last group, of the cavities, has most to do
             contact_rows = 3 * contact_node.shape[0]
             supernode_count = parent.shape[0]
             for s in range(supernode_count):
@@ -120,8 +120,7 @@ def forward_solve(
             for s in range(supernode_count):
                 if active[g, s] != 0:
                     for i in range(3 * front[s, 7], 3 * (front[s, 7] + front[s, 0])):
-                        for column in range(GROUP):
-                            y[g, i, column] = 0.0
+                        y[g, i] = Columns(0.0)
             for column in range(GROUP):
                 r = GROUP * g + column
                 if r < contact_rows:
@@ -131,36 +130,34 @@ def forward_solve(
                         if contact_node[c, slot] >= 0:
                             i = 3 * position_of[contact_node[c, slot]]
                             for d in ti.static(range(3)):
-                                y[g, i + d, column] = y[g, i + d, column] + contact_weight[c, slot] * direction[d]
+                                y[g, i + d][column] = y[g, i + d][column] + contact_weight[c, slot] * direction[d]
                 elif r < row_count:
                     cavity = r - contact_rows
                     for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
                         i = 3 * position_of[cavity_node[k]]
                         for d in ti.static(range(3)):
-                            y[g, i + d, column] = cavity_gradient[k][d]
+                            y[g, i + d][column] = cavity_gradient[k][d]
             for s in range(supernode_count):
                 if active[g, s] != 0:
                     width, height, p, first = 3 * front[s, 0], 3 * front[s, 1], front[s, 2], 3 * front[s, 7]
                     for k in range(width):
                         inverse = 1.0 / panel[p + k * height + k]
-                        pivot = Columns(0.0)
-                        for column in ti.static(range(GROUP)):
-                            pivot[column] = y[g, first + k, column] * inverse
-                            y[g, first + k, column] = pivot[column]
+                        pivot = y[g, first + k] * inverse
+                        y[g, first + k] = pivot
                         for i in range(k + 1, width):
-                            factor = panel[p + k * height + i]
-                            for column in ti.static(range(GROUP)):
-                                y[g, first + i, column] = y[g, first + i, column] - factor * pivot[column]
+                            y[g, first + i] = y[g, first + i] - panel[p + k * height + i] * pivot
                     for node in range(front[s, 0], front[s, 1]):
                         target = 3 * rows[front[s, 6] + node]
-                        for a in ti.static(range(3)):
-                            total = Columns(0.0)
-                            for k in range(width):
-                                factor = panel[p + k * height + 3 * node + a]
-                                for column in ti.static(range(GROUP)):
-                                    total[column] += factor * y[g, first + k, column]
-                            for column in ti.static(range(GROUP)):
-                                y[g, target + a, column] = y[g, target + a, column] - total[column]
+                        t0, t1, t2 = Columns(0.0), Columns(0.0), Columns(0.0)
+                        for k in range(width):
+                            v = y[g, first + k]
+                            q = p + k * height + 3 * node
+                            t0 += panel[q] * v
+                            t1 += panel[q + 1] * v
+                            t2 += panel[q + 2] * v
+                        y[g, target] = y[g, target] - t0
+                        y[g, target + 1] = y[g, target + 1] - t1
+                        y[g, target + 2] = y[g, target + 2] - t2
 
 
 @ti.kernel
@@ -181,9 +178,7 @@ def soft_compliance(
                     for s in range(active.shape[1]):
                         if active[g, s] != 0 and active[h, s] != 0:
                             for i in range(3 * front[s, 7], 3 * (front[s, 7] + front[s, 0])):
-                                factor = y[g, i, a]
-                                for b in ti.static(range(GROUP)):
-                                    total[b] += factor * y[h, i, b]
+                                total += y[g, i][a] * y[h, i]
                     for b in ti.static(range(GROUP)):
                         r, q = GROUP * g + a, GROUP * h + b
                         if r < w.shape[0] and q < w.shape[0]:
@@ -199,23 +194,21 @@ def rigid_compliance(
     w: ScalarTable,
 ):
     """Add J M^-1 J^T of the rigid bodies that two contacts share, M^-1 of shape (body, 6, 6)."""
-    contact_count = rigid.shape[0]
-    for c in range(contact_count):
-        for other in range(contact_count):
-            for side, other_side in ti.ndrange(2, 2):
-                body = rigid[c, side]
-                if body >= 0 and body == rigid[other, other_side]:
-                    for i in range(3):
-                        for j in range(3):
+    for r in range(3 * rigid.shape[0]):
+        for side in range(2):
+            body = rigid[r // 3, side]
+            if body >= 0:
+                change = ti.Vector.zero(ti.f64, 6)  # of the body's velocity by a unit impulse in the row
+                for n in range(6):
+                    for m in ti.static(range(6)):
+                        change[m] += inverse_mass[body, m, n] * jacobian[r, side, n]
+                for q in range(3 * rigid.shape[0]):
+                    for other_side in range(2):
+                        if rigid[q // 3, other_side] == body:
                             total = 0.0
-                            for m in range(6):
-                                for n in range(6):
-                                    total += (
-                                        jacobian[3 * c + i, side, m]
-                                        * inverse_mass[body, m, n]
-                                        * jacobian[3 * other + j, other_side, n]
-                                    )
-                            w[3 * c + i, 3 * other + j] = w[3 * c + i, 3 * other + j] + total
+                            for m in ti.static(range(6)):
+                                total += change[m] * jacobian[q, other_side, m]
+                            w[r, q] = w[r, q] + total
 
 
 @ti.kernel

@@ -74,7 +74,7 @@ def stress(gradient: mat3, lame_lambda: ti.f64, lame_mu: ti.f64) -> mat3:
 
 
 @ti.kernel
-def deform_elements(
+def assemble(
     elements: IntegerTable,
     polar: Integers,
     rest_position: Vectors,
@@ -88,8 +88,24 @@ def deform_elements(
     rotated_gradient: VectorBlocks,
     element_force: VectorTable,
     volume_ratio: Scalars,
+    start: Integers,
+    node_element: Integers,
+    node_corner: Integers,
+    force: Vectors,
+    block_start: Integers,
+    block_element: Integers,
+    row_corner: Integers,
+    column_corner: Integers,
+    stiffness_factor: Scalars,
+    diagonal_block: Integers,
+    diagonal: Scalars,
+    blocks: Matrices,
 ):
-    """Rotation of each element, its nodal forces f - velocity_factor K v, and its volume over the one at rest."""
+    """Nodal forces f - velocity_factor K v and the matrix A = diagonal + stiffness_factor K.
+
+    First each element: its rotation, its forces, its volume over the one at rest. Then each node sums the forces of
+    its elements, and each block of A the stiffness of the elements that contain its two nodes, in a fixed order.
+    """
     node_count = elements.shape[1]
     for e in range(elements.shape[0]):
         n0, n1, n2 = elements[e, 0], elements[e, 1], elements[e, 2]
@@ -124,37 +140,15 @@ def deform_elements(
             for a in range(node_count):
                 pull = volume[e, q] * (total @ rotated_gradient[e, q, a])
                 element_force[e, a] = element_force[e, a] - pull
-
-
-@ti.kernel
-def gather_forces(start: Integers, element: Integers, corner: Integers, element_force: VectorTable, force: Vectors):
-    """Sum of the element forces at each node, in the fixed order of its list of elements."""
     for i in range(start.shape[0] - 1):
         total = vec3(0.0)
         for k in range(start[i], start[i + 1]):
-            total += element_force[element[k], corner[k]]
+            total += element_force[node_element[k], node_corner[k]]
         force[i] = total
-
-
-@ti.kernel
-def assemble_system(
-    block_start: Integers,
-    element: Integers,
-    row_corner: Integers,
-    column_corner: Integers,
-    volume: ScalarTable,
-    lame: ScalarTable,
-    stiffness_factor: Scalars,
-    rotated_gradient: VectorBlocks,
-    diagonal_block: Integers,
-    diagonal: Scalars,
-    blocks: Matrices,
-):
-    """Blocks of A = diagonal + stiffness_factor K: each block sums the elements that contain its two nodes."""
     for k in range(blocks.shape[0]):
         total = ti.Matrix.zero(ti.f64, 3, 3)
         for c in range(block_start[k], block_start[k + 1]):
-            e = element[c]
+            e = block_element[c]
             a = row_corner[c]
             b = column_corner[c]
             for q in range(volume.shape[1]):

@@ -10,7 +10,6 @@ order: kernels write `array[i] = array[i] + x` where one task owns the entry.
 import os
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-os.environ.setdefault("TI_LOG_LEVEL", "warn")
 
 import taichi as ti
 
@@ -24,6 +23,7 @@ ti.init(
     fast_math=True,
     offline_cache=True,
     log_level=ti.WARN,
+    verbose=False,
 )
 
 # On the CPU Taichi 1.7.4 hands out loop iterations in chunks of 512, whatever block_dim says. A loop over

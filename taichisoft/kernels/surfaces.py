@@ -20,9 +20,11 @@ def move_vertices(
     node_position: Vectors,
     rigid_position: Vectors,
     rigid_rotation: Matrices,
+    triangles: IntegerTable,
     position: Vectors,
+    triangle_normal: Vectors,
 ):
-    """Vertices of soft bodies follow their nodes, those of rigid bodies their pose; the owner is -2, or the body."""
+    """Vertices of soft bodies (owner -2) follow their nodes, those of rigid bodies their pose; then unit normals."""
     for v in range(owner.shape[0]):
         if owner[v] == -2:
             moved = vec3(0.0)
@@ -31,39 +33,10 @@ def move_vertices(
             position[v] = moved
         elif owner[v] >= 0:
             position[v] = rigid_rotation[owner[v]] @ local[v] + rigid_position[owner[v]]
-
-
-@ti.kernel
-def compute_normals(
-    position: Vectors,
-    triangles: IntegerTable,
-    edge_triangles: IntegerTable,
-    fan_start: Integers,
-    fan: Integers,
-    triangle_normal: Vectors,
-    edge_normal: Vectors,
-    vertex_normal: Vectors,
-):
-    """Unit normals of triangles, of edges (mean of two), and of vertices (weighted by the angles around them)."""
     for t in range(triangles.shape[0]):
         a = position[triangles[t, 0]]
         normal = (position[triangles[t, 1]] - a).cross(position[triangles[t, 2]] - a)
         triangle_normal[t] = normal / ti.max(normal.norm(), 1e-300)
-    for e in range(edge_triangles.shape[0]):
-        normal = triangle_normal[edge_triangles[e, 0]]
-        if edge_triangles[e, 1] >= 0:
-            normal += triangle_normal[edge_triangles[e, 1]]
-        edge_normal[e] = normal / ti.max(normal.norm(), 1e-300)
-    for v in range(position.shape[0]):
-        normal = vec3(0.0)
-        for k in range(fan_start[v], fan_start[v + 1]):
-            t = fan[k] // 3
-            corner = fan[k] % 3
-            first = position[triangles[t, (corner + 1) % 3]] - position[v]
-            second = position[triangles[t, (corner + 2) % 3]] - position[v]
-            angle = ti.atan2(first.cross(second).norm(), first.dot(second))
-            normal += angle * triangle_normal[t]
-        vertex_normal[v] = normal / ti.max(normal.norm(), 1e-300)
 
 
 @ti.kernel
