@@ -1,0 +1,103 @@
+"""What tests share: meshes made in code, the reference data beside the project, and figures for docs/validation.md."""
+
+from collections.abc import Callable
+from itertools import permutations
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichisoft.mesh import VolumeMesh, boundary_triangles
+from taichisoft.mesh_files import write_volume_mesh
+
+SHARED = Path(__file__).resolve().parents[1].parent / "shared"
+FIGURES = pytest.StashKey[list[str]]()
+
+
+def make_block(cells: tuple[int, int, int], size: tuple[float, float, float], hollow: bool = False) -> VolumeMesh:
+    """A box about the origin of `cells` boxes, each cut into six tetrahedra; `hollow` leaves out the inner boxes.
+
+    The walls of the hollow are the surface group "cavity", facing from the air into the material.
+    """
+    grid = np.stack(np.meshgrid(*(np.arange(n + 1) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
+    corner = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    if hollow:
+        corner = corner[((corner == 0) | (corner == np.array(cells) - 1)).any(axis=1)]
+    paths = []  # of each tetrahedron along three edges from the lowest to the highest corner of a box
+    for order in permutations(range(3)):
+        steps = np.cumsum([np.zeros(3, dtype=int), *np.eye(3, dtype=int)[list(order)]], axis=0)
+        even = np.linalg.det(np.eye(3)[list(order)]) > 0
+        paths.append(steps if even else steps[[0, 2, 1, 3]])
+    elements = ((corner[:, None, None, :] + np.array(paths)) @ strides).reshape(-1, 4)
+    used, elements = np.unique(elements, return_inverse=True)
+    elements = elements.reshape(-1, 4)
+    nodes = (grid[used] / cells - 0.5) * size
+    groups = {}
+    if hollow:
+        walls = boundary_triangles(elements)
+        inner = (np.abs(nodes[walls]) < 0.5 * np.array(size) * (1 - 1e-9)).all(axis=(1, 2))
+        groups["cavity"] = walls[inner][:, ::-1]
+    return VolumeMesh("block", nodes, elements, groups).check()
+
+
+@pytest.fixture
+def block(tmp_path: Path) -> Callable[..., str]:
+    """Writes a mesh of `make_block` and returns its file."""
+
+    def write(cells: tuple[int, int, int], size: tuple[float, float, float], hollow: bool = False) -> str:
+        path = tmp_path / f"block-{'x'.join(map(str, cells))}-{'x'.join(map(str, size))}{'-hollow' * hollow}.msh"
+        write_volume_mesh(make_block(cells, size, hollow), path)
+        return str(path)
+
+    return write
+
+
+@pytest.fixture(scope="session")
+def shared() -> Path:
+    """The folder of SOFA's reference runs and the tutorial's meshes."""
+    if not (SHARED / "reference").is_dir():
+        pytest.skip("needs ../shared/reference, which is not part of the project")
+    return SHARED
+
+
+class Figures:
+    """Checks a measured figure against its bound and keeps it for `pytest --figures`."""
+
+    def __init__(self, lines: list[str], test: str):
+        self._lines = lines
+        self._test = test
+
+    def at_most(self, what: str, value: float, bound: float) -> None:
+        """Assert value <= bound; NaN fails."""
+        self._lines.append(f"{self._test} | {what} | {value:.3g} | <= {bound:.3g}")
+        assert value <= bound, f"{what}: {value:.6g} exceeds {bound:.6g}"
+
+    def close(self, what: str, ours: float, reference: float, tolerance: float) -> None:
+        """Assert |ours - reference| <= tolerance; NaN fails."""
+        difference = abs(ours - reference)
+        self._lines.append(
+            f"{self._test} | {what} | {ours:.6g} | {reference:.6g} | {difference:.2g} | <= {tolerance:.2g}"
+        )
+        assert difference <= tolerance, f"{what}: {ours:.9g} against {reference:.9g} differs by more than {tolerance:g}"
+
+
+@pytest.fixture
+def figures(request: pytest.FixtureRequest) -> Figures:
+    """Where a test puts what it measured."""
+    return Figures(request.config.stash[FIGURES], request.node.name)
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption("--figures", action="store_true", help="print what the validation tests measured")
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    config.stash[FIGURES] = []
+
+
+def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
+    if config.getoption("--figures"):
+        terminalreporter.section("measured figures")
+        for line in config.stash[FIGURES]:
+            terminalreporter.write_line(line)
