@@ -7,6 +7,7 @@
 .PHONY: grasp test lint clean system-libraries
 
 grasp: system-libraries
+	mkdir -p out/grasp
 	.venv/bin/taichisoft mesh tutorial --output out/grasp/finger.msh
 	.venv/bin/taichisoft run gripper --controller scripted \
 	    --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
