@@ -191,7 +191,8 @@ class Contact(Table):
     """Of contacts of one pair of bodies that lie closer together than this [mm], only the closest is kept."""
     tolerance: Positive = 1e-5
     """The Gauss-Seidel stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
-    max_iterations: Annotated[int, Field(gt=0)] = 2000
+    max_iterations: Annotated[int, Field(gt=0)] = 10000
+    """Most sweeps of the Gauss-Seidel in a step; a step that needs more is counted as not converged."""
 
     @model_validator(mode="after")
     def _check_distances(self) -> "Contact":

@@ -6,7 +6,9 @@ Acceleration: Silcowitz, Niebe, Erleben 2010, A nonsmooth nonlinear conjugate gr
 force problems; the step of one sweep plays the gradient.
 """
 
-from taichisoft.kernels.runtime import Integers, Scalars, ScalarTable, ti
+from taichisoft.kernels.runtime import Integers, Scalars, ScalarTable, mat3, ti, vec3
+
+LOCAL_TURNS = 10
 
 
 @ti.func
@@ -18,30 +20,45 @@ def row_velocity(row: ti.i32, w: ScalarTable, free: Scalars, impulse: Scalars) -
 
 
 @ti.func
+def solve_contact(block: mat3, velocity: vec3, old: vec3, friction: ti.f64) -> vec3:
+    """Better impulse of one contact with all others fixed: `velocity` belongs to the impulse `old`.
+
+    The normal part, then the tangential one with the larger eigenvalue of its block as scale: the mean of the two
+    (as in SOFA) may overshoot for ever in a direction of little mobility. More turns per visit do not pay: in a
+    grasp the sweeps hardly became fewer.
+    """
+    mean = 0.5 * (block[1, 1] + block[2, 2])
+    largest = mean + ti.sqrt((0.5 * (block[1, 1] - block[2, 2])) ** 2 + block[1, 2] ** 2)
+    impulse = old
+    impulse[0] = ti.max(0.0, old[0] - velocity[0] / block[0, 0])
+    change = impulse[0] - old[0]
+    impulse[1] -= (velocity[1] + block[1, 0] * change) / largest
+    impulse[2] -= (velocity[2] + block[2, 0] * change) / largest
+    size = ti.sqrt(impulse[1] * impulse[1] + impulse[2] * impulse[2])
+    limit = friction * impulse[0]
+    if size > limit:
+        impulse[1] *= limit / size
+        impulse[2] *= limit / size
+    return impulse
+
+
+@ti.func
 def sweep(w: ScalarTable, free: Scalars, friction: Scalars, cavity_is_free: Integers, impulse: Scalars) -> ti.f64:
     """Visit every block once; returns the largest change of a block's own velocity [mm/s, of a cavity mm^3/s]."""
     residual = 0.0
     for c in range(friction.shape[0]):
         n = 3 * c
-        old_n, old_t, old_s = impulse[n], impulse[n + 1], impulse[n + 2]
-        v_n = row_velocity(n, w, free, impulse)
-        v_t = row_velocity(n + 1, w, free, impulse)
-        v_s = row_velocity(n + 2, w, free, impulse)
-        new_n = ti.max(0.0, old_n - v_n / w[n, n])
-        d_n = new_n - old_n
-        mobility = 0.5 * (w[n + 1, n + 1] + w[n + 2, n + 2])
-        new_t = old_t - (v_t + w[n + 1, n] * d_n) / mobility
-        new_s = old_s - (v_s + w[n + 2, n] * d_n) / mobility
-        size = ti.sqrt(new_t * new_t + new_s * new_s)
-        limit = friction[c] * new_n
-        if size > limit:
-            new_t *= limit / size
-            new_s *= limit / size
-        d_t, d_s = new_t - old_t, new_s - old_s
-        impulse[n], impulse[n + 1], impulse[n + 2] = new_n, new_t, new_s
+        old = vec3(impulse[n], impulse[n + 1], impulse[n + 2])
+        velocity = vec3(0.0)
+        block = ti.Matrix.zero(ti.f64, 3, 3)
         for i in ti.static(range(3)):
-            change = w[n + i, n] * d_n + w[n + i, n + 1] * d_t + w[n + i, n + 2] * d_s
-            residual = ti.max(residual, ti.abs(change))
+            velocity[i] = row_velocity(n + i, w, free, impulse)
+            for j in ti.static(range(3)):
+                block[i, j] = w[n + i, n + j]
+        new = solve_contact(block, velocity, old, friction[c])
+        for i in ti.static(range(3)):
+            impulse[n + i] = new[i]
+            residual = ti.max(residual, ti.abs((block @ (new - old))[i]))
     for k in range(cavity_is_free.shape[0]):
         if cavity_is_free[k] != 0:
             row = 3 * friction.shape[0] + k

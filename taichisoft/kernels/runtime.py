@@ -7,31 +7,33 @@ In a parallel loop Taichi turns `array[i] += x` into an atomic operation, which 
 order: kernels write `array[i] = array[i] + x` where one task owns the entry.
 """
 
+import contextlib
+import io
 import os
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
+os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")  # a simulation asks nothing of the network
 
 import taichi as ti
 
 THREADS = int(os.environ.get("TAICHISOFT_THREADS", "0")) or os.cpu_count() or 1
 
-ti.init(
-    arch=ti.cpu,
-    default_fp=ti.f64,
-    default_ip=ti.i32,
-    cpu_max_num_threads=THREADS,
-    fast_math=True,
-    offline_cache=True,
-    log_level=ti.WARN,
-    verbose=False,
-)
+with contextlib.redirect_stdout(io.StringIO()):  # ti.init prints which back end it starts
+    ti.init(
+        arch=ti.cpu,
+        default_fp=ti.f64,
+        default_ip=ti.i32,
+        cpu_max_num_threads=THREADS,
+        fast_math=True,
+        offline_cache=True,
+        log_level=ti.WARN,
+    )
 
 # On the CPU Taichi 1.7.4 hands out loop iterations in chunks of 512, whatever block_dim says. A loop over
 # tasks * CHUNK that works only where the index is a multiple of CHUNK runs its tasks in parallel.
 CHUNK = 512
 
 vec3 = ti.types.vector(3, ti.f64)
-vec4 = ti.types.vector(4, ti.f64)
 mat3 = ti.types.matrix(3, 3, ti.f64)
 
 Integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
@@ -42,4 +44,3 @@ Vectors = ti.types.ndarray(dtype=vec3, ndim=1)
 VectorTable = ti.types.ndarray(dtype=vec3, ndim=2)
 VectorBlocks = ti.types.ndarray(dtype=vec3, ndim=3)
 Matrices = ti.types.ndarray(dtype=mat3, ndim=1)
-Quaternions = ti.types.ndarray(dtype=vec4, ndim=1)
