@@ -9,7 +9,7 @@
 grasp: system-libraries
 	mkdir -p out/grasp
 	.venv/bin/taichisoft mesh tutorial --output out/grasp/finger.msh
-	.venv/bin/taichisoft run gripper --controller scripted \
+	.venv/bin/taichisoft run gripper --controller scripted --outputs recording,metrics,pictures \
 	    --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
 
 test: system-libraries lint

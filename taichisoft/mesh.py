@@ -38,8 +38,8 @@ class VolumeMesh:
         if self.elements.size == 0:
             raise self._error("has no tetrahedra; a volume mesh (.vtk, .vtu, .msh) is needed, not a surface")
         _refuse(self, ~np.isfinite(self.nodes).all(axis=1), "node", "has a coordinate that is not finite")
-        outside = (self.elements < 0) | (self.elements >= len(self.nodes))
-        _refuse(self, outside.any(axis=1), "element", f"has a node index outside 0..{len(self.nodes) - 1}")
+        outside = np.asarray((self.elements < 0) | (self.elements >= len(self.nodes)))
+        _refuse(self, np.any(outside, axis=1), "element", f"has a node index outside 0..{len(self.nodes) - 1}")
         used = np.zeros(len(self.nodes), dtype=bool)
         used[self.elements] = True
         _refuse(self, ~used, "node", "belongs to no element; remove it or mesh again")

@@ -90,7 +90,7 @@ def _column_structure(adjacency: sparse.csr_matrix, order: np.ndarray) -> tuple[
 def _postorder(parent: np.ndarray) -> np.ndarray:
     """Columns with every subtree consecutive, children before parents."""
     children: list[list[int]] = [[] for _ in parent]
-    roots = []
+    roots: list[int] = []
     for column, above in enumerate(parent):
         (children[above] if above >= 0 else roots).append(column)
     ordered: list[int] = []

@@ -60,7 +60,7 @@ class Simulation:
 
     Attributes:
         model: what does not change.
-        state: replaced by every step; assign an earlier one to go back to it.
+        state: replaced by every step; see `restore`.
         report: of the last step, None before the first.
     """
 
@@ -69,6 +69,15 @@ class Simulation:
         self.model = scene if isinstance(scene, Model) else Model(scene)
         self.state = State.at_start(self.model)
         self.report: StepReport | None = None
+
+    def restore(self, state: State) -> None:
+        """Go on from a state of this model, an earlier one or one read from a file.
+
+        Raises:
+            StateError: it belongs to another model.
+        """
+        state.check_fits(self.model)
+        self.state = state
 
     def step(self, control: Control | None = None) -> StepReport:
         """Advance by one time step.

@@ -122,8 +122,9 @@ def _collision_surface(mesh: VolumeMesh, body: settings.SoftBody) -> MappedSurfa
         vertices, triangles = read_surface(body.collision_surface)
         used, triangles = np.unique(_outermost(vertices, triangles), return_inverse=True)
         return _follow(mesh, vertices[used], triangles.reshape(-1, 3), body.collision_surface)
-    triangles = mesh.surface_groups.get("outer", None)
-    if triangles is None:
+    if "outer" in mesh.surface_groups:
+        triangles = mesh.surface_groups["outer"]
+    else:
         triangles = _outermost(mesh.nodes, boundary_triangles(mesh.elements))
     return MappedSurface.of_nodes(closed_outward(mesh.nodes, triangles, f"{mesh.source}: outer surface"))
 

@@ -1,9 +1,9 @@
 """What changes during a run, complete: a run continued from a saved state gives the same bits."""
 
 import dataclasses
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -80,9 +80,8 @@ class State:
 
     def copy(self) -> "State":
         """A state that shares no array with this one."""
-        return State(
-            **{name: np.copy(value) if isinstance(value, np.ndarray) else value for name, value in _items(self)}
-        )
+        arrays: dict[str, Any] = {name: value.copy() for name, value in _items(self) if isinstance(value, np.ndarray)}
+        return replace(self, **arrays)
 
     def __eq__(self, other: object) -> bool:
         """Equal bit for bit."""
@@ -90,10 +89,20 @@ class State:
             np.array_equal(value, getattr(other, name)) for name, value in _items(self)
         )
 
+    def check_fits(self, model: "Model") -> None:
+        """Raise StateError unless the arrays have the sizes of a model."""
+        expected = State.at_start(model)
+        for name, value in _items(expected):
+            shape = np.shape(getattr(self, name))
+            if not name.startswith("contact_") and shape != np.shape(value):
+                raise StateError(
+                    f"the state belongs to another model: its {name} has shape {shape}, the model's {np.shape(value)}"
+                )
+
     def save(self, path: str | Path) -> None:
         """Write the whole state to an .npz file."""
         with Path(path).open("wb") as file:
-            np.savez(file, **dict(_items(self)))
+            np.savez(file, allow_pickle=False, **dict(_items(self)))
 
     @classmethod
     def load(cls, path: str | Path) -> "State":
@@ -114,5 +123,5 @@ class State:
         return cls(**{**arrays, "time": float(arrays["time"]), "step": int(arrays["step"])})
 
 
-def _items(state: State) -> list[tuple[str, object]]:
+def _items(state: State) -> list[tuple[str, Any]]:
     return [(field.name, getattr(state, field.name)) for field in dataclasses.fields(state)]

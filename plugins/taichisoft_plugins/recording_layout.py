@@ -69,8 +69,10 @@ def cavity_names(model: "Model") -> list[str]:
 
 def pair_names(model: "Model") -> list[str]:
     """Names of the columns of `normal_force` and `friction_force`: every pair that could ever touch."""
-    bodies = [body.name for body in (*model.soft_bodies, *model.rigid_bodies, *model.obstacles)]
-    return ["|".join(pair) for pair in combinations_with_replacement(bodies, 2)]
+    names = [body.name for body in model.soft_bodies]
+    names += [body.name for body in model.rigid_bodies]
+    names += [obstacle.name for obstacle in model.obstacles]
+    return ["|".join(pair) for pair in combinations_with_replacement(names, 2)]
 
 
 def state_row(state: "State") -> dict[str, np.ndarray]:
@@ -83,10 +85,10 @@ def report_row(
 ) -> dict[str, np.ndarray]:
     """One row of each of the report's datasets; without a report (frame 0) NaN and zeros."""
     row: dict[str, Any] = {
-        "pressure": _columns(report and report.pressures, cavities, np.nan),
-        "volume": _columns(report and report.volumes, cavities, np.nan),
-        "normal_force": _columns(report and report.normal_forces, pairs, 0.0),
-        "friction_force": _columns(report and report.friction_forces, pairs, 0.0),
+        "pressure": _columns(report.pressures if report else None, cavities, np.nan),
+        "volume": _columns(report.volumes if report else None, cavities, np.nan),
+        "normal_force": _columns(report.normal_forces if report else None, pairs, 0.0),
+        "friction_force": _columns(report.friction_forces if report else None, pairs, 0.0),
         "contact_offset": contact_offset,
         "contact_count": len(report.contact_points) if report else 0,
         "max_penetration": float(report.max_penetration) if report else 0.0,
@@ -111,10 +113,10 @@ def write_bodies(file: Any, model: "Model") -> None:
             cavity_group = group.create_group(f"cavities/{number}")
             cavity_group.attrs["name"] = cavity.name
             _write_surface(cavity_group, cavity.surface)
-    for index, body in enumerate(model.rigid_bodies):
+    for index, rigid in enumerate(model.rigid_bodies):
         group = file.create_group(f"rigid_bodies/{index}")
-        group.attrs["name"] = body.name
-        group["vertices"], group["triangles"] = body.vertices, body.triangles
+        group.attrs["name"] = rigid.name
+        group["vertices"], group["triangles"] = rigid.vertices, rigid.triangles
     for index, obstacle in enumerate(model.obstacles):
         group = file.create_group(f"obstacles/{index}")
         group.attrs["name"] = obstacle.name
