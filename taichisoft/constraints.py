@@ -79,14 +79,21 @@ class ConstraintProblem:
             rows = np.concatenate([linear, angular], axis=2).reshape(-1, 6)
             self._rigid_jacobian[:, side] = np.where(on_rigid[:, None], rows, 0.0)
 
+    @property
+    def has_unknowns(self) -> bool:
+        """Whether there is more than cavities of imposed pressure, whose impulses are known."""
+        return self.contacts.count > 0 or bool(self._state.cavity_volume_imposed.any())
+
     def measure(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray, inverse_mass: np.ndarray) -> None:
-        """Fill `free` and `compliance` from the velocities without constraint impulses.
+        """Fill `free` and `compliance` from the velocities without constraint impulses, if an impulse is unknown.
 
         Args:
             node_velocity: of the soft nodes [mm/s], shape (node_count, 3).
             rigid_velocity: linear and angular of the rigid bodies, shape (rigid_count, 6).
             inverse_mass: of the rigid bodies in world axes, shape (rigid_count, 6, 6).
         """
+        if not self.has_unknowns:
+            return
         count = self.contacts.count
         self.free = np.empty(self.row_count)
         velocity = np.empty((count, 3))
@@ -111,7 +118,7 @@ class ConstraintProblem:
             rates = np.add.reduceat(products, cavities.entry_start[:-1])
         self.free[3 * count :] = rates + self._growth_rate
         self.compliance = np.zeros((self.row_count, self.row_count))
-        if self._model.elasticity is not None and self.row_count:
+        if self._model.elasticity is not None:
             self._add_soft_compliance()
         if len(self._model.rigid_bodies) and count:
             kernels.rigid_compliance(self._rigid, self._rigid_jacobian, inverse_mass, self.compliance)
@@ -149,7 +156,7 @@ class ConstraintProblem:
         imposed = ~state.cavity_volume_imposed
         cavity_impulse = np.where(imposed, state.cavity_target * self._time_step, state.cavity_impulse)
         self.impulse[3 * count :] = cavity_impulse
-        if not self.row_count:
+        if not self.has_unknowns:
             return
         friction = model.friction[self.contacts.bodies[:, 0], self.contacts.bodies[:, 1]]
         outcome = np.zeros(2)

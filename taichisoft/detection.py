@@ -67,6 +67,11 @@ class ContactDetection:
         self._normals = np.zeros((capacity, 3))
         self._distances = np.zeros(capacity)
 
+    @property
+    def is_needed(self) -> bool:
+        """Whether anything can touch anything."""
+        return len(self._possible) > 0 or len(self._surfaces.plane_body) > 0
+
     def find(self, reach: float, depth: float) -> ContactPairs:
         """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm]."""
         surfaces = self._surfaces

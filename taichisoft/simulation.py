@@ -143,8 +143,9 @@ class Simulation:
         return turned + pivot + state.base_translation
 
     def _find_contacts(self, state: State) -> ContactPairs:
-        rotation = matrices_from_quaternions(state.rigid_rotation)
-        self.model.surfaces.update(state.position, state.rigid_position, rotation)
+        if self.model.detection.is_needed:
+            rotation = matrices_from_quaternions(state.rigid_rotation)
+            self.model.surfaces.update(state.position, state.rigid_position, rotation)
         alarm = self.model.scene.contact.alarm_distance
         return self.model.detection.find(reach=alarm, depth=alarm)
 
