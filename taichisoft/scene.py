@@ -15,7 +15,7 @@ Vector = tuple[float, float, float]
 class Table(BaseModel):
     """A table of a scene: unknown keys, NaN and infinity are errors."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
     def require_one_of(self, *keys: str) -> None:
         """Raise ValueError unless exactly one of `keys` is given."""
