@@ -3,8 +3,8 @@
 import numpy as np
 
 from taichisoft.detection import ContactPairs, pair_key
-from taichisoft.kernels import collision, gauss_seidel
 from taichisoft.kernels import compliance as kernels
+from taichisoft.kernels import contact_selection, gauss_seidel
 from taichisoft.kernels.compliance import GROUP
 from taichisoft.model import Model
 from taichisoft.state import State
@@ -179,7 +179,7 @@ class ConstraintProblem:
         if not count or not len(state.contact_key):
             return
         matched = np.empty(count, dtype=np.int32)
-        collision.match(
+        contact_selection.match(
             pair_key(self.contacts.bodies),
             self.contacts.points.mean(axis=1),
             state.contact_key,

@@ -6,8 +6,10 @@ import numpy as np
 
 from taichisoft.contact_surfaces import STATIC, ContactSurfaces
 from taichisoft.kernels import collision as kernels
+from taichisoft.kernels import contact_selection
 
 FIRST_CAPACITY = 1024
+SAME_POINT = 1e-3  # [mm]
 
 
 @dataclass(frozen=True)
@@ -84,7 +86,7 @@ class ContactDetection:
         if count > len(self._pairs):
             self._make_room(2 * count)
             count = self._run_kernels(close, lower, upper, reach, depth)
-        return self._collect(close, count)
+        return _without_detours(self._collect(close, count))
 
     def _run_kernels(self, close: np.ndarray, lower: np.ndarray, upper: np.ndarray, reach: float, depth: float) -> int:
         s = self._surfaces
@@ -161,16 +163,37 @@ class ContactDetection:
         return ContactPairs(bodies, vertices, weights, points, normal, distance)
 
 
-def spread_out(pairs: ContactPairs, spacing: float) -> ContactPairs:
-    """Of pairs between the same bodies closer together than `spacing` [mm], only the one of least distance.
+def _without_detours(pairs: ContactPairs) -> ContactPairs:
+    """Drop crossed edges that are deeper than the deepest vertex inside, of the same two bodies.
 
-    Nearly equal contacts give nearly dependent constraints, on which a Gauss-Seidel converges slowly.
+    Where a block has sunk a little into the rim of a table, its vertical edge and the table's edge also look as if
+    they had slipped through each other, sideways and by far more: that is not the way out.
+    """
+    if not pairs.count or pairs.distance.min() >= 0.0:
+        return pairs
+    key = pair_key(pairs.bodies)
+    crossed = (pairs.vertices[:, :, 0] != pairs.vertices[:, :, 1]).all(axis=1)
+    _, pair = np.unique(key, return_inverse=True)
+    deepest = np.zeros(pair.max() + 1)
+    inside = ~crossed & (pairs.distance < 0.0)
+    np.minimum.at(deepest, pair[inside], pairs.distance[inside])
+    detour = crossed & (deepest[pair] < 0.0) & (pairs.distance < deepest[pair])
+    return pairs.take(np.flatnonzero(~detour))
+
+
+def spread_out(pairs: ContactPairs, soft_spacing: float, soft_count: int) -> ContactPairs:
+    """Of contacts between the same bodies closer together than a spacing, only the one of least distance.
+
+    Nearly equal contacts give nearly dependent constraints, on which a Gauss-Seidel converges slowly. Contacts with
+    a soft body (the first `soft_count` bodies) are spread by `soft_spacing` [mm]: where one is left out, the body
+    gives way. A rigid body would tip over it, so between rigid bodies only what is found twice is dropped.
     """
     if pairs.count == 0:
         return pairs
+    spacing = np.where(pairs.bodies[:, 0] < soft_count, soft_spacing, SAME_POINT)
     order = np.argsort(pairs.distance, kind="stable").astype(np.int32)
     keep = np.zeros(pairs.count, dtype=np.int32)
-    kernels.spread_out(order, pair_key(pairs.bodies), pairs.points.mean(axis=1), spacing, keep)
+    contact_selection.spread_out(order, pair_key(pairs.bodies), pairs.points.mean(axis=1), spacing, keep)
     return pairs.take(np.flatnonzero(keep))
 
 

@@ -188,7 +188,7 @@ class Contact(Table):
     alarm_distance: Positive = 5.0
     """Closer pairs become constraints [mm]."""
     spacing: NotNegative = 4.0
-    """Of contacts of one pair of bodies that lie closer together than this [mm], only the closest is kept."""
+    """Of contacts of a soft body with another body closer together than this [mm], only the closest is kept."""
     tolerance: Positive = 1e-5
     """The Gauss-Seidel stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
     max_iterations: Annotated[int, Field(gt=0)] = 10000

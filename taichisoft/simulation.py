@@ -92,9 +92,8 @@ class Simulation:
         rigid_velocity = velocity_without_contact(self.model, state)
         volumes = self.model.cavities.update(state.position)
         candidates = self._find_contacts(state)
-        problem = ConstraintProblem(
-            self.model, state, spread_out(candidates, self.model.scene.contact.spacing), volumes
-        )
+        contacts = spread_out(candidates, self.model.scene.contact.spacing, len(self.model.soft_bodies))
+        problem = ConstraintProblem(self.model, state, contacts, volumes)
         problem.measure(node_velocity, rigid_velocity, inverse_mass_matrices(self.model, state))
         problem.solve()
         next_state = self._apply_impulses(state, problem, node_velocity, rigid_velocity)

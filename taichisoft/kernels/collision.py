@@ -1,160 +1,22 @@
 """Narrow phase: pairs of points on two surfaces whose distance is a local minimum.
 
-A vertex touches a triangle, edge or vertex of the other surface, an edge touches an edge. The side is told by
-pseudo-normals (Baerentzen and Aanaes 2005, Signed Distance Computation Using the Angle Weighted Pseudonormal), so
-that a pair that has slipped through has a negative distance and the same normal. Contact normals point from the
-first surface of the pair to the second.
+A vertex touches a triangle, edge or vertex of the other surface, an edge touches an edge. A pair that has slipped
+through has a negative distance and keeps its normal. Contact normals point from the first surface of the pair to the
+second.
 """
 
+from taichisoft.kernels.local_distance import (
+    closest_on_triangle,
+    edge_pseudonormal,
+    in_normal_cone,
+    is_local_minimum,
+    outward_normal,
+)
 from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, Vectors, VectorTable, ti, vec3
 
-# Edges of a deformed flat patch are slightly convex or concave at random: normals may leave an edge's normal cone
-# by this much (sine of the angle).
-CONE_TOLERANCE = 0.1
 COINCIDENT = 1e-9  # [mm]
 
-Flags = ti.types.ndarray(dtype=ti.i32, ndim=3)
-
-
-@ti.func
-def closest_on_triangle(p: vec3, a: vec3, b: vec3, c: vec3) -> vec3:
-    """Barycentric weights of the closest point; exactly 0 for corners not involved (Ericson 2005, section 5.1.5)."""
-    ab, ac = b - a, c - a
-    d1, d2 = ab.dot(p - a), ac.dot(p - a)
-    d3, d4 = ab.dot(p - b), ac.dot(p - b)
-    d5, d6 = ab.dot(p - c), ac.dot(p - c)
-    va, vb, vc = d3 * d6 - d5 * d4, d5 * d2 - d1 * d6, d1 * d4 - d3 * d2
-    weights = vec3(0.0)
-    if d1 <= 0.0 and d2 <= 0.0:
-        weights[0] = 1.0
-    elif d3 >= 0.0 and d4 <= d3:
-        weights[1] = 1.0
-    elif d6 >= 0.0 and d5 <= d6:
-        weights[2] = 1.0
-    elif vc <= 0.0 and d1 >= 0.0 and d3 <= 0.0:
-        weights[1] = d1 / (d1 - d3)
-        weights[0] = 1.0 - weights[1]
-    elif vb <= 0.0 and d2 >= 0.0 and d6 <= 0.0:
-        weights[2] = d2 / (d2 - d6)
-        weights[0] = 1.0 - weights[2]
-    elif va <= 0.0 and d4 - d3 >= 0.0 and d5 - d6 >= 0.0:
-        weights[2] = (d4 - d3) / ((d4 - d3) + (d5 - d6))
-        weights[1] = 1.0 - weights[2]
-    else:
-        weights[1] = vb / (va + vb + vc)
-        weights[2] = vc / (va + vb + vc)
-        weights[0] = 1.0 - weights[1] - weights[2]
-    return weights
-
-
-@ti.func
-def edge_pseudonormal(e: ti.i32, edge_triangles: IntegerTable, triangle_normal: Vectors) -> vec3:
-    """Sum of the normals of the triangles at an edge."""
-    normal = triangle_normal[edge_triangles[e, 0]]
-    if edge_triangles[e, 1] >= 0:
-        normal += triangle_normal[edge_triangles[e, 1]]
-    return normal
-
-
-@ti.func
-def vertex_pseudonormal(
-    v: ti.i32, fan_start: Integers, fan: Integers, triangles: IntegerTable, position: Vectors, triangle_normal: Vectors
-) -> vec3:
-    """Sum of the normals of the triangles around a vertex, weighted by their angles there."""
-    normal = vec3(0.0)
-    for k in range(fan_start[v], fan_start[v + 1]):
-        t = fan[k] // 3
-        corner = fan[k] % 3
-        first = position[triangles[t, (corner + 1) % 3]] - position[v]
-        second = position[triangles[t, (corner + 2) % 3]] - position[v]
-        normal += ti.atan2(first.cross(second).norm(), first.dot(second)) * triangle_normal[t]
-    return normal
-
-
-@ti.func
-def outward_normal(
-    t: ti.i32,
-    weights: vec3,
-    triangles: IntegerTable,
-    triangle_edges: IntegerTable,
-    edge_triangles: IntegerTable,
-    fan_start: Integers,
-    fan: Integers,
-    position: Vectors,
-    triangle_normal: Vectors,
-) -> vec3:
-    """Unit pseudo-normal of the corner, edge or face of triangle t on which a point with these weights lies."""
-    normal = triangle_normal[t]
-    zeros = 0
-    corner = 0
-    opposite = 0
-    for k in ti.static(range(3)):
-        if weights[k] == 0.0:
-            zeros += 1
-            opposite = k
-        else:
-            corner = k
-    if zeros == 1:
-        normal = edge_pseudonormal(triangle_edges[t, opposite], edge_triangles, triangle_normal)
-    elif zeros == 2:
-        normal = vertex_pseudonormal(triangles[t, corner], fan_start, fan, triangles, position, triangle_normal)
-    return normal / ti.max(normal.norm(), 1e-300)
-
-
-@ti.func
-def inward(t: ti.i32, start: ti.i32, end: ti.i32, triangles: IntegerTable, position: Vectors) -> vec3:
-    """Unit direction in the plane of triangle t, across its edge (start, end), into the triangle."""
-    third = triangles[t, 0] + triangles[t, 1] + triangles[t, 2] - start - end
-    along = (position[end] - position[start]).normalized()
-    across = position[third] - position[start]
-    across -= across.dot(along) * along
-    return across.normalized()
-
-
-@ti.func
-def is_local_minimum(
-    t: ti.i32,
-    weights: vec3,
-    away: vec3,
-    triangles: IntegerTable,
-    triangle_edges: IntegerTable,
-    edges: IntegerTable,
-    edge_triangles: IntegerTable,
-    star_start: Integers,
-    star: Integers,
-    first_triangle: Integers,
-    position: Vectors,
-) -> ti.i32:
-    """Whether the distance grows in every direction from a closest point on triangle t; `away` leads to the point.
-
-    True for one triangle only of those that share the corner or edge.
-    """
-    zeros = 0
-    corner = 0
-    opposite = 0
-    for k in ti.static(range(3)):
-        if weights[k] == 0.0:
-            zeros += 1
-            opposite = k
-        else:
-            corner = triangles[t, k]
-    minimum = 1
-    if zeros == 1:
-        e = triangle_edges[t, opposite]
-        other = edge_triangles[e, 1]
-        if edge_triangles[e, 0] != t:
-            minimum = 0
-        if other >= 0:
-            across = inward(other, edges[e, 0], edges[e, 1], triangles, position)
-            if away.dot(across) > 0.0:
-                minimum = 0
-    elif zeros == 2:
-        if first_triangle[corner] != t:
-            minimum = 0
-        for k in range(star_start[corner], star_start[corner + 1]):
-            if away.dot(position[star[k]] - position[corner]) > 0.0:
-                minimum = 0
-    return minimum
+VertexTable = ti.types.ndarray(dtype=ti.i32, ndim=3)
 
 
 @ti.func
@@ -168,7 +30,7 @@ def store(
     distance: ti.f64,
     count: Integers,
     pairs: Integers,
-    vertices: Flags,
+    vertices: VertexTable,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -211,7 +73,7 @@ def vertices_against_triangles(
     near: Integers,
     count: Integers,
     pairs: Integers,
-    vertices: Flags,
+    vertices: VertexTable,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -320,7 +182,7 @@ def store_vertex_contact(
     triangles: IntegerTable,
     count: Integers,
     pairs: Integers,
-    vertices: Flags,
+    vertices: VertexTable,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -341,24 +203,6 @@ def store_vertex_contact(
         )  # fmt: skip
 
 
-@ti.func
-def in_normal_cone(
-    e: ti.i32,
-    normal: vec3,
-    edges: IntegerTable,
-    edge_triangles: IntegerTable,
-    triangles: IntegerTable,
-    position: Vectors,
-) -> ti.i32:
-    """Whether a direction away from the surface leaves edge e between the normals of its triangles."""
-    inside = 1
-    for k in ti.static(range(2)):
-        t = edge_triangles[e, k]
-        if t >= 0 and normal.dot(inward(t, edges[e, 0], edges[e, 1], triangles, position)) > CONE_TOLERANCE:
-            inside = 0
-    return inside
-
-
 @ti.kernel
 def edges_against_edges(
     pair_surfaces: IntegerTable,
@@ -376,7 +220,7 @@ def edges_against_edges(
     near: Integers,
     count: Integers,
     pairs: Integers,
-    vertices: Flags,
+    vertices: VertexTable,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -451,7 +295,7 @@ def vertices_against_planes(
     position: Vectors,
     count: Integers,
     pairs: Integers,
-    vertices: Flags,
+    vertices: VertexTable,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -469,40 +313,3 @@ def vertices_against_planes(
                         -plane_normal[plane], distance,
                         count, pairs, vertices, weights, normals, distances,
                     )  # fmt: skip
-
-
-@ti.kernel
-def spread_out(order: Integers, pairs: Integers, point: Vectors, spacing: ti.f64, keep: Integers):
-    """Of contacts of one pair closer together than `spacing`, keep the first in `order`."""
-    ti.loop_config(serialize=True)
-    for i in range(order.shape[0]):
-        c = order[i]
-        keep[c] = 1
-        for j in range(i):
-            other = order[j]
-            if keep[other] != 0 and pairs[other] == pairs[c] and (point[other] - point[c]).norm() < spacing:
-                keep[c] = 0
-
-
-@ti.kernel
-def match(
-    pairs: Integers,
-    point: Vectors,
-    old_pairs: Integers,
-    old_point: Vectors,
-    radius: ti.f64,
-    used: Integers,
-    matched: Integers,
-):
-    """For each contact the nearest one of the last step between the same bodies within `radius`, -1 for none."""
-    ti.loop_config(serialize=True)
-    for c in range(pairs.shape[0]):
-        nearest = radius
-        matched[c] = -1
-        for old in range(old_pairs.shape[0]):
-            distance = (old_point[old] - point[c]).norm()
-            if old_pairs[old] == pairs[c] and used[old] == 0 and distance < nearest:
-                nearest = distance
-                matched[c] = old
-        if matched[c] >= 0:
-            used[matched[c]] = 1
