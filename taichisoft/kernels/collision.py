@@ -135,17 +135,19 @@ def vertices_against_triangles(
                                 count, pairs, vertices, weights, normals, distances,
                             )  # fmt: skip
                     else:
+                        # Names of their own: where an outer `w` was assigned again here, Taichi 1.7.4 went on
+                        # using its old value.
                         for k in range(near_count):
-                            t = near[k]
-                            a = position[triangles[t, 0]]
-                            if ti.abs(triangle_normal[t].dot(p - a)) <= reach:
-                                b, c = position[triangles[t, 1]], position[triangles[t, 2]]
-                                w = closest_on_triangle(p, a, b, c)
-                                away = p - w[0] * a - w[1] * b - w[2] * c
+                            s = near[k]
+                            a = position[triangles[s, 0]]
+                            if ti.abs(triangle_normal[s].dot(p - a)) <= reach:
+                                b, c = position[triangles[s, 1]], position[triangles[s, 2]]
+                                there = closest_on_triangle(p, a, b, c)
+                                away = p - there[0] * a - there[1] * b - there[2] * c
                                 distance = away.norm()
                                 out = outward_normal(
-                                    t,
-                                    w,
+                                    s,
+                                    there,
                                     triangles,
                                     triangle_edges,
                                     edge_triangles,
@@ -158,14 +160,14 @@ def vertices_against_triangles(
                                     distance < reach
                                     and away.dot(out) >= 0.0
                                     and is_local_minimum(
-                                        t, w, away, triangles, triangle_edges, edges, edge_triangles,
+                                        s, there, away, triangles, triangle_edges, edges, edge_triangles,
                                         star_start, star, first_triangle, position,
                                     )
                                 ):  # fmt: skip
                                     if distance > COINCIDENT:
                                         out = away / distance
                                     store_vertex_contact(
-                                        pair, flipped, v, t, w, out, distance, triangles,
+                                        pair, flipped, v, s, there, out, distance, triangles,
                                         count, pairs, vertices, weights, normals, distances,
                                     )  # fmt: skip
 
