@@ -1,0 +1,88 @@
+"""The sparse direct solver against numpy's dense one."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from taichisoft.cholesky import Cholesky
+from taichisoft.errors import NotPositiveDefinite
+
+
+def random_pattern(seed: int, sizes: list[int], neighbours: float) -> sparse.csr_matrix:
+    """Graph of independent bodies of `sizes` nodes, each node joined to some others of its body at random."""
+    random = np.random.default_rng(seed)
+    blocks = []
+    for size in sizes:
+        joined = random.random((size, size)) < min(1.0, neighbours / size)
+        blocks.append(joined | joined.T | np.eye(size, dtype=bool))
+    return sparse.csr_matrix(sparse.block_diag(blocks, format="csr"), dtype=float)
+
+
+def fill(solver: Cholesky, matrix: np.ndarray) -> None:
+    """Hand a dense matrix to the solver."""
+    for block, (row, column) in zip(solver.blocks, solver.block_pairs, strict=True):
+        block[:] = matrix[3 * row : 3 * row + 3, 3 * column : 3 * column + 3]
+
+
+def random_matrix(seed: int, pattern: sparse.csr_matrix) -> np.ndarray:
+    """Symmetric positive definite with that pattern of 3x3 blocks, condition number about a million."""
+    random = np.random.default_rng(seed)
+    mask = np.kron(pattern.toarray() != 0, np.ones((3, 3)))
+    matrix = random.normal(size=mask.shape) * mask
+    matrix = matrix + matrix.T
+    matrix += np.diag(np.abs(matrix).sum(axis=1) + 0.1)
+    scale = 10.0 ** random.uniform(-1.5, 1.5, len(matrix))
+    return scale[:, None] * matrix * scale
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 10**6),
+    sizes=st.lists(st.integers(1, 30), min_size=1, max_size=4),
+    neighbours=st.floats(0.0, 6.0),
+)
+def test_solutions_are_those_of_a_dense_solver(seed: int, sizes: list[int], neighbours: float) -> None:
+    """Any bodies of any pattern, single nodes and full matrices included; twice with one analysis.
+
+    Tolerance: round-off of numbers scaled over six decades; the residual of a stable solver stays at 1e-13.
+    """
+    pattern = random_pattern(seed, sizes, neighbours)
+    solver = Cholesky(pattern)
+    for again in range(2):
+        matrix = random_matrix(seed + again, pattern)
+        fill(solver, matrix)
+        solver.factorise()
+        right = np.random.default_rng(seed).normal(size=(sum(sizes), 3))
+        solution = solver.solve(right)
+        residual = np.abs(matrix @ solution.reshape(-1) - right.reshape(-1))
+        scale = np.abs(matrix) @ np.abs(solution.reshape(-1)) + np.abs(right.reshape(-1))
+        assert (residual <= 1e-13 * scale).all()
+        np.testing.assert_allclose(solution.reshape(-1), np.linalg.solve(matrix, right.reshape(-1)), rtol=1e-8)
+
+
+@pytest.mark.parametrize("node", [0, 13, 24, 25, 39])
+def test_a_matrix_that_is_not_positive_definite_names_its_node(node: int) -> None:
+    """Two bodies; one diagonal entry is far below zero, so the pivot there fails whatever comes before."""
+    pattern = random_pattern(5, [25, 15], 3.0)
+    solver = Cholesky(pattern)
+    matrix = random_matrix(5, pattern)
+    matrix[3 * node + 1, 3 * node + 1] = -1e9
+    fill(solver, matrix)
+    with pytest.raises(NotPositiveDefinite, match=f"at node {node}$") as refused:
+        solver.factorise()
+    assert refused.value.node == node
+    fill(solver, random_matrix(6, pattern))
+    solver.factorise()  # and the solver can be used again
+
+
+def test_a_matrix_that_is_not_a_number_is_refused() -> None:
+    """NaN is not positive, also with the compiler's fast mathematics."""
+    pattern = random_pattern(5, [10], 3.0)
+    solver = Cholesky(pattern)
+    matrix = random_matrix(5, pattern)
+    matrix[6, 6] = np.nan
+    fill(solver, matrix)
+    with pytest.raises(NotPositiveDefinite):
+        solver.factorise()

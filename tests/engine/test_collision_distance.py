@@ -1,0 +1,124 @@
+"""Contact detection against brute force: distances of bodies outside each other.
+
+The least distance of two bodies is that of a vertex and a triangle or of two edges, whichever is least; computed
+here by trimesh and by a textbook formula for every pair.
+"""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+from scipy.spatial.transform import Rotation
+
+from taichisoft.detection import ContactPairs, spread_out
+from taichisoft.model import Model
+from taichisoft.scene_file import scene_from_dict
+
+REACH = 5.0
+
+
+def two_bodies(folder: Path, first: trimesh.Trimesh, second: trimesh.Trimesh) -> Model:
+    """Rigid bodies of two surfaces, whose vertices are in world axes."""
+    bodies = {}
+    for name, surface in (("first", first), ("second", second)):
+        surface.export(folder / f"{name}.obj", digits=17)
+        bodies[name] = {"surface": str(folder / f"{name}.obj"), "mass": 1.0}
+    return Model(scene_from_dict({"rigid_bodies": bodies}))
+
+
+def find(model: Model, reach: float = REACH, depth: float = REACH) -> ContactPairs:
+    """The contacts at the start of the scene, after checking what holds for every one."""
+    poses = np.array([body.start_position for body in model.rigid_bodies])
+    model.surfaces.update(model.rest_position, poses, np.tile(np.eye(3), (len(poses), 1, 1)))
+    pairs = model.detection.find(reach, depth)
+    apart = pairs.points[:, 1] - pairs.points[:, 0]
+    np.testing.assert_allclose(np.linalg.norm(apart, axis=1), np.abs(pairs.distance), atol=1e-9)
+    np.testing.assert_allclose(apart, pairs.distance[:, None] * pairs.normal, atol=1e-7)
+    np.testing.assert_allclose(np.linalg.norm(pairs.normal, axis=1), 1.0, rtol=1e-9)
+    np.testing.assert_allclose(pairs.weights.sum(axis=2), 1.0, rtol=1e-12)
+    assert (pairs.weights >= 0.0).all()
+    assert (pairs.distance < reach).all()
+    return pairs
+
+
+def segment_distance(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray) -> np.ndarray:
+    """Distance of inner points of segments a-b and c-d where they cross over each other, infinite elsewhere."""
+    along, other, gap = b - a, d - c, c - a
+    normal = np.cross(along, other)
+    size = (normal**2).sum(axis=-1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = (np.cross(gap, other) * normal).sum(axis=-1) / size
+        t = (np.cross(gap, along) * normal).sum(axis=-1) / size
+        distance = np.abs((gap * normal).sum(axis=-1)) / np.sqrt(size)
+    crossing = (size > 1e-12) & (s > 0) & (s < 1) & (t > 0) & (t < 1)
+    return np.where(crossing, distance, np.inf)
+
+
+def least_distance(first: trimesh.Trimesh, second: trimesh.Trimesh) -> float:
+    """Of two surfaces that do not overlap."""
+    least = np.inf
+    for points, other in ((first.vertices, second), (second.vertices, first)):
+        corners = np.repeat(other.triangles, len(points), axis=0)
+        repeated = np.tile(points, (len(other.triangles), 1))
+        nearest = trimesh.triangles.closest_point(corners, repeated)
+        least = min(least, np.linalg.norm(nearest - repeated, axis=1).min())
+    a, b = (first.vertices[first.edges_unique[:, k]][:, None] for k in (0, 1))
+    c, d = (second.vertices[second.edges_unique[:, k]][None] for k in (0, 1))
+    return float(min(least, segment_distance(a, b, c, d).min()))
+
+
+def turned_box(random: np.random.Generator, centre: np.ndarray) -> trimesh.Trimesh:
+    box = trimesh.creation.box(extents=random.uniform(5, 20, 3))
+    turn = Rotation.random(rng=random).as_matrix()
+    return trimesh.Trimesh(box.vertices @ turn.T + centre, box.faces, process=False)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_the_least_distance_of_two_boxes(seed: int, tmp_path: Path) -> None:
+    """Turned at random, 0.5 to 4 mm apart: corners, edges and faces in every combination. Tolerance: round-off."""
+    random = np.random.default_rng(seed)
+    first, second = turned_box(random, np.zeros(3)), turned_box(random, np.array([60.0, 0.0, 0.0]))
+    gap = least_distance(first, second)
+    for _ in range(60):  # a convex body moved along one axis: the distance grows with the shift
+        second.vertices -= [gap * 0.7 if gap > 4.0 else 0.0, 0.0, 0.0]
+        gap = least_distance(first, second)
+    pairs = find(two_bodies(tmp_path, first, second))
+    assert pairs.distance.min() == pytest.approx(gap, abs=1e-9)
+    assert 0.5 < gap <= 4.0
+
+
+def test_the_least_distance_of_a_ball_and_a_box(tmp_path: Path) -> None:
+    """A fine, curved surface against a coarse one; and every local minimum found is one of the ball's vertices."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
+    ball.vertices = ball.vertices @ Rotation.from_rotvec([0.3, 0.2, 0.1]).as_matrix().T
+    box = trimesh.creation.box(extents=[30, 30, 10])
+    box.vertices += [1.0, 2.0, 17.0]
+    pairs = find(two_bodies(tmp_path, ball, box))
+    assert pairs.distance.min() == pytest.approx(least_distance(ball, box), abs=1e-9)
+    near_the_pole = ball.vertices[12.0 - ball.vertices[:, 2] < REACH]
+    assert pairs.count == len(near_the_pole)
+
+
+def test_nothing_is_found_beyond_the_reach(tmp_path: Path) -> None:
+    first, second = trimesh.creation.box(extents=[10, 10, 10]), trimesh.creation.box(extents=[8, 8, 8])
+    second.vertices += [0, 0, 5 + 4 + REACH + 1e-6]
+    assert find(two_bodies(tmp_path, first, second)).count == 0
+    second.vertices -= [0, 0, 2e-6]
+    assert find(two_bodies(tmp_path, first, second)).count == 4
+
+
+def test_of_close_contacts_the_closest_is_kept(tmp_path: Path) -> None:
+    """After thinning, no two contacts are closer than the spacing, and each one dropped has a closer neighbour."""
+    ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
+    box = trimesh.creation.box(extents=[30, 30, 10])
+    box.vertices += [0.0, 0.0, 16.0]
+    pairs = find(two_bodies(tmp_path, ball, box))
+    kept = spread_out(pairs, 4.0, soft_count=1)
+    assert 0 < kept.count < pairs.count
+    middle, all_middles = kept.points.mean(axis=1), pairs.points.mean(axis=1)
+    apart = np.linalg.norm(middle[:, None] - middle, axis=2) + 1e3 * np.eye(kept.count)
+    assert apart.min() >= 4.0
+    near = np.linalg.norm(all_middles[:, None] - middle, axis=2) < 4.0
+    assert (near & (kept.distance <= pairs.distance[:, None])).any(axis=1).all()
+    assert spread_out(pairs, 4.0, soft_count=0).count == pairs.count  # rigid bodies keep every contact
