@@ -4,6 +4,7 @@ import dataclasses
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from zipfile import BadZipFile
 
 import numpy as np
 
@@ -101,8 +102,9 @@ class State:
 
     def save(self, path: str | Path) -> None:
         """Write the whole state to an .npz file."""
+        arrays: dict[str, Any] = dict(_items(self))
         with Path(path).open("wb") as file:
-            np.savez(file, allow_pickle=False, **dict(_items(self)))
+            np.savez(file, **arrays)
 
     @classmethod
     def load(cls, path: str | Path) -> "State":
@@ -115,7 +117,7 @@ class State:
         try:
             with np.load(path) as file:
                 arrays = {name: file[name] for name in file.files}
-        except (OSError, ValueError, EOFError) as error:
+        except (OSError, ValueError, EOFError, TypeError, BadZipFile) as error:
             raise StateError(f"{path}: cannot be read as a state: {error}") from error
         if set(arrays) != names:
             wrong = ", ".join(sorted(set(arrays) ^ names))
