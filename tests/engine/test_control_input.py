@@ -1,0 +1,101 @@
+"""What a controller may ask for, and what it is told otherwise."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from taichisoft.controller import Control
+from taichisoft.errors import ControlError
+from taichisoft.scene_file import scene_from_dict
+from taichisoft.simulation import Simulation
+
+
+@pytest.fixture
+def simulation(block: Callable[..., str]) -> Simulation:
+    """Two hollow blocks held at one end."""
+    body = {
+        "mesh": block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True),
+        "mass": 0.01,
+        "young_modulus": 500,
+        "poisson_ratio": 0.3,
+        "rayleigh_stiffness": 0.01,
+        "anchors": [{"box": [[-10, -10, -10], [-10, 10, 10]]}],
+        "cavities": {"air": {"group": "cavity"}},
+    }
+    bodies = {"left": body, "right": {**body, "translation": [0, 100, 0]}}
+    return Simulation(scene_from_dict({"gravity": [0, 0, 0], "soft_bodies": bodies}))
+
+
+@pytest.mark.parametrize(
+    ("control", "message"),
+    [
+        (Control(pressure={"left": 1.0}), "control.pressure: no cavity is called 'left'; there are: left.air, right"),
+        (Control(volume_growth={"air": 1.0}), "control.volume_growth: no cavity is called 'air'"),
+        (Control(pressure={"left.air": 1.0}, volume_growth={"left.air": 1.0}), "'left.air' is given a pressure and a"),
+        (Control(pressure={"left.air": float("nan")}), "control.pressure['left.air'] = nan: must be a finite number"),
+        (Control(volume_growth={"right.air": float("inf")}), "control.volume_growth['right.air'] = inf: must be a"),
+        (Control(pressure={"left.air": "much"}), "control.pressure['left.air'] = 'much': must be a number"),
+        (Control(pressure={"left.air": None}), "control.pressure['left.air'] = None: must be"),
+        (Control(pressure={"left.air": [1.0, 2.0]}), "control.pressure['left.air'] = [1.0, 2.0]: must be a finite"),
+        (Control(base_translation=np.zeros(2)), "control.base_translation = array([0., 0.]): must be 3 finite numbers"),
+        (Control(base_rotation=np.array([0, 0, np.nan])), "control.base_rotation = array([ 0.,  0., nan]): must be 3"),
+    ],
+)  # fmt: skip
+def test_the_impossible_is_refused_and_nothing_has_changed(
+    simulation: Simulation, control: Control, message: str
+) -> None:
+    before = simulation.state.copy()
+    with pytest.raises(ControlError) as refused:
+        simulation.step(control)
+    assert message in str(refused.value)
+    assert "\n" not in str(refused.value)
+    assert simulation.state == before
+
+
+def test_what_is_not_mentioned_keeps_its_last_value(simulation: Simulation) -> None:
+    translation, rotation = np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.0, 0.0])
+    simulation.step(Control(pressure={"left.air": 3.0}, base_translation=translation, base_rotation=rotation))
+    report = simulation.step(Control(pressure={"right.air": 4.0}))
+    assert report.pressures == pytest.approx({"left.air": 3.0, "right.air": 4.0}, rel=1e-12)
+    np.testing.assert_array_equal(simulation.state.base_translation, translation)
+    np.testing.assert_array_equal(simulation.state.base_rotation, rotation)
+    translation[:] = 99.0
+    assert simulation.state.base_translation[0] == 1.0  # the state keeps a copy
+
+
+def test_a_cavity_changes_from_pressure_to_volume_and_back(simulation: Simulation) -> None:
+    """Volumes in a report are those at the start of a step; the linearised volume reaches the target in one."""
+    simulation.step(Control(volume_growth={"left.air": 10.0}))
+    for _ in range(60):
+        report = simulation.step()
+    rest = simulation.model.cavities.rest_volume[0]
+    assert report.volumes["left.air"] - rest == pytest.approx(10.0, abs=1e-6)
+    assert report.pressures["left.air"] > 0.1
+    assert report.pressures["right.air"] == 0.0
+    report = simulation.step(Control(pressure={"left.air": 0.0}))
+    assert report.pressures["left.air"] == 0.0
+
+
+def test_the_base_carries_its_anchors(simulation: Simulation) -> None:
+    """Moved and turned about the pivot, which is the mean of the anchored nodes; reached when the body has settled."""
+    turn = np.array([0.0, 0.0, np.pi / 2])
+    for _ in range(40):
+        simulation.step(Control(base_translation=np.array([5.0, 0.0, 0.0]), base_rotation=turn))
+    for _ in range(200):
+        simulation.step()
+    model, anchored = simulation.model, simulation.model.elasticity.anchor_stiffness > 0
+    np.testing.assert_allclose(model.base_pivot, [-10, 50, 0], atol=1e-12)
+    arm = model.rest_position[anchored] - model.base_pivot
+    turned = np.column_stack([-arm[:, 1], arm[:, 0], arm[:, 2]]) + model.base_pivot + [5, 0, 0]
+    np.testing.assert_allclose(simulation.state.position[anchored], turned, atol=1e-3)
+
+
+def test_the_observation_is_what_the_report_says_and_cannot_be_written(simulation: Simulation) -> None:
+    before = simulation.observe()
+    assert (before.time, before.step, before.pressures) == (0.0, 0, {"left.air": 0.0, "right.air": 0.0})
+    report = simulation.step(Control(pressure={"left.air": 3.0}))
+    seen = simulation.observe()
+    assert (seen.time, seen.step) == (0.01, 1)
+    assert seen.pressures == report.pressures
+    assert seen.volumes == report.volumes

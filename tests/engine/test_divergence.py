@@ -1,0 +1,84 @@
+"""A simulation that leaves all reason stops with a name, a step and a cause, and keeps its last good state."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from taichisoft.controller import Control
+from taichisoft.errors import SimulationDiverged
+from taichisoft.scene_file import scene_from_dict
+from taichisoft.simulation import Simulation
+
+
+@pytest.fixture
+def simulation(block: Callable[..., str]) -> Simulation:
+    """A soft block with a cavity, another without, and a rigid box, far from each other."""
+    body = {"mass": 0.01, "young_modulus": 100, "poisson_ratio": 0.3}
+    hollow = {
+        **body,
+        "mesh": block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True),
+        "cavities": {"air": {"group": "cavity"}},
+    }
+    bodies = {"solid": {**body, "mesh": block((1, 1, 1), (10.0, 10.0, 10.0)), "translation": [0, 0, 100]}}
+    scene = {
+        "gravity": [0, 0, 0],
+        "soft_bodies": {**bodies, "hollow": hollow},
+        "rigid_bodies": {"box": {"box": [10, 10, 10], "mass": 1, "position": [0, 0, 200]}},
+    }
+    simulation = Simulation(scene_from_dict(scene))
+    simulation.step()
+    return simulation
+
+
+def expect(simulation: Simulation, body: str, cause: str, control: Control | None = None) -> None:
+    """The next step fails for that body and leaves the state as it is."""
+    before = simulation.state.copy()
+    with pytest.raises(SimulationDiverged) as failed:
+        simulation.step(control)
+    error = failed.value
+    assert (error.body, error.step) == (body, simulation.state.step)
+    assert cause in error.cause
+    assert str(error).startswith(f"step {error.step}: body '{body}' ")
+    assert error.advice in str(error)
+    assert simulation.state is not None
+    np.testing.assert_array_equal(simulation.state.position, before.position)
+    assert simulation.state.step == before.step
+
+
+def test_an_absurd_pressure_explodes(simulation: Simulation) -> None:
+    expect(simulation, "hollow", "exploded", Control(pressure={"hollow.air": 1e9}))
+    simulation.step(Control(pressure={"hollow.air": 1.0}))  # and it can go on from there
+
+
+def test_a_rigid_body_that_flies_away_explodes(simulation: Simulation) -> None:
+    fast = replace(simulation.state, rigid_velocity=np.array([[0.0, 1e6, 0.0]]))
+    simulation.state = fast
+    expect(simulation, "box", "exploded: it would move 1e+04 mm in one step, over 10 times its size")
+
+
+def test_nan_in_a_soft_body_is_named(simulation: Simulation) -> None:
+    position = simulation.state.position.copy()
+    position[simulation.model.soft_bodies[1].nodes.start + 3, 1] = np.nan
+    simulation.state = replace(simulation.state, position=position)
+    with pytest.raises(SimulationDiverged) as failed:
+        simulation.step()
+    assert failed.value.body == "hollow"
+
+
+def test_nan_in_a_rigid_body_is_named(simulation: Simulation) -> None:
+    simulation.state = replace(simulation.state, rigid_velocity=np.array([[0.0, np.nan, 0.0]]))
+    with pytest.raises(SimulationDiverged) as failed:
+        simulation.step()
+    assert failed.value.body == "box"
+    assert "not finite" in failed.value.cause
+
+
+def test_a_body_turned_inside_out_is_named(simulation: Simulation) -> None:
+    """Mirrored in x: all six elements have a negative volume."""
+    nodes = simulation.model.soft_bodies[0].nodes
+    position = simulation.state.position.copy()
+    position[nodes, 0] *= -1
+    simulation.state = replace(simulation.state, position=position)
+    expect(simulation, "solid", "has 6 of 6 elements turned inside out")

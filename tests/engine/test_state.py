@@ -1,0 +1,116 @@
+"""A state is a value: copied, compared, saved and restored whole."""
+
+from collections.abc import Callable
+from dataclasses import fields, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichisoft.controller import Control
+from taichisoft.errors import StateError
+from taichisoft.scene_file import scene_from_dict
+from taichisoft.simulation import Simulation
+from taichisoft.state import State
+
+
+@pytest.fixture
+def simulation(block: Callable[..., str]) -> Simulation:
+    """A hollow block on the floor under pressure, and a box on it, after two steps."""
+    body = {
+        "mesh": block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True),
+        "mass": 0.01,
+        "young_modulus": 500,
+        "poisson_ratio": 0.3,
+        "translation": [0, 0, 11],
+        "cavities": {"air": {"group": "cavity"}},
+    }
+    box = {"box": [10, 10, 10], "mass": 0.01, "position": [0, 0, 27]}
+    floor = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
+    scene = {"soft_bodies": {"block": body}, "rigid_bodies": {"box": box}, "obstacles": {"floor": floor}}
+    simulation = Simulation(scene_from_dict(scene))
+    for _ in range(2):
+        simulation.step(Control(pressure={"block.air": 5.0}, base_rotation=np.array([0.1, 0.2, 0.3])))
+    assert len(simulation.state.contact_key)
+    return simulation
+
+
+def test_a_copy_is_equal_and_shares_nothing(simulation: Simulation) -> None:
+    copy = simulation.state.copy()
+    assert copy == simulation.state
+    for field in fields(State):
+        value = getattr(copy, field.name)
+        if isinstance(value, np.ndarray):
+            assert not np.shares_memory(value, getattr(simulation.state, field.name))
+
+
+@pytest.mark.parametrize("name", [field.name for field in fields(State)])
+def test_states_differ_when_any_bit_does(simulation: Simulation, name: str) -> None:
+    value = getattr(simulation.state, name)
+    if name == "cavity_volume_imposed":
+        other = ~value
+    else:
+        other = np.nextafter(value, np.inf) if np.asarray(value).dtype == float else value + 1
+    assert replace(simulation.state, **{name: other}) != simulation.state
+
+
+def test_a_step_leaves_the_old_state_untouched(simulation: Simulation) -> None:
+    before = simulation.state
+    kept = before.copy()
+    simulation.step(Control(pressure={"block.air": 50.0}, base_translation=np.ones(3)))
+    assert before == kept
+    assert simulation.state != kept
+
+
+def test_an_earlier_state_can_be_gone_back_to(simulation: Simulation) -> None:
+    start = simulation.state
+    simulation.step()
+    first = simulation.state
+    simulation.step()
+    simulation.state = start
+    simulation.step()
+    assert simulation.state == first
+
+
+def test_what_is_saved_comes_back_bit_for_bit(simulation: Simulation, tmp_path: Path) -> None:
+    simulation.state.save(tmp_path / "state.npz")
+    loaded = State.load(tmp_path / "state.npz")
+    assert loaded == simulation.state
+    for field in fields(State):
+        assert type(getattr(loaded, field.name)) is type(getattr(simulation.state, field.name))
+
+
+@pytest.mark.parametrize("content", [b"", b"no zip file", b"PK\x03\x04 begins like one"])
+def test_a_file_that_is_no_state_is_refused_in_one_line(tmp_path: Path, content: bytes) -> None:
+    path = tmp_path / "bad.npz"
+    path.write_bytes(content)
+    with pytest.raises(StateError, match=r"bad\.npz: cannot be read as a state: [^\n]+$"):
+        State.load(path)
+
+
+def test_a_missing_file_and_a_truncated_one_are_refused(simulation: Simulation, tmp_path: Path) -> None:
+    with pytest.raises(StateError, match=r"none\.npz: cannot be read as a state"):
+        State.load(tmp_path / "none.npz")
+    path = tmp_path / "state.npz"
+    simulation.state.save(path)
+    whole = path.read_bytes()
+    for length in (len(whole) // 2, len(whole) - 10):
+        path.write_bytes(whole[:length])
+        with pytest.raises(StateError, match="cannot be read as a state"):
+            State.load(path)
+
+
+def test_arrays_of_something_else_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "single.npy", np.zeros(3))
+    with pytest.raises(StateError, match=r"single\.npy: cannot be read as a state"):
+        State.load(tmp_path / "single.npy")
+    np.savez(tmp_path / "other.npz", position=np.zeros(3), colour=np.zeros(3))
+    with pytest.raises(StateError, match=r"is no state of this version of taichisoft; it differs in: .*colour"):
+        State.load(tmp_path / "other.npz")
+
+
+def test_a_state_of_another_model_does_not_fit(simulation: Simulation) -> None:
+    simulation.state.check_fits(simulation.model)
+    smaller = replace(simulation.state, position=simulation.state.position[1:])
+    with pytest.raises(StateError, match=r"another model: its position has shape \(63, 3\), the model's \(64, 3\)"):
+        smaller.check_fits(simulation.model)
