@@ -7,9 +7,14 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-Positive = Annotated[float, Field(gt=0)]
-NotNegative = Annotated[float, Field(ge=0)]
-Vector = tuple[float, float, float]
+# Strict: no text and no truth value is taken for a number.
+Number = Annotated[float, Field(strict=True)]
+Positive = Annotated[float, Field(strict=True, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, ge=0)]
+PoissonRatio = Annotated[float, Field(strict=True, gt=-1, lt=0.5)]
+Vector = tuple[Number, Number, Number]
+# Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path.
+Name = Annotated[str, Field(pattern=r"^[^.|/]+$")]
 
 
 class Table(BaseModel):
@@ -36,7 +41,8 @@ class Selection(Table):
     def _check_selection(self) -> "Selection":
         self.require_one_of("box", "group")
         if self.box is not None and any(low > high for low, high in zip(*self.box, strict=True)):
-            raise ValueError("the first corner of a box must be below the second in x, y and z")
+            corners = " and ".join(str(list(corner)) for corner in self.box)
+            raise ValueError(f"the first corner of a box must be below the second in x, y and z; they are {corners}")
         return self
 
 
@@ -45,7 +51,7 @@ class Region(Selection):
 
     young_modulus: Positive
     """[kPa]"""
-    poisson_ratio: Annotated[float, Field(gt=-1, lt=0.5)] | None = None
+    poisson_ratio: PoissonRatio | None = None
     """[-]; the body's own when it is not given."""
 
 
@@ -85,7 +91,7 @@ class SoftBody(Table):
     """[kg/mm^3], each element's mass spread over its nodes."""
     young_modulus: Positive
     """[kPa]"""
-    poisson_ratio: Annotated[float, Field(gt=-1, lt=0.5)]
+    poisson_ratio: PoissonRatio
     """[-]"""
     rayleigh_mass: NotNegative = 0.0
     """[1/s]"""
@@ -97,7 +103,7 @@ class SoftBody(Table):
     """A closed surface file that follows the mesh; the mesh's outer boundary when it is not given."""
     regions: list[Region] = []
     anchors: list[Anchor] = []
-    cavities: dict[str, Cavity] = {}
+    cavities: dict[Name, Cavity] = {}
 
     @model_validator(mode="after")
     def _check_mass(self) -> "SoftBody":
@@ -191,7 +197,7 @@ class Contact(Table):
     """Of contacts of a soft body with another body closer together than this [mm], only the closest is kept."""
     tolerance: Positive = 1e-5
     """The Gauss-Seidel stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
-    max_iterations: Annotated[int, Field(gt=0)] = 10000
+    max_iterations: Annotated[int, Field(strict=True, gt=0)] = 10000
     """Most sweeps of the Gauss-Seidel in a step; a step that needs more is counted as not converged."""
 
     @model_validator(mode="after")
@@ -244,9 +250,9 @@ class Scene(Table):
     """The point about which the base turns [mm]; the mean of the anchored nodes when it is not given."""
     controller: Controller | None = None
     goal: Goal | None = None
-    soft_bodies: dict[str, SoftBody] = {}
-    rigid_bodies: dict[str, RigidBody] = {}
-    obstacles: dict[str, Obstacle] = {}
+    soft_bodies: dict[Name, SoftBody] = {}
+    rigid_bodies: dict[Name, RigidBody] = {}
+    obstacles: dict[Name, Obstacle] = {}
 
     @model_validator(mode="after")
     def _check_names(self) -> "Scene":

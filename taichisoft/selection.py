@@ -4,7 +4,7 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.mesh import VolumeMesh
-from taichisoft.scene import Selection
+from taichisoft.scene import Selection, Vector
 
 # A node on the face of a box belongs to it, whatever the last digit of its coordinate in the file [mm].
 BOX_TOLERANCE = 1e-9
@@ -18,7 +18,7 @@ def select_nodes(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndarray
     """
     if selection.box is not None:
         selected = np.flatnonzero(_inside(mesh.nodes, selection.box))
-        return _not_empty(selected, f"{key}.box = {selection.box}", "node", mesh.nodes, mesh)
+        return _not_empty(selected, _box_key(key, selection.box), "node", mesh.nodes, mesh)
     return np.unique(_group(mesh, selection.group or "", key, surfaces=True))
 
 
@@ -31,7 +31,7 @@ def select_elements(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndar
     if selection.box is not None:
         means = mesh.nodes[mesh.elements].mean(axis=1)
         selected = np.flatnonzero(_inside(means, selection.box))
-        return _not_empty(selected, f"{key}.box = {selection.box}", "element", means, mesh)
+        return _not_empty(selected, _box_key(key, selection.box), "element", means, mesh)
     return _group(mesh, selection.group or "", key, surfaces=False)
 
 
@@ -57,6 +57,11 @@ def _group(mesh: VolumeMesh, name: str, key: str, surfaces: bool) -> np.ndarray:
     raise SceneError(
         f"{key}.group = '{name}': {mesh.source} has no such group; there are: {', '.join(known) or 'none'}"
     )
+
+
+def _box_key(key: str, box: tuple[Vector, Vector]) -> str:
+    """The box as the scene file has it."""
+    return f"{key}.box = {[list(corner) for corner in box]}"
 
 
 def _inside(points: np.ndarray, box: tuple) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Where the scenes, meshes and scripts that come with taichisoft lie, in a checkout and in a wheel."""
 
+import difflib
 from pathlib import Path
 
 from taichisoft.errors import TaichisoftError
@@ -31,11 +32,15 @@ def find_file(
     """
     path = Path(name).expanduser()
     shipped = data_folder() / kind
-    folders = [folder for folder in (beside, Path(), data_folder(), shipped) if folder is not None]
-    for folder in folders:
+    own = [folder for folder in (beside, Path()) if folder is not None]
+    for folder in (*own, data_folder(), shipped):
         for suffix in ("", *suffixes):
             candidate = folder / f"{path}{suffix}"
             if candidate.is_file():
                 return candidate.resolve()
     names = sorted(p.stem for p in shipped.glob("*") if p.suffix in suffixes) if shipped.is_dir() else []
-    raise error(f"{name}: no such file, and none of the shipped {kind}: {', '.join(names) or 'none'}")
+    if str(name) and any((folder / path).is_dir() for folder in own):
+        raise error(f"{name}: is a folder; a file ({', '.join(suffixes)}) is needed")
+    near = difflib.get_close_matches(path.stem, names, n=1)
+    hint = f"; did you mean '{near[0]}'?" if near else ""
+    raise error(f"{name}: no such file, and none of the shipped {kind}: {', '.join(names) or 'none'}{hint}")

@@ -1,14 +1,14 @@
 """A finger's dimensions from TOML; errors name the file, the key, its value and what would be valid."""
 
-import difflib
 import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import ValidationError
 
 from taichisoft.errors import MeshError
+from taichisoft.validation_errors import first_problem
 from taichisoft_meshing.finger import FingerParameters
 
 
@@ -41,24 +41,4 @@ def finger_from_dict(document: Mapping[str, Any], source: str = "finger") -> Fin
     try:
         return FingerParameters.model_validate(dict(document))
     except ValidationError as error:
-        raise MeshError(f"{source}: {_first_problem(error)}") from error
-
-
-def _first_problem(error: ValidationError) -> str:
-    problem = error.errors()[0]
-    key = ".".join(str(part) for part in problem["loc"])
-    if problem["type"] == "value_error":  # a rule between several keys; it names them itself
-        return problem["msg"].removeprefix("Value error, ")
-    if problem["type"] == "extra_forbidden":
-        return f"{key}: unknown key; {_nearest_key(problem['loc'])}"
-    if problem["type"] == "model_type":
-        return f"{key} = {problem['input']!r}: must be a table, [{key}]"
-    return f"{key} = {problem['input']!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}"
-
-
-def _nearest_key(location: tuple[int | str, ...]) -> str:
-    table: type[BaseModel] = FingerParameters
-    for part in location[:-1]:
-        table = table.model_fields[str(part)].annotation  # type: ignore[assignment]
-    near = difflib.get_close_matches(str(location[-1]), table.model_fields, n=1)
-    return f"did you mean '{near[0]}'?" if near else f"valid keys: {', '.join(table.model_fields)}"
+        raise MeshError(f"{source}: {first_problem(error, FingerParameters)}") from error
