@@ -1,0 +1,121 @@
+"""What does not fit its meshes, or cannot be started, is refused before anything is simulated."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+
+from taichisoft.errors import MeshError, SceneError
+from taichisoft.model import Model
+from taichisoft.scene_file import scene_from_dict
+
+
+@pytest.fixture
+def hollow(block: Callable[..., str]) -> dict[str, Any]:
+    """The table of a hollow block of 20 mm about the origin."""
+    mesh = block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True)
+    return {"mesh": mesh, "mass": 0.01, "young_modulus": 500, "poisson_ratio": 0.3}
+
+
+def model(body: dict[str, Any], **tables: Any) -> Model:
+    return Model(scene_from_dict({"soft_bodies": {"block": body}, **tables}))
+
+
+NOWHERE = {"box": [[50, 0, 0], [60, 1, 1]]}
+
+
+@pytest.mark.parametrize(
+    ("changes", "key", "hint"),
+    [
+        ({"anchors": [NOWHERE]}, "anchors.0.box = ", "selects no node of .* span .*-10.0, -10.0, -10.0. to"),
+        ({"regions": [{**NOWHERE, "young_modulus": 1}]}, "regions.0.box = ", "selects no element of .* span .*-8.333"),
+        ({"anchors": [{"group": "base"}]}, "anchors.0.group = 'base': ", "there are: cavity"),
+        ({"regions": [{"group": "stiff", "young_modulus": 1}]}, "regions.0.group = 'stiff': ", "there are: none"),
+        ({"cavities": {"air": {"group": "room"}}}, "cavities.air.group = 'room': ", "there are: cavity"),
+    ],
+)
+def test_selections_that_select_nothing(hollow: dict[str, Any], changes: dict[str, Any], key: str, hint: str) -> None:
+    """With what there is: the span of the nodes, or the names of the groups."""
+    with pytest.raises(SceneError, match=hint) as refused:
+        model({**hollow, **changes})
+    assert str(refused.value).startswith(f"soft_bodies.block.{key}")
+
+
+def cavity_file(folder: Path, surface: trimesh.Trimesh) -> dict[str, Any]:
+    surface.export(folder / "cavity.stl")
+    return {"cavities": {"air": {"surface": str(folder / "cavity.stl")}}}
+
+
+def test_a_cavity_of_a_file_has_its_volume(hollow: dict[str, Any], tmp_path: Path) -> None:
+    """Embedded in the material, not made of its nodes; 8 mm^3 to the single precision of STL."""
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    box.vertices += [8, 8, 8]
+    made = model({**hollow, **cavity_file(tmp_path, box)})
+    assert made.cavities.rest_volume[0] == pytest.approx(8.0, rel=1e-6)
+
+
+def test_a_cavity_with_a_hole_is_refused(hollow: dict[str, Any], tmp_path: Path) -> None:
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    box.update_faces(np.arange(1, 12))
+    with pytest.raises(MeshError, match=r"cavity\.stl: is not closed: \d+ edges"):
+        model({**hollow, **cavity_file(tmp_path, box)})
+
+
+def test_a_cavity_inside_out_is_turned_round_with_a_warning(hollow: dict[str, Any], tmp_path: Path) -> None:
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    box.invert()
+    with pytest.warns(UserWarning, match=r"cavity\.stl: is inside out"):
+        made = model({**hollow, **cavity_file(tmp_path, box)})
+    assert made.cavities.rest_volume[0] == pytest.approx(8.0, rel=1e-6)
+
+
+def test_a_cavity_outside_its_body_is_refused_with_a_vertex(hollow: dict[str, Any], tmp_path: Path) -> None:
+    """Whoever takes another finger's cavity, or metres for millimetres, must be told."""
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    box.vertices += [0, 0, 30]
+    with pytest.raises(MeshError, match=r"cavity\.stl: vertex \d+ at \[.*\] mm lies outside the body .*\.msh"):
+        model({**hollow, **cavity_file(tmp_path, box)})
+
+
+@pytest.mark.parametrize(
+    ("tables", "names"),
+    [
+        ({"rigid_bodies": {"cube": {"box": [10, 10, 10], "mass": 1, "position": [12, 3, 2]}}}, ("block", "cube")),
+        ({"obstacles": {"floor": {"plane": {"point": [0, 0, -9], "normal": [0, 0, 1]}}}}, ("block", "floor")),
+    ],
+)
+def test_bodies_that_overlap_at_the_start_are_refused(
+    hollow: dict[str, Any], tables: dict[str, Any], names: tuple[str, str]
+) -> None:
+    """They would be thrown apart; the error says which, how deep and where."""
+    with pytest.raises(SceneError, match=r"overlap at the start by .* mm at .* mm; move one of them away") as refused:
+        model(hollow, **tables)
+    assert str(refused.value).startswith(f"bodies '{names[0]}' and '{names[1]}'")
+
+
+def test_soft_bodies_that_overlap_are_refused(hollow: dict[str, Any]) -> None:
+    bodies = {"left": hollow, "right": {**hollow, "translation": [19.0, 1.0, 2.0]}}
+    with pytest.raises(SceneError, match="bodies 'left' and 'right' overlap at the start by 1 mm"):
+        Model(scene_from_dict({"soft_bodies": bodies}))
+
+
+def test_an_inertia_that_is_none_is_refused() -> None:
+    cube = {"box": [1, 1, 1], "mass": 1, "inertia": [[1, 0, 0], [0, -1, 0], [0, 0, 1]]}
+    with pytest.raises(SceneError, match=r"rigid_bodies\.cube\.inertia = .*: must be symmetric and positive definite"):
+        Model(scene_from_dict({"rigid_bodies": {"cube": cube}}))
+
+
+def test_mass_and_inertia_come_from_the_surface(tmp_path: Path) -> None:
+    """A box by a surface file away from its origin and scaled: I = m (b^2 + c^2) / 12 about the middle."""
+    box = trimesh.creation.box(extents=[1, 2, 3])
+    box.vertices += [10, 0, 0]
+    box.export(tmp_path / "box.obj", digits=17)
+    table = {"surface": str(tmp_path / "box.obj"), "scale": 2, "density": 1e-3, "position": [0, 0, 5]}
+    (body,) = Model(scene_from_dict({"rigid_bodies": {"box": table}})).rigid_bodies
+    assert body.mass == pytest.approx(0.048, rel=1e-12)
+    expected = 0.048 / 12 * np.diag([4**2 + 6**2, 2**2 + 6**2, 2**2 + 4**2])
+    np.testing.assert_allclose(body.inertia, expected, atol=1e-12)
+    np.testing.assert_allclose(body.start_position, [20, 0, 5], atol=1e-12)
