@@ -6,6 +6,7 @@ scalar rows. Every front is computed by one task from its children in a fixed or
 depend on how tasks are shared out.
 """
 
+from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import CHUNK, Integers, IntegerTable, Matrices, Scalars, ti
 
 
@@ -100,7 +101,7 @@ def factorise_front(s: ti.i32, front: IntegerTable, panel: Scalars, update: Scal
     return failed
 
 
-@ti.kernel
+@kernel
 def factorise_tasks(
     task: IntegerTable,
     stage: ti.i32,
@@ -128,7 +129,7 @@ def factorise_tasks(
                         failed_column[t] = 3 * front[s, 7] + failed
 
 
-@ti.kernel
+@kernel
 def solve_trees(
     tree: IntegerTable,
     front: IntegerTable,

@@ -5,6 +5,7 @@ through has a negative distance and keeps its normal. Contact normals point from
 second.
 """
 
+from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.local_distance import (
     closest_on_triangle,
     edge_pseudonormal,
@@ -49,7 +50,7 @@ def store(
     count[0] = c + 1
 
 
-@ti.kernel
+@kernel
 def vertices_against_triangles(
     pair_surfaces: IntegerTable,
     lower: Vectors,
@@ -205,7 +206,7 @@ def store_vertex_contact(
         )  # fmt: skip
 
 
-@ti.kernel
+@kernel
 def edges_against_edges(
     pair_surfaces: IntegerTable,
     lower: Vectors,
@@ -284,7 +285,7 @@ def edges_against_edges(
                                 )  # fmt: skip
 
 
-@ti.kernel
+@kernel
 def vertices_against_planes(
     plane_point: Vectors,
     plane_normal: Vectors,

@@ -4,6 +4,7 @@ Rows come in groups of eight, the columns of a panel: Y = L^-1 J^T, W = Y^T Y. O
 tree leads to from a group's nodes are visited.
 """
 
+from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import (
     CHUNK,
     Integers,
@@ -23,7 +24,7 @@ Columns = ti.types.vector(GROUP, ti.f64)
 Panels = ti.types.ndarray(dtype=Columns, ndim=2)
 
 
-@ti.kernel
+@kernel
 def soft_entries(
     sign: Vectors,
     vertices: Table3,
@@ -49,7 +50,7 @@ def soft_entries(
                         weight[c, slot] = sign[side][0] * weights[c, side][k] * vertex_weights[v, m]
 
 
-@ti.kernel
+@kernel
 def contact_velocity(
     node: IntegerTable,
     weight: ScalarTable,
@@ -75,7 +76,7 @@ def contact_velocity(
         result[c] = total
 
 
-@ti.kernel
+@kernel
 def forward_solve(
     contact_node: IntegerTable,
     contact_weight: ScalarTable,
@@ -160,7 +161,7 @@ def forward_solve(
                         y[g, target + 2] = y[g, target + 2] - t2
 
 
-@ti.kernel
+@kernel
 def soft_compliance(
     front: IntegerTable,
     active: IntegerTable,
@@ -186,7 +187,7 @@ def soft_compliance(
                             w[q, r] = total[b]
 
 
-@ti.kernel
+@kernel
 def rigid_compliance(
     rigid: IntegerTable,
     jacobian: ti.types.ndarray(dtype=ti.f64, ndim=3),
@@ -211,7 +212,7 @@ def rigid_compliance(
                             w[r, q] = w[r, q] + total
 
 
-@ti.kernel
+@kernel
 def scatter_impulses(
     contact_node: IntegerTable,
     contact_weight: ScalarTable,

@@ -1,9 +1,10 @@
 """Which contacts are kept, and which of the last step they continue."""
 
+from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import Integers, Scalars, Vectors, ti
 
 
-@ti.kernel
+@kernel
 def spread_out(order: Integers, pairs: Integers, point: Vectors, spacing: Scalars, keep: Integers):
     """Of contacts of one pair closer together than their `spacing`, keep the first in `order`."""
     ti.loop_config(serialize=True)
@@ -16,7 +17,7 @@ def spread_out(order: Integers, pairs: Integers, point: Vectors, spacing: Scalar
                 keep[c] = 0
 
 
-@ti.kernel
+@kernel
 def match(
     pairs: Integers,
     point: Vectors,

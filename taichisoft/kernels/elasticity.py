@@ -7,6 +7,7 @@ and, R being frozen in the step (Mueller and Gross 2004, Interactive Virtual Mat
     K_ab = sum_q w (lambda G_a G_b^T + mu G_b G_a^T + mu (G_a . G_b) I).
 """
 
+from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import (
     Integers,
     IntegerTable,
@@ -73,7 +74,7 @@ def stress(gradient: mat3, lame_lambda: ti.f64, lame_mu: ti.f64) -> mat3:
     return lame_lambda * gradient.trace() * ti.Matrix.identity(ti.f64, 3) + lame_mu * (gradient + gradient.transpose())
 
 
-@ti.kernel
+@kernel
 def assemble(
     elements: IntegerTable,
     polar: Integers,

@@ -6,6 +6,7 @@ Acceleration: Silcowitz, Niebe, Erleben 2010, A nonsmooth nonlinear conjugate gr
 force problems; the step of one sweep plays the gradient.
 """
 
+from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import Integers, Scalars, ScalarTable, mat3, ti, vec3
 
 LOCAL_TURNS = 10
@@ -68,7 +69,7 @@ def sweep(w: ScalarTable, free: Scalars, friction: Scalars, cavity_is_free: Inte
     return residual
 
 
-@ti.kernel
+@kernel
 def solve(
     w: ScalarTable,
     free: Scalars,

@@ -1,5 +1,6 @@
 """Surfaces that follow their bodies: vertex positions and pseudo-normals."""
 
+from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import (
     Integers,
     IntegerTable,
@@ -11,7 +12,7 @@ from taichisoft.kernels.runtime import (
 )
 
 
-@ti.kernel
+@kernel
 def move_vertices(
     owner: Integers,
     local: Vectors,
@@ -39,7 +40,7 @@ def move_vertices(
         triangle_normal[t] = normal / ti.max(normal.norm(), 1e-300)
 
 
-@ti.kernel
+@kernel
 def cavity_gradients(
     vertex_start: Integers,
     fan: Integers,

@@ -20,7 +20,7 @@ FAR = 500.0
 def pairs_at(model: Model, positions: list[list[float]], depth: float = 5.0) -> ContactPairs:
     """Contacts with the rigid bodies' centres there, none of them turned."""
     turns = np.tile(np.eye(3), (len(positions), 1, 1))
-    model.surfaces.update(model.rest_position, np.array(positions), turns)
+    model.surfaces.update(model.rest_position, np.array(positions, dtype=float), turns)
     return model.detection.find(5.0, depth)
 
 
