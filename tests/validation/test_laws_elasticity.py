@@ -78,6 +78,26 @@ def test_affine_patch_with_polar_rotations(models: dict[str, Model], seed: int, 
     assert inner <= 1e-9 * largest
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_hookes_law(models: dict[str, Model], axis: int) -> None:
+    """Stretched by e along one axis and held across: s = (lambda + 2 mu) e along it, lambda e across, no shear.
+
+    The nodes of a face carry its traction times its area, exactly; tolerance 1e-11: round-off over e = 1e-3.
+    """
+    model, stretch = models["polar"], 1e-3
+    young, poisson = 500.0, 0.3
+    first = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+    second = young / (2 * (1 + poisson))
+    deformation = np.eye(3)
+    deformation[axis, axis] += stretch
+    force = _forces(model, model.rest_position @ deformation)
+    for face in range(3):
+        on_face = np.isclose(model.rest_position[:, face], SIZE[face] / 2)
+        expected = np.zeros(3)
+        expected[face] = -(first + 2 * second * (face == axis)) * stretch * np.prod(SIZE) / SIZE[face]
+        np.testing.assert_allclose(force[on_face].sum(axis=0), expected, rtol=1e-11, atol=1e-9)
+
+
 def test_affine_patch_with_edge_rotations(models: dict[str, Model], figures: Figures) -> None:
     """The same with each element's rotation from its own edges: only for infinitesimal strains.
 
