@@ -33,7 +33,7 @@ def test_gauss_seidel_finds_sofas_answer(shared: Path, figures: Figures, step: i
     impulse[pressures] = problem["pressure_value"]
     outcome = np.zeros(2)
     gauss_seidel.solve(
-        problem["W"],
+        np.ascontiguousarray(problem["W"]),
         problem["dfree"],
         np.full(contact_rows // 3, FRICTION),
         np.zeros(len(pressures), dtype=np.int32),
