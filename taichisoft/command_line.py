@@ -8,7 +8,7 @@ import typer
 
 from taichisoft import __version__
 from taichisoft.errors import GoalMissed, TaichisoftError
-from taichisoft.plugins import list_plugins, plugin_registry
+from taichisoft.plugins import add_commands, list_plugins
 
 application = typer.Typer(
     name="taichisoft",
@@ -26,7 +26,7 @@ EXIT_INTERRUPTED = 130
 def main() -> None:
     """Run the command line; what is the user's to mend is one line without a traceback."""
     try:
-        plugin_registry().hook.taichisoft_commands(application=application)
+        add_commands(application)
         application()
     except GoalMissed as error:
         _complain(error)
@@ -34,10 +34,13 @@ def main() -> None:
     except TaichisoftError as error:
         _complain(error)
         sys.exit(EXIT_BAD_INPUT)
+    except KeyboardInterrupt:
+        sys.exit(EXIT_INTERRUPTED)
 
 
 def _complain(error: Exception) -> None:
-    print(f"taichisoft: {error}", file=sys.stderr)
+    """One line, whatever a parser or a plug-in had to say."""
+    print(f"taichisoft: {' '.join(str(error).split())}", file=sys.stderr)
 
 
 def _show_version(wanted: bool) -> None:
@@ -63,7 +66,7 @@ def run_command(
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="Override a value: --set contact.friction=0.3 (repeatable).")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="Simulated time [s]; the scene's otherwise.", min=0.0)] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated time [s]; the scene's otherwise.")] = None,
     outputs: Annotated[str, typer.Option(help="Outputs by name, separated by commas.")] = "recording,metrics",
 ) -> None:
     """Simulate a scene and write the results to a folder."""

@@ -1,5 +1,6 @@
 """A controller's wishes, checked and taken over into the state."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -14,8 +15,13 @@ def apply_control(model: Model, state: State, control: Control) -> State:
     """The state with what `control` asks for; what it does not mention keeps its last value.
 
     Raises:
-        ControlError: an unknown cavity, a cavity driven both ways, or a value that is no finite number.
+        ControlError: no `Control`, an unknown cavity, a cavity driven both ways, or a value that is no finite number.
     """
+    if not isinstance(control, Control):
+        raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
+    for key in ("pressure", "volume_growth"):
+        if not isinstance(getattr(control, key), Mapping):
+            raise ControlError(f"control.{key} = {getattr(control, key)!r}: must be a dictionary by name of cavity")
     both = sorted(control.pressure.keys() & control.volume_growth.keys())
     if both:
         raise ControlError(f"control: cavity '{both[0]}' is given a pressure and a volume growth; give one of them")

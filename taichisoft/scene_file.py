@@ -9,14 +9,19 @@ import tomli_w
 from pydantic import ValidationError
 
 from taichisoft.errors import SceneError
+from taichisoft.mesh_files import SURFACE_SUFFIXES, VOLUME_SUFFIXES
 from taichisoft.overrides import apply_override
 from taichisoft.scene import Scene
 from taichisoft.shipped import find_file
 from taichisoft.validation_errors import first_problem
 
-# Keys that name a file, and the shipped folder in which it is looked for.
-FILE_KEYS = {"mesh": "meshes", "surface": "meshes", "collision_surface": "meshes", "script": "scripts"}
-FILE_SUFFIXES = (".msh", ".vtu", ".vtk", ".stl", ".obj", ".ply", ".toml")
+# Keys that name a file, the shipped folder in which it is looked for, and the suffixes that it may go without.
+FILE_KEYS = {
+    "mesh": ("meshes", VOLUME_SUFFIXES),
+    "surface": ("meshes", SURFACE_SUFFIXES),
+    "collision_surface": ("meshes", SURFACE_SUFFIXES),
+    "script": ("scripts", (".toml",)),
+}
 
 
 def load_scene(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
@@ -91,6 +96,6 @@ def _with_absolute_files(value: Any, folder: Path, source: str, key: str = "") -
 
 def _absolute_file(name: str, kind: str, folder: Path, key: str) -> str:
     try:
-        return str(find_file(name, FILE_KEYS[kind], FILE_SUFFIXES, folder, SceneError))
+        return str(find_file(name, *FILE_KEYS[kind], folder, SceneError))
     except SceneError as error:
         raise SceneError(f"{key}: {error}") from error

@@ -2,6 +2,7 @@
 
 import itertools
 import tomllib
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -9,8 +10,9 @@ from pydantic import Field, ValidationError, model_validator
 
 from taichisoft.controller import Control, Observation
 from taichisoft.errors import SceneError
-from taichisoft.scene import Positive, Table, Vector
+from taichisoft.scene import NotNegative, Number, Positive, Table, Vector
 from taichisoft.shipped import find_file
+from taichisoft.validation_errors import first_problem
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -19,9 +21,9 @@ if TYPE_CHECKING:
 class Keyframe(Table):
     """What is asked for at a time; between two keyframes values are interpolated."""
 
-    time: float = Field(ge=0)
+    time: NotNegative
     """[s]"""
-    pressure: float
+    pressure: Number
     """Of all cavities [kPa]."""
     base_translation: Vector = (0.0, 0.0, 0.0)
     """[mm]"""
@@ -44,10 +46,17 @@ class Script(Table):
         return self
 
 
+class Settings(Table):
+    """What a scene's `controller.settings` may say."""
+
+    script: Path
+    pressure: Positive | None = None
+
+
 class ScriptedController:
     """Follows the keyframes of a script; before the first and after the last it holds."""
 
-    def __init__(self, script: str, pressure: Positive | None = None):
+    def __init__(self, script: str | Path, pressure: float | None = None):
         """Read the script, by path or by shipped name.
 
         Args:
@@ -55,17 +64,14 @@ class ScriptedController:
             pressure: [kPa]; scales the script so that its largest pressure is this.
 
         Raises:
-            SceneError: the script is missing, or something in it is not valid.
+            SceneError: the script is missing, or something in it or in the settings is not valid.
         """
-        path = find_file(script, "scripts", (".toml",), error=SceneError)
         try:
-            content = Script.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-            raise SceneError(f"{path}: not readable as TOML: {error}") from error
+            Settings.model_validate({"script": script, "pressure": pressure})
         except ValidationError as error:
-            problem = error.errors()[0]
-            key = ".".join(str(part) for part in problem["loc"])
-            raise SceneError(f"{path}: {key} = {problem['input']!r}: {problem['msg']}") from error
+            raise SceneError(first_problem(error, Settings, "controller.settings")) from error
+        path = find_file(script, "scripts", (".toml",), error=SceneError)
+        content = _read(path)
         frames = content.keyframes
         self._smooth = content.interpolation == "smooth"
         self._times = np.array([frame.time for frame in frames])
@@ -83,7 +89,7 @@ class ScriptedController:
         self._cavities = model.cavities.names
 
     def control(self, observation: Observation) -> Control:
-        """The script's values at the end of the coming step's start time."""
+        """The script's values at the start of the coming step."""
         values = self._at(observation.time)
         return Control(
             pressure=dict.fromkeys(self._cavities, float(values[0])),
@@ -100,3 +106,12 @@ class ScriptedController:
         if self._smooth:
             share = share * share * (3.0 - 2.0 * share)
         return (1.0 - share) * self._values[after - 1] + share * self._values[after]
+
+
+def _read(path: Path) -> Script:
+    try:
+        return Script.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SceneError(f"{path}: not readable as TOML: {error}") from error
+    except ValidationError as error:
+        raise SceneError(f"{path}: {first_problem(error, Script)}") from error

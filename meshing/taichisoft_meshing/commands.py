@@ -31,6 +31,10 @@ def mesh(
     """Mesh a finger with tetrahedra."""
     require_suffix(output, "volume mesh", VOLUME_SUFFIXES)  # before the work, not after it
     parameters = read_finger(find_file(finger, "fingers", (".toml",), error=MeshError), size)
+    try:
+        output.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MeshError(f"--output {output}: its folder cannot be made: {error.strerror or error}") from error
     start = time.perf_counter()
     meshed = mesh_finger(parameters)
     seconds = time.perf_counter() - start

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.errors import GoalMissed
+from taichisoft.errors import GoalMissed, TaichisoftError
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -47,13 +47,15 @@ class MetricsOutput:
 
         Raises:
             GoalMissed: the run was completed, but its goal was not reached.
+            TaichisoftError: the file cannot be written.
         """
         self.metrics = {"outcome": outcome, **self._step_metrics(), **self._goal_metrics()}
-        self.metrics["held"] = held = self._is_held(outcome)
-        text = json.dumps(self.metrics, indent=2) + "\n"
-        (self.folder / FILE_NAME).write_text(text, encoding="utf-8")
-        if held is False and outcome == "completed":
-            raise GoalMissed(self._why_not_held())
+        goal = self._scene.goal
+        shortcomings = self._shortcomings() if goal is not None and outcome == "completed" else []
+        self.metrics["held"] = None if goal is None else outcome == "completed" and not shortcomings
+        self._write()
+        if goal is not None and shortcomings:
+            raise GoalMissed(f"'{goal.object}' is not held: {'; '.join(shortcomings)}")
 
     def summary(self) -> dict[str, str]:
         """Rows of the table that closes a run."""
@@ -77,6 +79,14 @@ class MetricsOutput:
             "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
             "real-time factor": f"{m['real_time_factor']:.2f}",
         }
+
+    def _write(self) -> None:
+        path = self.folder / FILE_NAME
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            path.write_text(json.dumps(self.metrics, indent=2) + "\n", encoding="utf-8")
+        except OSError as error:
+            raise TaichisoftError(f"{path}: cannot be written: {error.strerror or error}") from error
 
     def _object_position(self, state: "State") -> np.ndarray:
         return state.rigid_position[self._object] if self._object is not None else np.zeros(3)
@@ -108,7 +118,8 @@ class MetricsOutput:
         before = max(0, int(np.argmax(moves)) - 1) if moves.any() else 0
         base_lift = float((base[-1] - base[before]) @ self._up)
         object_lift = float((position[-1] - position[before]) @ self._up)
-        held = position[-1 - min(len(self._reports), round(goal.hold / self._scene.time.step)) :]
+        hold_steps = max(1, round(goal.hold / self._scene.time.step))
+        held = position[-1 - min(len(self._reports), hold_steps) :]
         forces = np.array([self._finger_force(report) for report in self._reports])
         return {
             "object_lift_mm": object_lift,
@@ -130,24 +141,29 @@ class MetricsOutput:
             if self._scene.goal.object in (names := set(pair.split("|"))) and names & self._soft_names
         )
 
-    def _is_held(self, outcome: str) -> bool | None:
-        goal, m = self._scene.goal, self.metrics
-        if goal is None:
-            return None
-        return bool(
-            outcome == "completed"
-            and abs(m["object_slip_mm"]) <= goal.tolerance
-            and m["object_creep_mm"] <= goal.creep
-            and m["mean_normal_force_mN"] > 0.0
-            and m["max_penetration_mm"] <= self._scene.contact.contact_distance
-        )
-
-    def _why_not_held(self) -> str:
+    def _shortcomings(self) -> list[str]:
+        """What keeps the object from counting as lifted and held; each names the figure and its limit."""
         goal, m = self._scene.goal, self.metrics
         assert goal is not None
-        return (
-            f"'{goal.object}' is not held: lifted by {m['object_lift_mm']:.2f} mm with a base that rose "
-            f"{m['base_lift_mm']:.2f} mm (tolerance {goal.tolerance:g} mm), creep {m['object_creep_mm']:.3g} mm in the "
-            f"last {goal.hold:g} s (limit {goal.creep:g} mm), deepest contact {m['max_penetration_mm']:.2g} mm "
-            f"(limit {self._scene.contact.contact_distance:g} mm)"
+        gap = self._scene.contact.contact_distance
+        checks = (
+            (
+                abs(m["object_slip_mm"]) <= goal.tolerance < m["base_lift_mm"],
+                f"lifted by {m['object_lift_mm']:.2f} mm with a base that rose {m['base_lift_mm']:.2f} mm "
+                f"(tolerance {goal.tolerance:g} mm)",
+            ),
+            (
+                m["object_creep_mm"] <= goal.creep,
+                f"creep {m['object_creep_mm']:.3g} mm in the last {goal.hold:g} s (limit {goal.creep:g} mm)",
+            ),
+            (
+                m["simulated_time_s"] > goal.hold,
+                f"the run of {m['simulated_time_s']:g} s is no longer than the {goal.hold:g} s of holding",
+            ),
+            (m["mean_normal_force_mN"] > 0.0, f"no soft body touched it in the last {goal.hold:g} s"),
+            (
+                m["max_penetration_mm"] <= gap,
+                f"surfaces overlapped by {m['max_penetration_mm'] - gap:.2g} mm (contact_distance {gap:g} mm)",
+            ),
         )
+        return [text for reached, text in checks if not reached]

@@ -41,9 +41,7 @@ def test_a_shipped_finger_is_meshed_and_reported(application: typer.Typer, tmp_p
     assert result.exit_code == 0, result.output
     mesh = read_volume_mesh(output)
     report = {
-        cells[1].strip(): cells[2].strip()
-        for line in result.output.splitlines()
-        if len(cells := line.split("│")) > 3
+        cells[1].strip(): cells[2].strip() for line in result.output.splitlines() if len(cells := line.split("│")) > 3
     }
     assert report["nodes"] == str(len(mesh.nodes))
     assert report["tetrahedra"] == str(len(mesh.elements))
@@ -70,8 +68,16 @@ def test_what_cannot_be_meshed_leaves_the_old_file_alone(application: typer.Type
 
 
 def test_an_output_that_cannot_be_written_is_refused(application: typer.Typer, tmp_path: Path) -> None:
-    assert "is not a kind of volume mesh file" in fail(
-        application, "tutorial", "-o", str(tmp_path / "finger.stl")
+    assert "is not a kind of volume mesh file" in fail(application, "tutorial", "-o", str(tmp_path / "finger.stl"))
+    (tmp_path / "file").touch()
+    below_a_file = tmp_path / "file" / "finger.msh"
+    assert f"--output {below_a_file}: its folder cannot be made" in fail(
+        application, "tutorial", "-o", str(below_a_file)
     )
-    absent = tmp_path / "absent" / "finger.msh"
-    assert f"{absent}: cannot be written" in fail(application, "tutorial", "-o", str(absent))
+
+
+def test_the_folder_of_the_output_is_made(application: typer.Typer, tmp_path: Path) -> None:
+    output = tmp_path / "new" / "folder" / "finger.msh"
+    result = CliRunner().invoke(application, ["mesh", "tutorial", "-o", str(output), "--size", "14"])
+    assert result.exit_code == 0, result.output
+    assert len(read_volume_mesh(output).elements) > 100
