@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from taichisoft.detection import ContactPairs, pair_key
+from taichisoft.detection import ContactPairs, match, pair_key
 from taichisoft.kernels import compliance as kernels
-from taichisoft.kernels import contact_selection, gauss_seidel
+from taichisoft.kernels import gauss_seidel
 from taichisoft.kernels.compliance import GROUP
 from taichisoft.model import Model
 from taichisoft.state import State
@@ -176,17 +176,14 @@ class ConstraintProblem:
 
     def _warm_start(self) -> None:
         state, count = self._state, self.contacts.count
-        if not count or not len(state.contact_key):
+        if not count:
             return
-        matched = np.empty(count, dtype=np.int32)
-        contact_selection.match(
+        matched = match(
             pair_key(self.contacts.bodies),
             self.contacts.points.mean(axis=1),
             state.contact_key,
             state.contact_point,
             max(self._model.scene.contact.spacing, self._model.scene.contact.contact_distance),
-            np.zeros(len(state.contact_key), dtype=np.int32),
-            matched,
         )
         known = np.flatnonzero(matched >= 0)
         local = np.einsum("cij,cj->ci", self.basis[known], state.contact_impulse[matched[known]])

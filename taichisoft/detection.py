@@ -10,6 +10,8 @@ from taichisoft.kernels import contact_selection
 
 FIRST_CAPACITY = 1024
 SAME_POINT = 1e-3  # [mm]
+SAME_CONTACT = 0.5  # [mm] moved in a step
+CLEARLY_CLOSER = 0.05  # [mm]
 
 
 @dataclass(frozen=True)
@@ -181,20 +183,44 @@ def _without_detours(pairs: ContactPairs) -> ContactPairs:
     return pairs.take(np.flatnonzero(~detour))
 
 
-def spread_out(pairs: ContactPairs, soft_spacing: float, soft_count: int) -> ContactPairs:
+def spread_out(
+    pairs: ContactPairs, soft_spacing: float, soft_count: int, last_key: np.ndarray, last_point: np.ndarray
+) -> ContactPairs:
     """Of contacts between the same bodies closer together than a spacing, only the one of least distance.
 
     Nearly equal contacts give nearly dependent constraints, on which a Gauss-Seidel converges slowly. Contacts with
     a soft body (the first `soft_count` bodies) are spread by `soft_spacing` [mm]: where one is left out, the body
     gives way. A rigid body would tip over it, so between rigid bodies only what is found twice is dropped.
+
+    What was a contact in the last step (`last_key` and `last_point`, see State) stays one unless another is clearly
+    closer: at rest all distances are equal but for round-off, and contacts that change with it find no warm start.
     """
     if pairs.count == 0:
         return pairs
+    key, point = pair_key(pairs.bodies), pairs.points.mean(axis=1)
+    goes_on = match(key, point, last_key, last_point, SAME_CONTACT) >= 0
+    order = np.argsort(pairs.distance - CLEARLY_CLOSER * goes_on, kind="stable").astype(np.int32)
     spacing = np.where(pairs.bodies[:, 0] < soft_count, soft_spacing, SAME_POINT)
-    order = np.argsort(pairs.distance, kind="stable").astype(np.int32)
     keep = np.zeros(pairs.count, dtype=np.int32)
-    contact_selection.spread_out(order, pair_key(pairs.bodies), pairs.points.mean(axis=1), spacing, keep)
+    contact_selection.spread_out(order, key, point, spacing, keep)
     return pairs.take(np.flatnonzero(keep))
+
+
+def match(
+    key: np.ndarray, point: np.ndarray, last_key: np.ndarray, last_point: np.ndarray, radius: float
+) -> np.ndarray:
+    """For each contact the index of the nearest one of the last step between the same bodies, -1 for none.
+
+    Args:
+        key: pairs of bodies, shape (count,); `point`: where the contacts are [mm], shape (count, 3).
+        last_key: the same of the last step; `last_point` likewise. Each is matched once at most.
+        radius: [mm] beyond which they are different contacts.
+    """
+    matched = np.full(len(key), -1, dtype=np.int32)
+    if len(last_key):
+        used = np.zeros(len(last_key), dtype=np.int32)
+        contact_selection.match(key, point, last_key, last_point, radius, used, matched)
+    return matched
 
 
 def pair_key(bodies: np.ndarray) -> np.ndarray:

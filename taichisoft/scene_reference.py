@@ -5,6 +5,7 @@ python -m taichisoft.scene_reference > docs/scenes.md
 
 from typing import Any, get_args, get_origin
 
+from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from taichisoft import scene
@@ -19,7 +20,7 @@ Files are looked for beside the scene, in the current folder, and among what shi
 writes the resolved scene, with every default filled in, to `scene.toml` in its output folder.
 """
 
-TABLES = {
+TABLES: dict[str, type[BaseModel]] = {
     "(top level)": scene.Scene,
     "[time]": scene.Time,
     "[contact]": scene.Contact,

@@ -16,6 +16,7 @@ from taichisoft.model import Model
 from taichisoft.scene_file import scene_from_dict
 
 REACH = 5.0
+NO_CONTACTS = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
 
 
 def two_bodies(folder: Path, first: trimesh.Trimesh, second: trimesh.Trimesh) -> Model:
@@ -114,11 +115,11 @@ def test_of_close_contacts_the_closest_is_kept(tmp_path: Path) -> None:
     box = trimesh.creation.box(extents=[30, 30, 10])
     box.vertices += [0.0, 0.0, 16.0]
     pairs = find(two_bodies(tmp_path, ball, box))
-    kept = spread_out(pairs, 4.0, soft_count=1)
+    kept = spread_out(pairs, 4.0, 1, *NO_CONTACTS)
     assert 0 < kept.count < pairs.count
     middle, all_middles = kept.points.mean(axis=1), pairs.points.mean(axis=1)
     apart = np.linalg.norm(middle[:, None] - middle, axis=2) + 1e3 * np.eye(kept.count)
     assert apart.min() >= 4.0
     near = np.linalg.norm(all_middles[:, None] - middle, axis=2) < 4.0
     assert (near & (kept.distance <= pairs.distance[:, None])).any(axis=1).all()
-    assert spread_out(pairs, 4.0, soft_count=0).count == pairs.count  # rigid bodies keep every contact
+    assert spread_out(pairs, 4.0, 0, *NO_CONTACTS).count == pairs.count  # rigid bodies keep every contact
