@@ -56,7 +56,7 @@ def find(kind: str, name: str) -> Callable[..., Any]:
     for plugin, provided in _provided(kind):
         for key, factory in provided.items():
             if key in found:
-                raise PluginError(f"two plug-ins, '{found[key][0]}' and '{plugin}', provide a {kind} called '{key}'")
+                raise PluginError(f"two plug-ins, '{found[key][0]}' and '{plugin}', both provide the {kind} '{key}'")
             found[key] = (plugin, factory)
     if name not in found:
         raise PluginError(f"no {kind} is called '{name}'; there are: {', '.join(sorted(found)) or 'none'}")

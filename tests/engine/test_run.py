@@ -1,0 +1,209 @@
+"""The loop around the step: what is called when, and what is kept when a plug-in fails or the user stops it."""
+
+import math
+import signal
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichisoft.controller import Control
+from taichisoft.errors import ControlError, GoalMissed, PluginError, SimulationDiverged, TaichisoftError
+from taichisoft.run import count_steps, run
+from taichisoft.scene_file import scene_from_dict
+from taichisoft.simulation import Simulation
+from taichisoft_plugins.recording import RecordingOutput
+
+STEP = 0.01
+
+
+class Rest:
+    """A controller that asks for nothing, or does something else in one step."""
+
+    def __init__(self, at_step: int = -1, act: Any = None):
+        self.at_step, self.act = at_step, act
+
+    def reset(self, model: Any) -> None:
+        """Nothing to prepare."""
+
+    def control(self, observation: Any) -> Any:
+        return self.act() if observation.step == self.at_step else Control()
+
+
+class Log:
+    """An output that notes its calls, and does something else after one step or at the end."""
+
+    def __init__(self, after_step: int = -1, act: Any = None, at_end: Any = None):
+        self.calls: list[Any] = []
+        self.after_step, self.act, self.at_end = after_step, act, at_end
+
+    def begin(self, model: Any, state: Any) -> None:
+        self.calls.append(("begin", state.step))
+
+    def record(self, state: Any, report: Any) -> None:
+        if report.step == self.after_step:
+            self.act()
+        self.calls.append((state.step, report.step))
+
+    def end(self, outcome: str) -> None:
+        self.calls.append(outcome)
+        if self.at_end is not None:
+            raise self.at_end
+
+
+@pytest.fixture
+def simulation() -> Simulation:
+    return Simulation(
+        scene_from_dict(
+            {"time": {"step": STEP, "duration": 0.05}, "rigid_bodies": {"cube": {"box": [1] * 3, "mass": 1}}}
+        )
+    )
+
+
+def recorded(folder: Path) -> tuple[str, list[int]]:
+    """Outcome and steps of the recording in a folder."""
+    import h5py
+
+    with h5py.File(folder / "recording.h5") as file:
+        return file.attrs["outcome"], file["steps/step"][:].tolist()
+
+
+def fail() -> None:
+    raise ZeroDivisionError("no air left")
+
+
+def test_outputs_see_the_start_every_step_and_the_end(simulation: Simulation) -> None:
+    first, second = Log(), Log()
+    seen: list[int] = []
+    assert run(simulation, Rest(), [first, second], on_step=lambda report: seen.append(report.step)) == "completed"
+    assert first.calls == second.calls == [("begin", 0), *((k + 1, k) for k in range(5)), "completed"]
+    assert seen == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize(
+    ("duration", "step", "count"),
+    [(1.0, 0.01, 100), (0.014, 0.01, 1), (0.016, 0.01, 2), (1e-9, 0.01, 1), (6.2, 0.01, 620)],
+)
+def test_a_duration_is_the_nearest_whole_number_of_steps_and_at_least_one(
+    duration: float, step: float, count: int
+) -> None:
+    assert count_steps(duration, step) == count
+
+
+@pytest.mark.parametrize("duration", [0.0, -1.0, math.nan, math.inf])
+def test_a_duration_that_is_none_is_refused(simulation: Simulation, duration: float) -> None:
+    with pytest.raises(TaichisoftError, match=r"^duration = .*: must be a positive, finite number of seconds$"):
+        run(simulation, Rest(), duration=duration)
+
+
+def test_a_controller_that_fails_is_named_with_the_place_and_the_recording_is_kept(
+    simulation: Simulation, tmp_path: Path
+) -> None:
+    log = Log()
+    with pytest.raises(PluginError) as failure:
+        run(simulation, Rest(3, fail), [RecordingOutput(tmp_path), log])
+    message = str(failure.value)
+    assert message.startswith(
+        "controller test_run.Rest failed in control(): ZeroDivisionError: no air left (test_run.py"
+    )
+    assert isinstance(failure.value.__cause__, ZeroDivisionError)
+    assert log.calls[-1] == message
+    assert recorded(tmp_path) == (message, [0, 1, 2, 3])
+
+
+def test_an_output_that_fails_is_named_and_the_others_are_ended(simulation: Simulation, tmp_path: Path) -> None:
+    log = Log(2, fail)
+    with pytest.raises(
+        PluginError, match=r"^output test_run\.Log failed in record\(\): ZeroDivisionError: no air left"
+    ):
+        run(simulation, Rest(), [RecordingOutput(tmp_path), log])
+    assert recorded(tmp_path)[1] == [0, 1, 2, 3]
+    assert len(log.calls) == 4  # begin, two steps, end
+
+
+def test_every_output_is_ended_and_a_failure_matters_more_than_a_missed_goal(simulation: Simulation) -> None:
+    missed, broken, last = Log(at_end=GoalMissed("not held")), Log(at_end=OSError("disk full")), Log()
+    with (
+        pytest.warns(UserWarning, match="^not held$"),
+        pytest.raises(PluginError, match=r"^output test_run\.Log failed in end\(\): OSError: disk full"),
+    ):
+        run(simulation, Rest(), [missed, broken, last])
+    assert last.calls[-1] == "completed"
+
+
+def test_a_missed_goal_reaches_the_caller(simulation: Simulation) -> None:
+    with pytest.raises(GoalMissed, match=r"^not held$"):
+        run(simulation, Rest(), [Log(at_end=GoalMissed("not held"))])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_heeded_when_every_output_has_the_step(simulation: Simulation, number: signal.Signals) -> None:
+    before = signal.getsignal(number)
+    first, second = Log(1, lambda: signal.raise_signal(number)), Log()
+    assert run(simulation, Rest(), [first, second]) == "interrupted"
+    assert first.calls == second.calls == [("begin", 0), (1, 0), (2, 1), "interrupted"]
+    assert signal.getsignal(number) is before
+
+
+def test_a_second_signal_does_not_wait_for_the_step(simulation: Simulation) -> None:
+    def twice() -> None:
+        signal.raise_signal(signal.SIGINT)
+        signal.raise_signal(signal.SIGINT)
+
+    log = Log(1, twice)
+    assert run(simulation, Rest(), [log]) == "interrupted"
+    assert log.calls == [("begin", 0), (1, 0), "interrupted"]
+
+
+def test_a_signal_that_the_process_ignores_stays_ignored(simulation: Simulation) -> None:
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        assert run(simulation, Rest(1, lambda: signal.raise_signal(signal.SIGINT) or Control())) == "completed"
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize(
+    ("answer", "message"),
+    [
+        ({"pressure": 3}, "control = {'pressure': 3}: must be a taichisoft.Control"),
+        (Control(pressure=3.0), "control.pressure = 3.0: must be a dictionary"),  # type: ignore[arg-type]
+        (Control(pressure={"x": 3.0}), "control.pressure: no cavity is called 'x'; there are: none"),
+        (Control(pressure={"x": 1.0}, volume_growth={"x": 1.0}), "cavity 'x' is given a pressure and a volume growth"),
+        (
+            Control(base_translation=np.array([0, 0, np.nan])),
+            "control.base_translation = array([ 0.,  0., nan]): must be ",
+        ),
+        (Control(base_rotation=np.zeros(2)), "control.base_rotation = array([0., 0.]): must be 3 finite numbers"),
+        (Control(base_rotation="left"), "control.base_rotation = 'left': must be a number or"),  # type: ignore[arg-type]
+    ],
+)
+def test_what_a_controller_cannot_ask_for_is_said(simulation: Simulation, answer: Any, message: str) -> None:
+    with pytest.raises(ControlError) as refused:
+        run(simulation, Rest(2, lambda: answer))
+    assert message in str(refused.value)
+    assert simulation.state.step == 2
+
+
+def test_a_small_body_in_free_fall_does_not_explode(simulation: Simulation) -> None:
+    """After 0.6 s of free fall a cube of 1 mm moves by 59 mm in a step of 10 ms."""
+    assert run(simulation, Rest(), duration=0.6) == "completed"
+    assert simulation.state.rigid_velocity[0, 2] == pytest.approx(-9810 * 0.6)
+
+
+def test_a_body_that_is_thrown_out_of_a_step_has_exploded(simulation: Simulation) -> None:
+    """The last good state stays; body, step and advice are said."""
+    simulation.step()
+    simulation.model.gravity[:] = (1e6, 0.0, 0.0)  # 100 mm in a step of 10 ms, for a cube of 1 mm
+    with pytest.raises(SimulationDiverged) as diverged:
+        run(simulation, Rest())
+    assert str(diverged.value).startswith("step 1: body 'cube' exploded: it would move 100 mm in one step")
+    assert "try a smaller time.step" in str(diverged.value)
+    assert simulation.state.step == 1
+
+
+def test_an_output_may_be_anything_with_the_three_methods(simulation: Simulation) -> None:
+    output: Any = SimpleNamespace(begin=lambda *_: None, record=lambda *_: None, end=lambda *_: None)
+    assert run(simulation, Rest(), [output]) == "completed"

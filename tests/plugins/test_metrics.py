@@ -1,0 +1,174 @@
+"""The output "metrics": its figures from made-up steps of a cube that is lifted, slips, creeps, or falls."""
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichisoft.errors import GoalMissed, TaichisoftError
+from taichisoft.scene import Scene
+from taichisoft_plugins.metrics import MetricsOutput
+
+STEP = 0.1
+LIFT = 30.0
+UP = np.array([0.6, 0.0, 0.8])
+"""Against gravity: lift is counted along it, whatever axis that is."""
+
+
+def model(goal: bool = True) -> Any:
+    scene = Scene.model_validate(
+        {
+            "gravity": (-9810.0 * UP).tolist(),
+            "time": {"step": STEP},
+            "goal": {"object": "cube", "hold": 2.0, "tolerance": 1.0, "creep": 0.1} if goal else None,
+            "rigid_bodies": {name: {"box": [10, 10, 10], "mass": 0.001} for name in ("other", "cube")},
+        }
+    )
+    return SimpleNamespace(
+        scene=scene,
+        gravity=np.array(scene.gravity),
+        rigid_bodies=[SimpleNamespace(name="other"), SimpleNamespace(name="cube")],
+        soft_bodies=[SimpleNamespace(name="finger1"), SimpleNamespace(name="finger2")],
+    )
+
+
+def report(step: int, **changes: Any) -> Any:
+    values: dict[str, Any] = {
+        "time": (step + 1) * STEP,
+        "step_time": 0.020 + 0.001 * step,
+        "iterations": step,
+        "converged": True,
+        "max_penetration": 0.01,
+        "normal_forces": {"finger1|cube": 30.0, "cube|finger2": 20.0, "cube|floor": 500.0, "finger1|finger2": 900.0},
+    }
+    return SimpleNamespace(**{**values, **changes})
+
+
+def follow(
+    folder: Path,
+    base: list[float],
+    cube: list[float],
+    outcome: str = "completed",
+    goal: bool = True,
+    changes: dict[int, dict[str, Any]] | None = None,
+) -> dict[str, Any]:
+    """Metrics of a run whose base and cube are at the given heights [mm] before the first and after each step."""
+
+    def state(height_of_base: float, height_of_cube: float) -> Any:
+        return SimpleNamespace(
+            base_translation=height_of_base * UP,
+            rigid_position=np.array([np.zeros(3), np.array([5.0, 6.0, 7.0]) + height_of_cube * UP]),
+        )
+
+    output = MetricsOutput(folder)
+    output.begin(model(goal), state(base[0], cube[0]))
+    for step, heights in enumerate(zip(base[1:], cube[1:], strict=True)):
+        output.record(state(*heights), report(step, **(changes or {}).get(step, {})))
+    try:
+        output.end(outcome)
+    finally:
+        output.summary()
+    return json.loads((folder / "metrics.json").read_text())
+
+
+RISE = [0.0, 0.0, 0.0, 10.0, 20.0]
+"""Two steps of rest, then the base moves."""
+HOLD = [LIFT] * 21
+
+
+def cube_heights(sunk: float = -2.0, slip: float = 0.5, creep: float = 0.05) -> list[float]:
+    """Settles while the fingers close, then rises with the base less a slip, and creeps while it is held."""
+    rising = [sunk + (max(0.0, height - slip) if height > 0.0 else 0.0) for height in RISE]
+    held = sunk + LIFT - slip
+    return [0.0, *rising[1:], *np.linspace(held, held - creep, len(HOLD)).tolist()]
+
+
+def test_lift_slip_and_creep_are_those_of_the_made_up_run(tmp_path: Path) -> None:
+    """Lift counts from the moment before the base moves: that the cube settled by 2 mm before is not slip."""
+    metrics = follow(tmp_path, RISE + HOLD, cube_heights(slip=0.5, creep=0.05))
+    assert metrics["held"] is True
+    assert metrics["base_lift_mm"] == pytest.approx(LIFT)
+    assert metrics["object_lift_mm"] == pytest.approx(LIFT - 0.5 - 0.05)
+    assert metrics["object_slip_mm"] == pytest.approx(0.55)
+    assert metrics["object_creep_mm"] == pytest.approx(0.05)
+
+
+def test_the_file_has_the_figures_of_the_steps(tmp_path: Path) -> None:
+    changes = {
+        3: {"converged": False, "iterations": 999},
+        5: {"max_penetration": 0.25},
+        7: {"normal_forces": {"finger1|cube": 70.0, "cube|finger2": 50.0}},
+    }
+    metrics = follow(tmp_path, RISE + HOLD, cube_heights(), changes=changes)
+    count = len(RISE + HOLD) - 1
+    assert metrics["outcome"] == "completed"
+    assert (metrics["steps"], metrics["simulated_time_s"]) == (count, pytest.approx(count * STEP))
+    assert metrics["unconverged_steps"] == 1
+    assert metrics["iterations_max"] == 999
+    assert metrics["max_penetration_mm"] == 0.25
+    assert metrics["peak_normal_force_mN"] == 120.0  # of the fingers on the cube: neither the floor nor each other
+    assert metrics["mean_normal_force_mN"] == pytest.approx((19 * 50.0 + 120.0) / 20)
+    median = 20.0 + (count - 1) / 2
+    assert metrics["step_time_median_ms"] == pytest.approx(median)
+    assert metrics["real_time_factor"] == pytest.approx(1e3 * STEP / median)
+
+
+@pytest.mark.parametrize(
+    ("base", "cube", "changes", "why"),
+    [
+        (RISE + HOLD, cube_heights(slip=1.2), {}, "lifted by 28.75 mm with a base that rose 30.00 mm (tolerance 1 mm)"),
+        (RISE + HOLD, cube_heights(slip=-1.2), {}, "lifted by 31.15 mm with a base that rose 30.00 mm"),
+        (RISE + HOLD, cube_heights(creep=0.12), {}, "creep 0.12 mm in the last 2 s (limit 0.1 mm)"),
+        (RISE + HOLD, cube_heights(), {9: {"max_penetration": 1.5}}, "surfaces overlapped by 0.5 mm (contact_distance"),
+        (
+            RISE + HOLD,
+            cube_heights(),
+            {step: {"normal_forces": {"cube|floor": 9.81}} for step in range(30)},
+            "no soft body touched it in the last 2 s",
+        ),
+        ([0.0] * 30, [0.0] * 30, {}, "lifted by 0.00 mm with a base that rose 0.00 mm"),
+        (RISE, [0.0, 0.0, 0.0, 10.0, 20.0], {}, "the run of 0.4 s is no longer than the 2 s of holding"),
+    ],
+    ids=["slips", "thrown up", "creeps", "overlaps", "not touched", "not lifted", "too short"],
+)
+def test_a_missed_goal_says_what_failed(
+    tmp_path: Path, base: list[float], cube: list[float], changes: dict[int, dict[str, Any]], why: str
+) -> None:
+    with pytest.raises(GoalMissed) as missed:
+        follow(tmp_path, base, cube, changes=changes)
+    assert str(missed.value).startswith("'cube' is not held: ")
+    assert why in str(missed.value)
+    assert json.loads((tmp_path / "metrics.json").read_text())["held"] is False
+
+
+def test_only_what_failed_is_said(tmp_path: Path) -> None:
+    with pytest.raises(GoalMissed) as missed:
+        follow(tmp_path, RISE + HOLD, cube_heights(creep=0.12))
+    assert str(missed.value) == "'cube' is not held: creep 0.12 mm in the last 2 s (limit 0.1 mm)"
+
+
+@pytest.mark.parametrize("outcome", ["interrupted", "step 3: body 'cube' exploded"])
+def test_a_run_that_did_not_end_is_not_held_and_raises_nothing_of_its_own(tmp_path: Path, outcome: str) -> None:
+    metrics = follow(tmp_path, RISE + HOLD, cube_heights(), outcome=outcome)
+    assert (metrics["held"], metrics["outcome"]) == (False, outcome)
+
+
+def test_a_run_without_a_step_still_leaves_its_outcome(tmp_path: Path) -> None:
+    metrics = follow(tmp_path, [0.0], [0.0], outcome="step 0: body 'cube' exploded")
+    assert metrics == {"outcome": "step 0: body 'cube' exploded", "steps": 0, "held": False}
+
+
+def test_a_scene_without_a_goal_has_nothing_to_hold(tmp_path: Path) -> None:
+    metrics = follow(tmp_path, [0.0] * 3, [0.0] * 3, goal=False)
+    assert metrics["held"] is None
+    assert metrics["steps"] == 2
+    assert "object_lift_mm" not in metrics
+
+
+def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "metrics.json").mkdir()
+    with pytest.raises(TaichisoftError, match=r"metrics\.json: cannot be written: Is a directory$"):
+        follow(tmp_path, RISE + HOLD, cube_heights())

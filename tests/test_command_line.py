@@ -1,0 +1,260 @@
+"""The command `taichisoft` as a user meets it: exit codes, one line for every error, what a run leaves behind."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import trimesh
+
+import taichisoft
+from taichisoft.command_line import main
+from taichisoft.scene_file import load_scene
+from taichisoft.shipped import data_folder
+
+SCENE = """
+[time]
+duration = 0.03
+[controller]
+name = "scripted"
+settings = { script = "rest" }
+[soft_bodies.finger]
+mesh = "tutorial-coarse"
+mass = 0.04
+young_modulus = 500.0
+poisson_ratio = 0.3
+anchors = [{ group = "base" }]
+regions = [{ box = [[-100.0, 22.5, -8.0], [-19.0, 28.0, 8.0]], young_modulus = 1500.0 }]
+cavities.cavity.group = "cavity"
+[rigid_bodies.cube]
+box = [10.0, 10.0, 10.0]
+mass = 0.001
+position = [-60.0, -60.0, 0.0]
+"""
+SHIPPED = sorted(path.stem for path in (data_folder() / "scenes").glob("*.toml"))
+
+Command = Callable[..., tuple[int, str, str]]
+
+
+@pytest.fixture
+def command(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> Callable[..., tuple[int, str, str]]:
+    """Runs the command in a folder of its own; returns exit code, output and errors."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene.toml").write_text(SCENE)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
+        with pytest.raises(SystemExit) as left:
+            main()
+        shown = capfd.readouterr()
+        return int(left.value.code or 0), shown.out, shown.err
+
+    return run
+
+
+def refusal(command: Command, *arguments: str) -> str:
+    """The one line with which a command fails; it must not leave results behind."""
+    code, _, errors = command("run", *arguments)
+    (line,) = errors.splitlines()
+    assert code == 2
+    assert line.startswith("taichisoft: ")
+    assert not Path("out").exists()
+    return line.removeprefix("taichisoft: ")
+
+
+def outcome_and_steps(recording: Path) -> tuple[str, int]:
+    """How the run ended and how many steps it recorded."""
+    import h5py
+
+    with h5py.File(recording) as file:
+        return file.attrs["outcome"], len(file["steps/time"]) - 1
+
+
+@pytest.mark.parametrize("name", SHIPPED)
+def test_every_shipped_scene_runs_from_anywhere_and_leaves_what_it_resolved_to(
+    command: Command, name: str, tmp_path: Path
+) -> None:
+    """Three steps are too few to lift anything: a scene with a goal says so, with exit code 1."""
+    scene = load_scene(name)
+    code, output, errors = command("run", name, "--duration", "0.03")
+    folder = tmp_path / "out" / name
+    assert code == (0 if scene.goal is None else 1), errors
+    assert f"results in {Path('out') / name}" in output
+    assert outcome_and_steps(folder / "recording.h5") == ("completed", 3)
+    assert json.loads((folder / "metrics.json").read_text())["steps"] == 3
+    assert load_scene(folder / "scene.toml") == scene
+
+
+def test_overrides_are_in_the_resolved_scene(command: Command, tmp_path: Path) -> None:
+    assert command("run", "scene.toml", "--set", "contact.friction=0.25", "--output", "a/new/folder")[0] == 0
+    assert load_scene(tmp_path / "a/new/folder/scene.toml").contact.friction == 0.25
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("contact.friction", "--set contact.friction: must look like contact.friction=0.3"),
+        ("contact.frction=1", "contact.frction: unknown key; did you mean 'friction'?"),
+        ("time.step=-1", "time.step = -1: input should be greater than 0"),
+        ("soft_bodies.finger.mesh='fingr.msh'", "soft_bodies.finger.mesh: fingr.msh: no such file"),
+        ("soft_bodies.finger.mesh='empty.msh'", "empty.msh: not readable as MSH"),
+        ("soft_bodies.finger.mesh='ball.stl'", "ball.stl: '.stl' is not a kind of volume mesh file; valid: .msh"),
+        ("soft_bodies.finger.cavities.cavity={surface='open.stl'}", "open.stl: is not closed: 3 edges"),
+        ("soft_bodies.finger.cavities.cavity={surface='far.stl'}", "far.stl: vertex 0 at [500."),
+        ("soft_bodies.finger.cavities.cavity={surface='empty.stl'}", "empty.stl: has no faces"),
+        (
+            "soft_bodies.finger.cavities.cavity.group='cav'",
+            "scene.toml: soft_bodies.finger.cavities.cavity.group = 'cav'",
+        ),
+        ("soft_bodies.finger.anchors.0.group='bas'", "anchors.0.group = 'bas': "),
+        (
+            "soft_bodies.finger.anchors.0={box=[[9.0,0.0,0.0],[10.0,1.0,1.0]]}",
+            "anchors.0.box = [[9.0, 0.0, 0.0], [10.0, 1.0, 1.0]]: selects no node",
+        ),
+        ("soft_bodies.finger.regions.0.box=[[9.0,0.0,0.0],[10.0,1.0,1.0]]", "regions.0.box = [[9.0, 0.0, 0.0]"),
+        ("rigid_bodies.cube.position=[-60.0,10.0,0.0]", "scene.toml: bodies 'finger' and 'cube' overlap at the start"),
+        ("controller.name='scriptd'", "no controller is called 'scriptd'; there are: scripted"),
+        ("controller.settings.scrpt='rest'", "controller.settings.scrpt: unknown key; did you mean 'script'?"),
+        ("controller.settings={}", "scene.toml: controller.settings.script: this key is missing"),
+        (
+            "controller.settings.pressure='high'",
+            "controller.settings.pressure = 'high': input should be a valid number",
+        ),
+        (
+            "controller.settings.script='bad.toml'",
+            "bad.toml: the times of the keyframes must increase; they are [1.0, ",
+        ),
+    ],
+)
+def test_a_wrong_value_is_one_line(command: Command, tmp_path: Path, override: str, message: str) -> None:
+    ball = trimesh.creation.icosphere(1, 2.0)
+    ball.apply_translation([-60.0, 20.0, 0.0])
+    ball.export(tmp_path / "ball.stl")
+    trimesh.Trimesh(ball.vertices, ball.faces[1:]).export(tmp_path / "open.stl")
+    trimesh.creation.box([20.0, 5.0, 3.0]).apply_translation([510.0, 0.0, 0.0]).export(tmp_path / "far.stl")
+    for empty in ("empty.stl", "empty.msh"):
+        (tmp_path / empty).touch()
+    (tmp_path / "bad.toml").write_text("keyframes = [{ time = 1, pressure = 0 }, { time = 0.5, pressure = 0 }]")
+    assert message in refusal(command, "scene.toml", "--set", override)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["nothing.toml"], "nothing.toml: no such file, and none of the shipped scenes: "),
+        (["."], ".: is a folder; a file (.toml) is needed"),
+        (["scene.toml", "--duration", "0"], "duration = 0: must be a positive, finite number of seconds"),
+        (["scene.toml", "--duration", "-1"], "duration = -1: must be a positive, finite number of seconds"),
+        (["scene.toml", "--duration", "nan"], "duration = nan: must be a positive, finite number of seconds"),
+        (["scene.toml", "--duration", "inf"], "duration = inf: must be a positive, finite number of seconds"),
+        (["scene.toml", "--controller", "piano"], "no controller is called 'piano'; there are: scripted"),
+        (["scene.toml", "--outputs", "film"], "no output is called 'film'; there are: metrics, pictures, recording"),
+        (["scene.toml", "--output", "scene.toml"], "--output scene.toml: cannot be written: File exists"),
+        (["scene.toml", "--output", "scene.toml/x"], "--output scene.toml/x: cannot be written: Not a directory"),
+    ],
+)
+def test_a_wrong_argument_is_one_line(command: Command, arguments: list[str], message: str) -> None:
+    assert refusal(command, *arguments).startswith(message)
+
+
+def test_a_scene_without_a_controller_says_how_to_name_one(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text(SCENE.replace('[controller]\nname = "scripted"\nsettings', "#"))
+    assert refusal(command, "scene.toml") == "scene.toml: there is no [controller]; name one with --controller"
+
+
+def test_a_run_that_diverges_keeps_what_was_computed(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "burst.toml").write_text("keyframes = [{ time = 0, pressure = 0 }, { time = 0.3, pressure = 1e5 }]")
+    code, output, errors = command("run", "scene.toml", "--set", "controller.settings.script=burst.toml")
+    (line,) = errors.splitlines()
+    assert code == 2
+    assert line.startswith("taichisoft: step 2: body 'finger' exploded: it would move ")
+    assert "; try a smaller time.step, a lower pressure" in line
+    folder = tmp_path / "out" / "scene"
+    assert outcome_and_steps(folder / "recording.h5") == (line.removeprefix("taichisoft: "), 2)
+    assert json.loads((folder / "metrics.json").read_text())["steps"] == 2
+    assert "results in" in output
+
+
+def test_an_inside_out_cavity_is_turned_and_said(command: Command, tmp_path: Path) -> None:
+    ball = trimesh.creation.box([20.0, 5.0, 3.0])
+    ball.apply_translation([-60.0, 20.0, 0.0])
+    ball.invert()
+    ball.export(tmp_path / "ball.stl")
+    override = "soft_bodies.finger.cavities.cavity={surface='ball.stl'}"
+    code, output, _ = command("run", "scene.toml", "--set", override, "--outputs", "")
+    assert code == 0
+    assert f"warning: {tmp_path / 'ball.stl'}: is inside out; its triangles are turned round\n" in output
+
+
+def test_brackets_in_a_title_or_folder_are_no_markup(command: Command) -> None:
+    code, output, errors = command(
+        "run", "scene.toml", "--set", "title='grip [/b] [red]'", "--output", "[/b]", "--outputs", "metrics,metrics"
+    )
+    assert (code, errors) == (0, "")
+    assert "grip [/b] [red]" in output
+    assert "results in [/b]" in output
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_stopped_run_ends_cleanly_with_a_whole_recording(tmp_path: Path, number: signal.Signals) -> None:
+    """A process of its own: the signal comes while it computes."""
+    (tmp_path / "scene.toml").write_text(SCENE)
+    start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # as a shell would start it
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-c",
+            start + "from taichisoft.command_line import main; main()",
+            *("run", "scene.toml", "--duration", "1000", "--output", "stopped"),
+        ],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    recording = tmp_path / "stopped" / "recording.h5"
+    try:
+        deadline = time.monotonic() + 60
+        while not recording.exists():
+            assert process.poll() is None and time.monotonic() < deadline
+            time.sleep(0.05)
+        time.sleep(1.0)
+        process.send_signal(number)
+        output, errors = process.communicate(timeout=60)
+    finally:
+        process.kill()
+    assert (process.returncode, errors) == (130, "")
+    assert "results in stopped" in output
+    outcome, steps = outcome_and_steps(recording)
+    assert outcome == "interrupted"
+    metrics = json.loads((tmp_path / "stopped" / "metrics.json").read_text())
+    assert (metrics["outcome"], metrics["steps"]) == ("interrupted", steps)
+
+
+def test_the_version_is_shown(command: Command) -> None:
+    assert command("--version") == (0, f"taichisoft {taichisoft.__version__}\n", "")
+
+
+def test_plugins_are_listed_with_what_they_provide(command: Command) -> None:
+    code, output, _ = command("plugins")
+    assert code == 0
+    for word in ("controllers", "outputs", "meshing", "taichisoft_plugins", "scripted", "recording"):
+        assert word in output
+
+
+@pytest.mark.parametrize(
+    "arguments", [["rn"], ["run"], ["run", "scene.toml", "--film"], ["run", "x", "--duration", "long"]]
+)
+def test_a_command_that_is_none_is_refused(command: Command, arguments: list[str]) -> None:
+    code, _, errors = command(*arguments)
+    assert code == 2
+    assert "Error" in errors
+    assert "Traceback" not in errors
