@@ -200,6 +200,9 @@ def test_the_resolved_scene_reads_back_equal(name: str, tmp_path: Path) -> None:
     resolved = tmp_path / "resolved.toml"
     resolved.write_text(scene_to_toml(scene), encoding="utf-8")
     assert load_scene(resolved) == scene
+    text = resolved.read_text(encoding="utf-8")
+    for default in ("max_iterations = 10000", "alarm_distance = 5.0", 'corotation = "edges"', "stiffness = 1"):
+        assert default in text  # a later version with other defaults must give the same run
 
 
 def test_a_scene_made_in_python_begins_its_errors_with_the_given_source() -> None:
