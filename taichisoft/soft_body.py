@@ -117,28 +117,27 @@ def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:
 
 
 def _collision_surface(mesh: VolumeMesh, body: settings.SoftBody) -> MappedSurface:
-    """The scene's own surface, else the group "outer", else the outermost of the mesh's boundary surfaces."""
+    """The scene's own surface, else the group "outer", else the mesh's boundary; without the walls of cavities."""
     if body.collision_surface is not None:
         vertices, triangles = read_surface(body.collision_surface)
-        used, triangles = np.unique(_outermost(vertices, triangles), return_inverse=True)
+        used, triangles = np.unique(_outermost(vertices, triangles, body.collision_surface), return_inverse=True)
         return _follow(mesh, vertices[used], triangles.reshape(-1, 3), body.collision_surface)
+    source = f"{mesh.source}: outer surface"
     if "outer" in mesh.surface_groups:
-        triangles = mesh.surface_groups["outer"]
+        triangles = closed_outward(mesh.nodes, mesh.surface_groups["outer"], source)
     else:
-        triangles = _outermost(mesh.nodes, boundary_triangles(mesh.elements))
-    return MappedSurface.of_nodes(closed_outward(mesh.nodes, triangles, f"{mesh.source}: outer surface"))
+        triangles = _outermost(mesh.nodes, boundary_triangles(mesh.elements), source)
+    return MappedSurface.of_nodes(triangles)
 
 
-def _outermost(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """The connected part of a surface with the largest extent: without the walls of cavities."""
+def _outermost(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
+    """The connected parts of a closed surface that enclose silicone: the walls of cavities have a negative volume."""
     import trimesh
 
-    parts = trimesh.graph.connected_component_labels(
-        np.vstack([triangles[:, [0, 1]], triangles[:, [1, 2]]]), node_count=len(vertices)
-    )[triangles[:, 0]]
-    extents = {label: np.ptp(vertices[triangles[parts == label]].reshape(-1, 3), axis=0).sum() for label in set(parts)}
-    largest = max(extents, key=lambda label: extents[label])
-    return triangles[parts == largest]
+    triangles = closed_outward(vertices, triangles, source)
+    part = trimesh.graph.connected_component_labels(triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2))[triangles[:, 0]]
+    encloses = {label: enclosed_volume(vertices, triangles[part == label]) > 0.0 for label in set(part)}
+    return triangles[[encloses[label] for label in part]]
 
 
 def _make_cavity(mesh: VolumeMesh, name: str, cavity: settings.Cavity, key: str) -> Cavity:

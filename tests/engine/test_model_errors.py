@@ -7,8 +7,12 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from conftest import make_block
 
 from taichisoft.errors import MeshError, SceneError
+from taichisoft.mapped_surface import enclosed_volume
+from taichisoft.mesh import VolumeMesh
+from taichisoft.mesh_files import write_volume_mesh
 from taichisoft.model import Model
 from taichisoft.scene_file import scene_from_dict
 
@@ -119,3 +123,22 @@ def test_mass_and_inertia_come_from_the_surface(tmp_path: Path) -> None:
     expected = 0.048 / 12 * np.diag([4**2 + 6**2, 2**2 + 6**2, 2**2 + 4**2])
     np.testing.assert_allclose(body.inertia, expected, atol=1e-12)
     np.testing.assert_allclose(body.start_position, [20, 0, 5], atol=1e-12)
+
+
+def test_every_piece_of_a_mesh_has_a_surface_and_no_cavity_has(tmp_path: Path) -> None:
+    """Two hollow blocks in one mesh: both outsides touch others, as large as they were; the hollows do not."""
+    one = make_block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True)
+    nodes = np.vstack([one.nodes, one.nodes + np.array([50.0, 0.0, 0.0])])
+    elements = np.vstack([one.elements, one.elements + len(one.nodes)])
+    write_volume_mesh(VolumeMesh("two", nodes, elements), tmp_path / "two.msh")
+    made = model({"mesh": str(tmp_path / "two.msh"), "mass": 0.01, "young_modulus": 500, "poisson_ratio": 0.3})
+    surface = made.soft_bodies[0].surface
+    assert enclosed_volume(surface.positions(nodes), surface.triangles) == pytest.approx(2 * 20.0**3)
+
+
+def test_the_tutorials_surface_touches_without_the_walls_of_its_cavity(shared: Path) -> None:
+    """The file holds both: 60050 mm^3 outside, 8887.5 mm^3 within."""
+    meshes = shared / "tutorial-meshes"
+    files = {"mesh": str(meshes / "pneunetCutCoarse.vtk"), "collision_surface": str(meshes / "pneunetCut.stl")}
+    made = model({**files, "mass": 0.04, "young_modulus": 500, "poisson_ratio": 0.3})
+    assert len(made.soft_bodies[0].surface.triangles) == 2056
