@@ -18,6 +18,9 @@ from taichisoft.surface import closed_outward
 # A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
 # mesh cuts the corners of a fine surface.
 EMBEDDING_MARGIN = 0.05
+# Nor may it lie far from every element within that box: the weights are extrapolated, and errors of the elements'
+# motion with them.
+SMALLEST_WEIGHT = -0.2
 
 
 @dataclass(frozen=True)
@@ -160,11 +163,13 @@ def _follow(mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, sourc
     triangles = closed_outward(vertices, triangles, source)
     lower, upper = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     margin = EMBEDDING_MARGIN * (upper - lower).max()
+    nodes, weights = embed(vertices, mesh.nodes, mesh.elements)
     outside = ((vertices < lower - margin) | (vertices > upper + margin)).any(axis=1)
+    outside |= weights.min(axis=1) < SMALLEST_WEIGHT
     if outside.any():
         raise MeshError(
             f"{source}: vertex {int(np.argmax(outside))} at {np.round(vertices[outside][0], 3).tolist()} mm lies "
-            f"outside the body {mesh.source} ({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm)"
+            f"outside the body {mesh.source} ({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm); "
+            "give the surface of this mesh, in its coordinates, or mesh the body more finely"
         )
-    nodes, weights = embed(vertices, mesh.nodes, mesh.elements)
     return MappedSurface(nodes, weights, triangles.astype(np.int32))

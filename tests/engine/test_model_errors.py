@@ -70,6 +70,7 @@ def test_a_cavity_with_a_hole_is_refused(hollow: dict[str, Any], tmp_path: Path)
 
 def test_a_cavity_inside_out_is_turned_round_with_a_warning(hollow: dict[str, Any], tmp_path: Path) -> None:
     box = trimesh.creation.box(extents=[2, 2, 2])
+    box.vertices += [8, 8, 8]
     box.invert()
     with pytest.warns(UserWarning, match=r"cavity\.stl: is inside out"):
         made = model({**hollow, **cavity_file(tmp_path, box)})
@@ -81,6 +82,13 @@ def test_a_cavity_outside_its_body_is_refused_with_a_vertex(hollow: dict[str, An
     box = trimesh.creation.box(extents=[2, 2, 2])
     box.vertices += [0, 0, 30]
     with pytest.raises(MeshError, match=r"cavity\.stl: vertex \d+ at \[.*\] mm lies outside the body .*\.msh"):
+        model({**hollow, **cavity_file(tmp_path, box)})
+
+
+def test_a_surface_in_a_hollow_of_its_body_is_refused_with_a_vertex(hollow: dict[str, Any], tmp_path: Path) -> None:
+    """It lies in the body's box, but in no element, nor near one; the hollow is 6.7 mm wide, its elements as large."""
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    with pytest.raises(MeshError, match=r"cavity\.stl: vertex \d+ at \[.*\] mm lies outside .*\.msh .* mm\); give the"):
         model({**hollow, **cavity_file(tmp_path, box)})
 
 
