@@ -9,7 +9,7 @@ from taichisoft import scene as settings
 from taichisoft.errors import SceneError
 from taichisoft.mesh_files import read_surface
 from taichisoft.placement import quaternion_from_matrix, rotation_from_degrees
-from taichisoft.surface import closed_outward
+from taichisoft.surface import closed_outward, count_open_edges
 
 
 @dataclass(frozen=True)
@@ -85,14 +85,16 @@ def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
 
 
 def make_obstacle(name: str, obstacle: settings.Obstacle) -> Obstacle:
-    """Compute an obstacle from its table in the scene; its surface need not be closed.
+    """Compute an obstacle from its table in the scene; its surface need not be closed, but a closed one faces outward.
 
     Raises:
-        MeshError: its surface cannot be read.
+        MeshError: its surface cannot be read, or is closed and encloses no volume.
     """
     if obstacle.plane is not None:
         normal = np.array(obstacle.plane.normal)
         return Obstacle(name, point=np.array(obstacle.plane.point), normal=normal / np.linalg.norm(normal))
     vertices, triangles = read_surface(obstacle.surface or "")
+    if count_open_edges(triangles) == 0:
+        triangles = closed_outward(vertices, triangles, obstacle.surface or "")
     placed = obstacle.scale * vertices @ rotation_from_degrees(obstacle.rotation).T
     return Obstacle(name, placed + np.asarray(obstacle.translation), triangles.astype(np.int32))

@@ -150,3 +150,32 @@ def test_the_tutorials_surface_touches_without_the_walls_of_its_cavity(shared: P
     files = {"mesh": str(meshes / "pneunetCutCoarse.vtk"), "collision_surface": str(meshes / "pneunetCut.stl")}
     made = model({**files, "mass": 0.04, "young_modulus": 500, "poisson_ratio": 0.3})
     assert len(made.soft_bodies[0].surface.triangles) == 2056
+
+
+def obstacle_file(folder: Path, surface: trimesh.Trimesh) -> np.ndarray:
+    """The triangles of the obstacle that Model makes of a surface file."""
+    surface.export(folder / "table.obj")
+    tables = {
+        "rigid_bodies": {"cube": {"box": [1, 1, 1], "mass": 1, "position": [0, 0, 9]}},
+        "obstacles": {"table": {"surface": str(folder / "table.obj")}},
+    }
+    triangles = Model(scene_from_dict(tables)).obstacles[0].triangles
+    assert triangles is not None
+    return triangles
+
+
+def test_a_closed_obstacle_inside_out_is_turned_round_with_a_warning(tmp_path: Path) -> None:
+    """Else it would pull in what touches it from outside."""
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    box.invert()
+    with pytest.warns(UserWarning, match=r"table\.obj: is inside out"):
+        triangles = obstacle_file(tmp_path, box)
+    assert enclosed_volume(box.vertices, triangles) == pytest.approx(8.0)
+
+
+def test_an_open_obstacle_stays_as_it_is(tmp_path: Path) -> None:
+    """Its author alone knows which side is solid."""
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    box.invert()
+    box.update_faces(np.arange(1, 12))
+    np.testing.assert_array_equal(obstacle_file(tmp_path, box), box.faces)
