@@ -5,6 +5,10 @@ otherwise); results do not depend on it, because every sum is gathered in a fixe
 
 In a parallel loop Taichi turns `array[i] += x` into an atomic operation, which neither vectorises nor keeps its
 order: kernels write `array[i] = array[i] + x` where one task owns the entry.
+
+With fast_math LLVM may assume that there is no NaN, so kernels cannot be trusted to find one. They need not: every
+new state is checked with numpy's isfinite on the host before it is accepted (divergence.py), and comparisons with
+NaN inside kernels do no more than end loops.
 """
 
 import contextlib
@@ -16,7 +20,23 @@ os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")  # a simulation asks nothin
 
 import taichi as ti
 
-THREADS = int(os.environ.get("TAICHISOFT_THREADS", "0")) or os.cpu_count() or 1
+from taichisoft.errors import TaichisoftError
+
+
+def thread_count(setting: str) -> int:
+    """The number of threads that the environment variable TAICHISOFT_THREADS asks for.
+
+    Raises:
+        TaichisoftError: it is no whole number, or negative.
+    """
+    if not (setting.isascii() and setting.strip().isdigit()):
+        raise TaichisoftError(
+            f"TAICHISOFT_THREADS = '{setting}': must be a whole number of threads, 1 or more, or 0 for all cores"
+        )
+    return int(setting) or os.cpu_count() or 1
+
+
+THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or "0")
 
 with contextlib.redirect_stdout(io.StringIO()):  # ti.init prints which back end it starts
     ti.init(
