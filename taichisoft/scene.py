@@ -28,6 +28,16 @@ class Table(BaseModel):
         if len(given) != 1:
             raise ValueError(f"exactly one of {', '.join(keys)} is needed; given: {', '.join(given) or 'none'}")
 
+    def refuse_beside(self, chosen: str, *keys: str) -> None:
+        """Raise ValueError when any of `keys` stands beside `chosen`, which would ignore it.
+
+        A key at its default is no mistake: a scene written out has them all.
+        """
+        if getattr(self, chosen) is not None:
+            ignored = [key for key in keys if getattr(self, key) != type(self).model_fields[key].default]
+            if ignored:
+                raise ValueError(f"beside {chosen} there is no effect of {', '.join(ignored)}; remove it")
+
 
 class Selection(Table):
     """Nodes or elements of a soft body, by a box in the mesh's own coordinates or by a group of the mesh."""
@@ -119,7 +129,7 @@ class RigidBody(Table):
     box: tuple[Positive, Positive, Positive] | None = None
     """Edge lengths [mm] of a box about the origin."""
     scale: Positive = 1.0
-    """Factor on the surface's coordinates [-]."""
+    """Factor on the surface's coordinates [-]; not of a box."""
     mass: Positive | None = None
     """[kg]; either this or density."""
     density: Positive | None = None
@@ -140,6 +150,7 @@ class RigidBody(Table):
     @model_validator(mode="after")
     def _check_sources(self) -> "RigidBody":
         self.require_one_of("surface", "box")
+        self.refuse_beside("box", "scale")
         self.require_one_of("mass", "density")
         return self
 
@@ -159,7 +170,7 @@ class Plane(Table):
 
 
 class Obstacle(Table):
-    """Something that never moves: a plane or a surface."""
+    """Something that never moves: a plane, or a surface that may be scaled, turned and shifted."""
 
     plane: Plane | None = None
     surface: str | None = None
@@ -172,6 +183,7 @@ class Obstacle(Table):
     @model_validator(mode="after")
     def _check_source(self) -> "Obstacle":
         self.require_one_of("plane", "surface")
+        self.refuse_beside("plane", "scale", "rotation", "translation")
         return self
 
 
@@ -199,6 +211,18 @@ class Contact(Table):
     """The Gauss-Seidel stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
     max_iterations: Annotated[int, Field(strict=True, gt=0)] = 10000
     """Most sweeps of the Gauss-Seidel in a step; a step that needs more is counted as not converged."""
+
+    @model_validator(mode="after")
+    def _check_pairs(self) -> "Contact":
+        seen: set[frozenset[str]] = set()
+        for pair in self.pairs:
+            first, second = pair.bodies
+            if first == second:
+                raise ValueError(f"pairs names '{first}' with itself; a body does not touch itself, name two")
+            if frozenset(pair.bodies) in seen:
+                raise ValueError(f"pairs names '{first}' and '{second}' twice; keep one of the two")
+            seen.add(frozenset(pair.bodies))
+        return self
 
     @model_validator(mode="after")
     def _check_distances(self) -> "Contact":

@@ -25,6 +25,14 @@ def with_box(**tables: Any) -> dict[str, Any]:
     return {"rigid_bodies": {"cube": BOX}, **tables}
 
 
+def with_obstacle(**changes: Any) -> dict[str, Any]:
+    return with_box(obstacles={"floor": {**PLANE, **changes}})
+
+
+def with_pairs(*pairs: list[str]) -> dict[str, Any]:
+    return {**with_obstacle(), "contact": {"pairs": [{"bodies": pair, "friction": 1} for pair in pairs]}}
+
+
 def without(table: dict[str, Any], key: str) -> dict[str, Any]:
     return {name: value for name, value in table.items() if name != key}
 
@@ -46,6 +54,17 @@ WRONG = [
     ({"rigid_bodies": {"cube": {"mass": 1}}}, "exactly one of surface, box is needed; given: none"),
     (soft(anchors=[{}]), "soft_bodies.finger.anchors.0: exactly one of box, group is needed; given: none"),
     ({}, "a scene needs at least one soft body or rigid body"),
+    # without effect
+    (rigid(scale=2), "rigid_bodies.cube: beside box there is no effect of scale; remove it"),
+    (
+        with_obstacle(translation=[1, 0, 0]),
+        "obstacles.floor: beside plane there is no effect of translation; remove it",
+    ),
+    (with_obstacle(rotation=[0, 9, 0]), "obstacles.floor: beside plane there is no effect of rotation; remove it"),
+    (
+        with_obstacle(scale=2, rotation=[0, 9, 0]),
+        "obstacles.floor: beside plane there is no effect of scale, rotation; remove it",
+    ),
     # types
     (soft(young_modulus="stiff"), "soft_bodies.finger.young_modulus = 'stiff': "),
     (with_box(gravity=[0, 0]), "gravity"),
@@ -77,6 +96,8 @@ WRONG = [
         with_box(contact={"pairs": [{"bodies": ["cube", "flor"], "friction": 1}]}, obstacles={"floor": PLANE}),
         "contact.pairs names 'flor', which is no body; there are: cube, floor",
     ),
+    (with_pairs(["cube", "cube"]), "contact: pairs names 'cube' with itself; a body does not touch itself, name two"),
+    (with_pairs(["cube", "floor"], ["floor", "cube"]), "contact: pairs names 'floor' and 'cube' twice; keep one"),
     (with_box(goal={"object": "ball"}), "goal.object is 'ball', which is no rigid body; there are: cube"),
     ({"soft_bodies": {"a": {"like": "b"}, "b": SOFT}}, "soft_bodies.a.like = 'b': must be a soft body above it"),
     # files
