@@ -6,7 +6,7 @@ from taichisoft.cavities import Cavities
 from taichisoft.contact_surfaces import ContactSurfaces
 from taichisoft.detection import ContactDetection
 from taichisoft.elasticity import Elasticity
-from taichisoft.errors import SceneError
+from taichisoft.overlap import refuse_overlap
 from taichisoft.placement import matrices_from_quaternions
 from taichisoft.rigid_body import make_obstacle, make_rigid_body
 from taichisoft.scene import Scene
@@ -60,7 +60,10 @@ class Model:
         self.rigid_mass = np.array([body.mass for body in self.rigid_bodies])
         self.rigid_inertia = np.array([body.inertia for body in self.rigid_bodies]).reshape(-1, 3, 3)
         self.gravity = np.array(scene.gravity)
-        self._refuse_overlap()
+        rotation = np.array([body.start_rotation for body in self.rigid_bodies]).reshape(-1, 4)
+        position = np.array([body.start_position for body in self.rigid_bodies]).reshape(-1, 3)
+        self.surfaces.update(self.rest_position, position, matrices_from_quaternions(rotation))
+        refuse_overlap(self.surfaces, self.detection, self.body_names)
 
     @property
     def node_count(self) -> int:
@@ -84,18 +87,3 @@ class Model:
         if self.elasticity is None or not (self.elasticity.anchor_stiffness > 0).any():
             return np.zeros(3)
         return self.rest_position[self.elasticity.anchor_stiffness > 0].mean(axis=0)
-
-    def _refuse_overlap(self) -> None:
-        """Bodies that overlap at the start would be thrown apart."""
-        rotation = np.array([body.start_rotation for body in self.rigid_bodies]).reshape(-1, 4)
-        position = np.array([body.start_position for body in self.rigid_bodies]).reshape(-1, 3)
-        self.surfaces.update(self.rest_position, position, matrices_from_quaternions(rotation))
-        lower, upper = self.surfaces.boxes()
-        pairs = self.detection.find(reach=0.0, depth=float(np.linalg.norm(upper - lower, axis=1).max()))
-        if pairs.count and pairs.distance.min() < 0.0:
-            deepest = int(pairs.distance.argmin())
-            first, second = (self.body_names[body] for body in pairs.bodies[deepest])
-            raise SceneError(
-                f"bodies '{first}' and '{second}' overlap at the start by {-pairs.distance[deepest]:.3g} mm at "
-                f"{np.round(pairs.points[deepest, 0], 2).tolist()} mm; move one of them away"
-            )
