@@ -255,7 +255,7 @@ class Goal(Table):
     object: str
     """Name of the rigid body."""
     tolerance: Positive = 1.0
-    """Largest difference between the lift of the object and of the base [mm]."""
+    """Largest difference between the lift of the object and of the base [mm]; both must rise by more."""
     hold: Positive = 2.0
     """The last seconds of the run, in which the object must stand still [s]."""
     creep: Positive = 0.1

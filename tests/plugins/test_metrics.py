@@ -24,6 +24,7 @@ def model(goal: bool = True) -> Any:
             "gravity": (-9810.0 * UP).tolist(),
             "time": {"step": STEP},
             "goal": {"object": "cube", "hold": 2.0, "tolerance": 1.0, "creep": 0.1} if goal else None,
+            "obstacles": {"floor": {"plane": {"point": (-20.0 * UP).tolist(), "normal": UP.tolist()}}},
             "rigid_bodies": {name: {"box": [10, 10, 10], "mass": 0.001} for name in ("other", "cube")},
         }
     )
@@ -42,7 +43,13 @@ def report(step: int, **changes: Any) -> Any:
         "iterations": step,
         "converged": True,
         "max_penetration": 0.01,
-        "normal_forces": {"finger1|cube": 30.0, "cube|finger2": 20.0, "cube|floor": 500.0, "finger1|finger2": 900.0},
+        "normal_forces": {
+            "finger1|cube": 30.0,
+            "cube|finger2": 20.0,
+            "cube|floor": 500.0 if step < 2 else 0.0,  # before the base moves
+            "finger1|finger2": 900.0,
+            "finger1|floor": 700.0,
+        },
     }
     return SimpleNamespace(**{**values, **changes})
 
@@ -129,10 +136,27 @@ def test_the_file_has_the_figures_of_the_steps(tmp_path: Path) -> None:
             {step: {"normal_forces": {"cube|floor": 9.81}} for step in range(30)},
             "no soft body touched it in the last 2 s",
         ),
-        ([0.0] * 30, [0.0] * 30, {}, "lifted by 0.00 mm with a base that rose 0.00 mm"),
-        (RISE, [0.0, 0.0, 0.0, 10.0, 20.0], {}, "the run of 0.4 s is no longer than the 2 s of holding"),
+        ([0.0] * 30, [0.0] * 30, {}, "the base rose by 0.00 mm (more than 1 mm is needed)"),
+        ([0.0] + [1.5] * 29, [0.0] + [0.6] * 29, {}, "it rose by 0.60 mm (more than 1 mm is needed)"),
+        (
+            RISE + HOLD,
+            cube_heights(),
+            {len(RISE + HOLD) - 2: {"normal_forces": {"finger1|cube": 30.0, "cube|floor": 9.81}}},
+            "obstacles still carry it at the end, with 9.81 mN",
+        ),
+        (RISE, [0.0, 0.0, 0.0, 10.0, 20.0], {}, "the run of 0.4 s is shorter than the 2 s of holding"),
     ],
-    ids=["slips", "thrown up", "creeps", "overlaps", "not touched", "not lifted", "too short"],
+    ids=[
+        "slips",
+        "thrown up",
+        "creeps",
+        "overlaps",
+        "not touched",
+        "base stays",
+        "stays on the floor",
+        "put down",
+        "too short",
+    ],
 )
 def test_a_missed_goal_says_what_failed(
     tmp_path: Path, base: list[float], cube: list[float], changes: dict[int, dict[str, Any]], why: str
