@@ -47,7 +47,6 @@ class Cavities:
         self.entry_node = np.concatenate(entries).astype(np.int32)
         self.gradient = np.zeros((entry_count, 3))
         self._triangles = np.vstack(triangles).astype(np.int32)
-        self._position = np.zeros((vertex_count, 3))
         self._area_vector = np.zeros((vertex_count, 3))
         corners = self._triangles.reshape(-1)
         self._fan = np.argsort(corners, kind="stable").astype(np.int32)
@@ -58,26 +57,39 @@ class Cavities:
         self._part_vertex = all_parts[by_entry, 1].astype(np.int32)
         self._part_weight = np.concatenate([weight.reshape(-1) for weight in weights])[by_entry]
 
-    def update(self, node_position: np.ndarray) -> np.ndarray:
-        """Fill `gradient` for node positions (node_count, 3) and return the volumes [mm^3], (cavity_count,)."""
+    def update(self, node_position: np.ndarray) -> None:
+        """Fill `gradient` for node positions [mm], shape (node_count, 3)."""
+        if self.names:
+            kernels.cavity_gradients(
+                self._fan_start,
+                self._fan,
+                self._triangles,
+                self._vertices(node_position),
+                self._area_vector,
+                self._part_start,
+                self._part_vertex,
+                self._part_weight,
+                self.gradient,
+            )
+
+    def volumes(self, node_position: np.ndarray) -> np.ndarray:
+        """Enclosed volumes [mm^3], shape (cavity_count,), for node positions [mm], shape (node_count, 3)."""
         if not self.names:
             return np.zeros(0)
-        moved = [np.einsum("vk,vkd->vd", weights, node_position[nodes]) for nodes, weights in self._surfaces]
-        self._position[:] = np.vstack(moved)
-        kernels.cavity_gradients(
-            self._fan_start,
-            self._fan,
-            self._triangles,
-            self._position,
-            self._area_vector,
-            self._part_start,
-            self._part_vertex,
-            self._part_weight,
-            self.gradient,
-        )
         # Relative to the first vertex of its cavity, a large distance from the origin costs no digits.
-        corners = self._position[self._triangles]
+        corners = self._vertices(node_position)[self._triangles]
         origin = corners[self._triangle_start[:-1], 0]
         corners = corners - np.repeat(origin, np.diff(self._triangle_start), axis=0)[:, None]
         parts = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
         return np.add.reduceat(parts, self._triangle_start[:-1])
+
+    def node_impulse(self, cavity_impulse: np.ndarray, node_count: int) -> np.ndarray:
+        """Impulses on the nodes [mN s], shape (node_count, 3), of pressures times time [kPa s], (cavity_count,)."""
+        result = np.zeros((node_count, 3))
+        for cavity, impulse in enumerate(cavity_impulse):
+            entries = slice(self.entry_start[cavity], self.entry_start[cavity + 1])
+            result[self.entry_node[entries]] += impulse * self.gradient[entries]
+        return result
+
+    def _vertices(self, node_position: np.ndarray) -> np.ndarray:
+        return np.vstack([np.einsum("vk,vkd->vd", weights, node_position[nodes]) for nodes, weights in self._surfaces])

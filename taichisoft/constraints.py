@@ -11,11 +11,11 @@ from taichisoft.state import State
 
 
 class ConstraintProblem:
-    """Find impulses such that velocities after the step obey contact, friction and the cavities.
+    """Find impulses such that velocities after the step obey contact, friction and imposed volumes.
 
     With v the velocity of each row after the step, v = free + W impulse. A contact has three rows: normal
-    (velocity plus gap / h, at least 0), and two tangents. A cavity has one: its rate of volume less the rate
-    that reaches the imposed growth at the end of the step. Cavities of imposed pressure have known impulses.
+    (velocity plus gap / h, at least 0), and two tangents. A cavity of imposed volume has one: its rate of volume
+    less the rate that reaches the imposed growth at the end of the step. (Imposed pressures are known impulses.)
 
     Attributes:
         contacts: the pairs.
@@ -27,21 +27,16 @@ class ConstraintProblem:
         residual: largest change of a row's velocity in the last sweep [mm/s].
     """
 
-    def __init__(self, model: Model, state: State, contacts: ContactPairs, cavity_volume: np.ndarray):
-        """Lay out the rows at the positions of `state`; `cavity_volume` [mm^3] are the volumes there."""
+    def __init__(self, model: Model, state: State, contacts: ContactPairs):
+        """Lay out the rows at the positions of `state`."""
         self.contacts = contacts
         self._model = model
         self._state = state
         self._time_step = model.scene.time.step
         self.basis = contact_basis(contacts.normal)
-        self._cavity_count = len(model.cavities.names)
-        self._growth_rate = np.where(
-            state.cavity_volume_imposed,
-            (cavity_volume - model.cavities.rest_volume - state.cavity_target) / self._time_step,
-            0.0,
-        )
+        self._cavities = np.flatnonzero(state.cavity_volume_imposed).astype(np.int32)
         self._find_entries()
-        self.row_count = 3 * contacts.count + self._cavity_count
+        self.row_count = 3 * contacts.count + len(self._cavities)
         self.impulse = np.zeros(self.row_count)
         self.iterations, self.residual = 0, 0.0
 
@@ -55,9 +50,7 @@ class ConstraintProblem:
         self._rigid_jacobian = np.zeros((max(1, 3 * count), 2, 6))
         if count == 0:
             return
-        sign = np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
         kernels.soft_entries(
-            sign,
             self.contacts.vertices,
             self.contacts.weights,
             surfaces.vertex_nodes,
@@ -79,25 +72,28 @@ class ConstraintProblem:
             rows = np.concatenate([linear, angular], axis=2).reshape(-1, 6)
             self._rigid_jacobian[:, side] = np.where(on_rigid[:, None], rows, 0.0)
 
-    @property
-    def has_unknowns(self) -> bool:
-        """Whether there is more than cavities of imposed pressure, whose impulses are known."""
-        return self.contacts.count > 0 or bool(self._state.cavity_volume_imposed.any())
-
     def measure(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray, inverse_mass: np.ndarray) -> None:
-        """Fill `free` and `compliance` from the velocities without constraint impulses, if an impulse is unknown.
+        """Fill `free` and `compliance`.
 
         Args:
-            node_velocity: of the soft nodes [mm/s], shape (node_count, 3).
-            rigid_velocity: linear and angular of the rigid bodies, shape (rigid_count, 6).
+            node_velocity: of the soft nodes without the impulses to be found [mm/s], shape (node_count, 3).
+            rigid_velocity: linear and angular of the rigid bodies likewise, shape (rigid_count, 6).
             inverse_mass: of the rigid bodies in world axes, shape (rigid_count, 6, 6).
         """
-        if not self.has_unknowns:
-            return
         count = self.contacts.count
         self.free = np.empty(self.row_count)
-        velocity = np.empty((count, 3))
-        if count:
+        self.free[: 3 * count] = self._contact_velocities(node_velocity, rigid_velocity).reshape(-1)
+        self.free[3 * count :] = self._volume_rates(node_velocity)
+        self.compliance = np.zeros((self.row_count, self.row_count))
+        if self._model.elasticity is not None and self.row_count:
+            self._add_soft_compliance()
+        if len(self._model.rigid_bodies) and count:
+            kernels.rigid_compliance(self._rigid, self._rigid_jacobian, inverse_mass, self.compliance)
+
+    def _contact_velocities(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
+        """Relative velocities in the bases, plus gap / h along the normals [mm/s], shape (contact_count, 3)."""
+        velocity = np.empty((self.contacts.count, 3))
+        if self.contacts.count:
             kernels.contact_velocity(
                 self._node,
                 self._weight,
@@ -110,18 +106,18 @@ class ConstraintProblem:
             )
             gap = self.contacts.distance - self._model.scene.contact.contact_distance
             velocity[:, 0] += gap / self._time_step
-        self.free[: 3 * count] = velocity.reshape(-1)
-        cavities = self._model.cavities
-        rates = np.zeros(self._cavity_count)
-        if len(rates):
-            products = np.einsum("kd,kd->k", cavities.gradient, node_velocity[cavities.entry_node])
-            rates = np.add.reduceat(products, cavities.entry_start[:-1])
-        self.free[3 * count :] = rates + self._growth_rate
-        self.compliance = np.zeros((self.row_count, self.row_count))
-        if self._model.elasticity is not None:
-            self._add_soft_compliance()
-        if len(self._model.rigid_bodies) and count:
-            kernels.rigid_compliance(self._rigid, self._rigid_jacobian, inverse_mass, self.compliance)
+        return velocity
+
+    def _volume_rates(self, node_velocity: np.ndarray) -> np.ndarray:
+        """Rates of the imposed volumes less those that reach their targets [mm^3/s], shape (imposed_count,)."""
+        cavities, state = self._model.cavities, self._state
+        missing = state.cavity_volume - cavities.rest_volume - state.cavity_target
+        rates = []
+        for cavity in self._cavities:
+            entries = slice(cavities.entry_start[cavity], cavities.entry_start[cavity + 1])
+            rate = np.einsum("kd,kd->", cavities.gradient[entries], node_velocity[cavities.entry_node[entries]])
+            rates.append(rate + missing[cavity] / self._time_step)
+        return np.array(rates)
 
     def _add_soft_compliance(self) -> None:
         assert self._model.elasticity is not None
@@ -133,6 +129,7 @@ class ConstraintProblem:
             self._node,
             self._weight,
             self.basis,
+            self._cavities,
             cavities.entry_start,
             cavities.entry_node,
             cavities.gradient,
@@ -150,21 +147,16 @@ class ConstraintProblem:
 
     def solve(self) -> None:
         """Find the impulses by Gauss-Seidel, from those of the last step."""
-        settings, model, state = self._model.scene.contact, self._model, self._state
-        count = self.contacts.count
-        self._warm_start()
-        imposed = ~state.cavity_volume_imposed
-        cavity_impulse = np.where(imposed, state.cavity_target * self._time_step, state.cavity_impulse)
-        self.impulse[3 * count :] = cavity_impulse
-        if not self.has_unknowns:
+        if not self.row_count:
             return
+        settings, model = self._model.scene.contact, self._model
+        self._warm_start()
         friction = model.friction[self.contacts.bodies[:, 0], self.contacts.bodies[:, 1]]
         outcome = np.zeros(2)
         gauss_seidel.solve(
             self.compliance,
             self.free,
             friction,
-            state.cavity_volume_imposed.astype(np.int32),
             settings.tolerance,
             settings.max_iterations,
             self.impulse,
@@ -176,6 +168,7 @@ class ConstraintProblem:
 
     def _warm_start(self) -> None:
         state, count = self._state, self.contacts.count
+        self.impulse[3 * count :] = state.cavity_impulse[self._cavities]
         if not count:
             return
         matched = match(
@@ -196,6 +189,13 @@ class ConstraintProblem:
         local = self.impulse[: 3 * self.contacts.count].reshape(-1, 3)
         return np.einsum("cij,ci->cj", self.basis, local)
 
+    @property
+    def cavity_impulse(self) -> np.ndarray:
+        """Pressure times step of every cavity, imposed or found [kPa s], shape (cavity_count,)."""
+        result = self._state.cavity_target * self._time_step
+        result[self._cavities] = self.impulse[3 * self.contacts.count :]
+        return result
+
     def node_impulse(self) -> np.ndarray:
         """J^T impulse on the soft nodes [mN s], shape (node_count, 3)."""
         count, cavities = self.contacts.count, self._model.cavities
@@ -205,6 +205,7 @@ class ConstraintProblem:
             self._weight,
             self.basis,
             self.impulse[: 3 * count].reshape(-1, 3),
+            self._cavities,
             cavities.entry_start,
             cavities.entry_node,
             cavities.gradient,

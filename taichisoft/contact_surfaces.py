@@ -12,8 +12,8 @@ from taichisoft.soft_body import SoftBody
 
 STATIC = -1
 SOFT = -2
-# On a body that keeps its shape, an edge between faces that turn by less than this is flat and touches nothing
-# that the faces do not [rad].
+# On a body that keeps its shape, faces whose normals differ by less than this from the first one's make one plane
+# facet [rad]; edges inside a facet touch nothing that the facet does not.
 FLAT_ANGLE = 0.02
 
 
@@ -47,6 +47,7 @@ class ContactSurfaces:
         fan_start, fan: for each vertex, corners (3 * triangle + corner) of the triangles around it.
         star_start, star: for each vertex, the other ends of its edges.
         first_triangle: one triangle of each vertex, that of the lowest index.
+        body_size: smallest extent of each body that can move at the start [mm], infinite for others, by body number.
         plane_body, plane_point, plane_normal: the planes.
     """
 
@@ -65,6 +66,11 @@ class ContactSurfaces:
         self.body = np.array([part.body for part in parts], dtype=np.int32)
         self._join(parts)
         self._allocate()
+        body_count = len(soft) + len(rigid) + len(obstacles)
+        self.body_size = np.full(body_count, np.inf)
+        for part in parts:
+            if part.owner != STATIC:
+                self.body_size[part.body] = np.ptp(part.vertices, axis=0).min()
 
     def _join(self, parts: Sequence[_Part]) -> None:
         vertex_start = np.cumsum([0, *(len(part.vertices) for part in parts)])
@@ -90,15 +96,11 @@ class ContactSurfaces:
         self.first_triangle = (self.fan[self.fan_start[:-1]] // 3).astype(np.int32)
 
     def _find_features(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of surfaces that keep their shape only true edges and corners touch; of soft ones everything may."""
-        corners = self._local[self.triangles]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        """Of surfaces that keep their shape only edges and corners of facets touch; of soft ones everything may."""
         soft_edge = self.vertex_owner[self.edges[:, 0]] == SOFT
-        pair = normals[self.edge_triangles]
-        bent = (pair[:, 0] * pair[:, 1]).sum(axis=1) < np.cos(FLAT_ANGLE)
-        is_edge = soft_edge | bent | (self.edge_triangles[:, 1] < 0)
-        # A corner joins true edges of at least two directions.
+        facet = self._find_facets()[self.edge_triangles]
+        is_edge = soft_edge | (facet[:, 0] != facet[:, 1]) | (self.edge_triangles[:, 1] < 0)
+        # A corner joins edges of at least two directions.
         along = self._local[self.edges[:, 1]] - self._local[self.edges[:, 0]]
         along /= np.linalg.norm(along, axis=1, keepdims=True)
         spread = np.zeros((len(self._local), 3, 3))
@@ -107,6 +109,33 @@ class ContactSurfaces:
         middle_direction = np.linalg.eigvalsh(spread)[:, 1]
         is_vertex = (self.vertex_owner == SOFT) | (middle_direction > FLAT_ANGLE**2)
         return is_vertex.astype(np.int32), is_edge.astype(np.int32)
+
+    def _find_facets(self) -> np.ndarray:
+        """Number of the plane facet that each triangle of a surface that keeps its shape belongs to.
+
+        A facet grows over neighbours whose normal is that of its first triangle to FLAT_ANGLE: compared with the
+        neighbour's instead, a finely triangulated ball would be one facet without an edge.
+        """
+        corners = self._local[self.triangles]
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+        facet = np.full(len(self.triangles), -1)
+        keeps_shape = self.vertex_owner[self.triangles[:, 0]] != SOFT
+        neighbours: list[list[int]] = [[] for _ in self.triangles]
+        for first, second in self.edge_triangles[self.edge_triangles[:, 1] >= 0].tolist():
+            neighbours[first].append(second)
+            neighbours[second].append(first)
+        for number, seed in enumerate(np.flatnonzero(keeps_shape).tolist()):
+            if facet[seed] >= 0:
+                continue
+            facet[seed] = number
+            grown = [seed]
+            while grown:
+                for neighbour in neighbours[grown.pop()]:
+                    if facet[neighbour] < 0 and normals[neighbour] @ normals[seed] > np.cos(FLAT_ANGLE):
+                        facet[neighbour] = number
+                        grown.append(neighbour)
+        return facet
 
     def _allocate(self) -> None:
         self.position = self._local.copy()

@@ -9,9 +9,10 @@ from taichisoft.kernels import collision as kernels
 from taichisoft.kernels import contact_selection
 
 FIRST_CAPACITY = 1024
-SAME_POINT = 1e-3  # [mm]
+MOST_BODIES = 1 << 15
 SAME_CONTACT = 0.5  # [mm] moved in a step
 CLEARLY_CLOSER = 0.05  # [mm]
+SHARE_OF_BODY = 0.2
 
 
 @dataclass(frozen=True)
@@ -184,13 +185,12 @@ def _without_detours(pairs: ContactPairs) -> ContactPairs:
 
 
 def spread_out(
-    pairs: ContactPairs, soft_spacing: float, soft_count: int, last_key: np.ndarray, last_point: np.ndarray
+    pairs: ContactPairs, spacing: float, body_size: np.ndarray, last_key: np.ndarray, last_point: np.ndarray
 ) -> ContactPairs:
-    """Of contacts between the same bodies closer together than a spacing, only the one of least distance.
+    """Of contacts between the same bodies, alike and closer together than `spacing` [mm], only the closest.
 
-    Nearly equal contacts give nearly dependent constraints, on which a Gauss-Seidel converges slowly. Contacts with
-    a soft body (the first `soft_count` bodies) are spread by `soft_spacing` [mm]: where one is left out, the body
-    gives way. A rigid body would tip over it, so between rigid bodies only what is found twice is dropped.
+    Nearly equal contacts give nearly dependent constraints, on which a Gauss-Seidel converges slowly. The spacing
+    is at most a share of the smaller body (`body_size` [mm] by body number), which would tip over a missing one.
 
     What was a contact in the last step (`last_key` and `last_point`, see State) stays one unless another is clearly
     closer: at rest all distances are equal but for round-off, and contacts that change with it find no warm start.
@@ -200,9 +200,9 @@ def spread_out(
     key, point = pair_key(pairs.bodies), pairs.points.mean(axis=1)
     goes_on = match(key, point, last_key, last_point, SAME_CONTACT) >= 0
     order = np.argsort(pairs.distance - CLEARLY_CLOSER * goes_on, kind="stable").astype(np.int32)
-    spacing = np.where(pairs.bodies[:, 0] < soft_count, soft_spacing, SAME_POINT)
+    largest = np.minimum(spacing, SHARE_OF_BODY * body_size[pairs.bodies].min(axis=1))
     keep = np.zeros(pairs.count, dtype=np.int32)
-    contact_selection.spread_out(order, key, point, spacing, keep)
+    contact_selection.spread_out(order, key, point, pairs.normal, largest, keep)
     return pairs.take(np.flatnonzero(keep))
 
 
@@ -225,4 +225,9 @@ def match(
 
 def pair_key(bodies: np.ndarray) -> np.ndarray:
     """One integer per pair of bodies, for arrays of shape (count, 2)."""
-    return (bodies[:, 0] * (1 << 15) + bodies[:, 1]).astype(np.int32)
+    return (bodies[:, 0] * MOST_BODIES + bodies[:, 1]).astype(np.int32)
+
+
+def bodies_of_key(key: int) -> tuple[int, int]:
+    """The two bodies of a `pair_key`."""
+    return divmod(key, MOST_BODIES)

@@ -19,7 +19,6 @@ class Elasticity:
         node_mass: [kg], shape (node_count,).
         anchor_stiffness: [mN/mm], shape (node_count,).
         rotation: of each element at the last call of `assemble`, shape (element_count, 3, 3).
-        volume_ratio: each element's volume over that at rest at the last call of `assemble`; negative when inverted.
     """
 
     def __init__(self, bodies: Sequence[SoftBody], time_step: float):
@@ -49,7 +48,6 @@ class Elasticity:
         self.rotation = np.empty((element_count, 3, 3))
         self._rotated_gradient = np.empty_like(self.gradient)
         self._element_force = np.empty((element_count, corner_count, 3))
-        self.volume_ratio = np.ones(element_count)
         self._node_parts = _contributions(self.elements.reshape(-1), node_count, corner_count)
         row, column = np.repeat(self.elements, corner_count, axis=1), np.tile(self.elements, corner_count)
         pattern = sparse.csr_matrix((np.ones(row.size), (row.ravel(), column.ravel())), (node_count, node_count))
@@ -82,7 +80,6 @@ class Elasticity:
             self.rotation,
             self._rotated_gradient,
             self._element_force,
-            self.volume_ratio,
             *self._node_parts,
             force,
             *self._block_parts,

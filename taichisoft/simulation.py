@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft.constraints import ConstraintProblem
 from taichisoft.control_input import apply_control
 from taichisoft.controller import Control, Observation
-from taichisoft.detection import ContactPairs, pair_key, spread_out
+from taichisoft.detection import ContactPairs, bodies_of_key, pair_key, spread_out
 from taichisoft.divergence import check_state
 from taichisoft.errors import NotPositiveDefinite, SimulationDiverged
 from taichisoft.model import Model
@@ -26,13 +26,13 @@ class StepReport:
         step: index of the step, from 0.
         time: at its end [s].
         pressures: [kPa] by cavity name.
-        volumes: [mm^3] by cavity name, at the start of the step.
+        volumes: [mm^3] by cavity name, at its end.
         normal_forces: sum of the normal contact forces [mN] by pair of bodies ("finger1|cube").
         friction_forces: sum of the magnitudes of the friction forces [mN] by pair of bodies.
         contact_count: contacts in the constraint problem.
-        contact_points: midpoints [mm], shape (contact_count, 3).
+        contact_points: midpoints at its start, where contacts were found [mm], shape (contact_count, 3).
         contact_forces: on the second body [mN], shape (contact_count, 3).
-        max_penetration: how far a point went into the contact distance [mm]; surfaces overlap beyond that distance.
+        max_penetration: how far a point was in the contact distance at its start [mm]; surfaces overlap beyond that.
         iterations: sweeps of the Gauss-Seidel.
         residual: largest change of a velocity in the last sweep [mm/s].
         converged: whether the residual is below the tolerance.
@@ -88,38 +88,44 @@ class Simulation:
         """
         started = time.perf_counter()
         state = apply_control(self.model, self.state, control or Control())
+        self.model.cavities.update(state.position)
         node_velocity = self._soft_velocity_without_contact(state)
         rigid_velocity = velocity_without_contact(self.model, state)
-        volumes = self.model.cavities.update(state.position)
+        inverse_mass = inverse_mass_matrices(self.model, state)
         candidates = self._find_contacts(state)
-        spacing, soft_count = self.model.scene.contact.spacing, len(self.model.soft_bodies)
-        contacts = spread_out(candidates, spacing, soft_count, state.contact_key, state.contact_point)
-        problem = ConstraintProblem(self.model, state, contacts, volumes)
-        problem.measure(node_velocity, rigid_velocity, inverse_mass_matrices(self.model, state))
+        problem = ConstraintProblem(self.model, state, self._choose_contacts(state, candidates))
+        problem.measure(node_velocity, rigid_velocity, inverse_mass)
         problem.solve()
-        next_state = self._apply_impulses(state, problem, node_velocity, rigid_velocity)
+        if self.model.elasticity is not None and problem.row_count:
+            node_velocity = node_velocity + self.model.elasticity.solver.solve(problem.node_impulse())
+        rigid_velocity = rigid_velocity + np.einsum("bij,bj->bi", inverse_mass, problem.rigid_impulse())
+        next_state = self._move(state, problem, node_velocity, rigid_velocity)
         check_state(self.model, state, next_state)
         self.state = next_state
-        self.report = self._make_report(problem, candidates, volumes, time.perf_counter() - started)
+        self.report = self._make_report(problem, candidates, time.perf_counter() - started)
         return self.report
 
     def observe(self) -> Observation:
-        """What a controller sees."""
-        names, report = self.model.cavities.names, self.report
-        rest = dict(zip(names, self.model.cavities.rest_volume.tolist(), strict=True))
+        """What a controller sees: it depends on the state alone, so that a restored run is observed alike."""
         positions = self.state.rigid_position.copy()
         positions.flags.writeable = False
         return Observation(
             time=self.state.time,
             step=self.state.step,
-            pressures=report.pressures if report else dict.fromkeys(names, 0.0),
-            volumes=report.volumes if report else rest,
+            pressures=self._by_cavity(self.state.cavity_impulse / self.model.scene.time.step),
+            volumes=self._by_cavity(self.state.cavity_volume),
             object_positions={body.name: positions[i] for i, body in enumerate(self.model.rigid_bodies)},
-            normal_forces=report.normal_forces if report else {},
+            normal_forces=contact_forces(self.model, self.state)[0],
         )
 
+    def _by_cavity(self, values: np.ndarray) -> dict[str, float]:
+        return dict(zip(self.model.cavities.names, values.tolist(), strict=True))
+
     def _soft_velocity_without_contact(self, state: State) -> np.ndarray:
-        """Implicit Euler with the rotations of the start of the step: v + A^-1 h (f + M g - a M v - (h + b) K v)."""
+        """Implicit Euler with the rotations of the start of the step and imposed pressures p.
+
+        v + A^-1 h (f + M g + p dV/dx - a M v - (h + b) K v)
+        """
         elasticity = self.model.elasticity
         if elasticity is None:
             return state.velocity
@@ -134,7 +140,10 @@ class Simulation:
         except NotPositiveDefinite as error:
             body = self.model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
-        return state.velocity + elasticity.solver.solve(self.model.scene.time.step * force)
+        time_step = self.model.scene.time.step
+        pressure_impulse = np.where(state.cavity_volume_imposed, 0.0, state.cavity_target * time_step)
+        impulse = time_step * force + self.model.cavities.node_impulse(pressure_impulse, self.model.node_count)
+        return state.velocity + elasticity.solver.solve(impulse)
 
     def _anchor_targets(self, state: State) -> np.ndarray:
         """Rest positions moved with the base."""
@@ -149,50 +158,48 @@ class Simulation:
         alarm = self.model.scene.contact.alarm_distance
         return self.model.detection.find(reach=alarm, depth=alarm)
 
-    def _apply_impulses(
+    def _choose_contacts(self, state: State, candidates: ContactPairs) -> ContactPairs:
+        spacing, body_size = self.model.scene.contact.spacing, self.model.surfaces.body_size
+        return spread_out(candidates, spacing, body_size, state.contact_key, state.contact_point)
+
+    def _move(
         self, state: State, problem: ConstraintProblem, node_velocity: np.ndarray, rigid_velocity: np.ndarray
     ) -> State:
         time_step = self.model.scene.time.step
-        if self.model.elasticity is not None and problem.row_count:
-            node_velocity = node_velocity + self.model.elasticity.solver.solve(problem.node_impulse())
-        inverse_mass = inverse_mass_matrices(self.model, state)
-        rigid_velocity = rigid_velocity + np.einsum("bij,bj->bi", inverse_mass, problem.rigid_impulse())
         linear, angular = rigid_velocity[:, :3], rigid_velocity[:, 3:]
+        position = state.position + time_step * node_velocity
         return replace(
             state,
             time=(state.step + 1) * time_step,
             step=state.step + 1,
-            position=state.position + time_step * node_velocity,
+            position=position,
             velocity=node_velocity,
             rigid_position=state.rigid_position + time_step * linear,
             rigid_rotation=rotate_quaternions(state.rigid_rotation, time_step * angular),
             rigid_velocity=linear,
             rigid_angular_velocity=angular,
-            cavity_impulse=problem.impulse[3 * problem.contacts.count :],
+            cavity_impulse=problem.cavity_impulse,
+            cavity_volume=self.model.cavities.volumes(position),
             contact_key=pair_key(problem.contacts.bodies),
             contact_point=problem.contacts.points.mean(axis=1),
+            contact_normal=problem.contacts.normal,
             contact_impulse=problem.contact_impulse,
         )
 
-    def _make_report(
-        self, problem: ConstraintProblem, candidates: ContactPairs, volumes: np.ndarray, step_time: float
-    ) -> StepReport:
-        contact, names = self.model.scene.contact, self.model.cavities.names
-        time_step = self.model.scene.time.step
-        forces = problem.contact_impulse / time_step
-        pressures = self.state.cavity_impulse / time_step
-        normal, friction = _forces_by_pair(self.model, problem.contacts, forces)
+    def _make_report(self, problem: ConstraintProblem, candidates: ContactPairs, step_time: float) -> StepReport:
+        contact, time_step = self.model.scene.contact, self.model.scene.time.step
+        normal, friction = contact_forces(self.model, self.state)
         nearest = candidates.distance.min() if candidates.count else np.inf
         return StepReport(
             step=self.state.step - 1,
             time=self.state.time,
-            pressures=dict(zip(names, pressures.tolist(), strict=True)),
-            volumes=dict(zip(names, volumes.tolist(), strict=True)),
+            pressures=self._by_cavity(self.state.cavity_impulse / time_step),
+            volumes=self._by_cavity(self.state.cavity_volume),
             normal_forces=normal,
             friction_forces=friction,
             contact_count=problem.contacts.count,
             contact_points=self.state.contact_point,
-            contact_forces=forces,
+            contact_forces=self.state.contact_impulse / time_step,
             max_penetration=float(max(0.0, contact.contact_distance - nearest)),
             iterations=problem.iterations,
             residual=problem.residual,
@@ -201,17 +208,17 @@ class Simulation:
         )
 
 
-def _forces_by_pair(
-    model: Model, contacts: ContactPairs, forces: np.ndarray
-) -> tuple[dict[str, float], dict[str, float]]:
-    """Sums of the normal and of the friction forces [mN] of each pair of bodies in contact."""
-    along = np.einsum("cd,cd->c", forces, contacts.normal)
-    across = np.linalg.norm(forces - along[:, None] * contacts.normal, axis=1)
+def contact_forces(model: Model, state: State) -> tuple[dict[str, float], dict[str, float]]:
+    """Sums of the normal and of the friction forces [mN] in the last step, by pair of bodies ("finger1|cube")."""
+    forces = state.contact_impulse / model.scene.time.step
+    along = np.einsum("cd,cd->c", forces, state.contact_normal)
+    across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
     normal: dict[str, float] = {}
     friction: dict[str, float] = {}
-    for first, second in np.unique(contacts.bodies, axis=0):
+    for key in np.unique(state.contact_key):
+        first, second = bodies_of_key(int(key))
         name = f"{model.body_names[first]}|{model.body_names[second]}"
-        of_pair = (contacts.bodies == (first, second)).all(axis=1)
+        of_pair = state.contact_key == key
         normal[name] = float(along[of_pair].sum())
         friction[name] = float(across[of_pair].sum())
     return normal, friction

@@ -32,8 +32,10 @@ class State:
         cavity_volume_imposed: whether a cavity is driven by volume, else by pressure, shape (cavity_count,).
         cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
         cavity_impulse: multipliers of the last step, pressure times step [kPa s], shape (cavity_count,).
+        cavity_volume: [mm^3], shape (cavity_count,).
         contact_key: pair of bodies of each contact of the last step (warm start), shape (contact_count,).
         contact_point: where it was [mm], shape (contact_count, 3).
+        contact_normal: unit vector from its first body to its second, shape (contact_count, 3).
         contact_impulse: on its second body [mN s], shape (contact_count, 3).
     """
 
@@ -50,8 +52,10 @@ class State:
     cavity_volume_imposed: np.ndarray
     cavity_target: np.ndarray
     cavity_impulse: np.ndarray
+    cavity_volume: np.ndarray
     contact_key: np.ndarray
     contact_point: np.ndarray
+    contact_normal: np.ndarray
     contact_impulse: np.ndarray
 
     @classmethod
@@ -74,8 +78,10 @@ class State:
             cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
             cavity_target=np.zeros(cavity_count),
             cavity_impulse=np.zeros(cavity_count),
+            cavity_volume=model.cavities.volumes(model.rest_position),
             contact_key=np.zeros(0, dtype=np.int32),
             contact_point=np.zeros((0, 3)),
+            contact_normal=np.zeros((0, 3)),
             contact_impulse=np.zeros((0, 3)),
         )
 
@@ -87,12 +93,20 @@ class State:
     def __eq__(self, other: object) -> bool:
         """Equal bit for bit."""
         return isinstance(other, State) and all(
-            np.array_equal(value, getattr(other, name)) for name, value in _items(self)
+            np.shape(value) == np.shape(getattr(other, name))
+            and np.asarray(value).tobytes() == np.asarray(getattr(other, name)).tobytes()
+            for name, value in _items(self)
         )
 
     def check_fits(self, model: "Model") -> None:
-        """Raise StateError unless the arrays have the sizes of a model."""
+        """Raise StateError unless the arrays have the sizes of a model, and the time is that of its time step."""
         expected = State.at_start(model)
+        time_step = model.scene.time.step
+        if abs(self.time - self.step * time_step) > 1e-6 * time_step:
+            raise StateError(
+                f"the state belongs to another model: {self.step} steps took {self.time:g} s, the model's time step "
+                f"is {time_step:g} s"
+            )
         for name, value in _items(expected):
             shape = np.shape(getattr(self, name))
             if not name.startswith("contact_") and shape != np.shape(value):

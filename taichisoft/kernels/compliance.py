@@ -26,7 +26,6 @@ Panels = ti.types.ndarray(dtype=Columns, ndim=2)
 
 @kernel
 def soft_entries(
-    sign: Vectors,
     vertices: Table3,
     weights: ti.types.ndarray(dtype=vec3, ndim=2),
     vertex_nodes: IntegerTable,
@@ -45,9 +44,9 @@ def soft_entries(
                     slot = (side * 3 + k) * per_vertex + m
                     node[c, slot] = -1
                     weight[c, slot] = 0.0
-                    if v >= 0 and owner[v] == -2 and weights[c, side][k] != 0.0:
+                    if v >= 0 and owner[v] == -2 and weights[c, side][k] * vertex_weights[v, m] != 0.0:
                         node[c, slot] = vertex_nodes[v, m]
-                        weight[c, slot] = sign[side][0] * weights[c, side][k] * vertex_weights[v, m]
+                        weight[c, slot] = (2 * side - 1) * weights[c, side][k] * vertex_weights[v, m]
 
 
 @kernel
@@ -56,7 +55,7 @@ def contact_velocity(
     weight: ScalarTable,
     basis: Matrices,
     rigid: IntegerTable,
-    rigid_linear: ti.types.ndarray(dtype=ti.f64, ndim=3),
+    rigid_jacobian: ti.types.ndarray(dtype=ti.f64, ndim=3),
     node_velocity: Vectors,
     rigid_velocity: ScalarTable,
     result: Vectors,
@@ -72,7 +71,7 @@ def contact_velocity(
             if rigid[c, side] >= 0:
                 for i in ti.static(range(3)):
                     for d in range(6):
-                        total[i] += rigid_linear[3 * c + i, side, d] * rigid_velocity[rigid[c, side], d]
+                        total[i] += rigid_jacobian[3 * c + i, side, d] * rigid_velocity[rigid[c, side], d]
         result[c] = total
 
 
@@ -81,6 +80,7 @@ def forward_solve(
     contact_node: IntegerTable,
     contact_weight: ScalarTable,
     basis: Matrices,
+    cavity_of_row: Integers,
     cavity_start: Integers,
     cavity_node: Integers,
     cavity_gradient: Vectors,
@@ -97,7 +97,7 @@ def forward_solve(
     """Y = L^-1 J^T, one task per group of eight rows; y has shape (group, scalar position)."""
     for g_ in range(y.shape[0] * CHUNK):
         if g_ % CHUNK == 0:
-            g = y.shape[0] - 1 - g_ // CHUNK  # the last group, of the cavities, has most to do
+            g = y.shape[0] - 1 - g_ // CHUNK  # cavities, at the end, have most to do
             contact_rows = 3 * contact_node.shape[0]
             supernode_count = parent.shape[0]
             for s in range(supernode_count):
@@ -112,7 +112,7 @@ def forward_solve(
                                 active[g, s] = 1
                                 s = parent[s]
                 elif r < row_count:
-                    cavity = r - contact_rows
+                    cavity = cavity_of_row[r - contact_rows]
                     for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
                         s = supernode_of_position[position_of[cavity_node[k]]]
                         while s >= 0 and active[g, s] == 0:
@@ -133,7 +133,7 @@ def forward_solve(
                             for d in ti.static(range(3)):
                                 y[g, i + d][column] = y[g, i + d][column] + contact_weight[c, slot] * direction[d]
                 elif r < row_count:
-                    cavity = r - contact_rows
+                    cavity = cavity_of_row[r - contact_rows]
                     for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
                         i = 3 * position_of[cavity_node[k]]
                         for d in ti.static(range(3)):
@@ -218,6 +218,7 @@ def scatter_impulses(
     contact_weight: ScalarTable,
     basis: Matrices,
     impulse: Vectors,
+    cavity_of_row: Integers,
     cavity_start: Integers,
     cavity_node: Integers,
     cavity_gradient: Vectors,
@@ -231,6 +232,7 @@ def scatter_impulses(
         for slot in range(contact_node.shape[1]):
             if contact_node[c, slot] >= 0:
                 node_impulse[contact_node[c, slot]] += contact_weight[c, slot] * world
-    for cavity in range(cavity_impulse.shape[0]):
+    for row in range(cavity_of_row.shape[0]):
+        cavity = cavity_of_row[row]
         for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
-            node_impulse[cavity_node[k]] += cavity_impulse[cavity] * cavity_gradient[k]
+            node_impulse[cavity_node[k]] += cavity_impulse[row] * cavity_gradient[k]

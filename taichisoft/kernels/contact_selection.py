@@ -3,17 +3,20 @@
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import Integers, Scalars, Vectors, ti
 
+ALIKE = 0.7  # cosine: the two walls of a groove each keep their contacts
+
 
 @kernel
-def spread_out(order: Integers, pairs: Integers, point: Vectors, spacing: Scalars, keep: Integers):
-    """Of contacts of one pair closer together than their `spacing`, keep the first in `order`."""
+def spread_out(order: Integers, pairs: Integers, point: Vectors, normal: Vectors, spacing: Scalars, keep: Integers):
+    """Of contacts of one pair, alike in normal and closer together than their `spacing`, keep the first in `order`."""
     ti.loop_config(serialize=True)
     for i in range(order.shape[0]):
         c = order[i]
         keep[c] = 1
         for j in range(i):
             other = order[j]
-            if keep[other] != 0 and pairs[other] == pairs[c] and (point[other] - point[c]).norm() < spacing[c]:
+            alike = pairs[other] == pairs[c] and normal[other].dot(normal[c]) > ALIKE
+            if keep[other] != 0 and alike and (point[other] - point[c]).norm() < spacing[c]:
                 keep[c] = 0
 
 

@@ -88,7 +88,6 @@ def assemble(
     rotation: Matrices,
     rotated_gradient: VectorBlocks,
     element_force: VectorTable,
-    volume_ratio: Scalars,
     start: Integers,
     node_element: Integers,
     node_corner: Integers,
@@ -104,7 +103,7 @@ def assemble(
 ):
     """Nodal forces f - velocity_factor K v and the matrix A = diagonal + stiffness_factor K.
 
-    First each element: its rotation, its forces, its volume over the one at rest. Then each node sums the forces of
+    First each element: its rotation and its forces. Then each node sums the forces of
     its elements, and each block of A the stiffness of the elements that contain its two nodes, in a fixed order.
     """
     node_count = elements.shape[1]
@@ -122,7 +121,6 @@ def assemble(
         rotation[e] = r
         for a in range(node_count):
             element_force[e, a] = vec3(0.0)
-        volume_ratio[e] = 0.0
         for q in range(volume.shape[1]):
             strain = ti.Matrix.zero(ti.f64, 3, 3)
             strain_rate = ti.Matrix.zero(ti.f64, 3, 3)
@@ -134,8 +132,6 @@ def assemble(
                 displacement = r.transpose() @ (position[n] - x0) - (rest_position[n] - rest0)
                 strain += displacement.outer_product(g)
                 strain_rate += velocity[n].outer_product(rotated)
-            local_deformation = ti.Matrix.identity(ti.f64, 3) + strain
-            volume_ratio[e] = volume_ratio[e] + local_deformation.determinant() / volume.shape[1]
             elastic = r @ stress(strain, lame[e, 0], lame[e, 1]) @ r.transpose()
             total = elastic + velocity_factor[e] * stress(strain_rate, lame[e, 0], lame[e, 1])
             for a in range(node_count):

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from taichisoft.detection import ContactPairs, spread_out
 from taichisoft.model import Model
 from taichisoft.scene_file import scene_from_dict
+from taichisoft.simulation import Simulation
 
 REACH = 5.0
 NO_CONTACTS = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
@@ -115,11 +116,36 @@ def test_of_close_contacts_the_closest_is_kept(tmp_path: Path) -> None:
     box = trimesh.creation.box(extents=[30, 30, 10])
     box.vertices += [0.0, 0.0, 16.0]
     pairs = find(two_bodies(tmp_path, ball, box))
-    kept = spread_out(pairs, 4.0, 1, *NO_CONTACTS)
+    large = np.array([20.0, np.inf])  # [mm] of the two bodies: 4 mm are at most a fifth of either
+    kept = spread_out(pairs, 4.0, large, *NO_CONTACTS)
     assert 0 < kept.count < pairs.count
     middle, all_middles = kept.points.mean(axis=1), pairs.points.mean(axis=1)
     apart = np.linalg.norm(middle[:, None] - middle, axis=2) + 1e3 * np.eye(kept.count)
     assert apart.min() >= 4.0
     near = np.linalg.norm(all_middles[:, None] - middle, axis=2) < 4.0
     assert (near & (kept.distance <= pairs.distance[:, None])).any(axis=1).all()
-    assert spread_out(pairs, 4.0, 0, *NO_CONTACTS).count == pairs.count  # rigid bodies keep every contact
+
+
+def test_a_small_body_keeps_contacts_that_lie_close_together(tmp_path: Path) -> None:
+    """A box of 6 mm stands on four corners; a spacing of 9 mm is bounded by a fifth of the box."""
+    small, large = trimesh.creation.box(extents=[6, 6, 6]), trimesh.creation.box(extents=[40, 40, 10])
+    small.vertices += [0, 0, 9]
+    pairs = find(two_bodies(tmp_path, small, large))
+    assert pairs.count == 4
+    assert spread_out(pairs, 9.0, np.array([6.0, 10.0]), *NO_CONTACTS).count == 4
+    assert spread_out(pairs, 9.0, np.array([60.0, 60.0]), *NO_CONTACTS).count == 1
+
+
+@pytest.mark.parametrize("sections", [64, 400])
+def test_a_finely_triangulated_body_keeps_features(sections: int, tmp_path: Path) -> None:
+    """Its faces turn by less than a degree from one to the next; it must stand on the floor all the same."""
+    trimesh.creation.cylinder(radius=10.0, height=20.0, sections=sections).export(tmp_path / "cylinder.stl")
+    body = {"surface": str(tmp_path / "cylinder.stl"), "mass": 0.01, "position": [0.0, 0.0, 12.0]}
+    floor = {"plane": {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}
+    simulation = Simulation(scene_from_dict({"rigid_bodies": {"cylinder": body}, "obstacles": {"floor": floor}}))
+    for _ in range(50):
+        report = simulation.step()
+        assert report.converged
+    assert simulation.state.rigid_position[0, 2] == pytest.approx(11.0, abs=1e-3)
+    assert report.normal_forces["cylinder|floor"] == pytest.approx(98.1, rel=1e-3)
+    assert 8 <= report.contact_count <= 40

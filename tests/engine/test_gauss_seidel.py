@@ -1,13 +1,17 @@
 """The solver for contact and cavities against the conditions that define the answer, and a simple implementation."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taichisoft.kernels import gauss_seidel
+from taichisoft.scene_file import scene_from_dict
+from taichisoft.simulation import Simulation
 
 
 @dataclass
@@ -17,7 +21,6 @@ class Problem:
     w: np.ndarray
     free: np.ndarray
     friction: np.ndarray
-    cavity_is_free: np.ndarray
     start: np.ndarray
 
     def solve(self, tolerance: float = 1e-12, max_iterations: int = 100_000) -> tuple[np.ndarray, np.ndarray]:
@@ -25,7 +28,7 @@ class Problem:
         impulse, outcome = self.start.copy(), np.zeros(2)
         last, direction = np.empty(len(impulse)), np.empty(len(impulse))
         gauss_seidel.solve(
-            self.w, self.free, self.friction, self.cavity_is_free,
+            self.w, self.free, self.friction,
             tolerance, max_iterations, impulse, last, direction, outcome,
         )  # fmt: skip
         return impulse, outcome
@@ -42,7 +45,6 @@ def make_problem(seed: int, contacts: int, cavities: int, friction: float) -> Pr
         w=jacobian @ jacobian.T / (2 * rows),
         free=random.normal(size=rows),
         friction=np.full(contacts, friction),
-        cavity_is_free=random.integers(0, 2, cavities).astype(np.int32),
         start=start,
     )
 
@@ -58,7 +60,7 @@ def simple_sweeps(problem: Problem, sweeps: int) -> np.ndarray:
             trial = impulse[t] - tangent * 2 / np.trace(problem.w[t, t])
             limit = problem.friction[c] * impulse[n]
             impulse[t] = trial * min(1.0, limit / max(np.linalg.norm(trial), 1e-300))
-        for k in np.flatnonzero(problem.cavity_is_free) + 3 * contacts:
+        for k in range(3 * contacts, len(impulse)):
             impulse[k] -= (problem.free[k] + problem.w[k] @ impulse) / problem.w[k, k]
     return impulse
 
@@ -73,7 +75,7 @@ def simple_sweeps(problem: Problem, sweeps: int) -> np.ndarray:
 def test_the_answer_obeys_signorini_and_coulomb(seed: int, contacts: int, cavities: int, friction: float) -> None:
     """0 <= l_n, v_n >= 0, l_n v_n = 0; |l_t| <= mu l_n, and where equal v_t points against l_t, else v_t = 0.
 
-    A free cavity ends with no rate of volume left, a fixed one with the impulse that it had. Tolerance 1e-9:
+    A cavity ends with no rate of volume left. Tolerance 1e-9:
     what a last change of 1e-12 leaves with a condition number below 1000.
     """
     problem = make_problem(seed, contacts, cavities, friction)
@@ -92,11 +94,7 @@ def test_the_answer_obeys_signorini_and_coulomb(seed: int, contacts: int, caviti
         elif push > 0 and friction > 0:
             assert np.dot(slip, pull) == pytest.approx(-np.hypot(*slip) * size, abs=1e-9)
     for k in range(cavities):
-        row = 3 * contacts + k
-        if problem.cavity_is_free[k]:
-            assert abs(velocity[row]) < 1e-9
-        else:
-            assert impulse[row] == problem.start[row]
+        assert abs(velocity[3 * contacts + k]) < 1e-9
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -125,3 +123,21 @@ def test_from_the_answer_it_takes_one_sweep() -> None:
     problem.start, _ = problem.solve(tolerance=1e-13)
     _, outcome = problem.solve(tolerance=1e-9)
     assert outcome[0] == 1
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+def test_where_acceleration_restarts_for_ever_plain_sweeps_go_on(friction: float, tmp_path: Path) -> None:
+    """A cylinder on 64 contacts, which share its weight in many ways, comes to rest.
+
+    Without a change to plain sweeps, half of these steps were still at 2 to 16 mm/s after 10 000 sweeps.
+    """
+    trimesh.creation.cylinder(radius=10.0, height=20.0, sections=64).export(tmp_path / "cylinder.stl")
+    body = {"surface": str(tmp_path / "cylinder.stl"), "mass": 0.01, "position": [0.0, 0.0, 12.0]}
+    floor = {"plane": {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}
+    scene = {"rigid_bodies": {"cylinder": body}, "obstacles": {"floor": floor}}
+    contact = {"spacing": 0.0, "friction": friction}
+    simulation = Simulation(scene_from_dict({**scene, "contact": contact}))
+    reports = [simulation.step() for _ in range(30)]
+    assert all(report.converged for report in reports)
+    assert reports[-1].contact_count == 64
+    assert np.abs(simulation.state.rigid_velocity).max() < 1e-3

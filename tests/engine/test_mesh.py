@@ -88,11 +88,7 @@ def test_the_boundary_of_a_cube_is_its_twelve_outward_triangles() -> None:
     """Every edge of a closed surface is passed once in each direction; outward means a positive volume."""
     skin = boundary_triangles(CUBE)
     assert skin.shape == (12, 3)
-    edges = {
-        (a, b)
-        for triangle in skin.tolist()
-        for a, b in zip(triangle, triangle[1:] + triangle[:1], strict=True)
-    }
+    edges = {(a, b) for triangle in skin.tolist() for a, b in zip(triangle, triangle[1:] + triangle[:1], strict=True)}
     assert len(edges) == 36
     assert all((b, a) in edges for a, b in edges)
     assert enclosed_volume(CUBE_NODES, skin) == pytest.approx(1.0, rel=1e-14)

@@ -142,16 +142,12 @@ def test_a_file_that_stops_anywhere_is_refused(tmp_path: Path, suffix: str) -> N
 
 def test_what_is_missing_or_of_another_kind_is_refused(tmp_path: Path) -> None:
     assert "no such file; a volume mesh (.msh, .vtk, .vtu) is needed" in refusal(tmp_path / "absent.msh")
-    assert "'.stl' is not a kind of volume mesh file; valid: .msh, .vtk, .vtu" in refusal(
-        tmp_path / "skin.stl"
-    )
+    assert "'.stl' is not a kind of volume mesh file; valid: .msh, .vtk, .vtu" in refusal(tmp_path / "skin.stl")
     (tmp_path / "noise.msh").write_bytes(bytes(range(256)))
     assert "not readable as MSH" in refusal(tmp_path / "noise.msh")
 
 
-def test_a_disk_that_fills_up_leaves_the_old_file_as_it_was(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_disk_that_fills_up_leaves_the_old_file_as_it_was(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     import meshio
 
     def fill_the_disk(path: Path, *_: object, **__: object) -> None:

@@ -88,9 +88,7 @@ def test_a_surface_that_cannot_be_used_is_refused(tmp_path: Path) -> None:
     assert "no such file; a surface (.stl, .obj, .ply) is needed" in refusal(tmp_path / "absent.stl")
     assert "'.step' is not a kind of surface file; valid: .stl, .obj, .ply" in refusal(tmp_path / "box.step")
     not_finite = [*CORNERS[:7], ("nan", 3, 4)]
-    assert "vertex 7 has a coordinate that is not finite" in refusal(
-        obj(tmp_path / "nan.obj", not_finite, SIDES)
-    )
+    assert "vertex 7 has a coordinate that is not finite" in refusal(obj(tmp_path / "nan.obj", not_finite, SIDES))
     assert "has no faces" in refusal(obj(tmp_path / "points.obj", CORNERS, []))
     assert "every face has two equal corners" in refusal(obj(tmp_path / "line.obj", CORNERS, [(0, 1, 1)]))
     assert "not readable as OBJ" in refusal(obj(tmp_path / "outside.obj", CORNERS, [(0, 1, 99)]))
