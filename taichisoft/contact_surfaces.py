@@ -6,12 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft.kernels import surfaces as kernels
+from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.mapped_surface import MappedSurface
 from taichisoft.rigid_body import Obstacle, RigidBody
 from taichisoft.soft_body import SoftBody
 
-STATIC = -1
-SOFT = -2
 # On a body that keeps its shape, faces whose normals differ by less than this from the first one's make one plane
 # facet [rad]; edges inside a facet touch nothing that the facet does not.
 FLAT_ANGLE = 0.02

@@ -4,9 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.contact_surfaces import STATIC, ContactSurfaces
+from taichisoft.contact_surfaces import ContactSurfaces
 from taichisoft.kernels import collision as kernels
 from taichisoft.kernels import contact_selection
+from taichisoft.kernels.runtime import STATIC
 
 FIRST_CAPACITY = 1024
 MOST_BODIES = 1 << 15

@@ -13,11 +13,19 @@ from taichisoft.kernels.local_distance import (
     is_local_minimum,
     outward_normal,
 )
-from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, Vectors, VectorTable, ti, vec3
+from taichisoft.kernels.runtime import (
+    STATIC,
+    IntegerBlocks,
+    Integers,
+    IntegerTable,
+    Scalars,
+    Vectors,
+    VectorTable,
+    ti,
+    vec3,
+)
 
 COINCIDENT = 1e-9  # [mm]
-
-VertexTable = ti.types.ndarray(dtype=ti.i32, ndim=3)
 
 
 @ti.func
@@ -31,7 +39,7 @@ def store(
     distance: ti.f64,
     count: Integers,
     pairs: Integers,
-    vertices: VertexTable,
+    vertices: IntegerBlocks,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -74,7 +82,7 @@ def vertices_against_triangles(
     near: Integers,
     count: Integers,
     pairs: Integers,
-    vertices: VertexTable,
+    vertices: IntegerBlocks,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -146,7 +154,7 @@ def vertices_against_triangles(
                                 there = closest_on_triangle(p, a, b, c)
                                 away = p - there[0] * a - there[1] * b - there[2] * c
                                 distance = away.norm()
-                                out = outward_normal(
+                                facing = outward_normal(
                                     s,
                                     there,
                                     triangles,
@@ -159,16 +167,16 @@ def vertices_against_triangles(
                                 )
                                 if (
                                     distance < reach
-                                    and away.dot(out) >= 0.0
+                                    and away.dot(facing) >= 0.0
                                     and is_local_minimum(
                                         s, there, away, triangles, triangle_edges, edges, edge_triangles,
                                         star_start, star, first_triangle, position,
                                     )
                                 ):  # fmt: skip
                                     if distance > COINCIDENT:
-                                        out = away / distance
+                                        facing = away / distance
                                     store_vertex_contact(
-                                        pair, flipped, v, s, there, out, distance, triangles,
+                                        pair, flipped, v, s, there, facing, distance, triangles,
                                         count, pairs, vertices, weights, normals, distances,
                                     )  # fmt: skip
 
@@ -185,7 +193,7 @@ def store_vertex_contact(
     triangles: IntegerTable,
     count: Integers,
     pairs: Integers,
-    vertices: VertexTable,
+    vertices: IntegerBlocks,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -223,7 +231,7 @@ def edges_against_edges(
     near: Integers,
     count: Integers,
     pairs: Integers,
-    vertices: VertexTable,
+    vertices: IntegerBlocks,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -298,7 +306,7 @@ def vertices_against_planes(
     position: Vectors,
     count: Integers,
     pairs: Integers,
-    vertices: VertexTable,
+    vertices: IntegerBlocks,
     weights: VectorTable,
     normals: Vectors,
     distances: Scalars,
@@ -309,7 +317,7 @@ def vertices_against_planes(
         for s in range(surface_count):
             for v in range(vertex_range[s, 0], vertex_range[s, 1]):
                 distance = (position[v] - plane_point[plane]).dot(plane_normal[plane])
-                if distance < reach and is_feature[v] != 0 and owner[v] != -1:
+                if distance < reach and is_feature[v] != 0 and owner[v] != STATIC:
                     store(
                         first_pair + plane * surface_count + s,
                         ti.Vector([v, v, v]), vec3(1.0, 0.0, 0.0), ti.Vector([-1, -1, -1]), vec3(0.0),

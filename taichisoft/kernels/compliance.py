@@ -7,27 +7,30 @@ tree leads to from a group's nodes are visited.
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import (
     CHUNK,
+    SOFT,
+    IntegerBlocks,
     Integers,
     IntegerTable,
     Matrices,
+    ScalarBlocks,
     Scalars,
     ScalarTable,
     Vectors,
+    VectorTable,
     ti,
     vec3,
 )
 
 GROUP = 8
 
-Table3 = ti.types.ndarray(dtype=ti.i32, ndim=3)
 Columns = ti.types.vector(GROUP, ti.f64)
 Panels = ti.types.ndarray(dtype=Columns, ndim=2)
 
 
 @kernel
 def soft_entries(
-    vertices: Table3,
-    weights: ti.types.ndarray(dtype=vec3, ndim=2),
+    vertices: IntegerBlocks,
+    weights: VectorTable,
     vertex_nodes: IntegerTable,
     vertex_weights: ScalarTable,
     owner: Integers,
@@ -44,7 +47,7 @@ def soft_entries(
                     slot = (side * 3 + k) * per_vertex + m
                     node[c, slot] = -1
                     weight[c, slot] = 0.0
-                    if v >= 0 and owner[v] == -2 and weights[c, side][k] * vertex_weights[v, m] != 0.0:
+                    if v >= 0 and owner[v] == SOFT and weights[c, side][k] * vertex_weights[v, m] != 0.0:
                         node[c, slot] = vertex_nodes[v, m]
                         weight[c, slot] = (2 * side - 1) * weights[c, side][k] * vertex_weights[v, m]
 
@@ -55,7 +58,7 @@ def contact_velocity(
     weight: ScalarTable,
     basis: Matrices,
     rigid: IntegerTable,
-    rigid_jacobian: ti.types.ndarray(dtype=ti.f64, ndim=3),
+    rigid_jacobian: ScalarBlocks,
     node_velocity: Vectors,
     rigid_velocity: ScalarTable,
     result: Vectors,
@@ -190,8 +193,8 @@ def soft_compliance(
 @kernel
 def rigid_compliance(
     rigid: IntegerTable,
-    jacobian: ti.types.ndarray(dtype=ti.f64, ndim=3),
-    inverse_mass: ti.types.ndarray(dtype=ti.f64, ndim=3),
+    jacobian: ScalarBlocks,
+    inverse_mass: ScalarBlocks,
     w: ScalarTable,
 ):
     """Add J M^-1 J^T of the rigid bodies that two contacts share, M^-1 of shape (body, 6, 6)."""

@@ -53,13 +53,19 @@ with contextlib.redirect_stdout(io.StringIO()):  # ti.init prints which back end
 # tasks * CHUNK that works only where the index is a multiple of CHUNK runs its tasks in parallel.
 CHUNK = 512
 
+# What carries a vertex of a surface: the number of a rigid body, or one of these.
+STATIC = -1
+SOFT = -2
+
 vec3 = ti.types.vector(3, ti.f64)
 mat3 = ti.types.matrix(3, 3, ti.f64)
 
 Integers = ti.types.ndarray(dtype=ti.i32, ndim=1)
 IntegerTable = ti.types.ndarray(dtype=ti.i32, ndim=2)
+IntegerBlocks = ti.types.ndarray(dtype=ti.i32, ndim=3)
 Scalars = ti.types.ndarray(dtype=ti.f64, ndim=1)
 ScalarTable = ti.types.ndarray(dtype=ti.f64, ndim=2)
+ScalarBlocks = ti.types.ndarray(dtype=ti.f64, ndim=3)
 Vectors = ti.types.ndarray(dtype=vec3, ndim=1)
 VectorTable = ti.types.ndarray(dtype=vec3, ndim=2)
 VectorBlocks = ti.types.ndarray(dtype=vec3, ndim=3)

@@ -2,9 +2,11 @@
 
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import (
+    SOFT,
     Integers,
     IntegerTable,
     Matrices,
+    Scalars,
     ScalarTable,
     Vectors,
     ti,
@@ -25,9 +27,9 @@ def move_vertices(
     position: Vectors,
     triangle_normal: Vectors,
 ):
-    """Vertices of soft bodies (owner -2) follow their nodes, those of rigid bodies their pose; then unit normals."""
+    """Vertices of soft bodies (owner SOFT) follow their nodes, those of rigid bodies their pose; then unit normals."""
     for v in range(owner.shape[0]):
-        if owner[v] == -2:
+        if owner[v] == SOFT:
             moved = vec3(0.0)
             for k in range(nodes.shape[1]):
                 moved += weights[v, k] * node_position[nodes[v, k]]
@@ -49,7 +51,7 @@ def cavity_gradients(
     area_vector: Vectors,
     node_start: Integers,
     node_vertex: Integers,
-    node_weight: ti.types.ndarray(dtype=ti.f64, ndim=1),
+    node_weight: Scalars,
     gradient: Vectors,
 ):
     """Gradient of the enclosed volume with respect to nodes: a third of the area vectors around each vertex."""

@@ -120,9 +120,7 @@ def test_other_fingers_have_the_volumes_of_their_drawings(tables: dict) -> None:
     finger = finger_from_dict(tables)
     mesh = mesh_finger(finger)
     silicone = finger.solid_volume - finger.cavity_volume
-    assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(
-        silicone, rel=VOLUME_TOLERANCE
-    )
+    assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(silicone, rel=VOLUME_TOLERANCE)
     assert_closed(mesh.surface_groups["cavity"])
 
 
