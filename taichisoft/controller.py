@@ -28,13 +28,13 @@ class Control:
 
 @dataclass(frozen=True)
 class Observation:
-    """What a controller sees before a step; arrays are read-only.
+    """What a controller sees before a step; it depends on the state alone. Arrays are read-only.
 
     Attributes:
         time: [s] at the start of the step.
         step: index of the step about to be made.
         pressures: [kPa] of the last step, by cavity name.
-        volumes: cavity volumes [mm^3], by cavity name.
+        volumes: cavity volumes [mm^3] now, by cavity name.
         object_positions: centre of mass [mm] of each rigid body, shape (3,), by name.
         normal_forces: sum of normal contact forces [mN] in the last step, by pair "finger1|cube".
     """

@@ -34,8 +34,8 @@ def finger_scene(shared: Path, mesh: str = COARSE, step: float = 0.01) -> Scene:
     )
 
 
-def gripper_scene(shared: Path) -> Scene:
-    """Three fingers, a cube of 1 g with its true inertia, and the floor."""
+def gripper_scene(shared: Path, mass: float = 0.001, **contact: float) -> Scene:
+    """Three fingers, a cube of `mass` [kg] with its true inertia, and the floor; `contact` as in a scene."""
     fingers = {"finger1": finger(shared)}
     for index, turn in ((2, 120), (3, 240)):
         angle = math.radians(turn - 90)
@@ -44,7 +44,7 @@ def gripper_scene(shared: Path) -> Scene:
     cube = {
         "surface": str(shared / "tutorial-meshes" / "smCube27.obj"),
         "scale": 6,
-        "mass": 0.001,
+        "mass": mass,
         "position": [-100, 70, 0],
     }
     return scene_from_dict(
@@ -53,6 +53,6 @@ def gripper_scene(shared: Path) -> Scene:
             "soft_bodies": fingers,
             "rigid_bodies": {"cube": cube},
             "obstacles": {"floor": {"plane": {"point": [-122, 0, 0], "normal": [1, 0, 0]}}},
-            "contact": {"friction": 0.6},
+            "contact": {"friction": 0.6, **contact},
         }
     )
