@@ -57,7 +57,7 @@ class Cholesky:
         }
         self.front = np.column_stack(list(front_columns.values())).astype(np.int32)
         self.blocks = np.zeros((len(self.block_pairs), 3, 3))
-        self.panel = np.zeros(int(front_columns["panel_start"][-1]))
+        self.panel = np.zeros(int(front_columns["panel_start"][-1]) + kernels.TILE)
         self._update = np.zeros(max(1, int(front_columns["update_start"][-1])))
         self.factor_entries = int((9 * width * height - 3 * width * (3 * width - 1) // 2).sum())
         self._stages, self._stage_of = _share_out(supernodes.parent, work=width * height**2)

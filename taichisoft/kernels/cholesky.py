@@ -9,6 +9,10 @@ depend on how tasks are shared out.
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import CHUNK, Integers, IntegerTable, Matrices, Scalars, ti
 
+# Rows of a tile of the dense products; a panel array ends with as many entries that are read but never used.
+TILE = 8
+Tile = ti.types.vector(TILE, ti.f64)
+
 
 @ti.func
 def assemble_front(
@@ -55,6 +59,48 @@ def assemble_front(
 
 
 @ti.func
+def subtract_products(
+    panel: Scalars,
+    p: ti.i32,
+    height: ti.i32,
+    pivots: ti.i32,
+    row: ti.i32,
+    target: Scalars,
+    t: ti.i32,
+    stride: ti.i32,
+):
+    """Subtract the panel's first `pivots` columns times their rows row..row+2 from three columns of the target.
+
+    Rows run from `row` to the panel's last; target column c has row r at t + c * stride + r. A tile of eight rows
+    and three columns stays in registers over all pivots; the last tile computes rows that it does not store.
+    """
+    for tile in range((height - row + TILE - 1) // TILE):
+        r = row + tile * TILE
+        s0, s1, s2 = Tile(0.0), Tile(0.0), Tile(0.0)
+        for k in range(pivots):
+            column = p + k * height
+            x = Tile(0.0)
+            for a in ti.static(range(TILE)):
+                x[a] = panel[column + r + a]
+            s0 += panel[column + row] * x
+            s1 += panel[column + row + 1] * x
+            s2 += panel[column + row + 2] * x
+        if r + TILE <= height:
+            for a in ti.static(range(TILE)):
+                target[t + r + a] = target[t + r + a] - s0[a]
+            for a in ti.static(range(TILE)):
+                target[t + stride + r + a] = target[t + stride + r + a] - s1[a]
+            for a in ti.static(range(TILE)):
+                target[t + 2 * stride + r + a] = target[t + 2 * stride + r + a] - s2[a]
+        else:
+            for a in ti.static(range(TILE)):
+                if r + a < height:
+                    target[t + r + a] = target[t + r + a] - s0[a]
+                    target[t + stride + r + a] = target[t + stride + r + a] - s1[a]
+                    target[t + 2 * stride + r + a] = target[t + 2 * stride + r + a] - s2[a]
+
+
+@ti.func
 def factorise_front(s: ti.i32, front: IntegerTable, panel: Scalars, update: Scalars) -> ti.i32:
     """Eliminate a front's own columns; returns the local column of a pivot that is not positive, or -1."""
     width, height = 3 * front[s, 0], 3 * front[s, 1]
@@ -63,6 +109,7 @@ def factorise_front(s: ti.i32, front: IntegerTable, panel: Scalars, update: Scal
     failed = -1
     for node in range(front[s, 0]):
         k = 3 * node
+        subtract_products(panel, p, height, k, k, panel, p + k * height, height)
         for a in ti.static(range(3)):
             column = p + (k + a) * height
             pivot = panel[column + k + a]
@@ -76,28 +123,9 @@ def factorise_front(s: ti.i32, front: IntegerTable, panel: Scalars, update: Scal
                 target = p + (k + b) * height
                 for i in range(k + b, height):
                     panel[target + i] = panel[target + i] - panel[column + i] * factor
-        c0, c1, c2 = p + k * height, p + (k + 1) * height, p + (k + 2) * height
-        for j in range(k + 3, width):
-            f0, f1, f2 = panel[c0 + j], panel[c1 + j], panel[c2 + j]
-            target = p + j * height
-            for i in range(j, height):
-                panel[target + i] = panel[target + i] - (panel[c0 + i] * f0 + panel[c1 + i] * f1 + panel[c2 + i] * f2)
     for group in range(rest // 3):
         j = 3 * group
-        t0, t1, t2 = u + j * rest, u + (j + 1) * rest, u + (j + 2) * rest
-        for node in range(front[s, 0]):
-            k = 3 * node
-            c0 = p + k * height + width
-            c1 = c0 + height
-            c2 = c1 + height
-            a0, a1, a2 = panel[c0 + j], panel[c1 + j], panel[c2 + j]
-            b0, b1, b2 = panel[c0 + j + 1], panel[c1 + j + 1], panel[c2 + j + 1]
-            d0, d1, d2 = panel[c0 + j + 2], panel[c1 + j + 2], panel[c2 + j + 2]
-            for i in range(j, rest):
-                x0, x1, x2 = panel[c0 + i], panel[c1 + i], panel[c2 + i]
-                update[t0 + i] = update[t0 + i] - (x0 * a0 + x1 * a1 + x2 * a2)
-                update[t1 + i] = update[t1 + i] - (x0 * b0 + x1 * b1 + x2 * b2)
-                update[t2 + i] = update[t2 + i] - (x0 * d0 + x1 * d1 + x2 * d2)
+        subtract_products(panel, p, height, width, width + j, update, u + j * rest - width, rest)
     return failed
 
 
