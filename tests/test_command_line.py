@@ -135,7 +135,7 @@ def test_overrides_are_in_the_resolved_scene(command: Command, tmp_path: Path) -
 )
 def test_a_wrong_value_is_one_line(command: Command, tmp_path: Path, override: str, message: str) -> None:
     ball = trimesh.creation.icosphere(1, 2.0)
-    ball.apply_translation([-60.0, 20.0, 0.0])
+    ball.apply_translation([-60.0, 26.0, 0.0])  # in the back of the finger
     ball.export(tmp_path / "ball.stl")
     trimesh.Trimesh(ball.vertices, ball.faces[1:]).export(tmp_path / "open.stl")
     trimesh.creation.box([20.0, 5.0, 3.0]).apply_translation([510.0, 0.0, 0.0]).export(tmp_path / "far.stl")
@@ -174,17 +174,17 @@ def test_a_run_that_diverges_keeps_what_was_computed(command: Command, tmp_path:
     code, output, errors = command("run", "scene.toml", "--set", "controller.settings.script=burst.toml")
     (line,) = errors.splitlines()
     assert code == 2
-    assert line.startswith("taichisoft: step 2: body 'finger' exploded: it would move ")
-    assert "; try a smaller time.step, a lower pressure" in line
+    assert line.startswith("taichisoft: step 1: body 'finger' has ")
+    assert "elements turned inside out; try a smaller time.step, a lower pressure" in line
     folder = tmp_path / "out" / "scene"
-    assert outcome_and_steps(folder / "recording.h5") == (line.removeprefix("taichisoft: "), 2)
-    assert json.loads((folder / "metrics.json").read_text())["steps"] == 2
+    assert outcome_and_steps(folder / "recording.h5") == (line.removeprefix("taichisoft: "), 1)
+    assert json.loads((folder / "metrics.json").read_text())["steps"] == 1
     assert "results in" in output
 
 
 def test_an_inside_out_cavity_is_turned_and_said(command: Command, tmp_path: Path) -> None:
     ball = trimesh.creation.box([20.0, 5.0, 3.0])
-    ball.apply_translation([-60.0, 20.0, 0.0])
+    ball.apply_translation([-60.0, 26.0, 0.0])  # in the back of the finger
     ball.invert()
     ball.export(tmp_path / "ball.stl")
     override = "soft_bodies.finger.cavities.cavity={surface='ball.stl'}"
