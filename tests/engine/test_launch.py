@@ -38,5 +38,23 @@ def test_an_array_of_another_kind_is_refused(vectors: np.ndarray) -> None:
 
 
 def test_a_missing_argument_is_refused() -> None:
-    with pytest.raises(ValueError, match="longer"):
+    with pytest.raises(TypeError, match="add_up takes 4 arguments, not 3"):
         add_up(np.ones((4, 3)), 1.0, 0)
+
+
+def test_arrays_known_from_an_earlier_launch_are_told_apart() -> None:
+    vectors, results = [np.full((4, 3), float(k)) for k in range(20)], [np.zeros(4) for _ in range(20)]
+    for offset in (0, 1):  # more sets of arrays than are remembered, each twice
+        for value, result in zip(vectors, results, strict=True):
+            value += offset
+            add_up(value, 1.0, offset, result)
+    for k, result in enumerate(results):
+        np.testing.assert_array_equal(result, 3.0 * (k + 1) + 1)
+
+
+def test_an_array_that_reuses_the_place_of_a_dead_one_is_not_taken_for_it() -> None:
+    result = np.zeros(4)
+    for k in range(30):
+        vectors = np.full((4 + k % 3, 3), float(k))  # freed in the next turn, unless a launch still points to it
+        add_up(vectors, 1.0, 0, result)
+        np.testing.assert_array_equal(result, 3.0 * k)
