@@ -6,7 +6,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from taichisoft.cholesky import Cholesky
-from taichisoft.elements import linear_tetrahedra
+from taichisoft.elements import edge_frames, linear_tetrahedra
 from taichisoft.kernels import elasticity as kernels
 from taichisoft.soft_body import SoftBody
 
@@ -30,30 +30,44 @@ class Elasticity:
         self.lame = np.vstack([body.lame for body in bodies])
         self.node_mass = np.concatenate([body.node_mass for body in bodies])
         self.anchor_stiffness = np.concatenate([body.anchor_stiffness for body in bodies])
-        self.polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
+        self._polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
         node_counts = [len(body.rest_position) for body in bodies]
         rayleigh_stiffness = np.array([body.settings.rayleigh_stiffness for body in bodies])
         self.node_rayleigh_mass = np.repeat([body.settings.rayleigh_mass for body in bodies], node_counts)
         self.node_lag = np.repeat(time_step + rayleigh_stiffness, node_counts)  # h + b
         self._element_lag = np.repeat(time_step + rayleigh_stiffness, counts)
-        self._stiffness_factor = time_step * self._element_lag
         self._diagonal = (
             1.0 + time_step * self.node_rayleigh_mass
         ) * self.node_mass + time_step * self.node_lag * self.anchor_stiffness
-        self._allocate()
+        self._lay_out_elements(time_step * self._element_lag)
+        self._lay_out_blocks()
 
-    def _allocate(self) -> None:
-        element_count, corner_count = self.elements.shape
-        node_count = len(self.rest_position)
-        self.rotation = np.empty((element_count, 3, 3))
-        self._rotated_gradient = np.empty_like(self.gradient)
-        self._element_force = np.empty((element_count, corner_count, 3))
-        self._node_parts = _contributions(self.elements.reshape(-1), node_count, corner_count)
+    def _lay_out_elements(self, stiffness_factor: np.ndarray) -> None:
+        """Element data for the kernel; `stiffness_factor`, K's in A, has shape (element_count,)."""
+        corners = self.rest_position[self.elements[:, :3]]
+        self._rest_frame = edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        shear_weight = np.sqrt(stiffness_factor[:, None] * self.volume * self.lame[:, 1:])
+        self._shape_gradient = _points_apart(self.gradient)
+        self._scaled_gradient = _points_apart(shear_weight[:, :, None, None] * self.gradient)
+        self._rotated_gradient = np.zeros_like(self._scaled_gradient)
+        self._element_force = np.zeros(4 * self.elements.size)
+        self._corners = self.elements.reshape(-1)
+        self.rotation = np.empty((len(self.elements), 3, 3))
+        self._position, self._velocity = np.empty(self.rest_position.size), np.empty(self.rest_position.size)
+        self._force = np.empty_like(self.rest_position)
+
+    def _lay_out_blocks(self) -> None:
+        """The solver, and where the parts of each of its blocks stand."""
+        corner_count, node_count = self.elements.shape[1], len(self.rest_position)
         row, column = np.repeat(self.elements, corner_count, axis=1), np.tile(self.elements, corner_count)
         pattern = sparse.csr_matrix((np.ones(row.size), (row.ravel(), column.ravel())), (node_count, node_count))
         self.solver = Cholesky(pattern)
         pairs = self.solver.block_pairs
-        self._block_parts = _block_contributions(self.elements, pairs, node_count)
+        start, element, row_corner, column_corner = _block_contributions(self.elements, pairs, node_count)
+        row_place = 4 * (element * corner_count + row_corner)
+        column_place = 4 * (element * corner_count + column_corner)
+        ratio = (self.lame[:, 0] / self.lame[:, 1])[element]
+        self._block_parts = (start, row_place.astype(np.int32), column_place.astype(np.int32), ratio)
         self._diagonal_block = np.where(pairs[:, 0] == pairs[:, 1], pairs[:, 0], -1).astype(np.int32)
 
     def assemble(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
@@ -64,47 +78,46 @@ class Elasticity:
             velocity: of the nodes [mm/s], shape (node_count, 3).
 
         Returns:
-            Elastic force less the lagged stiffness term, f - (h + b) K v [mN], shape (node_count, 3).
+            Elastic force less the lagged stiffness term, f - (h + b) K v [mN], shape (node_count, 3); it is
+            overwritten by the next call.
         """
-        force = np.empty_like(position)
+        self._position[:] = position.reshape(-1)
+        self._velocity[:] = velocity.reshape(-1)
         kernels.assemble(
-            self.elements,
-            self.polar,
-            self.rest_position,
-            self.gradient,
+            self.elements.shape[1],
+            self._corners,
+            self._polar,
+            self._rest_frame,
             self.volume,
+            self._shape_gradient,
+            self._scaled_gradient,
             self.lame,
             self._element_lag,
-            position,
-            velocity,
+            self._position,
+            self._velocity,
             self.rotation,
             self._rotated_gradient,
             self._element_force,
-            *self._node_parts,
-            force,
             *self._block_parts,
-            self._stiffness_factor,
             self._diagonal_block,
             self._diagonal,
+            self._force,
             self.solver.blocks,
         )
-        return force
+        return self._force
 
     def internal_force(self, position: np.ndarray) -> np.ndarray:
         """Elastic force on each node at rest in these positions [mN], shape (node_count, 3)."""
-        return self.assemble(position, np.zeros_like(position))
+        return self.assemble(position, np.zeros_like(position)).copy()
 
 
-def _contributions(nodes: np.ndarray, node_count: int, corner_count: int) -> tuple[np.ndarray, ...]:
-    """For each node: start in, and lists of, the elements and corners that touch it, in element order."""
-    by_node = np.argsort(nodes, kind="stable")
-    start = np.searchsorted(nodes[by_node], np.arange(node_count + 1))
-    element, corner = np.divmod(by_node, corner_count)
-    return start.astype(np.int32), element.astype(np.int32), corner.astype(np.int32)
+def _points_apart(gradient: np.ndarray) -> np.ndarray:
+    """Gradients (element, point, corner, 3) point by point, each vector filled up to four numbers, as one row."""
+    return np.ascontiguousarray(np.pad(gradient.transpose(1, 0, 2, 3), ((0, 0), (0, 0), (0, 0), (0, 1)))).reshape(-1)
 
 
 def _block_contributions(elements: np.ndarray, pairs: np.ndarray, node_count: int) -> tuple[np.ndarray, ...]:
-    """For each stored block (row node, column node): the elements and their two corners that add to it."""
+    """For each stored block (row node, column node): start in, and lists of, elements and their two corners."""
     corner_count = elements.shape[1]
     row = np.repeat(elements, corner_count, axis=1).astype(np.int64)
     column = np.tile(elements, corner_count)
@@ -119,5 +132,4 @@ def _block_contributions(elements: np.ndarray, pairs: np.ndarray, node_count: in
     row_corner, column_corner = np.divmod(corners, corner_count)
     order = np.argsort(block, kind="stable")
     start = np.searchsorted(block[order], np.arange(len(pairs) + 1))
-    lists = (element[order], row_corner[order], column_corner[order])
-    return start.astype(np.int32), *(array.astype(np.int32) for array in lists)
+    return start.astype(np.int32), element[order], row_corner[order], column_corner[order]

@@ -22,6 +22,14 @@ def linear_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarr
     return np.ascontiguousarray(np.concatenate([first, last_three], axis=1)[:, None]), volumes[:, None]
 
 
+def edge_frames(along: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Frames (count, 3, 3): first column along one edge, third normal to it and another; edges of shape (count, 3)."""
+    first = along / np.linalg.norm(along, axis=1, keepdims=True)
+    third = np.cross(first, across)
+    third /= np.linalg.norm(third, axis=1, keepdims=True)
+    return np.ascontiguousarray(np.stack([first, np.cross(third, first), third], axis=2))
+
+
 def lame_parameters(young_modulus: np.ndarray, poisson_ratio: np.ndarray) -> np.ndarray:
     """Lame's lambda and mu [kPa], shape (count, 2), of isotropic materials given by arrays of shape (count,)."""
     first = young_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))

@@ -8,19 +8,7 @@ and, R being frozen in the step (Mueller and Gross 2004, Interactive Virtual Mat
 """
 
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import (
-    Integers,
-    IntegerTable,
-    Matrices,
-    Scalars,
-    ScalarTable,
-    VectorBlocks,
-    Vectors,
-    VectorTable,
-    mat3,
-    ti,
-    vec3,
-)
+from taichisoft.kernels.runtime import Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
 
 
 @ti.func
@@ -74,90 +62,102 @@ def stress(gradient: mat3, lame_lambda: ti.f64, lame_mu: ti.f64) -> mat3:
     return lame_lambda * gradient.trace() * ti.Matrix.identity(ti.f64, 3) + lame_mu * (gradient + gradient.transpose())
 
 
+@ti.func
+def load(array: Scalars, place: ti.i32) -> vec3:
+    """Three numbers from a place on."""
+    return vec3(array[place], array[place + 1], array[place + 2])
+
+
+@ti.func
+def store(array: Scalars, place: ti.i32, value: vec3):
+    """Put three numbers from a place on."""
+    for d in ti.static(range(3)):
+        array[place + d] = value[d]
+
+
 @kernel
 def assemble(
-    elements: IntegerTable,
+    corner_count: ti.i32,
+    elements: Integers,
     polar: Integers,
-    rest_position: Vectors,
-    shape_gradient: VectorBlocks,
+    rest_frame: Matrices,
     volume: ScalarTable,
+    shape_gradient: Scalars,
+    scaled_gradient: Scalars,
     lame: ScalarTable,
-    velocity_factor: Scalars,
-    position: Vectors,
-    velocity: Vectors,
+    lag: Scalars,
+    position: Scalars,
+    velocity: Scalars,
     rotation: Matrices,
-    rotated_gradient: VectorBlocks,
-    element_force: VectorTable,
-    start: Integers,
-    node_element: Integers,
-    node_corner: Integers,
-    force: Vectors,
+    rotated_gradient: Scalars,
+    element_force: Scalars,
     block_start: Integers,
-    block_element: Integers,
-    row_corner: Integers,
-    column_corner: Integers,
-    stiffness_factor: Scalars,
+    row_place: Integers,
+    column_place: Integers,
+    lame_ratio: Scalars,
     diagonal_block: Integers,
     diagonal: Scalars,
+    force: Vectors,
     blocks: Matrices,
 ):
-    """Nodal forces f - velocity_factor K v and the matrix A = diagonal + stiffness_factor K.
+    """Nodal forces f - lag K v and the matrix A = diagonal + K, K already times its factor in A.
 
-    First each element: its rotation and its forces. Then each node sums the forces of
-    its elements, and each block of A the stiffness of the elements that contain its two nodes, in a fixed order.
+    First each element: its rotation, forces and rotated gradients. f - lag K v is the force f for the positions
+    x + lag v, since K has the rotations of this step. Then each block of A sums the stiffness of the elements that
+    contain its two nodes, and each diagonal one their forces, in a fixed order. With H_a = sqrt(w mu factor) R g_a and
+    M = sum H_a H_b^T, a block is sum (lambda / mu) H_a H_b^T + M^T + tr(M) I.
+
+    Vectors stand at multiples of four numbers, which keeps them aligned: corner a of element e at
+    4 (e corner_count + a), the next quadrature point 4 element_count corner_count further on.
     """
-    node_count = elements.shape[1]
-    for e in range(elements.shape[0]):
-        n0, n1, n2 = elements[e, 0], elements[e, 1], elements[e, 2]
-        x0, rest0 = position[n0], rest_position[n0]
-        r = edge_frame(position[n1] - x0, position[n2] - x0)
-        r = r @ edge_frame(rest_position[n1] - rest0, rest_position[n2] - rest0).transpose()
+    element_count = polar.shape[0]
+    point_stride = 4 * element_count * corner_count
+    for e in range(element_count):
+        n0 = 3 * elements[e * corner_count]
+        n1, n2 = 3 * elements[e * corner_count + 1], 3 * elements[e * corner_count + 2]
+        x0, v0 = load(position, n0), load(velocity, n0)
+        r = edge_frame(load(position, n1) - x0, load(position, n2) - x0) @ rest_frame[e].transpose()
         if polar[e] != 0:
             deformation = ti.Matrix.zero(ti.f64, 3, 3)
             for q in range(volume.shape[1]):
-                for b in range(node_count):
-                    deformation += volume[e, q] * position[elements[e, b]].outer_product(shape_gradient[e, q, b])
+                for a in range(corner_count):
+                    g = load(shape_gradient, q * point_stride + 4 * (e * corner_count + a))
+                    x = load(position, 3 * elements[e * corner_count + a])
+                    deformation += volume[e, q] * (x - x0).outer_product(g)
             r = polar_rotation(deformation, r)
         rotation[e] = r
-        for a in range(node_count):
-            element_force[e, a] = vec3(0.0)
+        for a in range(corner_count):
+            store(element_force, 4 * (e * corner_count + a), vec3(0.0))
         for q in range(volume.shape[1]):
-            strain = ti.Matrix.zero(ti.f64, 3, 3)
-            strain_rate = ti.Matrix.zero(ti.f64, 3, 3)
-            for b in range(node_count):
-                n = elements[e, b]
-                g = shape_gradient[e, q, b]
-                rotated = r @ g
-                rotated_gradient[e, q, b] = rotated
-                displacement = r.transpose() @ (position[n] - x0) - (rest_position[n] - rest0)
-                strain += displacement.outer_product(g)
-                strain_rate += velocity[n].outer_product(rotated)
-            elastic = r @ stress(strain, lame[e, 0], lame[e, 1]) @ r.transpose()
-            total = elastic + velocity_factor[e] * stress(strain_rate, lame[e, 0], lame[e, 1])
-            for a in range(node_count):
-                pull = volume[e, q] * (total @ rotated_gradient[e, q, a])
-                element_force[e, a] = element_force[e, a] - pull
-    for i in range(start.shape[0] - 1):
-        total = vec3(0.0)
-        for k in range(start[i], start[i + 1]):
-            total += element_force[node_element[k], node_corner[k]]
-        force[i] = total
+            first = q * point_stride + 4 * e * corner_count
+            gradient = ti.Matrix.zero(ti.f64, 3, 3)
+            for a in range(1, corner_count):
+                n = 3 * elements[e * corner_count + a]
+                lagged = load(position, n) - x0 + lag[e] * (load(velocity, n) - v0)
+                gradient += lagged.outer_product(load(shape_gradient, first + 4 * a))
+            strain = r.transpose() @ gradient - ti.Matrix.identity(ti.f64, 3)
+            pull = -volume[e, q] * (r @ stress(strain, lame[e, 0], lame[e, 1]))
+            for a in range(corner_count):
+                place = first + 4 * a
+                store(rotated_gradient, place, r @ load(scaled_gradient, place))
+                here = 4 * (e * corner_count + a)
+                store(element_force, here, load(element_force, here) + pull @ load(shape_gradient, place))
     for k in range(blocks.shape[0]):
+        shear = ti.Matrix.zero(ti.f64, 3, 3)
         total = ti.Matrix.zero(ti.f64, 3, 3)
         for c in range(block_start[k], block_start[k + 1]):
-            e = block_element[c]
-            a = row_corner[c]
-            b = column_corner[c]
             for q in range(volume.shape[1]):
-                ga = rotated_gradient[e, q, a]
-                gb = rotated_gradient[e, q, b]
-                w = stiffness_factor[e] * volume[e, q]
-                total += (w * lame[e, 0]) * ga.outer_product(gb) + (w * lame[e, 1]) * gb.outer_product(ga)
-                shear = w * lame[e, 1] * ga.dot(gb)
-                for d in ti.static(range(3)):
-                    total[d, d] += shear
+                row = load(rotated_gradient, q * point_stride + row_place[c])
+                column = load(rotated_gradient, q * point_stride + column_place[c])
+                product = row.outer_product(column)
+                shear += product
+                total += lame_ratio[c] * product
+        total += shear.transpose() + shear.trace() * ti.Matrix.identity(ti.f64, 3)
         node = diagonal_block[k]
         if node >= 0:
-            for d in ti.static(range(3)):
-                total[d, d] += diagonal[node]
+            node_force = vec3(0.0)
+            for c in range(block_start[k], block_start[k + 1]):
+                node_force += load(element_force, row_place[c])
+            force[node] = node_force
+            total += diagonal[node] * ti.Matrix.identity(ti.f64, 3)
         blocks[k] = total
