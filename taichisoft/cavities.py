@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from taichisoft.kernels import surfaces as kernels
+from taichisoft.kernels import cavities as kernels
 from taichisoft.soft_body import SoftBody
 
 
@@ -39,18 +39,18 @@ class Cavities:
             vertex_count += len(global_nodes)
             entry_count += len(used)
         self.entry_start = np.cumsum([0, *(len(used) for used in entries)]).astype(np.int32)
-        self._surfaces = list(zip(nodes, weights, strict=True))
-        self._triangle_start = np.cumsum([0, *(len(part) for part in triangles)])
-        if not found:
-            self.entry_node, self.gradient = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
-            return
-        self.entry_node = np.concatenate(entries).astype(np.int32)
         self.gradient = np.zeros((entry_count, 3))
+        self.entry_node = np.concatenate([*entries, np.zeros(0)]).astype(np.int32)
+        self._volume = np.zeros(len(found))
+        self._node_position = np.full((sum(len(body.rest_position) for body in bodies), 3), np.nan)
+        if not found:
+            return
+        most = max(table.shape[1] for table in nodes)
+        self._vertex_nodes = np.vstack([_padded(table, most) for table in nodes]).astype(np.int32)
+        self._vertex_weights = np.vstack([_padded(table, most) for table in weights])
+        self._triangle_start = np.cumsum([0, *(len(part) for part in triangles)]).astype(np.int32)
         self._triangles = np.vstack(triangles).astype(np.int32)
-        self._area_vector = np.zeros((vertex_count, 3))
-        corners = self._triangles.reshape(-1)
-        self._fan = np.argsort(corners, kind="stable").astype(np.int32)
-        self._fan_start = np.searchsorted(corners[self._fan], np.arange(vertex_count + 1)).astype(np.int32)
+        self._position, self._area_vector = np.empty((vertex_count, 3)), np.empty((vertex_count, 3))
         all_parts = np.vstack(parts)
         by_entry = np.argsort(all_parts[:, 0], kind="stable")
         self._part_start = np.searchsorted(all_parts[by_entry, 0], np.arange(entry_count + 1)).astype(np.int32)
@@ -59,37 +59,30 @@ class Cavities:
 
     def update(self, node_position: np.ndarray) -> None:
         """Fill `gradient` for node positions [mm], shape (node_count, 3)."""
-        if self.names:
-            kernels.cavity_gradients(
-                self._fan_start,
-                self._fan,
-                self._triangles,
-                self._vertices(node_position),
-                self._area_vector,
-                self._part_start,
-                self._part_vertex,
-                self._part_weight,
-                self.gradient,
-            )
+        if not self.names or np.array_equal(node_position, self._node_position):
+            return  # the volumes at the end of a step come with the gradients for the start of the next
+        self._node_position[:] = node_position
+        kernels.volumes_and_gradients(
+            self._node_position,
+            self._vertex_nodes,
+            self._vertex_weights,
+            self._triangle_start,
+            self._triangles,
+            self._part_start,
+            self._part_vertex,
+            self._part_weight,
+            self._position,
+            self._area_vector,
+            self._volume,
+            self.gradient,
+        )
 
     def volumes(self, node_position: np.ndarray) -> np.ndarray:
         """Enclosed volumes [mm^3], shape (cavity_count,), for node positions [mm], shape (node_count, 3)."""
-        if not self.names:
-            return np.zeros(0)
-        # Relative to the first vertex of its cavity, a large distance from the origin costs no digits.
-        corners = self._vertices(node_position)[self._triangles]
-        origin = corners[self._triangle_start[:-1], 0]
-        corners = corners - np.repeat(origin, np.diff(self._triangle_start), axis=0)[:, None]
-        parts = np.einsum("ti,ti->t", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6.0
-        return np.add.reduceat(parts, self._triangle_start[:-1])
+        self.update(node_position)
+        return self._volume.copy()
 
-    def node_impulse(self, cavity_impulse: np.ndarray, node_count: int) -> np.ndarray:
-        """Impulses on the nodes [mN s], shape (node_count, 3), of pressures times time [kPa s], (cavity_count,)."""
-        result = np.zeros((node_count, 3))
-        for cavity, impulse in enumerate(cavity_impulse):
-            entries = slice(self.entry_start[cavity], self.entry_start[cavity + 1])
-            result[self.entry_node[entries]] += impulse * self.gradient[entries]
-        return result
 
-    def _vertices(self, node_position: np.ndarray) -> np.ndarray:
-        return np.vstack([np.einsum("vk,vkd->vd", weights, node_position[nodes]) for nodes, weights in self._surfaces])
+def _padded(table: np.ndarray, columns: int) -> np.ndarray:
+    """Fill up with node 0 of weight 0."""
+    return np.pad(table, ((0, 0), (0, columns - table.shape[1])))

@@ -3,10 +3,10 @@
 import numpy as np
 
 from taichisoft.detection import ContactPairs, match, pair_key
-from taichisoft.kernels import compliance as kernels
-from taichisoft.kernels import gauss_seidel
+from taichisoft.kernels import compliance, contact_rows, gauss_seidel
 from taichisoft.kernels.compliance import GROUP
 from taichisoft.model import Model
+from taichisoft.rigid_motion import RigidMotion
 from taichisoft.state import State
 
 
@@ -17,115 +17,139 @@ class ConstraintProblem:
     (velocity plus gap / h, at least 0), and two tangents. A cavity of imposed volume has one: its rate of volume
     less the rate that reaches the imposed growth at the end of the step. (Imposed pressures are known impulses.)
 
+    The arrays are used again in the next step, and made anew only when the number of rows changes.
+
     Attributes:
         contacts: the pairs.
         basis: normal and two tangents of each contact, as rows, shape (contact_count, 3, 3).
         compliance: W [mm/s per mN s and the like for volumes], shape (row_count, row_count).
         free: velocities [mm/s] or volume rates [mm^3/s] without impulses, shape (row_count,).
         impulse: [mN s] of contacts, pressure times step [kPa s] of cavities, shape (row_count,).
+        contact_impulse: on the second body in world axes [mN s], shape (contact_count, 3).
+        node_impulse: J^T impulse on the soft nodes [mN s], shape (node_count, 3).
+        rigid_impulse: on the rigid bodies, linear [mN s] and angular [mN mm s], shape (rigid_count, 6).
         iterations: sweeps of the Gauss-Seidel.
         residual: largest change of a row's velocity in the last sweep [mm/s].
     """
 
-    def __init__(self, model: Model, state: State, contacts: ContactPairs):
+    def __init__(self, model: Model):
+        """Make the buffers whose size does not depend on the contacts."""
+        self._model = model
+        self._time_step = model.scene.time.step
+        self._slots = 6 * model.surfaces.vertex_nodes.shape[1]
+        self._rigid_position = np.empty((len(model.rigid_bodies), 3))
+        self._node_velocity = np.empty((model.node_count, 3))
+        self._outcome = np.zeros(2)
+        self.node_impulse = np.zeros((model.node_count, 3))
+        self.rigid_impulse = np.zeros((len(model.rigid_bodies), 6))
+        self._make_room(0, 0)
+
+    def _make_room(self, count: int, cavity_count: int) -> None:
+        self._bodies = np.empty((count, 2), dtype=np.int32)
+        self._vertices = np.empty((count, 2, 3), dtype=np.int32)
+        self._vertex_weights = np.empty((count, 2, 3))
+        self._points = np.empty((count, 2, 3))
+        self._normal = np.empty((count, 3))
+        self._approach = np.empty(count)
+        self._friction = np.empty(count)
+        self.basis = np.empty((count, 3, 3))
+        self._node = np.empty((count, self._slots), dtype=np.int32)
+        self._weight = np.empty((count, self._slots))
+        self._rigid = np.empty((count, 2), dtype=np.int32)
+        self._rigid_jacobian = np.zeros((3 * count, 2, 6))
+        self.contact_impulse = np.empty((count, 3))
+        self._cavities = np.empty(cavity_count, dtype=np.int32)
+        rows = 3 * count + cavity_count
+        self.row_count = rows
+        self.compliance = np.empty((rows, rows))
+        self.free, self.impulse = np.empty(rows), np.empty(rows)
+        self._last_impulse, self._direction = np.empty(rows), np.empty(rows)
+        groups = -(-rows // GROUP)
+        if self._model.elasticity is not None:
+            solver = self._model.elasticity.solver
+            self._active = np.empty((groups, len(solver.parent)), dtype=np.int32)
+            self._columns = np.empty((groups, 3 * len(solver.order), GROUP))
+
+    def lay_out(self, state: State, contacts: ContactPairs) -> None:
         """Lay out the rows at the positions of `state`."""
         self.contacts = contacts
-        self._model = model
         self._state = state
-        self._time_step = model.scene.time.step
-        self.basis = contact_basis(contacts.normal)
-        self._cavities = np.flatnonzero(state.cavity_volume_imposed).astype(np.int32)
-        self._find_entries()
-        self.row_count = 3 * contacts.count + len(self._cavities)
-        self.impulse = np.zeros(self.row_count)
+        cavities = np.flatnonzero(state.cavity_volume_imposed)
+        if contacts.count != len(self._bodies) or len(cavities) != len(self._cavities):
+            self._make_room(contacts.count, len(cavities))
+        self._cavities[:] = cavities
         self.iterations, self.residual = 0, 0.0
-
-    def _find_entries(self) -> None:
-        """Soft nodes and rigid bodies that each contact acts on."""
-        surfaces, count = self._model.surfaces, self.contacts.count
-        slots = 6 * surfaces.vertex_nodes.shape[1]
-        self._node = np.empty((count, slots), dtype=np.int32)
-        self._weight = np.empty((count, slots))
-        self._rigid = np.full((count, 2), -1, dtype=np.int32)
-        self._rigid_jacobian = np.zeros((max(1, 3 * count), 2, 6))
-        if count == 0:
+        if not contacts.count:
             return
-        kernels.soft_entries(
-            self.contacts.vertices,
-            self.contacts.weights,
+        self._bodies[:] = contacts.bodies
+        self._vertices[:] = contacts.vertices
+        self._vertex_weights[:] = contacts.weights
+        self._points[:] = contacts.points
+        self._normal[:] = contacts.normal
+        self._rigid_position[:] = state.rigid_position
+        self._friction[:] = self._model.friction[self._bodies[:, 0], self._bodies[:, 1]]
+        self._approach[:] = (contacts.distance - self._model.scene.contact.contact_distance) / self._time_step
+        surfaces = self._model.surfaces
+        contact_rows.lay_out(
+            len(self._model.soft_bodies),
+            len(self._model.rigid_bodies),
+            self._bodies,
+            self._vertices,
+            self._vertex_weights,
+            self._points,
+            self._normal,
             surfaces.vertex_nodes,
             surfaces.vertex_weights,
             surfaces.vertex_owner,
+            self._rigid_position,
+            self.basis,
             self._node,
             self._weight,
+            self._rigid,
+            self._rigid_jacobian,
         )
-        first_rigid, rigid_count = len(self._model.soft_bodies), len(self._model.rigid_bodies)
-        rigid = self.contacts.bodies - first_rigid
-        self._rigid = np.where((rigid >= 0) & (rigid < rigid_count), rigid, -1).astype(np.int32)
-        if rigid_count == 0:
-            return
-        for side, direction in ((0, -1.0), (1, 1.0)):
-            arm = self.contacts.points[:, side] - self._state.rigid_position[self._rigid[:, side]]
-            linear = direction * self.basis
-            angular = np.cross(arm[:, None], linear)
-            on_rigid = np.repeat(self._rigid[:, side] >= 0, 3)
-            rows = np.concatenate([linear, angular], axis=2).reshape(-1, 6)
-            self._rigid_jacobian[:, side] = np.where(on_rigid[:, None], rows, 0.0)
 
-    def measure(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray, inverse_mass: np.ndarray) -> None:
+    def measure(self, node_velocity: np.ndarray, rigid: RigidMotion) -> None:
         """Fill `free` and `compliance`.
 
         Args:
             node_velocity: of the soft nodes without the impulses to be found [mm/s], shape (node_count, 3).
-            rigid_velocity: linear and angular of the rigid bodies likewise, shape (rigid_count, 6).
-            inverse_mass: of the rigid bodies in world axes, shape (rigid_count, 6, 6).
+            rigid: the rigid bodies likewise.
         """
-        count = self.contacts.count
-        self.free = np.empty(self.row_count)
-        self.free[: 3 * count] = self._contact_velocities(node_velocity, rigid_velocity).reshape(-1)
-        self.free[3 * count :] = self._volume_rates(node_velocity)
-        self.compliance = np.zeros((self.row_count, self.row_count))
-        if self._model.elasticity is not None and self.row_count:
+        if not self.row_count:
+            return
+        self._node_velocity[:] = node_velocity
+        self.compliance[:] = 0.0
+        if self._model.elasticity is not None:
             self._add_soft_compliance()
-        if len(self._model.rigid_bodies) and count:
-            kernels.rigid_compliance(self._rigid, self._rigid_jacobian, inverse_mass, self.compliance)
-
-    def _contact_velocities(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
-        """Relative velocities in the bases, plus gap / h along the normals [mm/s], shape (contact_count, 3)."""
-        velocity = np.empty((self.contacts.count, 3))
         if self.contacts.count:
-            kernels.contact_velocity(
+            contact_rows.contact_velocity(
                 self._node,
                 self._weight,
                 self.basis,
                 self._rigid,
                 self._rigid_jacobian,
-                node_velocity,
-                rigid_velocity,
-                velocity,
+                self._node_velocity,
+                rigid.velocity,
+                self._approach,
+                self.free,
             )
-            gap = self.contacts.distance - self._model.scene.contact.contact_distance
-            velocity[:, 0] += gap / self._time_step
-        return velocity
+            compliance.rigid_compliance(self._rigid, self._rigid_jacobian, rigid.inverse_mass, self.compliance)
+        self._measure_volumes()
 
-    def _volume_rates(self, node_velocity: np.ndarray) -> np.ndarray:
-        """Rates of the imposed volumes less those that reach their targets [mm^3/s], shape (imposed_count,)."""
-        cavities, state = self._model.cavities, self._state
-        missing = state.cavity_volume - cavities.rest_volume - state.cavity_target
-        rates = []
-        for cavity in self._cavities:
+    def _measure_volumes(self) -> None:
+        """Rates of the imposed volumes less those that reach their targets [mm^3/s]."""
+        cavities, state, first = self._model.cavities, self._state, 3 * self.contacts.count
+        for row, cavity in enumerate(self._cavities, first):
             entries = slice(cavities.entry_start[cavity], cavities.entry_start[cavity + 1])
-            rate = np.einsum("kd,kd->", cavities.gradient[entries], node_velocity[cavities.entry_node[entries]])
-            rates.append(rate + missing[cavity] / self._time_step)
-        return np.array(rates)
+            rate = np.vdot(cavities.gradient[entries], self._node_velocity[cavities.entry_node[entries]])
+            missing = state.cavity_volume[cavity] - cavities.rest_volume[cavity] - state.cavity_target[cavity]
+            self.free[row] = rate + missing / self._time_step
 
     def _add_soft_compliance(self) -> None:
         assert self._model.elasticity is not None
         solver, cavities = self._model.elasticity.solver, self._model.cavities
-        groups = -(-self.row_count // GROUP)
-        active = np.empty((groups, len(solver.parent)), dtype=np.int32)
-        panel = np.empty((groups, 3 * len(solver.order), GROUP))
-        kernels.forward_solve(
+        compliance.forward_solve(
             self._node,
             self._weight,
             self.basis,
@@ -140,40 +164,40 @@ class ConstraintProblem:
             solver.front,
             solver.rows,
             solver.panel,
-            active,
-            panel,
+            self._active,
+            self._columns,
         )
-        kernels.soft_compliance(solver.front, active, panel, self.compliance)
+        compliance.soft_compliance(solver.front, self._active, self._columns, self.compliance)
 
     def solve(self) -> None:
         """Find the impulses by Gauss-Seidel, from those of the last step."""
         if not self.row_count:
             return
-        settings, model = self._model.scene.contact, self._model
+        settings = self._model.scene.contact
         self._warm_start()
-        friction = model.friction[self.contacts.bodies[:, 0], self.contacts.bodies[:, 1]]
-        outcome = np.zeros(2)
         gauss_seidel.solve(
             self.compliance,
             self.free,
-            friction,
+            self._friction,
             settings.tolerance,
             settings.max_iterations,
             self.impulse,
-            np.empty(self.row_count),
-            np.empty(self.row_count),
-            outcome,
+            self._last_impulse,
+            self._direction,
+            self._outcome,
         )
-        self.iterations, self.residual = int(outcome[0]), float(outcome[1])
+        self.iterations, self.residual = int(self._outcome[0]), float(self._outcome[1])
+        self._apply_impulses()
 
     def _warm_start(self) -> None:
         state, count = self._state, self.contacts.count
+        self.impulse[: 3 * count] = 0.0
         self.impulse[3 * count :] = state.cavity_impulse[self._cavities]
         if not count:
             return
         matched = match(
-            pair_key(self.contacts.bodies),
-            self.contacts.points.mean(axis=1),
+            pair_key(self._bodies),
+            self._points.mean(axis=1),
             state.contact_key,
             state.contact_point,
             max(self._model.scene.contact.spacing, self._model.scene.contact.contact_distance),
@@ -183,11 +207,23 @@ class ConstraintProblem:
         local[local[:, 0] < 0.0] = 0.0
         self.impulse[: 3 * count].reshape(-1, 3)[known] = local
 
-    @property
-    def contact_impulse(self) -> np.ndarray:
-        """Impulses on the second body in world axes [mN s], shape (contact_count, 3)."""
-        local = self.impulse[: 3 * self.contacts.count].reshape(-1, 3)
-        return np.einsum("cij,ci->cj", self.basis, local)
+    def _apply_impulses(self) -> None:
+        cavities = self._model.cavities
+        contact_rows.apply_impulses(
+            self._node,
+            self._weight,
+            self.basis,
+            self._rigid,
+            self._rigid_jacobian,
+            self._cavities,
+            cavities.entry_start,
+            cavities.entry_node,
+            cavities.gradient,
+            self.impulse,
+            self.contact_impulse,
+            self.node_impulse,
+            self.rigid_impulse,
+        )
 
     @property
     def cavity_impulse(self) -> np.ndarray:
@@ -195,39 +231,3 @@ class ConstraintProblem:
         result = self._state.cavity_target * self._time_step
         result[self._cavities] = self.impulse[3 * self.contacts.count :]
         return result
-
-    def node_impulse(self) -> np.ndarray:
-        """J^T impulse on the soft nodes [mN s], shape (node_count, 3)."""
-        count, cavities = self.contacts.count, self._model.cavities
-        result = np.zeros((self._model.node_count, 3))
-        kernels.scatter_impulses(
-            self._node,
-            self._weight,
-            self.basis,
-            self.impulse[: 3 * count].reshape(-1, 3),
-            self._cavities,
-            cavities.entry_start,
-            cavities.entry_node,
-            cavities.gradient,
-            self.impulse[3 * count :],
-            result,
-        )
-        return result
-
-    def rigid_impulse(self) -> np.ndarray:
-        """J^T impulse on the rigid bodies, linear [mN s] and angular [mN mm s], shape (rigid_count, 6)."""
-        result = np.zeros((len(self._model.rigid_bodies), 6))
-        local = self.impulse[: 3 * self.contacts.count]
-        for side in (0, 1):
-            body = np.repeat(self._rigid[:, side], 3)
-            rows = self._rigid_jacobian[: len(local), side] * local[:, None]
-            np.add.at(result, body[body >= 0], rows[body >= 0])
-        return result
-
-
-def contact_basis(normal: np.ndarray) -> np.ndarray:
-    """Normal and two tangents as rows of (count, 3, 3): the first tangent is normal to the axis least along it."""
-    axis = np.eye(3)[np.abs(normal).argmin(axis=1)]
-    first = np.cross(normal, axis)
-    first /= np.linalg.norm(first, axis=1, keepdims=True)
-    return np.stack([normal, first, np.cross(normal, first)], axis=1)

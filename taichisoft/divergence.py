@@ -3,8 +3,8 @@
 import numpy as np
 
 from taichisoft.errors import SimulationDiverged
+from taichisoft.kernels.inversion import count_inverted
 from taichisoft.model import Model
-from taichisoft.soft_body import SoftBody
 from taichisoft.state import State
 
 # A corotational element survives being inverted for a while; a body of which more than this share is, does not.
@@ -16,43 +16,62 @@ LARGEST_MOVE = 10.0
 ADVICE = "a smaller time.step, a lower pressure or pressure rate, or a finer mesh"
 
 
-def check_state(model: Model, before: State, after: State) -> None:
-    """Compare the state before and after a step.
+class DivergenceCheck:
+    """Compares the states before and after a step."""
 
-    Raises:
-        SimulationDiverged: a value is not finite, a body explodes, or too many of its elements are inverted.
-    """
-    time_step = model.scene.time.step
-    for body in model.soft_bodies:
-        move = after.position[body.nodes] - before.position[body.nodes]
-        expected = time_step * before.velocity[body.nodes]
-        _check_move(body.name, before.step, move, expected, np.ptp(body.rest_position, axis=0).max())
-        _check_inverted(body, before.step, after.position[body.nodes])
-    for index, rigid in enumerate(model.rigid_bodies):
-        move = after.rigid_position[index] - before.rigid_position[index]
-        expected = time_step * before.rigid_velocity[index]
-        _check_finite(rigid.name, before.step, after.rigid_rotation[index])
-        _check_move(rigid.name, before.step, move, expected, np.ptp(rigid.vertices, axis=0).max())
+    def __init__(self, model: Model):
+        """Lay out the bodies: the soft ones by their nodes and elements, each rigid one by its centre."""
+        self._model = model
+        soft, rigid = model.soft_bodies, model.rigid_bodies
+        self._names = [*(body.name for body in soft), *(body.name for body in rigid)]
+        self._start = np.array(
+            [*(body.nodes.start for body in soft), *(model.node_count + i for i in range(len(rigid)))]
+        )
+        shapes = [*(body.rest_position for body in soft), *(body.vertices for body in rigid)]
+        self._size = np.array([np.ptp(shape, axis=0).max() for shape in shapes])
+        counts = [len(body.elements) for body in soft]
+        self._element_count = np.array(counts)
+        self._element_start = np.cumsum([0, *counts]).astype(np.int32)
+        self._position = np.empty((model.node_count, 3))
+        self._inverted = np.zeros(len(soft), dtype=np.int32)
 
+    def __call__(self, before: State, after: State) -> None:
+        """Check a step.
 
-def _check_move(name: str, step: int, move: np.ndarray, expected: np.ndarray, size: float) -> None:
-    _check_finite(name, step, move)
-    limit = LARGEST_MOVE * size
-    largest = float(np.minimum(np.abs(move), np.abs(move - expected)).max())
-    if largest > limit:
-        cause = f"exploded: it would move {np.abs(move).max():.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
-        raise SimulationDiverged(name, step, cause, ADVICE)
+        Raises:
+            SimulationDiverged: a value is not finite, a body explodes, or too many of its elements are inverted.
+        """
+        if not self._names:
+            return
+        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is found below
+            self._check_moves(before, after)
+        self._check_inverted(before.step, after.position)
 
+    def _check_moves(self, before: State, after: State) -> None:
+        move = np.concatenate([after.position - before.position, after.rigid_position - before.rigid_position])
+        velocity = np.concatenate([before.velocity, before.rigid_velocity])
+        surprise = np.minimum(np.abs(move), np.abs(move - self._model.scene.time.step * velocity))
+        largest = np.maximum.reduceat(surprise.max(axis=1), self._start)
+        # NaN goes through every maximum, and fails every comparison.
+        good = largest <= LARGEST_MOVE * self._size
+        soft_count = len(self._model.soft_bodies)
+        good[soft_count:] &= np.isfinite(after.rigid_rotation).all(axis=1)
+        if good.all():
+            return
+        body = int(np.argmin(good))
+        extent = np.maximum.reduceat(np.abs(move).max(axis=1), self._start)[body]
+        cause = "has a position that is not finite"
+        if np.isfinite(extent) and largest[body] > LARGEST_MOVE * self._size[body]:
+            cause = f"exploded: it would move {extent:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
+        raise SimulationDiverged(self._names[body], before.step, cause, ADVICE)
 
-def _check_finite(name: str, step: int, values: np.ndarray) -> None:
-    if not np.isfinite(values).all():
-        raise SimulationDiverged(name, step, "has a position that is not finite", ADVICE)
-
-
-def _check_inverted(body: SoftBody, step: int, position: np.ndarray) -> None:
-    origin, first, second, third = (position[body.elements[:, corner]] for corner in range(4))
-    volumes = np.einsum("ed,ed->e", np.cross(first - origin, second - origin), third - origin)
-    count = int((volumes <= 0.0).sum())
-    if count > INVERTED_SHARE * len(body.elements):
-        cause = f"has {count} of {len(body.elements)} elements turned inside out"
-        raise SimulationDiverged(body.name, step, cause, ADVICE)
+    def _check_inverted(self, step: int, position: np.ndarray) -> None:
+        if self._model.elasticity is None:
+            return
+        self._position[:] = position
+        count_inverted(self._model.elasticity.elements, self._position, self._element_start, self._inverted)
+        bad = self._inverted > INVERTED_SHARE * self._element_count
+        if bad.any():
+            body = int(np.argmax(bad))
+            cause = f"has {self._inverted[body]} of {self._element_count[body]} elements turned inside out"
+            raise SimulationDiverged(self._names[body], step, cause, ADVICE)

@@ -11,6 +11,8 @@ def rotation_from_degrees(angles: tuple[float, float, float]) -> np.ndarray:
 
 def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
     """Rotation matrix (3, 3) by the angle |vector| [rad] about it."""
+    if not vector.any():
+        return np.eye(3)
     return Rotation.from_rotvec(vector).as_matrix()
 
 

@@ -2,45 +2,46 @@
 
 import numpy as np
 
+from taichisoft.kernels import free_motion as kernels
 from taichisoft.model import Model
-from taichisoft.placement import matrices_from_quaternions
 from taichisoft.state import State
 
 
-def velocity_without_contact(model: Model, state: State) -> np.ndarray:
-    """Linear [mm/s] and angular [rad/s] velocities after a step without contacts, shape (rigid_count, 6).
+class RigidMotion:
+    """The rigid bodies of a step.
 
-    The gyroscopic torque is taken implicitly, one Newton step in the body frame, since the explicit one makes
-    slender bodies spin up (Catto 2015, Physics for Game Programmers: Numerical Methods).
+    Attributes:
+        rotation: body axes in the world, shape (rigid_count, 3, 3).
+        velocity: linear [mm/s] and angular [rad/s] after the step, without contacts, shape (rigid_count, 6).
+        inverse_mass: inverse mass [1/kg] and inertia [1/(kg mm^2)] in world axes, shape (rigid_count, 6, 6).
     """
-    time_step = model.scene.time.step
-    linear = state.rigid_velocity + time_step * model.gravity
-    if not len(model.rigid_bodies):
-        return np.zeros((0, 6))
-    to_world = matrices_from_quaternions(state.rigid_rotation)
-    local = np.einsum("bji,bj->bi", to_world, state.rigid_angular_velocity)
-    inertia = model.rigid_inertia
-    momentum = np.einsum("bij,bj->bi", inertia, local)
-    residual = time_step * np.cross(local, momentum)
-    jacobian = inertia + time_step * (_skew(local) @ inertia - _skew(momentum))
-    local = local - np.linalg.solve(jacobian, residual[:, :, None])[:, :, 0]
-    return np.concatenate([linear, np.einsum("bij,bj->bi", to_world, local)], axis=1)
 
+    def __init__(self, model: Model):
+        """Make the buffers."""
+        count = len(model.rigid_bodies)
+        self._model = model
+        self._gravity = model.gravity.reshape(1, 3)
+        self._inverse_inertia = np.linalg.inv(model.rigid_inertia)
+        self._quaternion, self._linear, self._angular = np.empty((count, 4)), np.empty((count, 3)), np.empty((count, 3))
+        self.rotation = np.empty((count, 3, 3))
+        self.velocity = np.empty((count, 6))
+        self.inverse_mass = np.zeros((count, 6, 6))
 
-def inverse_mass_matrices(model: Model, state: State) -> np.ndarray:
-    """Inverse mass [1/kg] and inverse inertia [1/(kg mm^2)] in world axes, shape (rigid_count, 6, 6)."""
-    count = len(model.rigid_bodies)
-    result = np.zeros((count, 6, 6))
-    to_world = matrices_from_quaternions(state.rigid_rotation)
-    result[:, :3, :3] = np.eye(3) / model.rigid_mass[:, None, None]
-    result[:, 3:, 3:] = to_world @ np.linalg.inv(model.rigid_inertia) @ to_world.transpose(0, 2, 1)
-    return result
-
-
-def _skew(vectors: np.ndarray) -> np.ndarray:
-    """Matrices of the cross product with each vector, shape (count, 3, 3)."""
-    x, y, z = vectors.T
-    zero = np.zeros_like(x)
-    return np.stack(
-        [np.stack([zero, -z, y], axis=1), np.stack([z, zero, -x], axis=1), np.stack([-y, x, zero], axis=1)], axis=1
-    )
+    def update(self, state: State) -> None:
+        """Fill the attributes for the step that begins with `state`."""
+        self._quaternion[:] = state.rigid_rotation
+        self._linear[:] = state.rigid_velocity
+        self._angular[:] = state.rigid_angular_velocity
+        kernels.rigid_motion(
+            self._model.scene.time.step,
+            self._gravity,
+            self._model.rigid_mass,
+            self._model.rigid_inertia,
+            self._inverse_inertia,
+            self._quaternion,
+            self._linear,
+            self._angular,
+            self.rotation,
+            self.velocity,
+            self.inverse_mass,
+        )

@@ -9,12 +9,12 @@ from taichisoft.constraints import ConstraintProblem
 from taichisoft.control_input import apply_control
 from taichisoft.controller import Control, Observation
 from taichisoft.detection import ContactPairs, bodies_of_key, pair_key, spread_out
-from taichisoft.divergence import check_state
-from taichisoft.errors import NotPositiveDefinite, SimulationDiverged
+from taichisoft.divergence import DivergenceCheck
 from taichisoft.model import Model
-from taichisoft.placement import matrices_from_quaternions, rotate_quaternions, rotation_from_vector
-from taichisoft.rigid_motion import inverse_mass_matrices, velocity_without_contact
+from taichisoft.placement import rotate_quaternions
+from taichisoft.rigid_motion import RigidMotion
 from taichisoft.scene import Scene
+from taichisoft.soft_motion import SoftMotion
 from taichisoft.state import State
 
 
@@ -69,6 +69,10 @@ class Simulation:
         self.model = scene if isinstance(scene, Model) else Model(scene)
         self.state = State.at_start(self.model)
         self.report: StepReport | None = None
+        self._soft = SoftMotion(self.model)
+        self._rigid = RigidMotion(self.model)
+        self._problem = ConstraintProblem(self.model)
+        self._check_divergence = DivergenceCheck(self.model)
 
     def restore(self, state: State) -> None:
         """Go on from a state of this model, an earlier one or one read from a file.
@@ -88,21 +92,16 @@ class Simulation:
         """
         started = time.perf_counter()
         state = apply_control(self.model, self.state, control or Control())
-        self.model.cavities.update(state.position)
-        node_velocity = self._soft_velocity_without_contact(state)
-        rigid_velocity = velocity_without_contact(self.model, state)
-        inverse_mass = inverse_mass_matrices(self.model, state)
+        self._soft.update(state)
+        self._rigid.update(state)
         candidates = self._find_contacts(state)
-        problem = ConstraintProblem(self.model, state, self._choose_contacts(state, candidates))
-        problem.measure(node_velocity, rigid_velocity, inverse_mass)
-        problem.solve()
-        if self.model.elasticity is not None and problem.row_count:
-            node_velocity = node_velocity + self.model.elasticity.solver.solve(problem.node_impulse())
-        rigid_velocity = rigid_velocity + np.einsum("bij,bj->bi", inverse_mass, problem.rigid_impulse())
-        next_state = self._move(state, problem, node_velocity, rigid_velocity)
-        check_state(self.model, state, next_state)
+        self._problem.lay_out(state, self._choose_contacts(state, candidates))
+        self._problem.measure(self._soft.velocity, self._rigid)
+        self._problem.solve()
+        next_state = self._move(state)
+        self._check_divergence(state, next_state)
         self.state = next_state
-        self.report = self._make_report(problem, candidates, time.perf_counter() - started)
+        self.report = self._make_report(candidates, time.perf_counter() - started)
         return self.report
 
     def observe(self) -> Observation:
@@ -121,40 +120,9 @@ class Simulation:
     def _by_cavity(self, values: np.ndarray) -> dict[str, float]:
         return dict(zip(self.model.cavities.names, values.tolist(), strict=True))
 
-    def _soft_velocity_without_contact(self, state: State) -> np.ndarray:
-        """Implicit Euler with the rotations of the start of the step and imposed pressures p.
-
-        v + A^-1 h (f + M g + p dV/dx - a M v - (h + b) K v)
-        """
-        elasticity = self.model.elasticity
-        if elasticity is None:
-            return state.velocity
-        momentum = elasticity.node_mass[:, None] * (
-            self.model.gravity - elasticity.node_rayleigh_mass[:, None] * state.velocity
-        )
-        stretch = state.position - self._anchor_targets(state) + elasticity.node_lag[:, None] * state.velocity
-        anchor = -elasticity.anchor_stiffness[:, None] * stretch
-        force = elasticity.assemble(state.position, state.velocity) + anchor + momentum
-        try:
-            elasticity.solver.factorise()
-        except NotPositiveDefinite as error:
-            body = self.model.body_of_node(error.node)
-            raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
-        time_step = self.model.scene.time.step
-        pressure_impulse = np.where(state.cavity_volume_imposed, 0.0, state.cavity_target * time_step)
-        impulse = time_step * force + self.model.cavities.node_impulse(pressure_impulse, self.model.node_count)
-        return state.velocity + elasticity.solver.solve(impulse)
-
-    def _anchor_targets(self, state: State) -> np.ndarray:
-        """Rest positions moved with the base."""
-        pivot = self.model.base_pivot
-        turned = (self.model.rest_position - pivot) @ rotation_from_vector(state.base_rotation).T
-        return turned + pivot + state.base_translation
-
     def _find_contacts(self, state: State) -> ContactPairs:
         if self.model.detection.is_needed:
-            rotation = matrices_from_quaternions(state.rigid_rotation)
-            self.model.surfaces.update(state.position, state.rigid_position, rotation)
+            self.model.surfaces.update(state.position, state.rigid_position, self._rigid.rotation)
         alarm = self.model.scene.contact.alarm_distance
         return self.model.detection.find(reach=alarm, depth=alarm)
 
@@ -162,11 +130,15 @@ class Simulation:
         spacing, body_size = self.model.scene.contact.spacing, self.model.surfaces.body_size
         return spread_out(candidates, spacing, body_size, state.contact_key, state.contact_point)
 
-    def _move(
-        self, state: State, problem: ConstraintProblem, node_velocity: np.ndarray, rigid_velocity: np.ndarray
-    ) -> State:
-        time_step = self.model.scene.time.step
-        linear, angular = rigid_velocity[:, :3], rigid_velocity[:, 3:]
+    def _move(self, state: State) -> State:
+        """Velocities by the impulses found, and positions by the velocities."""
+        time_step, problem = self.model.scene.time.step, self._problem
+        node_velocity, rigid_velocity = self._soft.velocity, self._rigid.velocity
+        if problem.row_count:
+            if self.model.elasticity is not None:
+                node_velocity = node_velocity + self._soft.response(problem.node_impulse)
+            rigid_velocity = rigid_velocity + np.einsum("bij,bj->bi", self._rigid.inverse_mass, problem.rigid_impulse)
+        linear, angular = rigid_velocity[:, :3].copy(), rigid_velocity[:, 3:].copy()
         position = state.position + time_step * node_velocity
         return replace(
             state,
@@ -183,11 +155,11 @@ class Simulation:
             contact_key=pair_key(problem.contacts.bodies),
             contact_point=problem.contacts.points.mean(axis=1),
             contact_normal=problem.contacts.normal,
-            contact_impulse=problem.contact_impulse,
+            contact_impulse=problem.contact_impulse.copy(),
         )
 
-    def _make_report(self, problem: ConstraintProblem, candidates: ContactPairs, step_time: float) -> StepReport:
-        contact, time_step = self.model.scene.contact, self.model.scene.time.step
+    def _make_report(self, candidates: ContactPairs, step_time: float) -> StepReport:
+        contact, time_step, problem = self.model.scene.contact, self.model.scene.time.step, self._problem
         normal, friction = contact_forces(self.model, self.state)
         nearest = candidates.distance.min() if candidates.count else np.inf
         return StepReport(

@@ -1,0 +1,101 @@
+"""What moves the bodies besides contact: momentum balance of the nodes, motion of the rigid bodies."""
+
+from taichisoft.kernels.launch import kernel
+from taichisoft.kernels.runtime import (
+    Integers,
+    Matrices,
+    ScalarBlocks,
+    Scalars,
+    ScalarTable,
+    Vectors,
+    mat3,
+    ti,
+    vec3,
+)
+
+
+@kernel
+def soft_impulse(
+    time_step: ti.f64,
+    gravity: Vectors,
+    base: Vectors,
+    base_turn: Matrices,
+    rest_position: Vectors,
+    position: Vectors,
+    velocity: Vectors,
+    node_mass: Scalars,
+    rayleigh_mass: Scalars,
+    lag: Scalars,
+    anchor_stiffness: Scalars,
+    force: Vectors,
+    cavity_impulse: Scalars,
+    cavity_start: Integers,
+    cavity_node: Integers,
+    cavity_gradient: Vectors,
+    impulse: Vectors,
+):
+    """h (f + M (g - a v) - k (x + lag v - target)) + p h dV/dx for each node [mN s].
+
+    Anchors pull to their rest positions turned with the base (`base`: pivot, translation). Where k is not 0,
+    the forces f already have the lag of the elastic forces.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(force.shape[0]):
+        total = force[i] + node_mass[i] * (gravity[0] - rayleigh_mass[i] * velocity[i])
+        if anchor_stiffness[i] != 0.0:
+            target = base_turn[0] @ (rest_position[i] - base[0]) + base[0] + base[1]
+            total -= anchor_stiffness[i] * (position[i] - target + lag[i] * velocity[i])
+        impulse[i] = time_step * total
+    for cavity in range(cavity_impulse.shape[0]):
+        for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
+            impulse[cavity_node[k]] += cavity_impulse[cavity] * cavity_gradient[k]
+
+
+@ti.func
+def skew(v: vec3) -> mat3:
+    """Matrix of the cross product with v."""
+    return ti.Matrix([[0.0, -v[2], v[1]], [v[2], 0.0, -v[0]], [-v[1], v[0], 0.0]])
+
+
+@kernel
+def rigid_motion(
+    time_step: ti.f64,
+    gravity: Vectors,
+    mass: Scalars,
+    inertia: Matrices,
+    inverse_inertia: Matrices,
+    quaternion: ScalarTable,
+    linear: Vectors,
+    angular: Vectors,
+    rotation: Matrices,
+    velocity: ScalarTable,
+    inverse_mass: ScalarBlocks,
+):
+    """Rotation matrices, velocities after a step without contact, and inverse masses in world axes.
+
+    The gyroscopic torque is taken implicitly, one Newton step in the body frame, since the explicit one makes
+    slender bodies spin up (Catto 2015, Physics for Game Programmers: Numerical Methods).
+    """
+    ti.loop_config(serialize=True)
+    for b in range(mass.shape[0]):
+        w, x, y, z = quaternion[b, 0], quaternion[b, 1], quaternion[b, 2], quaternion[b, 3]
+        to_world = ti.Matrix(
+            [
+                [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+                [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+                [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+            ]
+        )
+        rotation[b] = to_world
+        local = to_world.transpose() @ angular[b]
+        momentum = inertia[b] @ local
+        jacobian = inertia[b] + time_step * (skew(local) @ inertia[b] - skew(momentum))
+        turning = to_world @ (local - jacobian.inverse() @ (time_step * local.cross(momentum)))
+        falling = linear[b] + time_step * gravity[0]
+        turned_inverse = to_world @ inverse_inertia[b] @ to_world.transpose()
+        for i in ti.static(range(3)):
+            velocity[b, i] = falling[i]
+            velocity[b, 3 + i] = turning[i]
+            inverse_mass[b, i, i] = 1.0 / mass[b]
+            for j in ti.static(range(3)):
+                inverse_mass[b, 3 + i, 3 + j] = turned_inverse[i, j]
