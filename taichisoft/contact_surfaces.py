@@ -5,8 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.kernels import surfaces as kernels
+from taichisoft import bounding_volumes
+from taichisoft.kernels.bounding_volumes import refit
 from taichisoft.kernels.runtime import SOFT, STATIC
+from taichisoft.kernels.surface_motion import move_vertices
 from taichisoft.mapped_surface import MappedSurface
 from taichisoft.rigid_body import Obstacle, RigidBody
 from taichisoft.soft_body import SoftBody
@@ -42,7 +44,8 @@ class ContactSurfaces:
         vertex_owner: rigid body that carries each vertex, or SOFT, or STATIC.
         vertex_nodes, vertex_weights: soft nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
         position: of the vertices now [mm], shape (vertex_count, 3).
-        triangle_normal: unit normals now, shape (triangle_count, 3).
+        moving: surfaces that can move, shape (moving_count,).
+        volumes: the trees of boxes over their triangles now.
         fan_start, fan: for each vertex, corners (3 * triangle + corner) of the triangles around it.
         star_start, star: for each vertex, the other ends of its edges.
         first_triangle: one triangle of each vertex, that of the lowest index.
@@ -64,7 +67,7 @@ class ContactSurfaces:
         self.plane_normal = np.array([normal for _, _, normal in planes]).reshape(-1, 3)
         self.body = np.array([part.body for part in parts], dtype=np.int32)
         self._join(parts)
-        self._allocate()
+        self._allocate(sum(body.nodes.stop - body.nodes.start for body in soft), len(rigid))
         body_count = len(soft) + len(rigid) + len(obstacles)
         self.body_size = np.full(body_count, np.inf)
         for part in parts:
@@ -136,9 +139,23 @@ class ContactSurfaces:
                         grown.append(neighbour)
         return facet
 
-    def _allocate(self) -> None:
+    def _allocate(self, node_count: int, rigid_count: int) -> None:
         self.position = self._local.copy()
-        self.triangle_normal = np.zeros((len(self.triangles), 3))
+        self.moving = np.flatnonzero(self.vertex_owner[self.vertex_range[:, 0]] != STATIC).astype(np.int32)
+        self.volumes = bounding_volumes.build(
+            self.triangle_range,
+            self.triangles,
+            self._local,
+            self.first_triangle,
+            self.vertex_is_feature,
+            self.edge_triangles,
+            self.edge_is_feature,
+        )
+        self._refit(np.arange(self.count, dtype=np.int32))
+        # Arrays that stay in place: a launch with new ones takes longer than the arithmetic.
+        self._node_position = np.zeros((node_count, 3))
+        self._rigid_position = np.zeros((rigid_count, 3))
+        self._rigid_rotation = np.zeros((rigid_count, 3, 3))
 
     @property
     def count(self) -> int:
@@ -146,24 +163,29 @@ class ContactSurfaces:
         return len(self.body)
 
     def update(self, node_position: np.ndarray, rigid_position: np.ndarray, rigid_rotation: np.ndarray) -> None:
-        """Move the vertices and normals with the nodes (N, 3) [mm] and rigid poses, (R, 3) [mm] and (R, 3, 3)."""
-        kernels.move_vertices(
+        """Move the vertices and boxes with the nodes (N, 3) [mm] and rigid poses, (R, 3) [mm] and (R, 3, 3)."""
+        self._node_position[:] = node_position
+        self._rigid_position[:] = rigid_position
+        self._rigid_rotation[:] = rigid_rotation
+        move_vertices(
             self.vertex_owner,
             self._local,
             self.vertex_nodes,
             self.vertex_weights,
-            node_position,
-            rigid_position,
-            rigid_rotation,
-            self.triangles,
+            self._node_position,
+            self._rigid_position,
+            self._rigid_rotation,
             self.position,
-            self.triangle_normal,
         )
+        self._refit(self.moving)
+
+    def _refit(self, some: np.ndarray) -> None:
+        v = self.volumes
+        refit(some, v.root, v.escape, v.corner_start, v.corner, self.position, v.lower, v.upper)
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner [mm] of each surface's bounding box, each (surface_count, 3)."""
-        starts = self.vertex_range[:, 0]
-        return np.minimum.reduceat(self.position, starts), np.maximum.reduceat(self.position, starts)
+        return self.volumes.lower[self.volumes.root[:-1]], self.volumes.upper[self.volumes.root[:-1]]
 
 
 def _soft_part(body: int, soft: SoftBody) -> _Part:

@@ -1,13 +1,14 @@
-"""Contact detection: broad phase on boxes, narrow phase in kernels, and a choice of few, well-spread contacts."""
+"""Contact detection: pairs of close points on two surfaces, and a choice of few, well-spread ones."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from taichisoft.contact_surfaces import ContactSurfaces
-from taichisoft.kernels import collision as kernels
 from taichisoft.kernels import contact_selection
-from taichisoft.kernels.runtime import STATIC
+from taichisoft.kernels.edge_contacts import edges_against_edges
+from taichisoft.kernels.plane_contacts import vertices_against_planes
+from taichisoft.kernels.vertex_contacts import vertices_against_triangles
 
 FIRST_CAPACITY = 1024
 MOST_BODIES = 1 << 15
@@ -59,19 +60,27 @@ class ContactDetection:
     def __init__(self, surfaces: ContactSurfaces):
         """Prepare for the pairs of surfaces of which at least one can move."""
         self._surfaces = surfaces
-        moving = surfaces.vertex_owner[surfaces.vertex_range[:, 0]] != STATIC
+        moves = np.isin(np.arange(surfaces.count), surfaces.moving)
         first, second = np.triu_indices(surfaces.count, 1)
-        possible = moving[first] | moving[second]
+        possible = moves[first] | moves[second]
         self._possible = np.column_stack([first, second])[possible].astype(np.int32)
-        self._near = np.zeros(max(len(surfaces.triangles), len(surfaces.edges)), dtype=np.int32)
+        most_triangles = int(np.diff(surfaces.triangle_range).max())
+        self._near_leaf = np.zeros(surfaces.volumes.most_leaves, dtype=np.int32)
+        self._near_triangle = np.zeros(most_triangles, dtype=np.int32)
+        self._near_weights = np.zeros((most_triangles, 3))
+        self._deepest = np.zeros(len(self._possible))
+        self._count = np.zeros(1, dtype=np.int32)
         self._make_room(FIRST_CAPACITY)
 
     def _make_room(self, capacity: int) -> None:
-        self._pairs = np.zeros(capacity, dtype=np.int32)
-        self._vertices = np.zeros((capacity, 2, 3), dtype=np.int32)
-        self._weights = np.zeros((capacity, 2, 3))
-        self._normals = np.zeros((capacity, 3))
-        self._distances = np.zeros(capacity)
+        self._found = ContactPairs(
+            bodies=np.zeros((capacity, 2), dtype=np.int32),
+            vertices=np.zeros((capacity, 2, 3), dtype=np.int32),
+            weights=np.zeros((capacity, 2, 3)),
+            points=np.zeros((capacity, 2, 3)),
+            normal=np.zeros((capacity, 3)),
+            distance=np.zeros(capacity),
+        )
 
     @property
     def is_needed(self) -> bool:
@@ -80,32 +89,30 @@ class ContactDetection:
 
     def find(self, reach: float, depth: float) -> ContactPairs:
         """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm]."""
-        surfaces = self._surfaces
-        lower, upper = surfaces.boxes()
-        first, second = self._possible.T
-        far = max(reach, depth)
-        overlap = ((lower[first] <= upper[second] + far) & (lower[second] <= upper[first] + far)).all(axis=1)
-        close = np.ascontiguousarray(self._possible[overlap])
-        count = self._run_kernels(close, lower, upper, reach, depth)
-        if count > len(self._pairs):
+        count = self._run_kernels(reach, depth)
+        if count > self._found.count:
             self._make_room(2 * count)
-            count = self._run_kernels(close, lower, upper, reach, depth)
-        return _without_detours(self._collect(close, count))
+            count = self._run_kernels(reach, depth)
+        return self._found.take(np.arange(count))
 
-    def _run_kernels(self, close: np.ndarray, lower: np.ndarray, upper: np.ndarray, reach: float, depth: float) -> int:
-        s = self._surfaces
-        count = np.zeros(1, dtype=np.int32)
-        store = (count, self._pairs, self._vertices, self._weights, self._normals, self._distances)
-        if len(close):
-            kernels.vertices_against_triangles(
-                close,
-                lower,
-                upper,
+    def _run_kernels(self, reach: float, depth: float) -> int:
+        s, v, found = self._surfaces, self._surfaces.volumes, self._found
+        store = (
+            self._count,
+            found.bodies,
+            found.vertices,
+            found.weights,
+            found.points,
+            found.normal,
+            found.distance,
+        )
+        self._count[0] = 0
+        if len(self._possible):
+            vertices_against_triangles(
+                self._possible,
+                s.body,
                 reach,
                 depth,
-                s.vertex_range,
-                s.triangle_range,
-                s.vertex_is_feature,
                 s.triangles,
                 s.triangle_edges,
                 s.edges,
@@ -116,73 +123,57 @@ class ContactDetection:
                 s.fan_start,
                 s.fan,
                 s.position,
-                s.triangle_normal,
-                self._near,
+                v.root,
+                v.escape,
+                v.triangle_start,
+                v.triangle,
+                v.vertex_start,
+                v.vertex,
+                v.lower,
+                v.upper,
+                self._near_leaf,
+                self._near_triangle,
+                self._near_weights,
+                self._deepest,
                 *store,
             )
-            kernels.edges_against_edges(
-                close,
-                lower,
-                upper,
+            edges_against_edges(
+                self._possible,
+                s.body,
                 reach,
                 min(depth, reach),
-                s.edge_range,
-                s.edge_is_feature,
                 s.edges,
                 s.edge_triangles,
                 s.triangles,
                 s.position,
-                s.triangle_normal,
-                self._near,
+                v.root,
+                v.escape,
+                v.edge_start,
+                v.edge,
+                v.lower,
+                v.upper,
+                self._near_leaf,
+                self._deepest,
                 *store,
             )
         if len(s.plane_body):
-            kernels.vertices_against_planes(
+            vertices_against_planes(
+                s.moving,
+                s.body,
+                s.plane_body,
                 s.plane_point,
                 s.plane_normal,
                 reach,
-                len(close),
-                s.count,
-                s.vertex_range,
-                s.vertex_is_feature,
-                s.vertex_owner,
                 s.position,
+                v.root,
+                v.escape,
+                v.vertex_start,
+                v.vertex,
+                v.lower,
+                v.upper,
                 *store,
             )
-        return int(count[0])
-
-    def _collect(self, close: np.ndarray, count: int) -> ContactPairs:
-        s = self._surfaces
-        pairs = self._pairs[:count]
-        plane, surface = np.divmod(pairs - len(close), max(s.count, 1))
-        on_plane = pairs >= len(close)
-        bodies = np.empty((count, 2), dtype=np.int32)
-        bodies[~on_plane] = s.body[close[pairs[~on_plane]]]
-        bodies[on_plane, 0] = s.body[surface[on_plane]]
-        bodies[on_plane, 1] = s.plane_body[plane[on_plane]]
-        vertices, weights = self._vertices[:count].copy(), self._weights[:count].copy()
-        normal, distance = self._normals[:count].copy(), self._distances[:count].copy()
-        points = np.einsum("csk,cskd->csd", weights, s.position[vertices])
-        points[on_plane, 1] = points[on_plane, 0] + distance[on_plane, None] * normal[on_plane]
-        return ContactPairs(bodies, vertices, weights, points, normal, distance)
-
-
-def _without_detours(pairs: ContactPairs) -> ContactPairs:
-    """Drop crossed edges that are deeper than the deepest vertex inside, of the same two bodies.
-
-    Where a block has sunk a little into the rim of a table, its vertical edge and the table's edge also look as if
-    they had slipped through each other, sideways and by far more: that is not the way out.
-    """
-    if not pairs.count or pairs.distance.min() >= 0.0:
-        return pairs
-    key = pair_key(pairs.bodies)
-    crossed = (pairs.vertices[:, :, 0] != pairs.vertices[:, :, 1]).all(axis=1)
-    _, pair = np.unique(key, return_inverse=True)
-    deepest = np.zeros(pair.max() + 1)
-    inside = ~crossed & (pairs.distance < 0.0)
-    np.minimum.at(deepest, pair[inside], pairs.distance[inside])
-    detour = crossed & (deepest[pair] < 0.0) & (pairs.distance < deepest[pair])
-    return pairs.take(np.flatnonzero(~detour))
+        return int(self._count[0])
 
 
 def spread_out(

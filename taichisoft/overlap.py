@@ -65,11 +65,19 @@ def _refuse_crossed_surfaces(surfaces: ContactSurfaces, body_names: Sequence[str
 
 def _vertex_normals(surfaces: ContactSurfaces) -> np.ndarray:
     """Mean of the normals of the triangles at each vertex, of length one, shape (vertex_count, 3)."""
+    a, b, c = np.moveaxis(surfaces.position[surfaces.triangles], 1, 0)
+    area_vector = np.cross(b - a, c - a)
+    face_normal = area_vector / _lengths(area_vector)
     normals = np.zeros_like(surfaces.position)
     for corner in range(3):
-        np.add.at(normals, surfaces.triangles[:, corner], surfaces.triangle_normal)
-    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
-    return normals / np.where(lengths > 0.0, lengths, 1.0)
+        np.add.at(normals, surfaces.triangles[:, corner], face_normal)
+    return normals / _lengths(normals)
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Of vectors to divide by, shape (count, 1): 1 for those of no length."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(lengths > 0.0, lengths, 1.0)
 
 
 def _first_crossing(edges: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:

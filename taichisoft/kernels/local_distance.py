@@ -43,17 +43,25 @@ def closest_on_triangle(p: vec3, a: vec3, b: vec3, c: vec3) -> vec3:
 
 
 @ti.func
-def edge_pseudonormal(e: ti.i32, edge_triangles: IntegerTable, triangle_normal: Vectors) -> vec3:
+def face_normal(t: ti.i32, triangles: IntegerTable, position: Vectors) -> vec3:
+    """Unit normal of triangle t."""
+    a = position[triangles[t, 0]]
+    normal = (position[triangles[t, 1]] - a).cross(position[triangles[t, 2]] - a)
+    return normal / ti.max(normal.norm(), 1e-300)
+
+
+@ti.func
+def edge_pseudonormal(e: ti.i32, edge_triangles: IntegerTable, triangles: IntegerTable, position: Vectors) -> vec3:
     """Sum of the normals of the triangles at an edge."""
-    normal = triangle_normal[edge_triangles[e, 0]]
+    normal = face_normal(edge_triangles[e, 0], triangles, position)
     if edge_triangles[e, 1] >= 0:
-        normal += triangle_normal[edge_triangles[e, 1]]
+        normal += face_normal(edge_triangles[e, 1], triangles, position)
     return normal
 
 
 @ti.func
 def vertex_pseudonormal(
-    v: ti.i32, fan_start: Integers, fan: Integers, triangles: IntegerTable, position: Vectors, triangle_normal: Vectors
+    v: ti.i32, fan_start: Integers, fan: Integers, triangles: IntegerTable, position: Vectors
 ) -> vec3:
     """Sum of the normals of the triangles around a vertex, weighted by their angles there."""
     normal = vec3(0.0)
@@ -62,7 +70,7 @@ def vertex_pseudonormal(
         corner = fan[k] % 3
         first = position[triangles[t, (corner + 1) % 3]] - position[v]
         second = position[triangles[t, (corner + 2) % 3]] - position[v]
-        normal += ti.atan2(first.cross(second).norm(), first.dot(second)) * triangle_normal[t]
+        normal += ti.atan2(first.cross(second).norm(), first.dot(second)) * face_normal(t, triangles, position)
     return normal
 
 
@@ -76,10 +84,9 @@ def outward_normal(
     fan_start: Integers,
     fan: Integers,
     position: Vectors,
-    triangle_normal: Vectors,
 ) -> vec3:
     """Unit pseudo-normal of the corner, edge or face of triangle t on which a point with these weights lies."""
-    normal = triangle_normal[t]
+    normal = vec3(0.0)
     zeros = 0
     corner = 0
     opposite = 0
@@ -89,10 +96,12 @@ def outward_normal(
             opposite = k
         else:
             corner = k
-    if zeros == 1:
-        normal = edge_pseudonormal(triangle_edges[t, opposite], edge_triangles, triangle_normal)
-    elif zeros == 2:
-        normal = vertex_pseudonormal(triangles[t, corner], fan_start, fan, triangles, position, triangle_normal)
+    if zeros == 0:
+        normal = face_normal(t, triangles, position)
+    elif zeros == 1:
+        normal = edge_pseudonormal(triangle_edges[t, opposite], edge_triangles, triangles, position)
+    else:
+        normal = vertex_pseudonormal(triangles[t, corner], fan_start, fan, triangles, position)
     return normal / ti.max(normal.norm(), 1e-300)
 
 
