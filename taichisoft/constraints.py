@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichisoft.detection import ContactPairs, match, pair_key
+from taichisoft.detection import ContactPairs
 from taichisoft.kernels import compliance, contact_rows, gauss_seidel
 from taichisoft.kernels.compliance import GROUP
 from taichisoft.model import Model
@@ -195,9 +195,8 @@ class ConstraintProblem:
         self.impulse[3 * count :] = state.cavity_impulse[self._cavities]
         if not count:
             return
-        matched = match(
-            pair_key(self._bodies),
-            self._points.mean(axis=1),
+        matched = self._model.contact_selection.match(
+            self.contacts,
             state.contact_key,
             state.contact_point,
             max(self._model.scene.contact.spacing, self._model.scene.contact.contact_distance),

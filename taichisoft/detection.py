@@ -1,20 +1,16 @@
-"""Contact detection: pairs of close points on two surfaces, and a choice of few, well-spread ones."""
+"""Contact detection: pairs of close points on two surfaces."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 from taichisoft.contact_surfaces import ContactSurfaces
-from taichisoft.kernels import contact_selection
 from taichisoft.kernels.edge_contacts import edges_against_edges
 from taichisoft.kernels.plane_contacts import vertices_against_planes
 from taichisoft.kernels.vertex_contacts import vertices_against_triangles
 
 FIRST_CAPACITY = 1024
 MOST_BODIES = 1 << 15
-SAME_CONTACT = 0.5  # [mm] moved in a step
-CLEARLY_CLOSER = 0.05  # [mm]
-SHARE_OF_BODY = 0.2
 
 
 @dataclass(frozen=True)
@@ -42,15 +38,25 @@ class ContactPairs:
         """Number of pairs."""
         return len(self.distance)
 
+    @property
+    def key(self) -> np.ndarray:
+        """One integer per pair of bodies, shape (count,)."""
+        return self.bodies[:, 0] * MOST_BODIES + self.bodies[:, 1]
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Midpoints [mm], shape (count, 3)."""
+        return 0.5 * (self.points[:, 0] + self.points[:, 1])
+
     def take(self, chosen: np.ndarray) -> "ContactPairs":
         """The pairs at the given indices."""
         return ContactPairs(
-            self.bodies[chosen],
-            self.vertices[chosen],
-            self.weights[chosen],
-            self.points[chosen],
-            self.normal[chosen],
-            self.distance[chosen],
+            self.bodies.take(chosen, axis=0),
+            self.vertices.take(chosen, axis=0),
+            self.weights.take(chosen, axis=0),
+            self.points.take(chosen, axis=0),
+            self.normal.take(chosen, axis=0),
+            self.distance.take(chosen),
         )
 
 
@@ -73,6 +79,7 @@ class ContactDetection:
         self._make_room(FIRST_CAPACITY)
 
     def _make_room(self, capacity: int) -> None:
+        self._places = np.zeros((capacity, 3), dtype=np.int32)
         self._found = ContactPairs(
             bodies=np.zeros((capacity, 2), dtype=np.int32),
             vertices=np.zeros((capacity, 2, 3), dtype=np.int32),
@@ -88,17 +95,21 @@ class ContactDetection:
         return len(self._possible) > 0 or len(self._surfaces.plane_body) > 0
 
     def find(self, reach: float, depth: float) -> ContactPairs:
-        """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm]."""
+        """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm].
+
+        Vertices with triangles come first, then edges, then planes, each in the order of the surfaces' arrays.
+        """
         count = self._run_kernels(reach, depth)
         if count > self._found.count:
             self._make_room(2 * count)
             count = self._run_kernels(reach, depth)
-        return self._found.take(np.arange(count))
+        return self._found.take(np.lexsort(self._places[:count].T[::-1]))
 
     def _run_kernels(self, reach: float, depth: float) -> int:
         s, v, found = self._surfaces, self._surfaces.volumes, self._found
         store = (
             self._count,
+            self._places,
             found.bodies,
             found.vertices,
             found.weights,
@@ -142,6 +153,7 @@ class ContactDetection:
                 s.body,
                 reach,
                 min(depth, reach),
+                2 * len(self._possible),
                 s.edges,
                 s.edge_triangles,
                 s.triangles,
@@ -164,6 +176,7 @@ class ContactDetection:
                 s.plane_point,
                 s.plane_normal,
                 reach,
+                3 * len(self._possible),
                 s.position,
                 v.root,
                 v.escape,
@@ -176,50 +189,6 @@ class ContactDetection:
         return int(self._count[0])
 
 
-def spread_out(
-    pairs: ContactPairs, spacing: float, body_size: np.ndarray, last_key: np.ndarray, last_point: np.ndarray
-) -> ContactPairs:
-    """Of contacts between the same bodies, alike and closer together than `spacing` [mm], only the closest.
-
-    Nearly equal contacts give nearly dependent constraints, on which a Gauss-Seidel converges slowly. The spacing
-    is at most a share of the smaller body (`body_size` [mm] by body number), which would tip over a missing one.
-
-    What was a contact in the last step (`last_key` and `last_point`, see State) stays one unless another is clearly
-    closer: at rest all distances are equal but for round-off, and contacts that change with it find no warm start.
-    """
-    if pairs.count == 0:
-        return pairs
-    key, point = pair_key(pairs.bodies), pairs.points.mean(axis=1)
-    goes_on = match(key, point, last_key, last_point, SAME_CONTACT) >= 0
-    order = np.argsort(pairs.distance - CLEARLY_CLOSER * goes_on, kind="stable").astype(np.int32)
-    largest = np.minimum(spacing, SHARE_OF_BODY * body_size[pairs.bodies].min(axis=1))
-    keep = np.zeros(pairs.count, dtype=np.int32)
-    contact_selection.spread_out(order, key, point, pairs.normal, largest, keep)
-    return pairs.take(np.flatnonzero(keep))
-
-
-def match(
-    key: np.ndarray, point: np.ndarray, last_key: np.ndarray, last_point: np.ndarray, radius: float
-) -> np.ndarray:
-    """For each contact the index of the nearest one of the last step between the same bodies, -1 for none.
-
-    Args:
-        key: pairs of bodies, shape (count,); `point`: where the contacts are [mm], shape (count, 3).
-        last_key: the same of the last step; `last_point` likewise. Each is matched once at most.
-        radius: [mm] beyond which they are different contacts.
-    """
-    matched = np.full(len(key), -1, dtype=np.int32)
-    if len(last_key):
-        used = np.zeros(len(last_key), dtype=np.int32)
-        contact_selection.match(key, point, last_key, last_point, radius, used, matched)
-    return matched
-
-
-def pair_key(bodies: np.ndarray) -> np.ndarray:
-    """One integer per pair of bodies, for arrays of shape (count, 2)."""
-    return (bodies[:, 0] * MOST_BODIES + bodies[:, 1]).astype(np.int32)
-
-
 def bodies_of_key(key: int) -> tuple[int, int]:
-    """The two bodies of a `pair_key`."""
+    """The two bodies of a `ContactPairs.key`."""
     return divmod(key, MOST_BODIES)

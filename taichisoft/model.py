@@ -3,6 +3,7 @@
 import numpy as np
 
 from taichisoft.cavities import Cavities
+from taichisoft.contact_selection import ContactSelection
 from taichisoft.contact_surfaces import ContactSurfaces
 from taichisoft.detection import ContactDetection
 from taichisoft.elasticity import Elasticity
@@ -55,6 +56,7 @@ class Model:
         self.cavities = Cavities(soft)
         self.surfaces = ContactSurfaces(soft, self.rigid_bodies, self.obstacles)
         self.detection = ContactDetection(self.surfaces)
+        self.contact_selection = ContactSelection(self.surfaces.body_size)
         self.friction = self._friction_table()
         self.base_pivot = self._find_base_pivot()
         self.rigid_mass = np.array([body.mass for body in self.rigid_bodies])

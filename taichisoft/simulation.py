@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft.constraints import ConstraintProblem
 from taichisoft.control_input import apply_control
 from taichisoft.controller import Control, Observation
-from taichisoft.detection import ContactPairs, bodies_of_key, pair_key, spread_out
+from taichisoft.detection import ContactPairs, bodies_of_key
 from taichisoft.divergence import DivergenceCheck
 from taichisoft.model import Model
 from taichisoft.placement import rotate_quaternions
@@ -127,8 +127,8 @@ class Simulation:
         return self.model.detection.find(reach=alarm, depth=alarm)
 
     def _choose_contacts(self, state: State, candidates: ContactPairs) -> ContactPairs:
-        spacing, body_size = self.model.scene.contact.spacing, self.model.surfaces.body_size
-        return spread_out(candidates, spacing, body_size, state.contact_key, state.contact_point)
+        spacing = self.model.scene.contact.spacing
+        return self.model.contact_selection.spread_out(candidates, spacing, state.contact_key, state.contact_point)
 
     def _move(self, state: State) -> State:
         """Velocities by the impulses found, and positions by the velocities."""
@@ -152,8 +152,8 @@ class Simulation:
             rigid_angular_velocity=angular,
             cavity_impulse=problem.cavity_impulse,
             cavity_volume=self.model.cavities.volumes(position),
-            contact_key=pair_key(problem.contacts.bodies),
-            contact_point=problem.contacts.points.mean(axis=1),
+            contact_key=problem.contacts.key,
+            contact_point=problem.contacts.middle,
             contact_normal=problem.contacts.normal,
             contact_impulse=problem.contact_impulse.copy(),
         )

@@ -7,38 +7,62 @@ ALIKE = 0.7  # cosine: the two walls of a groove each keep their contacts
 
 
 @kernel
-def spread_out(order: Integers, pairs: Integers, point: Vectors, normal: Vectors, spacing: Scalars, keep: Integers):
+def spread_out(
+    count: ti.i32,
+    order: Integers,
+    key: Integers,
+    point: Vectors,
+    normal: Vectors,
+    spacing: Scalars,
+    kept_count: Integers,
+    kept: Integers,
+):
     """Of contacts of one pair, alike in normal and closer together than their `spacing`, keep the first in `order`."""
     ti.loop_config(serialize=True)
-    for i in range(order.shape[0]):
+    for i in range(count):
         c = order[i]
-        keep[c] = 1
-        for j in range(i):
-            other = order[j]
-            alike = pairs[other] == pairs[c] and normal[other].dot(normal[c]) > ALIKE
-            if keep[other] != 0 and alike and (point[other] - point[c]).norm() < spacing[c]:
-                keep[c] = 0
+        if i == 0:
+            kept_count[0] = 0
+        stands_alone = 1
+        for j in range(kept_count[0]):
+            other = kept[j]
+            if (
+                key[other] == key[c]
+                and (point[other] - point[c]).norm_sqr() < spacing[c] * spacing[c]
+                and normal[other].dot(normal[c]) > ALIKE
+            ):
+                stands_alone = 0
+                break
+        if stands_alone:
+            kept[kept_count[0]] = c
+            kept_count[0] = kept_count[0] + 1
 
 
 @kernel
 def match(
-    pairs: Integers,
+    count: ti.i32,
+    key: Integers,
     point: Vectors,
-    old_pairs: Integers,
-    old_point: Vectors,
+    last_count: ti.i32,
+    last_key: Integers,
+    last_point: Vectors,
     radius: ti.f64,
     used: Integers,
     matched: Integers,
 ):
     """For each contact the nearest one of the last step between the same bodies within `radius`, -1 for none."""
     ti.loop_config(serialize=True)
-    for c in range(pairs.shape[0]):
-        nearest = radius
+    for last in range(last_count):
+        used[last] = 0
+    ti.loop_config(serialize=True)
+    for c in range(count):
+        nearest = radius * radius
         matched[c] = -1
-        for old in range(old_pairs.shape[0]):
-            distance = (old_point[old] - point[c]).norm()
-            if old_pairs[old] == pairs[c] and used[old] == 0 and distance < nearest:
-                nearest = distance
-                matched[c] = old
+        for last in range(last_count):
+            if last_key[last] == key[c] and used[last] == 0:
+                distance = (last_point[last] - point[c]).norm_sqr()
+                if distance < nearest:
+                    nearest = distance
+                    matched[c] = last
         if matched[c] >= 0:
             used[matched[c]] = 1

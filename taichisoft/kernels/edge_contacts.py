@@ -27,6 +27,7 @@ def edges_against_edges(
     body: Integers,
     reach: ti.f64,
     depth: ti.f64,
+    first_group: ti.i32,
     edges: IntegerTable,
     edge_triangles: IntegerTable,
     triangles: IntegerTable,
@@ -40,6 +41,7 @@ def edges_against_edges(
     near: Integers,
     deepest: Scalars,
     count: Integers,
+    places: IntegerTable,
     bodies: IntegerTable,
     vertices: IntegerBlocks,
     weights: VectorTable,
@@ -79,9 +81,9 @@ def edges_against_edges(
                                     c, d = position[edges[f, 0]], position[edges[f, 1]]
                                     if (ti.min(c, d) <= high).all() and (ti.max(c, d) >= low).all():
                                         cross_over(
-                                            e, f, reach, deepest_crossing, body[mine], body[theirs],
+                                            first_group + pair, e, f, reach, deepest_crossing, body[mine], body[theirs],
                                             edges, edge_triangles, triangles, position,
-                                            count, bodies, vertices, weights, points, normals, distances,
+                                            count, places, bodies, vertices, weights, points, normals, distances,
                                         )  # fmt: skip
                 node += 1
             else:
@@ -90,6 +92,7 @@ def edges_against_edges(
 
 @ti.func
 def cross_over(
+    group: ti.i32,
     e: ti.i32,
     f: ti.i32,
     reach: ti.f64,
@@ -101,6 +104,7 @@ def cross_over(
     triangles: IntegerTable,
     position: Vectors,
     count: Integers,
+    places: IntegerTable,
     bodies: IntegerTable,
     vertices: IntegerBlocks,
     weights: VectorTable,
@@ -137,10 +141,10 @@ def cross_over(
                 and in_normal_cone(f, -normal, edges, edge_triangles, triangles, position)
             ):
                 store(
-                    first_body, second_body,
+                    group, e, f, first_body, second_body,
                     ti.Vector([edges[e, 0], edges[e, 1], edges[e, 1]]),
                     ti.Vector([edges[f, 0], edges[f, 1], edges[f, 1]]),
                     vec3(1.0 - s, s, 0.0), vec3(1.0 - q, q, 0.0),
                     a + s * along, c + q * other, normal, distance,
-                    count, bodies, vertices, weights, points, normals, distances,
+                    count, places, bodies, vertices, weights, points, normals, distances,
                 )  # fmt: skip

@@ -22,6 +22,7 @@ def vertices_against_planes(
     plane_point: Vectors,
     plane_normal: Vectors,
     reach: ti.f64,
+    first_group: ti.i32,
     position: Vectors,
     root: Integers,
     escape: Integers,
@@ -30,6 +31,7 @@ def vertices_against_planes(
     lower: Vectors,
     upper: Vectors,
     count: Integers,
+    places: IntegerTable,
     bodies: IntegerTable,
     vertices: IntegerBlocks,
     weights: VectorTable,
@@ -56,9 +58,10 @@ def vertices_against_planes(
                         distance = (p - plane_point[plane]).dot(up)
                         if distance < reach:
                             store(
-                                body[s], plane_body[plane], ti.Vector([v, v, v]), ti.Vector([-1, -1, -1]),
+                                first_group + plane, v, plane, body[s], plane_body[plane],
+                                ti.Vector([v, v, v]), ti.Vector([-1, -1, -1]),
                                 vec3(1.0, 0.0, 0.0), vec3(0.0), p, p - distance * up, -up, distance,
-                                count, bodies, vertices, weights, points, normals, distances,
+                                count, places, bodies, vertices, weights, points, normals, distances,
                             )  # fmt: skip
                     node += 1
                 else:

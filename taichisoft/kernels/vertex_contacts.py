@@ -49,6 +49,7 @@ def vertices_against_triangles(
     near_weights: Vectors,
     deepest: Scalars,
     count: Integers,
+    places: IntegerTable,
     bodies: IntegerTable,
     vertices: IntegerBlocks,
     weights: VectorTable,
@@ -108,7 +109,7 @@ def vertices_against_triangles(
                                 body[pair_surfaces[pair, 0]], body[pair_surfaces[pair, 1]],
                                 triangles, triangle_edges, edges, edge_triangles, star_start, star, first_triangle,
                                 fan_start, fan, position, near_triangle, near_weights, deepest,
-                                count, bodies, vertices, weights, points, normals, distances,
+                                count, places, bodies, vertices, weights, points, normals, distances,
                             )  # fmt: skip
                 node += 1
             else:
@@ -140,6 +141,7 @@ def touch(
     near_weights: Vectors,
     deepest: Scalars,
     count: Integers,
+    places: IntegerTable,
     bodies: IntegerTable,
     vertices: IntegerBlocks,
     weights: VectorTable,
@@ -162,8 +164,8 @@ def touch(
         if depth_here <= depth and beyond_rim == 0:
             deepest[pair] = ti.min(deepest[pair], -depth_here)
             store_vertex_contact(
-                flipped, v, closest, closest_weights, p, foot, out, -depth_here, first_body, second_body, triangles,
-                count, bodies, vertices, weights, points, normals, distances,
+                pair, flipped, v, closest, closest_weights, p, foot, out, -depth_here, first_body, second_body,
+                triangles, count, places, bodies, vertices, weights, points, normals, distances,
             )  # fmt: skip
     else:
         for k in range(within_reach):
@@ -179,8 +181,8 @@ def touch(
                     if distance > COINCIDENT:
                         facing = away / distance
                     store_vertex_contact(
-                        flipped, v, t, w, p, there, facing, distance, first_body, second_body, triangles,
-                        count, bodies, vertices, weights, points, normals, distances,
+                        pair, flipped, v, t, w, p, there, facing, distance, first_body, second_body, triangles,
+                        count, places, bodies, vertices, weights, points, normals, distances,
                     )  # fmt: skip
 
 
@@ -196,6 +198,7 @@ def on_triangle(t: ti.i32, weights: vec3, triangles: IntegerTable, position: Vec
 
 @ti.func
 def store_vertex_contact(
+    pair: ti.i32,
     flipped: ti.i32,
     v: ti.i32,
     t: ti.i32,
@@ -208,6 +211,7 @@ def store_vertex_contact(
     second_body: ti.i32,
     triangles: IntegerTable,
     count: Integers,
+    places: IntegerTable,
     bodies: IntegerTable,
     vertices: IntegerBlocks,
     weights: VectorTable,
@@ -221,11 +225,13 @@ def store_vertex_contact(
     face = ti.Vector([triangles[t, 0], triangles[t, 1], triangles[t, 2]])
     if flipped == 0:
         store(
+            2 * pair + flipped, v, t,
             first_body, second_body, corner, face, corner_weights, triangle_weights, p, foot, -out, distance,
-            count, bodies, vertices, weights, points, normals, distances,
+            count, places, bodies, vertices, weights, points, normals, distances,
         )  # fmt: skip
     else:
         store(
+            2 * pair + flipped, v, t,
             first_body, second_body, face, corner, triangle_weights, corner_weights, foot, p, out, distance,
-            count, bodies, vertices, weights, points, normals, distances,
+            count, places, bodies, vertices, weights, points, normals, distances,
         )  # fmt: skip

@@ -11,7 +11,8 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from taichisoft.detection import ContactPairs, spread_out
+from taichisoft.contact_selection import ContactSelection
+from taichisoft.detection import ContactPairs
 from taichisoft.model import Model
 from taichisoft.scene_file import scene_from_dict
 from taichisoft.simulation import Simulation
@@ -117,7 +118,7 @@ def test_of_close_contacts_the_closest_is_kept(tmp_path: Path) -> None:
     box.vertices += [0.0, 0.0, 16.0]
     pairs = find(two_bodies(tmp_path, ball, box))
     large = np.array([20.0, np.inf])  # [mm] of the two bodies: 4 mm are at most a fifth of either
-    kept = spread_out(pairs, 4.0, large, *NO_CONTACTS)
+    kept = ContactSelection(large).spread_out(pairs, 4.0, *NO_CONTACTS)
     assert 0 < kept.count < pairs.count
     middle, all_middles = kept.points.mean(axis=1), pairs.points.mean(axis=1)
     apart = np.linalg.norm(middle[:, None] - middle, axis=2) + 1e3 * np.eye(kept.count)
@@ -132,8 +133,8 @@ def test_a_small_body_keeps_contacts_that_lie_close_together(tmp_path: Path) -> 
     small.vertices += [0, 0, 9]
     pairs = find(two_bodies(tmp_path, small, large))
     assert pairs.count == 4
-    assert spread_out(pairs, 9.0, np.array([6.0, 10.0]), *NO_CONTACTS).count == 4
-    assert spread_out(pairs, 9.0, np.array([60.0, 60.0]), *NO_CONTACTS).count == 1
+    assert ContactSelection(np.array([6.0, 10.0])).spread_out(pairs, 9.0, *NO_CONTACTS).count == 4
+    assert ContactSelection(np.array([60.0, 60.0])).spread_out(pairs, 9.0, *NO_CONTACTS).count == 1
 
 
 @pytest.mark.parametrize("sections", [64, 400])
