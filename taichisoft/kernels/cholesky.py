@@ -1,205 +1,223 @@
-"""Supernodal multifrontal Cholesky factorisation and its triangular solves (Liu 1992).
+"""Supernodal multifrontal Cholesky factorisation (Liu 1992), in tiles.
 
-A front is a supernode's panel (its columns of the factor, all its rows, stored by columns) and an update matrix
-(its rows below, lower triangle, stored by columns) that the parent adds in. Sizes count nodes; a node is three
-scalar rows. Every front is computed by one task from its children in a fixed order, so that the result does not
-depend on how tasks are shared out.
+A front is a supernode's panel (its columns of the factor, all its rows) and an update matrix (its rows below, lower
+triangle) that the parent adds in. The panel is stored by rows of tiles, each with all columns one after the other;
+the update matrix likewise, each row up to the diagonal. Columns are padded to whole tiles with an identity matrix and
+rows with zeros, so that no tile is special. The diagonal of the factor is stored inverted.
+
+Tasks, and parts of tasks, wait for what they need: `done` counts the finished pieces of each front. A thread takes
+tasks in order, and what a task waits for comes before it. Every front is computed from its children in a fixed order,
+so the result does not depend on the threads.
 """
 
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import CHUNK, Integers, IntegerTable, Matrices, Scalars, ti
-
-# Rows of a tile of the dense products; a panel array ends with as many entries that are read but never used.
-TILE = 8
-Tile = ti.types.vector(TILE, ti.f64)
+from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in, triangle
 
 
 @ti.func
-def assemble_front(
+def await_pieces(done: Integers, s: ti.i32, pieces: ti.i32):
+    """Wait until that many pieces of a front are finished."""
+    while ti.atomic_max(done[s], 0) < pieces:  # a load that the compiler may not move
+        pass
+
+
+@ti.func
+def fill_panel(
     s: ti.i32,
     front: IntegerTable,
     block_row: Integers,
     block_column: Integers,
     blocks: Matrices,
-    child: Integers,
-    relative: Integers,
-    panel: Scalars,
-    update: Scalars,
+    tiles: Columns,
+    scalars: Scalars,
 ):
-    """Fill a front from the matrix's blocks and the update matrices of its children."""
-    width, height = 3 * front[s, 0], 3 * front[s, 1]
-    rest = height - width
-    p, u = front[s, 2], front[s, 3]
-    for i in range(height * width):
-        panel[p + i] = 0.0
-    for i in range(rest * rest):
-        update[u + i] = 0.0
-    for k in range(front[s, 4], front[s + 1, 4]):
-        row, column = 3 * block_row[k], 3 * block_column[k]
-        for i, j in ti.static(ti.ndrange(3, 3)):
-            panel[p + (column + j) * height + row + i] = blocks[k][i, j]
+    """Put the matrix's blocks, zeros and the identity of the padding into a panel."""
+    width, columns, start = front[s, 0], front[s, 1], front[s, 3]
+    for i in range((columns // TILE + tiles_in(front[s, 2])) * columns):
+        tiles[start + i] = Column(0.0)
+    for k in range(width, columns):
+        scalars[TILE * (start + k // TILE * columns + k) + k % TILE] = 1.0
     for k in range(front[s, 5], front[s + 1, 5]):
-        c = child[k]
-        child_rest = front[c, 1] - front[c, 0]
-        first = front[c, 6] + front[c, 0]
-        for j in range(child_rest):
-            column = 3 * relative[first + j]
-            for i in range(j, child_rest):
-                row = 3 * relative[first + i]
-                for b in ti.static(range(3)):
-                    source = front[c, 3] + (3 * j + b) * 3 * child_rest + 3 * i
-                    target = p + (column + b) * height + row
-                    if column >= width:
-                        target = u + (column + b - width) * rest + row - width
-                        for a in ti.static(range(3)):
-                            update[target + a] = update[target + a] + update[source + a]
-                    else:
-                        for a in ti.static(range(3)):
-                            panel[target + a] = panel[target + a] + update[source + a]
+        for i in ti.static(range(3)):
+            row = block_row[k] + i
+            place = TILE * (start + row // TILE * columns + block_column[k]) + row % TILE
+            for j in ti.static(range(3)):
+                scalars[place + TILE * j] = blocks[k][i, j]
 
 
 @ti.func
-def subtract_products(
-    panel: Scalars,
-    p: ti.i32,
-    height: ti.i32,
-    pivots: ti.i32,
-    row: ti.i32,
-    target: Scalars,
-    t: ti.i32,
-    stride: ti.i32,
+def add_update(
+    c: ti.i32,
+    first: ti.i32,
+    last: ti.i32,
+    s: ti.i32,
+    front: IntegerTable,
+    relative: Integers,
+    tiles: Columns,
+    scalars: Scalars,
+    one: ti.i32,
 ):
-    """Subtract the panel's first `pivots` columns times their rows row..row+2 from three columns of the target.
-
-    Rows run from `row` to the panel's last; target column c has row r at t + c * stride + r. A tile of eight rows
-    and three columns stays in registers over all pivots; the last tile computes rows that it does not store.
-    """
-    for tile in range((height - row + TILE - 1) // TILE):
-        r = row + tile * TILE
-        s0, s1, s2 = Tile(0.0), Tile(0.0), Tile(0.0)
-        for k in range(pivots):
-            column = p + k * height
-            x = Tile(0.0)
+    """Add a child's update matrix to the columns first..last of its parent's front, all of the panel or none."""
+    rest, row_start, columns = front[c, 2], front[c, 7], front[s, 1]
+    begin = 0
+    while begin < rest and relative[row_start + begin] < first:
+        begin += 1
+    end = begin
+    while end < rest and relative[row_start + end] < last:
+        end += 1
+    for t in range(begin // TILE, tiles_in(rest)):
+        place = ti.Vector.zero(ti.i32, TILE)  # of the tile's rows in the parent's column 0
+        for a in ti.static(range(TILE)):
+            row = relative[row_start + TILE * t + a]
+            below = ti.max(row - columns, 0)
+            place[a] = TILE * (front[s, 3] + row // TILE * columns) + row % TILE
+            if first >= columns:
+                place[a] = TILE * (front[s, 4] + triangle(below // TILE) - columns) + below % TILE
+        source = front[c, 4] + triangle(t)
+        j = begin
+        while j < ti.min(end, TILE * t):
+            column = TILE * relative[row_start + j]
+            values = tiles[source + j]
             for a in ti.static(range(TILE)):
-                x[a] = panel[column + r + a]
-            s0 += panel[column + row] * x
-            s1 += panel[column + row + 1] * x
-            s2 += panel[column + row + 2] * x
-        if r + TILE <= height:
-            for a in ti.static(range(TILE)):
-                target[t + r + a] = target[t + r + a] - s0[a]
-            for a in ti.static(range(TILE)):
-                target[t + stride + r + a] = target[t + stride + r + a] - s1[a]
-            for a in ti.static(range(TILE)):
-                target[t + 2 * stride + r + a] = target[t + 2 * stride + r + a] - s2[a]
-        else:
-            for a in ti.static(range(TILE)):
-                if r + a < height:
-                    target[t + r + a] = target[t + r + a] - s0[a]
-                    target[t + stride + r + a] = target[t + stride + r + a] - s1[a]
-                    target[t + 2 * stride + r + a] = target[t + 2 * stride + r + a] - s2[a]
+                scalars[place[a] + column] = scalars[place[a] + column] + values[a]
+            j = advance(j, 1, one)
+        for b in ti.static(range(TILE)):
+            k = TILE * t + b
+            if begin <= k and k < end:
+                column = TILE * relative[row_start + k]
+                values = tiles[source + k]
+                for a in ti.static(range(b, TILE)):
+                    scalars[place[a] + column] = scalars[place[a] + column] + values[a]
 
 
 @ti.func
-def factorise_front(s: ti.i32, front: IntegerTable, panel: Scalars, update: Scalars) -> ti.i32:
-    """Eliminate a front's own columns; returns the local column of a pivot that is not positive, or -1."""
-    width, height = 3 * front[s, 0], 3 * front[s, 1]
-    rest = height - width
-    p, u = front[s, 2], front[s, 3]
+def factorise_tile(d: ti.i32, row: ti.i32, pivots: ti.i32, tiles: Columns, one: ti.i32) -> ti.i32:
+    """Finish a tile on the diagonal, at `d`; returns its first column without a positive pivot, or -1."""
     failed = -1
-    for node in range(front[s, 0]):
-        k = 3 * node
-        subtract_products(panel, p, height, k, k, panel, p + k * height, height)
-        for a in ti.static(range(3)):
-            column = p + (k + a) * height
-            pivot = panel[column + k + a]
-            if not pivot > 0.0 and failed < 0:
-                failed = k + a
-            inverse = 1.0 / ti.sqrt(pivot)
-            for i in range(k + a, height):
-                panel[column + i] = panel[column + i] * inverse
-            for b in ti.static(range(a + 1, 3)):
-                factor = panel[column + k + b]
-                target = p + (k + b) * height
-                for i in range(k + b, height):
-                    panel[target + i] = panel[target + i] - panel[column + i] * factor
-    for group in range(rest // 3):
-        j = 3 * group
-        subtract_products(panel, p, height, width, width + j, update, u + j * rest - width, rest)
+    v = [tiles[d + c] for c in range(TILE)]
+    k = 0
+    while k < pivots:
+        x = tiles[row + k]
+        for c in ti.static(range(TILE)):
+            v[c] -= x[c] * x
+        k = advance(k, 1, one)
+    for c in ti.static(range(TILE)):
+        for e in ti.static(range(c)):
+            v[c] -= v[e][c] * v[e]
+        pivot = v[c][c]
+        if not pivot > 0.0 and failed < 0:
+            failed = c
+        inverse = 1.0 / ti.sqrt(pivot)
+        v[c] *= inverse
+        v[c][c] = inverse
+    for c in ti.static(range(TILE)):
+        tiles[d + c] = v[c]
     return failed
 
 
+@ti.func
+def solve_tile(x: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, tiles: Columns, scalars: Scalars, one: ti.i32):
+    """Finish a tile left of the diagonal: subtract products of tile rows `row` and `y`, divide by the diagonal's."""
+    d = y + pivots
+    v = [tiles[x + c] for c in range(TILE)]
+    k = 0
+    while k < pivots:
+        a, b = tiles[row + k], tiles[y + k]
+        for c in ti.static(range(TILE)):
+            v[c] -= b[c] * a
+        k = advance(k, 1, one)
+    for c in ti.static(range(TILE)):
+        for e in ti.static(range(c)):
+            v[c] -= scalars[TILE * (d + e) + c] * v[e]
+        v[c] *= scalars[TILE * (d + c) + c]
+    for c in ti.static(range(TILE)):
+        tiles[x + c] = v[c]
+
+
+@ti.func
+def multiply_tile(x: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, tiles: Columns, one: ti.i32):
+    """A tile of the update matrix: minus the product of the tile row at `row` and the transpose of that at `y`."""
+    v = [Column(0.0) for _ in range(TILE)]
+    k = 0
+    while k < pivots:
+        a, b = tiles[row + k], tiles[y + k]
+        for c in ti.static(range(TILE)):
+            v[c] -= b[c] * a
+        k = advance(k, 1, one)
+    for c in ti.static(range(TILE)):
+        tiles[x + c] = v[c]
+
+
+@ti.func
+def eliminate_rows(
+    s: ti.i32, first: ti.i32, last: ti.i32, front: IntegerTable, tiles: Columns, scalars: Scalars, one: ti.i32
+) -> ti.i32:
+    """Finish rows of tiles of a panel, those above being finished; returns its first bad pivot's column, or -1."""
+    columns, start = front[s, 1], front[s, 3]
+    failed = -1
+    for t in range(first, last):
+        row = opaque(start + t * columns, one)
+        for b in range(ti.min(t, columns // TILE)):
+            y = opaque(start + b * columns, one)
+            solve_tile(row + TILE * b, row, y, TILE * b, tiles, scalars, one)
+        if TILE * t < columns:
+            failed_in_tile = factorise_tile(row + TILE * t, row, TILE * t, tiles, one)
+            if failed_in_tile >= 0 and failed < 0:
+                failed = TILE * t + failed_in_tile
+    return failed
+
+
+@ti.func
+def multiply_columns(s: ti.i32, first: ti.i32, last: ti.i32, front: IntegerTable, tiles: Columns, one: ti.i32):
+    """Set columns of tiles of an update matrix to minus the product of the panel with its transpose."""
+    columns = front[s, 1]
+    start = front[s, 3] + columns // TILE * columns
+    for b in range(first, last):
+        y = opaque(start + b * columns, one)
+        for t in range(b, tiles_in(front[s, 2])):
+            x = opaque(front[s, 4] + triangle(t) + TILE * b, one)
+            multiply_tile(x, opaque(start + t * columns, one), y, front[s, 0], tiles, one)
+
+
 @kernel
-def factorise_tasks(
+def factorise(
     task: IntegerTable,
-    stage: ti.i32,
-    stage_of: Integers,
     front: IntegerTable,
+    pieces: Integers,
     block_row: Integers,
     block_column: Integers,
     blocks: Matrices,
     child: Integers,
     relative: Integers,
-    panel: Scalars,
-    update: Scalars,
+    tiles: Columns,
+    scalars: Scalars,
+    done: Integers,
     failed_column: Integers,
+    one: ti.i32,
 ):
-    """Factorise the supernodes of one stage, each task a range of supernodes of one subtree."""
+    """Factorise all fronts; `failed_column[0]` is lowered to the first column without a positive pivot."""
     for t_ in range(task.shape[0] * CHUNK):
         if t_ % CHUNK == 0:
             t = t_ // CHUNK
-            failed_column[t] = -1
             for s in range(task[t, 0], task[t, 1]):
-                if stage_of[s] == stage:
-                    assemble_front(s, front, block_row, block_column, blocks, child, relative, panel, update)
-                    failed = factorise_front(s, front, panel, update)
-                    if failed >= 0 and failed_column[t] < 0:
-                        failed_column[t] = 3 * front[s, 7] + failed
-
-
-@kernel
-def solve_trees(
-    tree: IntegerTable,
-    front: IntegerTable,
-    rows: Integers,
-    panel: Scalars,
-    x: Scalars,
-    work: Scalars,
-):
-    """Solve L L^T x = b in place for one right-hand side in elimination order, one task per tree."""
-    for t_ in range(tree.shape[0] * CHUNK):
-        if t_ % CHUNK == 0:
-            t = t_ // CHUNK
-            w = 3 * tree[t, 2]  # this tree's part of the work space
-            for s in range(tree[t, 0], tree[t, 1]):
-                width, height, p, first = 3 * front[s, 0], 3 * front[s, 1], front[s, 2], 3 * front[s, 7]
-                for i in range(width, height):
-                    work[w + i] = 0.0
-                for k in range(width):
-                    column = p + k * height
-                    value = x[first + k] / panel[column + k]
-                    x[first + k] = value
-                    for i in range(k + 1, width):
-                        x[first + i] = x[first + i] - panel[column + i] * value
-                    for i in range(width, height):
-                        work[w + i] = work[w + i] + panel[column + i] * value
-                for i in range(front[s, 0], front[s, 1]):
-                    row = 3 * rows[front[s, 6] + i]
-                    for a in ti.static(range(3)):
-                        x[row + a] = x[row + a] - work[w + 3 * i + a]
-            for s_ in range(tree[t, 1] - tree[t, 0]):
-                s = tree[t, 1] - 1 - s_
-                width, height, p, first = 3 * front[s, 0], 3 * front[s, 1], front[s, 2], 3 * front[s, 7]
-                for i in range(front[s, 0], front[s, 1]):
-                    row = 3 * rows[front[s, 6] + i]
-                    for a in ti.static(range(3)):
-                        work[w + 3 * i + a] = x[row + a]
-                for k_ in range(width):
-                    k = width - 1 - k_
-                    column = p + k * height
-                    value = x[first + k]
-                    for i in range(k + 1, width):
-                        value -= panel[column + i] * x[first + i]
-                    for i in range(width, height):
-                        value -= panel[column + i] * work[w + i]
-                    x[first + k] = value / panel[column + k]
+                columns = front[s, 1]
+                await_pieces(done, s, task[t, 2])
+                first_row, last_row = task[t, 3], ti.min(task[t, 4], columns // TILE + tiles_in(front[s, 2]))
+                first_tile, last_tile = task[t, 5], ti.min(task[t, 6], tiles_in(front[s, 2]))
+                assembles = first_row == 0 and last_row > 0
+                for part in range(2):  # the panel's columns, then those of the update matrix
+                    first = ti.select(part == 0, 0, columns + TILE * first_tile)
+                    last = ti.select(part == 0, ti.select(assembles, columns, 0), columns + TILE * last_tile)
+                    if part == 0 and assembles:
+                        fill_panel(s, front, block_row, block_column, blocks, tiles, scalars)
+                    if part == 1:
+                        failed = eliminate_rows(s, first_row, last_row, front, tiles, scalars, one)
+                        if failed >= 0:
+                            ti.atomic_min(failed_column[0], front[s, 8] + failed)
+                        multiply_columns(s, first_tile, last_tile, front, tiles, one)
+                    if first < last:
+                        for k in range(front[s, 6], front[s + 1, 6]):
+                            await_pieces(done, child[k], pieces[child[k]])
+                            add_update(child[k], first, last, s, front, relative, tiles, scalars, one)
+                ti.atomic_add(done[s], 1)

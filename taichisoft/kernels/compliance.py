@@ -20,11 +20,11 @@ from taichisoft.kernels.runtime import (
     ti,
     vec3,
 )
+from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
 
-GROUP = 8
+GROUP = TILE
 
-Columns = ti.types.vector(GROUP, ti.f64)
-Panels = ti.types.ndarray(dtype=Columns, ndim=2)
+Panels = ti.types.ndarray(dtype=Column, ndim=2)
 
 
 @kernel
@@ -78,6 +78,36 @@ def contact_velocity(
         result[c] = total
 
 
+@ti.func
+def eliminate(g: ti.i32, s: ti.i32, front: IntegerTable, position: Integers, panel: Columns, y: Panels, one: ti.i32):
+    """The part of a supernode in L^-1 J^T: solve for its own rows, subtract their share from the rows below."""
+    width, columns, rest, start, first = front[s, 0], front[s, 1], front[s, 2], front[s, 3], front[s, 8]
+    for t in range(columns // TILE + tiles_in(rest)):
+        row = opaque(start + t * columns, one)
+        v = [Column(0.0) for _ in range(TILE)]
+        k = 0
+        while k < ti.min(TILE * t, width):
+            factor, values = panel[row + k], y[g, first + k]
+            for a in ti.static(range(TILE)):
+                v[a] += factor[a] * values
+            k = advance(k, 1, one)
+        if TILE * t < columns:
+            for c in ti.static(range(TILE)):
+                i = TILE * t + c
+                if i < width:
+                    factor_column = panel[row + i]
+                    value = (y[g, first + i] - v[c]) * factor_column[c]
+                    y[g, first + i] = value
+                    for a in ti.static(range(c + 1, TILE)):
+                        v[a] += factor_column[a] * value
+        else:
+            for a in ti.static(range(TILE)):
+                i = TILE * (t - columns // TILE) + a
+                if i < rest:
+                    target = position[front[s, 7] + i]
+                    y[g, target] = y[g, target] - v[a]
+
+
 @kernel
 def forward_solve(
     contact_node: IntegerTable,
@@ -93,7 +123,7 @@ def forward_solve(
     parent: Integers,
     front: IntegerTable,
     rows: Integers,
-    panel: Scalars,
+    panel: Columns,
     active: IntegerTable,
     y: Panels,
 ):
@@ -103,6 +133,7 @@ def forward_solve(
             g = y.shape[0] - 1 - g_ // CHUNK  # cavities, at the end, have most to do
             contact_rows = 3 * contact_node.shape[0]
             supernode_count = parent.shape[0]
+            one = ti.min(row_count, 1)
             for s in range(supernode_count):
                 active[g, s] = 0
             for column in range(GROUP):
@@ -123,8 +154,8 @@ def forward_solve(
                             s = parent[s]
             for s in range(supernode_count):
                 if active[g, s] != 0:
-                    for i in range(3 * front[s, 7], 3 * (front[s, 7] + front[s, 0])):
-                        y[g, i] = Columns(0.0)
+                    for i in range(front[s, 8], front[s, 8] + front[s, 0]):
+                        y[g, i] = Column(0.0)
             for column in range(GROUP):
                 r = GROUP * g + column
                 if r < contact_rows:
@@ -143,25 +174,7 @@ def forward_solve(
                             y[g, i + d][column] = cavity_gradient[k][d]
             for s in range(supernode_count):
                 if active[g, s] != 0:
-                    width, height, p, first = 3 * front[s, 0], 3 * front[s, 1], front[s, 2], 3 * front[s, 7]
-                    for k in range(width):
-                        inverse = 1.0 / panel[p + k * height + k]
-                        pivot = y[g, first + k] * inverse
-                        y[g, first + k] = pivot
-                        for i in range(k + 1, width):
-                            y[g, first + i] = y[g, first + i] - panel[p + k * height + i] * pivot
-                    for node in range(front[s, 0], front[s, 1]):
-                        target = 3 * rows[front[s, 6] + node]
-                        t0, t1, t2 = Columns(0.0), Columns(0.0), Columns(0.0)
-                        for k in range(width):
-                            v = y[g, first + k]
-                            q = p + k * height + 3 * node
-                            t0 += panel[q] * v
-                            t1 += panel[q + 1] * v
-                            t2 += panel[q + 2] * v
-                        y[g, target] = y[g, target] - t0
-                        y[g, target + 1] = y[g, target + 1] - t1
-                        y[g, target + 2] = y[g, target + 2] - t2
+                    eliminate(g, s, front, rows, panel, y, one)
 
 
 @kernel
@@ -176,18 +189,25 @@ def soft_compliance(
     for t_ in range(group_count * group_count * CHUNK):
         if t_ % CHUNK == 0:
             g, h = t_ // CHUNK // group_count, t_ // CHUNK % group_count
+            one = ti.min(w.shape[0], 1)
             if g >= h:
-                for a in range(GROUP):
-                    total = Columns(0.0)
-                    for s in range(active.shape[1]):
-                        if active[g, s] != 0 and active[h, s] != 0:
-                            for i in range(3 * front[s, 7], 3 * (front[s, 7] + front[s, 0])):
-                                total += y[g, i][a] * y[h, i]
-                    for b in ti.static(range(GROUP)):
-                        r, q = GROUP * g + a, GROUP * h + b
-                        if r < w.shape[0] and q < w.shape[0]:
-                            w[r, q] = total[b]
-                            w[q, r] = total[b]
+                total = [Column(0.0) for _ in range(GROUP)]
+                for s in range(active.shape[1]):
+                    if active[g, s] != 0 and active[h, s] != 0:
+                        i, end = front[s, 8], front[s, 8] + front[s, 0]
+                        while i < end:
+                            left, right = y[g, i], y[h, i]
+                            for a in ti.static(range(GROUP)):
+                                total[a] += left[a] * right
+                            i = advance(i, 1, one)
+                for a in ti.static(range(GROUP)):
+                    r = GROUP * g + a
+                    if r < w.shape[0]:
+                        for b in ti.static(range(GROUP)):
+                            q = GROUP * h + b
+                            if q < w.shape[0]:
+                                w[r, q] = total[a][b]
+                                w[q, r] = total[a][b]
 
 
 @kernel

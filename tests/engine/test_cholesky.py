@@ -1,5 +1,10 @@
 """The sparse direct solver against numpy's dense one."""
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 import scipy.sparse as sparse
@@ -86,3 +91,59 @@ def test_a_matrix_that_is_not_a_number_is_refused() -> None:
     fill(solver, matrix)
     with pytest.raises(NotPositiveDefinite):
         solver.factorise()
+
+
+def grid_pattern(*shape: int) -> sparse.csr_matrix:
+    """Graph of a grid of nodes, each joined to all its neighbours, diagonal ones included."""
+    pattern = sparse.identity(1)
+    for size in shape:
+        pattern = sparse.kron(pattern, sparse.diags([1.0, 1.0, 1.0], [-1, 0, 1], shape=(size, size)))
+    return sparse.csr_matrix(pattern)
+
+
+@pytest.mark.parametrize("shapes", [[(12, 5, 5)], [(5, 5, 5), (40,), (2, 3), (9, 9)]])
+def test_wide_fronts_are_solved_in_pieces(shapes: list[tuple[int, ...]]) -> None:
+    """Blocks whose separators make fronts of a hundred rows and more, alone and beside small bodies.
+
+    Tolerance as above.
+    """
+    pattern = sparse.csr_matrix(sparse.block_diag([grid_pattern(*shape) for shape in shapes]))
+    solver = Cholesky(pattern)
+    matrix = random_matrix(1, pattern)
+    fill(solver, matrix)
+    solver.factorise()
+    right = np.random.default_rng(1).normal(size=(pattern.shape[0], 3))
+    solution = solver.solve(right)
+    scale = np.abs(matrix) @ np.abs(solution.reshape(-1)) + np.abs(right.reshape(-1))
+    assert (np.abs(matrix @ solution.reshape(-1) - right.reshape(-1)) <= 1e-13 * scale).all()
+
+
+BITS = """
+import hashlib
+import numpy as np
+from test_cholesky import Cholesky, fill, grid_pattern, random_matrix
+solver = Cholesky(grid_pattern(10, 6, 6))
+fill(solver, random_matrix(3, grid_pattern(10, 6, 6)))
+for _ in range(20):
+    solver.factorise()
+    solution = solver.solve(np.arange(1080.0).reshape(360, 3))
+    print(hashlib.sha256(solver.panel.tobytes() + solution.tobytes()).hexdigest())
+"""
+
+
+def test_the_bits_do_not_depend_on_threads() -> None:
+    """Twenty factorisations on one, two and five threads, with a front in pieces: one result."""
+    results = set()
+    for threads in ("1", "2", "5"):
+        environment = os.environ | {"TAICHISOFT_THREADS": threads}
+        done = subprocess.run(
+            [sys.executable, "-c", BITS],
+            cwd=Path(__file__).parent,
+            env=environment,
+            check=True,
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
+        results |= set(done.stdout.split())
+    assert len(results) == 1

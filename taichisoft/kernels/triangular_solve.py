@@ -1,0 +1,110 @@
+"""Triangular solves with the factor of `kernels/cholesky.py` for one right-hand side."""
+
+from taichisoft.kernels.launch import kernel
+from taichisoft.kernels.runtime import CHUNK, Integers, IntegerTable, Scalars, ti
+from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
+
+
+@ti.func
+def multiply_row(tiles: Columns, row: ti.i32, columns: ti.i32, x: Scalars, first: ti.i32, one: ti.i32):
+    """A row of tiles, of a number of columns divisible by 4, times the entries of x from `first`."""
+    s = [Column(0.0) for _ in range(4)]
+    k = 0
+    while k < columns:
+        for i in ti.static(range(4)):
+            s[i] += tiles[row + k + i] * x[first + k + i]
+        k = advance(k, 4, one)
+    return (s[0] + s[1]) + (s[2] + s[3])
+
+
+@ti.func
+def solve_forward(
+    s: ti.i32, front: IntegerTable, position: Integers, tiles: Columns, scalars: Scalars, x: Scalars, one: ti.i32
+):
+    """Solve for a front's own entries of L^-1 b and subtract their share from those of its rows below."""
+    width, columns, start, first = front[s, 0], front[s, 1], front[s, 3], front[s, 8]
+    for b in range(columns // TILE):
+        row = opaque(start + b * columns, one)
+        d, i = row + TILE * b, first + TILE * b
+        v = -multiply_row(tiles, row, TILE * b, x, first, one)
+        for c in ti.static(range(TILE)):
+            v[c] += x[i + c]
+        for c in ti.static(range(TILE)):
+            value = v[c] * scalars[TILE * (d + c) + c]
+            for a in ti.static(range(c + 1, TILE)):
+                v[a] -= scalars[TILE * (d + c) + a] * value
+            if TILE * b + c < width:
+                x[i + c] = value
+    for t in range(tiles_in(front[s, 2])):
+        v = multiply_row(tiles, opaque(start + (columns // TILE + t) * columns, one), columns, x, first, one)
+        for a in ti.static(range(TILE)):
+            i = position[front[s, 7] + TILE * t + a]
+            x[i] = x[i] - v[a]
+
+
+@ti.func
+def solve_backward(
+    s: ti.i32,
+    front: IntegerTable,
+    position: Integers,
+    tiles: Columns,
+    scalars: Scalars,
+    x: Scalars,
+    below: Columns,
+    work: ti.i32,
+    one: ti.i32,
+):
+    """Solve for a front's own entries of L^-T y from those of its rows below."""
+    width, columns, start, first = front[s, 0], front[s, 1], front[s, 3], front[s, 8]
+    for t in range(tiles_in(front[s, 2])):
+        for a in ti.static(range(TILE)):
+            below[work + t][a] = x[position[front[s, 7] + TILE * t + a]]
+    for back in range(columns // TILE):
+        b = columns // TILE - 1 - back
+        sums = [Column(0.0) for _ in range(TILE)]
+        for t in range(b + 1, columns // TILE):
+            values = Column(0.0)
+            for a in ti.static(range(TILE)):
+                values[a] = x[first + TILE * t + a]
+            column = opaque(start + t * columns + TILE * b, one)
+            for c in ti.static(range(TILE)):
+                sums[c] += tiles[column + c] * values
+        k = 0
+        while k < tiles_in(front[s, 2]):
+            values_below = below[work + k]
+            column_below = start + (columns // TILE + k) * columns + TILE * b
+            for c in ti.static(range(TILE)):
+                sums[c] += tiles[column_below + c] * values_below
+            k = advance(k, 1, one)
+        d, i = start + b * columns + TILE * b, first + TILE * b
+        v = Column(0.0)
+        for c in ti.static(range(TILE)):
+            v[c] = x[i + c] - sums[c].sum()
+        for c in ti.static(range(TILE - 1, -1, -1)):
+            for a in ti.static(range(c + 1, TILE)):
+                v[c] -= scalars[TILE * (d + c) + a] * v[a]
+            v[c] *= scalars[TILE * (d + c) + c]
+            if TILE * b + c < width:
+                x[i + c] = v[c]
+
+
+@kernel
+def solve_trees(
+    tree: IntegerTable,
+    front: IntegerTable,
+    position: Integers,
+    tiles: Columns,
+    scalars: Scalars,
+    x: Scalars,
+    below: Columns,
+    one: ti.i32,
+):
+    """Solve L L^T x = b in place for one right-hand side in elimination order, one task per tree."""
+    for t_ in range(tree.shape[0] * CHUNK):
+        if t_ % CHUNK == 0:
+            t = t_ // CHUNK
+            for s in range(tree[t, 0], tree[t, 1]):
+                solve_forward(s, front, position, tiles, scalars, x, one)
+            for back in range(tree[t, 1] - tree[t, 0]):
+                s = tree[t, 1] - 1 - back
+                solve_backward(s, front, position, tiles, scalars, x, below, tree[t, 2], one)
