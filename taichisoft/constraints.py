@@ -3,7 +3,8 @@
 import numpy as np
 
 from taichisoft.detection import ContactPairs
-from taichisoft.kernels import compliance, contact_rows, gauss_seidel
+from taichisoft.gauss_seidel import GaussSeidel
+from taichisoft.kernels import compliance, contact_rows
 from taichisoft.kernels.compliance import GROUP
 from taichisoft.model import Model
 from taichisoft.rigid_motion import RigidMotion
@@ -28,8 +29,6 @@ class ConstraintProblem:
         contact_impulse: on the second body in world axes [mN s], shape (contact_count, 3).
         node_impulse: J^T impulse on the soft nodes [mN s], shape (node_count, 3).
         rigid_impulse: on the rigid bodies, linear [mN s] and angular [mN mm s], shape (rigid_count, 6).
-        iterations: sweeps of the Gauss-Seidel.
-        residual: largest change of a row's velocity in the last sweep [mm/s].
     """
 
     def __init__(self, model: Model):
@@ -39,7 +38,6 @@ class ConstraintProblem:
         self._slots = 6 * model.surfaces.vertex_nodes.shape[1]
         self._rigid_position = np.empty((len(model.rigid_bodies), 3))
         self._node_velocity = np.empty((model.node_count, 3))
-        self._outcome = np.zeros(2)
         self.node_impulse = np.zeros((model.node_count, 3))
         self.rigid_impulse = np.zeros((len(model.rigid_bodies), 6))
         self._make_room(0, 0)
@@ -63,7 +61,7 @@ class ConstraintProblem:
         self.row_count = rows
         self.compliance = np.empty((rows, rows))
         self.free, self.impulse = np.empty(rows), np.empty(rows)
-        self._last_impulse, self._direction = np.empty(rows), np.empty(rows)
+        self._gauss_seidel = GaussSeidel(rows)
         groups = -(-rows // GROUP)
         if self._model.elasticity is not None:
             solver = self._model.elasticity.solver
@@ -78,7 +76,6 @@ class ConstraintProblem:
         if contacts.count != len(self._bodies) or len(cavities) != len(self._cavities):
             self._make_room(contacts.count, len(cavities))
         self._cavities[:] = cavities
-        self.iterations, self.residual = 0, 0.0
         if not contacts.count:
             return
         self._bodies[:] = contacts.bodies
@@ -175,18 +172,9 @@ class ConstraintProblem:
             return
         settings = self._model.scene.contact
         self._warm_start()
-        gauss_seidel.solve(
-            self.compliance,
-            self.free,
-            self._friction,
-            settings.tolerance,
-            settings.max_iterations,
-            self.impulse,
-            self._last_impulse,
-            self._direction,
-            self._outcome,
+        self._gauss_seidel.solve(
+            self.compliance, self.free, self._friction, self.impulse, settings.tolerance, settings.max_iterations
         )
-        self.iterations, self.residual = int(self._outcome[0]), float(self._outcome[1])
         self._apply_impulses()
 
     def _warm_start(self) -> None:
@@ -223,6 +211,16 @@ class ConstraintProblem:
             self.node_impulse,
             self.rigid_impulse,
         )
+
+    @property
+    def iterations(self) -> int:
+        """Sweeps of the Gauss-Seidel."""
+        return self._gauss_seidel.iterations
+
+    @property
+    def residual(self) -> float:
+        """Largest change of a block's own velocity in the last sweep [mm/s, of a cavity mm^3/s]."""
+        return self._gauss_seidel.residual
 
     @property
     def cavity_impulse(self) -> np.ndarray:

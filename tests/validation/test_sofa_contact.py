@@ -10,7 +10,7 @@ import tutorial
 from conftest import Figures
 
 from taichisoft.controller import Control
-from taichisoft.kernels import gauss_seidel
+from taichisoft.gauss_seidel import GaussSeidel
 from taichisoft.simulation import Simulation
 
 FRICTION = 0.6
@@ -31,19 +31,10 @@ def test_gauss_seidel_finds_sofas_answer(shared: Path, figures: Figures, step: i
     rows = int(pressures[0])
     w = np.ascontiguousarray(problem["W"][:rows, :rows])
     free = problem["dfree"][:rows] + problem["W"][:rows, pressures].sum(axis=1) * problem["pressure_value"]
-    impulse, outcome = np.zeros(rows), np.zeros(2)
-    gauss_seidel.solve(
-        w,
-        free,
-        np.full(rows // 3, FRICTION),
-        1e-11,  # [mm]: SOFA's rows are displacements
-        100_000,
-        impulse,
-        np.empty(rows),
-        np.empty(rows),
-        outcome,
-    )
-    assert outcome[1] < 1e-11
+    impulse, solver = np.zeros(rows), GaussSeidel(rows)
+    tolerance = 1e-11  # [mm]: SOFA's rows are displacements
+    solver.solve(w, free, np.full(rows // 3, FRICTION), impulse, tolerance, 100_000)
+    assert solver.residual < tolerance
     miss = impulse - problem["lambda"][:rows]
     scale = problem["lambda"][:rows].max()
     figures.at_most("motion of the contacts [mm]", np.abs(w @ miss).max(), 1e-6)
