@@ -16,6 +16,7 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 
 FOLDERS = {
     "taichisoft": "taichisoft",
+    "taichisoft_benchmarks": "benchmarks/taichisoft_benchmarks",
     "taichisoft_controllers": "controllers/taichisoft_controllers",
     "taichisoft_meshing": "meshing/taichisoft_meshing",
     "taichisoft_plugins": "plugins/taichisoft_plugins",

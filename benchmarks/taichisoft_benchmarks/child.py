@@ -1,0 +1,82 @@
+"""Starts a process that measures one repetition, with the threads and the folders that the case asks for."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from taichisoft_benchmarks.descriptors import Case, StartCase
+from taichisoft_benchmarks.measures.measured import Measured
+from taichisoft_benchmarks.scenes import Meshes
+
+BLAS_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+@dataclass(frozen=True)
+class Answer:
+    """What a repetition gave: exactly one of the three.
+
+    Attributes:
+        measured: the figures.
+        skipped: why there is nothing to measure.
+        problem: how it failed, one line.
+    """
+
+    measured: Measured | None = None
+    skipped: str = ""
+    problem: str = ""
+
+
+def measure_in_child(case: Case, meshes: Meshes) -> Answer:
+    """One repetition."""
+    with TemporaryDirectory(prefix="taichisoft-bench-") as name:
+        folder = Path(name)
+        job = {
+            "case": case.model_dump(mode="json"),
+            "tutorial": str(meshes.tutorial) if meshes.tutorial else "",
+            "made": str(meshes.made),
+        }
+        (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
+        problem = _run(case, folder)
+        if problem:
+            return Answer(problem=problem)
+        answer = json.loads((folder / "result.json").read_text(encoding="utf-8"))
+    if "measured" in answer:
+        return Answer(Measured(**answer["measured"]))
+    return Answer(skipped=answer.get("skipped", ""), problem=answer.get("problem", ""))
+
+
+def _run(case: Case, folder: Path) -> str:
+    """One line when the process did not come to its end."""
+    try:
+        child = subprocess.run(
+            [sys.executable, "-m", "taichisoft_benchmarks.case_process", folder / "job.json", folder / "result.json"],
+            env={**os.environ, **_environment(case, folder)},
+            cwd=folder,  # some programs leave logs where they run
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=case.time_limit,
+        )
+    except subprocess.TimeoutExpired:
+        return f"no answer within {case.time_limit:g} s"
+    if child.returncode < 0:
+        return f"the process was ended by {signal.Signals(-child.returncode).name}"
+    if child.returncode > 0:
+        lines = child.stderr.strip().splitlines()
+        return lines[-1] if lines else f"exit code {child.returncode}"
+    return ""
+
+
+def _environment(case: Case, folder: Path) -> dict[str, str]:
+    changes = {}
+    if case.threads:
+        changes = dict.fromkeys(("TAICHISOFT_THREADS", *BLAS_THREADS), str(case.threads))
+    if isinstance(case, StartCase) and case.cold:
+        changes["TI_OFFLINE_CACHE_FILE_PATH"] = str(folder / "kernels")
+    return changes

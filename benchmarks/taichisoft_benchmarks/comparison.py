@@ -1,0 +1,80 @@
+"""Is a run slower than an earlier one, beyond what the two scatter?"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from statistics import median
+
+from taichisoft_benchmarks.errors import BenchmarkError
+from taichisoft_benchmarks.results import CaseResult, Figure, Results
+
+LEAST_NOISE = 0.05
+"""Below this share no change is believed, however alike the repetitions: three of them say little about a machine."""
+
+TIMES = ("_ms", "_s")
+COMPARED = (*TIMES, "_mb")
+
+
+@dataclass(frozen=True)
+class Change:
+    """One figure in two runs.
+
+    Attributes:
+        name: "case.metric".
+        ratio: new over old, times each divided by its calibration.
+        noise: by how much it may differ from 1 [-].
+    """
+
+    name: str
+    ratio: float
+    noise: float
+
+    @property
+    def verdict(self) -> str:
+        """ "worse", "better", or empty within the noise."""
+        if self.ratio > 1.0 + self.noise:
+            return "worse"
+        return "better" if self.ratio < 1.0 / (1.0 + self.noise) else ""
+
+
+def compare(new: Results, old: Results) -> list[Change]:
+    """Every time and every peak of memory that both runs have.
+
+    Raises:
+        BenchmarkError: they have nothing in common, or are of other meshes.
+    """
+    if new.meshes != old.meshes:
+        raise BenchmarkError(f"the runs have other meshes: {new.meshes} now, {old.meshes} in the old one")
+    changes = [change for name in new.cases if name in old.cases for change in _compare_case(name, new, old)]
+    if not changes:
+        raise BenchmarkError("the runs have no measured case in common")
+    return changes
+
+
+def comparison_lines(changes: list[Change]) -> Iterator[str]:
+    """A line per figure, what changed marked."""
+    for change in changes:
+        mark = f"  <- {change.verdict}" if change.verdict else ""
+        yield f"# {change.name} x {change.ratio:.3f} (noise {change.noise:.3f}){mark}"
+
+
+def _compare_case(name: str, new: Results, old: Results) -> Iterator[Change]:
+    now, before = new.cases[name], old.cases[name]
+    nodes, old_nodes = now.facts.get("nodes"), before.facts.get("nodes")
+    if now.figures and before.figures and nodes != old_nodes:
+        raise BenchmarkError(f"{name}: has {nodes} nodes now and had {old_nodes}; compare runs of the same meshes")
+    for metric, figure in now.figures.items():
+        if metric.endswith(COMPARED) and metric in before.figures and figure.median and before.figures[metric].median:
+            yield _compare_figure(f"{name}.{metric}", figure, before.figures[metric], now, before)
+
+
+def _compare_figure(name: str, new: Figure, old: Figure, now: CaseResult, before: CaseResult) -> Change:
+    ratio = new.median / old.median
+    noise = new.spread / new.median + old.spread / old.median
+    if name.endswith(TIMES):
+        ratio *= median(before.calibration_ms) / median(now.calibration_ms)
+        noise += _scatter(now.calibration_ms) + _scatter(before.calibration_ms)
+    return Change(name, ratio, max(LEAST_NOISE, noise))
+
+
+def _scatter(values: list[float]) -> float:
+    return (max(values) - min(values)) / median(values)

@@ -1,0 +1,123 @@
+"""MuJoCo's flex: soft bodies of tetrahedra in a rigid-body simulator, integrated implicitly since 3.13."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichisoft_benchmarks.errors import PeerMissing
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+    from taichisoft.soft_body import SoftBody
+
+NEEDS = "pip install 'taichisoft[peers]'"
+PLANE_SIZE = 1000.0
+# Of a tetrahedron's stiffness in MuJoCo: half a matrix of six edges, and three that are zero.
+NUMBERS_PER_ELEMENT = 24
+
+
+class MujocoPeer:
+    """Our bodies as flexes, boxes and planes."""
+
+    does_not = (
+        "no air cavity (the pressure comes as forces from outside, which are constant in a step); contact and friction "
+        "are regularised, so that a held object creeps; no mass damping; the base does not move. Its solver of "
+        "M + h D + h^2 K is iterative and warns when it stops early, which damps the motion: see displacement_mm"
+    )
+
+    def __init__(self, model: "Model", iterations: int = 100, tolerance: float = 1e-8):
+        """Set up; the defaults are MuJoCo's own.
+
+        Raises:
+            PeerMissing: mujoco is not installed or has no implicit flex.
+        """
+        try:
+            import mujoco
+        except ImportError as error:
+            raise PeerMissing(f"mujoco is not installed; {NEEDS}") from error
+        if not hasattr(mujoco.mjtIntegrator, "mjINT_DISCRETE"):
+            raise PeerMissing(f"mujoco {mujoco.__version__} has no discrete integrator; {NEEDS}")
+        self._mujoco = mujoco
+        bodies = [*(_flex(body) for body in model.soft_bodies), *_boxes(model), *_planes(model)]
+        scene = model.scene
+        document = f"""<mujoco>
+            <compiler angle="radian"/>
+            <option timestep="{scene.time.step}" gravity="{_numbers(model.gravity)}" integrator="discrete"
+                cone="elliptic" iterations="{iterations}" tolerance="{tolerance}"/>
+            <size memory="4G"/>
+            <default><geom friction="{scene.contact.friction} 0 0" condim="3"/></default>
+            <worldbody>{"".join(bodies)}</worldbody>
+        </mujoco>"""
+        self._model = mujoco.MjModel.from_xml_string(document)
+        self._stiffen(model)
+        self._data = mujoco.MjData(self._model)
+        mujoco.mj_forward(self._model, self._data)
+        body = self._model.flex_vertbodyid
+        free = self._model.body_dofnum[body] == 3
+        self._free = np.flatnonzero(free)
+        self._dof = self._model.body_dofadr[body[free]][:, None] + np.arange(3)
+
+    def positions(self) -> np.ndarray:
+        """Of the nodes [mm], shape (node_count, 3)."""
+        return np.array(self._data.flexvert_xpos)
+
+    def step(self, force: np.ndarray) -> None:
+        """One step with these forces on the nodes [mN], shape (node_count, 3)."""
+        self._data.qfrc_applied[self._dof] = force[self._free]
+        self._mujoco.mj_step(self._model, self._data)
+
+    def facts(self) -> dict[str, int]:
+        """Contacts in the last step, and how often a solve stopped early."""
+        unsolved = self._data.warning[int(self._mujoco.mjtWarning.mjWARN_INERTIA)].number
+        return {"contacts": int(self._data.ncon), "unsolved": int(unsolved)}
+
+    def _stiffen(self, model: "Model") -> None:
+        """A flex has one modulus: elements of another one get their own stiffness afterwards."""
+        for index, body in enumerate(model.soft_bodies):
+            first = self._model.flex_stiffnessadr[index]
+            rows = self._model.flex_stiffness[first : first + NUMBERS_PER_ELEMENT * len(body.elements)]
+            rows = rows.reshape(-1, NUMBERS_PER_ELEMENT)
+            shear = body.settings.young_modulus / (2.0 * (1.0 + body.settings.poisson_ratio))
+            rows *= (body.lame[:, 1] / shear)[:, None]
+
+
+def _flex(body: "SoftBody") -> str:
+    """A soft body; its vertices keep half the contact distance around them."""
+    settings = body.settings
+    pinned = np.flatnonzero(body.anchor_stiffness > 0.0)
+    pins = f'<pin id="{_numbers(pinned)}"/>' if len(pinned) else ""
+    return f"""<flexcomp name="{body.name}" type="direct" dim="3" mass="{body.node_mass.sum()}" radius="0.5"
+            point="{_numbers(body.rest_position)}" element="{_numbers(body.elements)}">
+        {pins}
+        <elasticity young="{settings.young_modulus}" poisson="{settings.poisson_ratio}"
+            damping="{settings.rayleigh_stiffness}"/>
+        <contact selfcollide="none" condim="3"/>
+    </flexcomp>"""
+
+
+def _boxes(model: "Model") -> list[str]:
+    """Rigid boxes, free to move."""
+    boxes = []
+    for body in model.rigid_bodies:
+        size = model.scene.rigid_bodies[body.name].box
+        if size is None:
+            raise PeerMissing(f"the rigid body '{body.name}' is no box, the only shape that this comparison knows")
+        boxes.append(
+            f'''<body pos="{_numbers(body.start_position)}" quat="{_numbers(body.start_rotation)}"><freejoint/>
+                <geom type="box" size="{_numbers(np.array(size) / 2.0)}" mass="{body.mass}"/></body>'''
+        )
+    return boxes
+
+
+def _planes(model: "Model") -> list[str]:
+    planes = []
+    for obstacle in model.scene.obstacles.values():
+        if obstacle.plane is None:
+            raise PeerMissing("an obstacle is no plane, the only one that this comparison knows")
+        point, normal = _numbers(obstacle.plane.point), _numbers(obstacle.plane.normal)
+        planes.append(f'<geom type="plane" pos="{point}" zaxis="{normal}" size="{PLANE_SIZE} {PLANE_SIZE} 1"/>')
+    return planes
+
+
+def _numbers(values: Any) -> str:
+    return " ".join(f"{value:.10g}" for value in np.ravel(values))
