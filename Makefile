@@ -1,10 +1,11 @@
 # make grasp   mesh the tutorial's finger and let the gripper grasp; the results are in out/grasp
 # make test    ruff and mypy, then every test
-# make clean   remove what these two made
+# make bench   time the engine on this machine; the results are in out/bench. OPTIONS=--quick is passed on
+# make clean   remove what these made
 #
-# Both first install what they need into .venv. PYTHON=/path/to/python chooses the interpreter.
+# All first install what they need into .venv. PYTHON=/path/to/python chooses the interpreter.
 
-.PHONY: grasp test lint clean system-libraries
+.PHONY: grasp test bench lint clean system-libraries
 
 grasp: system-libraries
 	mkdir -p out/grasp
@@ -14,6 +15,9 @@ grasp: system-libraries
 
 test: system-libraries lint
 	.venv/bin/pytest
+
+bench: system-libraries
+	.venv/bin/taichisoft bench --json out/bench/results.json $(OPTIONS)
 
 lint: .venv/installed
 	.venv/bin/ruff check
