@@ -28,18 +28,21 @@ class ConstraintProblem:
         impulse: [mN s] of contacts, pressure times step [kPa s] of cavities, shape (row_count,).
         contact_impulse: on the second body in world axes [mN s], shape (contact_count, 3).
         node_impulse: J^T impulse on the soft nodes [mN s], shape (node_count, 3).
-        rigid_impulse: on the rigid bodies, linear [mN s] and angular [mN mm s], shape (rigid_count, 6).
     """
 
-    def __init__(self, model: Model):
-        """Make the buffers whose size does not depend on the contacts."""
+    def __init__(self, model: Model, rigid_motion: RigidMotion):
+        """Make the buffers whose size does not depend on the contacts.
+
+        Args:
+            model: the bodies.
+            rigid_motion: the rigid bodies of a step; it gets the impulses that are found.
+        """
         self._model = model
+        self._rigid_motion = rigid_motion
         self._time_step = model.scene.time.step
         self._slots = 6 * model.surfaces.vertex_nodes.shape[1]
-        self._rigid_position = np.empty((len(model.rigid_bodies), 3))
         self._node_velocity = np.empty((model.node_count, 3))
         self.node_impulse = np.zeros((model.node_count, 3))
-        self.rigid_impulse = np.zeros((len(model.rigid_bodies), 6))
         self._make_room(0, 0)
 
     def _make_room(self, count: int, cavity_count: int) -> None:
@@ -83,7 +86,6 @@ class ConstraintProblem:
         self._vertex_weights[:] = contacts.weights
         self._points[:] = contacts.points
         self._normal[:] = contacts.normal
-        self._rigid_position[:] = state.rigid_position
         self._friction[:] = self._model.friction[self._bodies[:, 0], self._bodies[:, 1]]
         self._approach[:] = (contacts.distance - self._model.scene.contact.contact_distance) / self._time_step
         surfaces = self._model.surfaces
@@ -98,7 +100,7 @@ class ConstraintProblem:
             surfaces.vertex_nodes,
             surfaces.vertex_weights,
             surfaces.vertex_owner,
-            self._rigid_position,
+            self._rigid_motion.position,
             self.basis,
             self._node,
             self._weight,
@@ -106,12 +108,11 @@ class ConstraintProblem:
             self._rigid_jacobian,
         )
 
-    def measure(self, node_velocity: np.ndarray, rigid: RigidMotion) -> None:
+    def measure(self, node_velocity: np.ndarray) -> None:
         """Fill `free` and `compliance`.
 
         Args:
             node_velocity: of the soft nodes without the impulses to be found [mm/s], shape (node_count, 3).
-            rigid: the rigid bodies likewise.
         """
         if not self.row_count:
             return
@@ -127,11 +128,13 @@ class ConstraintProblem:
                 self._rigid,
                 self._rigid_jacobian,
                 self._node_velocity,
-                rigid.velocity,
+                self._rigid_motion.velocity,
                 self._approach,
                 self.free,
             )
-            compliance.rigid_compliance(self._rigid, self._rigid_jacobian, rigid.inverse_mass, self.compliance)
+            compliance.rigid_compliance(
+                self._rigid, self._rigid_jacobian, self._rigid_motion.inverse_mass, self.compliance
+            )
         self._measure_volumes()
 
     def _measure_volumes(self) -> None:
@@ -209,7 +212,7 @@ class ConstraintProblem:
             self.impulse,
             self.contact_impulse,
             self.node_impulse,
-            self.rigid_impulse,
+            self._rigid_motion.impulse,
         )
 
     @property

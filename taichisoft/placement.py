@@ -32,21 +32,3 @@ def matrices_from_quaternions(quaternions: np.ndarray) -> np.ndarray:
         ],
         axis=1,
     )
-
-
-def rotate_quaternions(quaternions: np.ndarray, turns: np.ndarray) -> np.ndarray:
-    """Quaternions (w, x, y, z) turned by world rotation vectors [rad]: the exponential map, normalised.
-
-    Both arguments have one row per body, shapes (count, 4) and (count, 3).
-    """
-    half = 0.5 * np.linalg.norm(turns, axis=1, keepdims=True)
-    vector = 0.5 * np.sinc(half / np.pi) * turns
-    scalar = np.cos(half)[:, 0]
-    w, v = quaternions[:, 0], quaternions[:, 1:]
-    turned = np.column_stack(
-        [
-            scalar * w - (vector * v).sum(axis=1),
-            scalar[:, None] * v + w[:, None] * vector + np.cross(vector, v),
-        ]
-    )
-    return turned / np.linalg.norm(turned, axis=1, keepdims=True)

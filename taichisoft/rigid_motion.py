@@ -14,6 +14,9 @@ class RigidMotion:
         rotation: body axes in the world, shape (rigid_count, 3, 3).
         velocity: linear [mm/s] and angular [rad/s] after the step, without contacts, shape (rigid_count, 6).
         inverse_mass: inverse mass [1/kg] and inertia [1/(kg mm^2)] in world axes, shape (rigid_count, 6, 6).
+        impulse: by the contacts, linear [mN s] and angular [mN mm s], shape (rigid_count, 6).
+        linear, angular: velocities after the step [mm/s] and [rad/s], shape (rigid_count, 3).
+        position, quaternion: poses after the step [mm] and (w, x, y, z), shapes (rigid_count, 3) and (rigid_count, 4).
     """
 
     def __init__(self, model: Model):
@@ -22,26 +25,41 @@ class RigidMotion:
         self._model = model
         self._gravity = model.gravity.reshape(1, 3)
         self._inverse_inertia = np.linalg.inv(model.rigid_inertia)
-        self._quaternion, self._linear, self._angular = np.empty((count, 4)), np.empty((count, 3)), np.empty((count, 3))
+        self.position, self.quaternion = np.empty((count, 3)), np.empty((count, 4))
+        self.linear, self.angular = np.empty((count, 3)), np.empty((count, 3))
         self.rotation = np.empty((count, 3, 3))
         self.velocity = np.empty((count, 6))
         self.inverse_mass = np.zeros((count, 6, 6))
+        self.impulse = np.zeros((count, 6))
 
     def update(self, state: State) -> None:
-        """Fill the attributes for the step that begins with `state`."""
-        self._quaternion[:] = state.rigid_rotation
-        self._linear[:] = state.rigid_velocity
-        self._angular[:] = state.rigid_angular_velocity
+        """Begin a step: poses and velocities from `state`, no impulses yet."""
+        self.position[:], self.quaternion[:] = state.rigid_position, state.rigid_rotation
+        self.linear[:], self.angular[:] = state.rigid_velocity, state.rigid_angular_velocity
+        self.impulse[:] = 0.0
         kernels.rigid_motion(
             self._model.scene.time.step,
             self._gravity,
             self._model.rigid_mass,
             self._model.rigid_inertia,
             self._inverse_inertia,
-            self._quaternion,
-            self._linear,
-            self._angular,
+            self.quaternion,
+            self.linear,
+            self.angular,
             self.rotation,
             self.velocity,
             self.inverse_mass,
+        )
+
+    def move(self) -> None:
+        """End the step: velocities by the impulses, and poses by the velocities."""
+        kernels.move_rigid(
+            self._model.scene.time.step,
+            self.inverse_mass,
+            self.impulse,
+            self.velocity,
+            self.position,
+            self.quaternion,
+            self.linear,
+            self.angular,
         )

@@ -11,7 +11,6 @@ from taichisoft.controller import Control, Observation
 from taichisoft.detection import ContactPairs, bodies_of_key
 from taichisoft.divergence import DivergenceCheck
 from taichisoft.model import Model
-from taichisoft.placement import rotate_quaternions
 from taichisoft.rigid_motion import RigidMotion
 from taichisoft.scene import Scene
 from taichisoft.soft_motion import SoftMotion
@@ -71,7 +70,7 @@ class Simulation:
         self.report: StepReport | None = None
         self._soft = SoftMotion(self.model)
         self._rigid = RigidMotion(self.model)
-        self._problem = ConstraintProblem(self.model)
+        self._problem = ConstraintProblem(self.model, self._rigid)
         self._check_divergence = DivergenceCheck(self.model)
 
     def restore(self, state: State) -> None:
@@ -96,7 +95,7 @@ class Simulation:
         self._rigid.update(state)
         candidates = self._find_contacts(state)
         self._problem.lay_out(state, self._choose_contacts(state, candidates))
-        self._problem.measure(self._soft.velocity, self._rigid)
+        self._problem.measure(self._soft.velocity)
         self._problem.solve()
         next_state = self._move(state)
         self._check_divergence(state, next_state)
@@ -133,12 +132,10 @@ class Simulation:
     def _move(self, state: State) -> State:
         """Velocities by the impulses found, and positions by the velocities."""
         time_step, problem = self.model.scene.time.step, self._problem
-        node_velocity, rigid_velocity = self._soft.velocity, self._rigid.velocity
-        if problem.row_count:
-            if self.model.elasticity is not None:
-                node_velocity = node_velocity + self._soft.response(problem.node_impulse)
-            rigid_velocity = rigid_velocity + np.einsum("bij,bj->bi", self._rigid.inverse_mass, problem.rigid_impulse)
-        linear, angular = rigid_velocity[:, :3].copy(), rigid_velocity[:, 3:].copy()
+        node_velocity, rigid = self._soft.velocity, self._rigid
+        if problem.row_count and self.model.elasticity is not None:
+            node_velocity = node_velocity + self._soft.response(problem.node_impulse)
+        rigid.move()
         position = state.position + time_step * node_velocity
         return replace(
             state,
@@ -146,10 +143,10 @@ class Simulation:
             step=state.step + 1,
             position=position,
             velocity=node_velocity,
-            rigid_position=state.rigid_position + time_step * linear,
-            rigid_rotation=rotate_quaternions(state.rigid_rotation, time_step * angular),
-            rigid_velocity=linear,
-            rigid_angular_velocity=angular,
+            rigid_position=rigid.position.copy(),
+            rigid_rotation=rigid.quaternion.copy(),
+            rigid_velocity=rigid.linear.copy(),
+            rigid_angular_velocity=rigid.angular.copy(),
             cavity_impulse=problem.cavity_impulse,
             cavity_volume=self.model.cavities.volumes(position),
             contact_key=problem.contacts.key,
@@ -185,12 +182,8 @@ def contact_forces(model: Model, state: State) -> tuple[dict[str, float], dict[s
     forces = state.contact_impulse / model.scene.time.step
     along = np.einsum("cd,cd->c", forces, state.contact_normal)
     across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
-    normal: dict[str, float] = {}
-    friction: dict[str, float] = {}
-    for key in np.unique(state.contact_key):
-        first, second = bodies_of_key(int(key))
-        name = f"{model.body_names[first]}|{model.body_names[second]}"
-        of_pair = state.contact_key == key
-        normal[name] = float(along[of_pair].sum())
-        friction[name] = float(across[of_pair].sum())
+    keys, pair = np.unique(state.contact_key, return_inverse=True)
+    names = [f"{model.body_names[first]}|{model.body_names[second]}" for first, second in map(bodies_of_key, keys)]
+    sums = (np.bincount(pair, weights, len(names)).tolist() for weights in (along, across))
+    normal, friction = (dict(zip(names, total, strict=True)) for total in sums)
     return normal, friction

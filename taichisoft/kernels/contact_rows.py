@@ -128,14 +128,10 @@ def apply_impulses(
     node_impulse: Vectors,
     rigid_impulse: ScalarTable,
 ):
-    """J^T impulse on the soft nodes and on the rigid bodies, and the impulses on second bodies in world axes."""
+    """J^T impulse on the soft nodes, added on the rigid bodies, and the impulses on second bodies in world axes."""
     ti.loop_config(serialize=True)
     for i in range(node_impulse.shape[0]):
         node_impulse[i] = vec3(0.0)
-    ti.loop_config(serialize=True)
-    for b in range(rigid_impulse.shape[0]):
-        for d in range(6):
-            rigid_impulse[b, d] = 0.0
     ti.loop_config(serialize=True)
     for c in range(node.shape[0]):
         world = basis[c].transpose() @ vec3(impulse[3 * c], impulse[3 * c + 1], impulse[3 * c + 2])

@@ -99,3 +99,41 @@ def rigid_motion(
             inverse_mass[b, i, i] = 1.0 / mass[b]
             for j in ti.static(range(3)):
                 inverse_mass[b, 3 + i, 3 + j] = turned_inverse[i, j]
+
+
+@kernel
+def move_rigid(
+    time_step: ti.f64,
+    inverse_mass: ScalarBlocks,
+    impulse: ScalarTable,
+    velocity: ScalarTable,
+    position: Vectors,
+    quaternion: ScalarTable,
+    linear: Vectors,
+    angular: Vectors,
+):
+    """Velocities after the impulses, and poses after a step with them: the exponential map, normalised."""
+    ti.loop_config(serialize=True)
+    for b in range(position.shape[0]):
+        total = ti.Vector.zero(ti.f64, 6)
+        for i in ti.static(range(6)):
+            total[i] = velocity[b, i]
+            for j in range(6):
+                total[i] += inverse_mass[b, i, j] * impulse[b, j]
+        linear[b] = vec3(total[0], total[1], total[2])
+        turning = vec3(total[3], total[4], total[5])
+        angular[b] = turning
+        position[b] = position[b] + time_step * linear[b]
+        half = 0.5 * time_step * turning.norm()
+        sine_part = 1.0
+        if half > 1e-8:
+            sine_part = ti.sin(half) / half
+        v = 0.5 * sine_part * time_step * turning
+        scalar = ti.cos(half)
+        w, u = quaternion[b, 0], vec3(quaternion[b, 1], quaternion[b, 2], quaternion[b, 3])
+        turned = scalar * u + w * v + v.cross(u)
+        real = scalar * w - v.dot(u)
+        scale = 1.0 / ti.sqrt(real * real + turned.norm_sqr())
+        quaternion[b, 0] = scale * real
+        for i in ti.static(range(3)):
+            quaternion[b, 1 + i] = scale * turned[i]
