@@ -132,7 +132,7 @@ class ConstraintProblem:
                 self._approach,
                 self.free,
             )
-            compliance.rigid_compliance(
+            contact_rows.add_rigid_compliance(
                 self._rigid, self._rigid_jacobian, self._rigid_motion.inverse_mass, self.compliance
             )
         self._measure_volumes()

@@ -7,16 +7,11 @@ tree leads to from a group's nodes are visited.
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import (
     CHUNK,
-    SOFT,
-    IntegerBlocks,
     Integers,
     IntegerTable,
     Matrices,
-    ScalarBlocks,
-    Scalars,
     ScalarTable,
     Vectors,
-    VectorTable,
     ti,
     vec3,
 )
@@ -25,57 +20,6 @@ from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, til
 GROUP = TILE
 
 Panels = ti.types.ndarray(dtype=Column, ndim=2)
-
-
-@kernel
-def soft_entries(
-    vertices: IntegerBlocks,
-    weights: VectorTable,
-    vertex_nodes: IntegerTable,
-    vertex_weights: ScalarTable,
-    owner: Integers,
-    node: IntegerTable,
-    weight: ScalarTable,
-):
-    """Soft nodes and signed weights of both points of each contact, in slots of fixed number; -1 for no node."""
-    per_vertex = vertex_nodes.shape[1]
-    for c in range(node.shape[0]):
-        for side in range(2):
-            for k in ti.static(range(3)):
-                v = vertices[c, side, k]
-                for m in range(per_vertex):
-                    slot = (side * 3 + k) * per_vertex + m
-                    node[c, slot] = -1
-                    weight[c, slot] = 0.0
-                    if v >= 0 and owner[v] == SOFT and weights[c, side][k] * vertex_weights[v, m] != 0.0:
-                        node[c, slot] = vertex_nodes[v, m]
-                        weight[c, slot] = (2 * side - 1) * weights[c, side][k] * vertex_weights[v, m]
-
-
-@kernel
-def contact_velocity(
-    node: IntegerTable,
-    weight: ScalarTable,
-    basis: Matrices,
-    rigid: IntegerTable,
-    rigid_jacobian: ScalarBlocks,
-    node_velocity: Vectors,
-    rigid_velocity: ScalarTable,
-    result: Vectors,
-):
-    """Relative velocity of each contact's second point to its first, in the contact's basis [mm/s]."""
-    for c in range(node.shape[0]):
-        soft = vec3(0.0)
-        for slot in range(node.shape[1]):
-            if node[c, slot] >= 0:
-                soft += weight[c, slot] * node_velocity[node[c, slot]]
-        total = basis[c] @ soft
-        for side in range(2):
-            if rigid[c, side] >= 0:
-                for i in ti.static(range(3)):
-                    for d in range(6):
-                        total[i] += rigid_jacobian[3 * c + i, side, d] * rigid_velocity[rigid[c, side], d]
-        result[c] = total
 
 
 @ti.func
@@ -208,54 +152,3 @@ def soft_compliance(
                             if q < w.shape[0]:
                                 w[r, q] = total[a][b]
                                 w[q, r] = total[a][b]
-
-
-@kernel
-def rigid_compliance(
-    rigid: IntegerTable,
-    jacobian: ScalarBlocks,
-    inverse_mass: ScalarBlocks,
-    w: ScalarTable,
-):
-    """Add J M^-1 J^T of the rigid bodies that two contacts share, M^-1 of shape (body, 6, 6)."""
-    for r in range(3 * rigid.shape[0]):
-        for side in range(2):
-            body = rigid[r // 3, side]
-            if body >= 0:
-                change = ti.Vector.zero(ti.f64, 6)  # of the body's velocity by a unit impulse in the row
-                for n in range(6):
-                    for m in ti.static(range(6)):
-                        change[m] += inverse_mass[body, m, n] * jacobian[r, side, n]
-                for q in range(3 * rigid.shape[0]):
-                    for other_side in range(2):
-                        if rigid[q // 3, other_side] == body:
-                            total = 0.0
-                            for m in ti.static(range(6)):
-                                total += change[m] * jacobian[q, other_side, m]
-                            w[r, q] = w[r, q] + total
-
-
-@kernel
-def scatter_impulses(
-    contact_node: IntegerTable,
-    contact_weight: ScalarTable,
-    basis: Matrices,
-    impulse: Vectors,
-    cavity_of_row: Integers,
-    cavity_start: Integers,
-    cavity_node: Integers,
-    cavity_gradient: Vectors,
-    cavity_impulse: Scalars,
-    node_impulse: Vectors,
-):
-    """J^T lambda on the soft nodes, in a fixed order."""
-    ti.loop_config(serialize=True)
-    for c in range(contact_node.shape[0]):
-        world = basis[c].transpose() @ impulse[c]
-        for slot in range(contact_node.shape[1]):
-            if contact_node[c, slot] >= 0:
-                node_impulse[contact_node[c, slot]] += contact_weight[c, slot] * world
-    for row in range(cavity_of_row.shape[0]):
-        cavity = cavity_of_row[row]
-        for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
-            node_impulse[cavity_node[k]] += cavity_impulse[row] * cavity_gradient[k]

@@ -113,6 +113,32 @@ def contact_velocity(
 
 
 @kernel
+def add_rigid_compliance(
+    rigid: IntegerTable,
+    rigid_jacobian: ScalarBlocks,
+    inverse_mass: ScalarBlocks,
+    compliance: ScalarTable,
+):
+    """Add J M^-1 J^T of the rigid bodies that two contacts share, M^-1 of shape (body, 6, 6)."""
+    ti.loop_config(serialize=True)
+    for r in range(3 * rigid.shape[0]):
+        for side in range(2):
+            body = rigid[r // 3, side]
+            if body >= 0:
+                change = ti.Vector.zero(ti.f64, 6)  # of the body's velocity by a unit impulse in the row
+                for m, n in ti.static(ti.ndrange(6, 6)):
+                    change[m] += inverse_mass[body, m, n] * rigid_jacobian[r, side, n]
+                for c in range(rigid.shape[0]):
+                    for other_side in ti.static(range(2)):
+                        if rigid[c, other_side] == body:
+                            gain = vec3(0.0)
+                            for i, m in ti.static(ti.ndrange(3, 6)):
+                                gain[i] += change[m] * rigid_jacobian[3 * c + i, other_side, m]
+                            for i in ti.static(range(3)):
+                                compliance[r, 3 * c + i] = compliance[r, 3 * c + i] + gain[i]
+
+
+@kernel
 def apply_impulses(
     node: IntegerTable,
     weight: ScalarTable,
