@@ -55,7 +55,7 @@ def _run(case: Case, folder: Path) -> str:
     try:
         child = subprocess.run(
             [sys.executable, "-m", "taichisoft_benchmarks.case_process", folder / "job.json", folder / "result.json"],
-            env={**os.environ, **_environment(case, folder)},
+            env={**os.environ, **environment_of(case, folder)},
             cwd=folder,  # some programs leave logs where they run
             stdin=subprocess.DEVNULL,
             capture_output=True,
@@ -73,7 +73,8 @@ def _run(case: Case, folder: Path) -> str:
     return ""
 
 
-def _environment(case: Case, folder: Path) -> dict[str, str]:
+def environment_of(case: Case, folder: Path) -> dict[str, str]:
+    """Variables that the process gets beside ours; `folder` is new and only the process's own."""
     changes = {}
     if case.threads:
         changes = dict.fromkeys(("TAICHISOFT_THREADS", *BLAS_THREADS), str(case.threads))

@@ -11,8 +11,9 @@ from taichisoft_benchmarks import machine
 from taichisoft_benchmarks.case_file import SHIPPED, NamedCase, choose, read_cases
 from taichisoft_benchmarks.comparison import compare, comparison_lines
 from taichisoft_benchmarks.errors import BenchmarkError
+from taichisoft_benchmarks.plots import draw_plots, require_matplotlib
 from taichisoft_benchmarks.report import case_lines, closing_lines, header_lines
-from taichisoft_benchmarks.results import CaseResult, Results, read_results, write_results
+from taichisoft_benchmarks.results import CaseResult, Results, read_results, require_writable, write_results
 from taichisoft_benchmarks.runner import Progress, run_cases
 from taichisoft_benchmarks.scenes import Meshes
 
@@ -50,15 +51,18 @@ def bench(
         return
     if fail_on_regression and compare_ is None:
         raise BenchmarkError("--fail-on-regression: needs --compare OLD.json")
-    old = read_results(compare_) if compare_ is not None else None  # before the work, not after it
+    # Before the work, not after it: a whole run takes half an hour.
+    old = read_results(compare_) if compare_ is not None else None
+    if json is not None:
+        require_writable(json)
+    if plots is not None:
+        require_matplotlib()
     results = _measure(chosen, Meshes(_folder(tutorial_meshes), _made_meshes()), 1 if quick else repeat, quick)
     for line in closing_lines(results):
         typer.echo(line)
     if json is not None:
         write_results(results, json)
     if plots is not None:
-        from taichisoft_benchmarks.plots import draw_plots
-
         for path in draw_plots(results, plots):
             typer.echo(f"# {path}")
     worse = _compare(results, old) if old is not None else 0

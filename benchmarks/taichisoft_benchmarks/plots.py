@@ -37,10 +37,9 @@ def draw_plots(results: Results, folder: Path) -> list[Path]:
     Raises:
         BenchmarkError: matplotlib is not installed, or no growth was measured.
     """
-    try:
-        import matplotlib
-    except ImportError as error:
-        raise BenchmarkError("--plots: needs matplotlib; pip install 'taichisoft[bench]'") from error
+    require_matplotlib()
+    import matplotlib
+
     found = {growth: points for growth in GROWTHS if len(points := growth_points(results.cases, growth)) > 1}
     if not found:
         raise BenchmarkError(f"--plots: needs two cases of {', '.join(growth.group for growth in GROWTHS)}")
@@ -49,6 +48,14 @@ def draw_plots(results: Results, folder: Path) -> list[Path]:
     style: Any = {"svg.fonttype": "none", "svg.hashsalt": "taichisoft", "font.size": 9.0}
     with matplotlib.rc_context(style):
         return [_draw(growth, points, folder / f"{growth.group}.svg") for growth, points in found.items()]
+
+
+def require_matplotlib() -> None:
+    """Raise BenchmarkError where it is not installed."""
+    try:
+        import matplotlib  # noqa: F401
+    except ImportError as error:
+        raise BenchmarkError("--plots: needs matplotlib; pip install 'taichisoft[bench]'") from error
 
 
 def growth_points(cases: Mapping[str, CaseResult], growth: Growth) -> list[tuple[float, float, float, float]]:

@@ -92,14 +92,24 @@ def read_results(path: Path) -> Results:
         raise BenchmarkError(f"{path}: no results of taichisoft bench: {first_problem(error, Results)}") from error
 
 
+def require_writable(path: Path) -> None:
+    """Make the folder of a file that is to be written, and an empty file where there is none.
+
+    Raises:
+        BenchmarkError: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.open("a").close()
+    except OSError as error:
+        raise BenchmarkError(f"--json {path}: cannot be written: {error.strerror or error}") from error
+
+
 def write_results(results: Results, path: Path) -> None:
     """Write what `read_results` reads.
 
     Raises:
         BenchmarkError: the file cannot be written.
     """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(json.dumps(results.model_dump(), indent=1) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise BenchmarkError(f"--json {path}: cannot be written: {error.strerror or error}") from error
+    require_writable(path)
+    path.write_text(json.dumps(results.model_dump(), indent=1) + "\n", encoding="utf-8")

@@ -10,7 +10,7 @@ from taichisoft.scene import Scene
 from taichisoft.scene_file import load_scene, scene_from_dict
 from taichisoft_benchmarks.descriptors import Case, ContactsCase, Fingers, FingersCase, SceneCase
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.meshes import CELL, finger_of_size, mat_with_foot
+from taichisoft_benchmarks.meshes import finger_of_size, mat_with_foot
 
 # Of SOFA's tutorial: the skin with the cavity's wall, and that wall.
 TUTORIAL_SURFACE = "pneunetCut.stl"
@@ -101,7 +101,7 @@ def _mat(case: ContactsCase, meshes: Meshes) -> Scene:
             # Every vertex of the foot becomes a contact, and none of the rest is near enough. So many contacts
             # on one soft body converge slowly: the sweeps are limited, and the case measures what they cost.
             "contact": {
-                "spacing": 0.5 * CELL,
+                "spacing": 0.0,
                 "contact_distance": 0.2,
                 "alarm_distance": 0.4,
                 "tolerance": 1e-4,

@@ -100,6 +100,7 @@ def test_the_list_starts_nothing(bench):
         (["--case", "tny"], "--case tny: fits no case; did you mean 'tiny'?"),
         (["--tutorial-meshes", "nowhere"], "--tutorial-meshes nowhere: no such folder"),
         (["--compare", "nothing.json"], "nothing.json: not readable as JSON: "),
+        (["--json", "cases.toml/new.json"], "--json cases.toml/new.json: cannot be written: "),
         (["--fail-on-regression"], "--fail-on-regression: needs --compare OLD.json"),
         (["--cases", "none.toml"], "none.toml: not readable as TOML: "),
     ],
