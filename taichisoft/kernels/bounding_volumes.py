@@ -46,6 +46,15 @@ def meets(node: ti.i32, low: vec3, high: vec3, lower: Vectors, upper: Vectors) -
 
 
 @ti.func
+def meets_beam(node: ti.i32, start: vec3, axis: vec3, radius: ti.f64, lower: Vectors, upper: Vectors) -> ti.i32:
+    """Whether the ball around a node's box comes closer than `radius` to the line through `start` along `axis`."""
+    away = 0.5 * (lower[node] + upper[node]) - start
+    across = away - away.dot(axis) * axis
+    largest = radius + 0.5 * (upper[node] - lower[node]).norm()
+    return across.norm_sqr() <= largest * largest
+
+
+@ti.func
 def squared_distance(node: ti.i32, p: vec3, lower: Vectors, upper: Vectors) -> ti.f64:
     """Of a point from a node's box [mm^2]."""
     return ti.max(lower[node] - p, p - upper[node], 0.0).norm_sqr()

@@ -5,10 +5,10 @@ minimum; one that has slipped through has a negative distance and keeps its norm
 first surface of the pair to the second.
 """
 
-from taichisoft.kernels.bounding_volumes import find_leaves, meets
+from taichisoft.kernels.bounding_volumes import find_leaves, meets, meets_beam
 from taichisoft.kernels.contact_store import COINCIDENT, store
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.local_distance import edge_pseudonormal, in_normal_cone
+from taichisoft.kernels.local_distance import edge_pseudonormal, in_normal_cone, normal_cone
 from taichisoft.kernels.runtime import (
     IntegerBlocks,
     Integers,
@@ -73,9 +73,14 @@ def edges_against_edges(
                         e = edge[i]
                         a, b = position[edges[e, 0]], position[edges[e, 1]]
                         low, high = ti.min(a, b) - reach, ti.max(a, b) + reach
+                        axis, spread = normal_cone(e, edge_triangles, triangles, position)
+                        middle = 0.5 * (a + b)
+                        slack = 0.5 * (b - a).norm() + reach * spread
                         for k in range(near_count):
                             leaf = near[k]
-                            if meets(leaf, low, high, lower, upper):
+                            if meets(leaf, low, high, lower, upper) and meets_beam(
+                                leaf, middle, axis, slack, lower, upper
+                            ):
                                 for j in range(edge_start[leaf], edge_start[leaf + 1]):
                                     f = edge[j]
                                     c, d = position[edges[f, 0]], position[edges[f, 1]]

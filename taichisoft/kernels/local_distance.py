@@ -4,11 +4,14 @@ The side is told by pseudo-normals (Baerentzen and Aanaes 2005, Signed Distance 
 Pseudonormal), which know inside from outside at edges and corners too.
 """
 
+import math
+
 from taichisoft.kernels.runtime import Integers, IntegerTable, Vectors, ti, vec3
 
 # Edges of a deformed flat patch are slightly convex or concave at random: normals may leave an edge's normal cone
 # by this much (sine of the angle).
 CONE_TOLERANCE = 0.1
+CONE_CHORD = 2.0 * math.sin(0.5 * math.asin(CONE_TOLERANCE))  # between unit vectors that are this far apart
 
 
 @ti.func
@@ -177,3 +180,18 @@ def in_normal_cone(
         if t >= 0 and normal.dot(inward(t, edges[e, 0], edges[e, 1], triangles, position)) > CONE_TOLERANCE:
             inside = 0
     return inside
+
+
+@ti.func
+def normal_cone(e: ti.i32, edge_triangles: IntegerTable, triangles: IntegerTable, position: Vectors):
+    """A unit vector, and how far from it others can lie that are in the normal cone of edge e and leave the surface."""
+    first = face_normal(edge_triangles[e, 0], triangles, position)
+    axis = first
+    spread = 2.0
+    if edge_triangles[e, 1] >= 0:
+        total = first + face_normal(edge_triangles[e, 1], triangles, position)
+        length = total.norm()
+        if length > 1e-6:
+            axis = total / length
+            spread = (first - axis).norm() + CONE_CHORD
+    return axis, spread

@@ -1,0 +1,63 @@
+"""The normal cone of an edge, and the ball around it that the search for crossing edges trusts."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from taichisoft.kernels.launch import kernel
+from taichisoft.kernels.local_distance import edge_pseudonormal, in_normal_cone, normal_cone
+from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, Vectors
+
+TURNS = np.linspace(0.0, 2.0 * np.pi, 2000)  # [rad]
+
+
+@kernel
+def measure(
+    edges: IntegerTable,
+    edge_triangles: IntegerTable,
+    triangles: IntegerTable,
+    position: Vectors,
+    direction: Vectors,
+    leaves: Integers,
+    from_axis: Scalars,
+    allowed: Scalars,
+):
+    for i in range(direction.shape[0]):
+        axis, spread = normal_cone(0, edge_triangles, triangles, position)
+        from_axis[i] = (direction[i] - axis).norm()
+        allowed[i] = spread
+        leaves[i] = 0
+        outward = edge_pseudonormal(0, edge_triangles, triangles, position)
+        if direction[i].dot(outward) > 0.0:
+            leaves[i] = in_normal_cone(0, direction[i], edges, edge_triangles, triangles, position)
+
+
+@pytest.mark.parametrize("triangle_count", [1, 2])
+@settings(max_examples=200, deadline=None)
+@given(fold=st.floats(-3.1, 3.1), slant=st.floats(-2.0, 2.0), scale=st.floats(0.1, 100.0))
+def test_no_direction_in_the_cone_lies_outside_its_ball(
+    triangle_count: int, fold: float, slant: float, scale: float
+) -> None:
+    """Along x an edge of one triangle, or of two that turn by `fold` [rad], convex or concave; all directions
+    across it. Tolerance: round-off. The ball of an edge of two triangles is no larger than it need be for 0.1 rad
+    on either side, and flat ones lie in a small one."""
+    corners = [[0, 0, 0], [1, 0, 0], [slant, -1, 0], [slant, np.cos(fold), -np.sin(fold)]]
+    edge_triangles = np.array([[0, 1 if triangle_count == 2 else -1]], dtype=np.int32)
+    direction = np.column_stack([np.zeros_like(TURNS), np.cos(TURNS), np.sin(TURNS)])
+    leaves, from_axis, allowed = np.zeros(len(TURNS), dtype=np.int32), np.zeros(len(TURNS)), np.zeros(len(TURNS))
+    measure(
+        np.array([[0, 1]], dtype=np.int32),
+        edge_triangles,
+        np.array([[1, 0, 2], [0, 1, 3]], dtype=np.int32),
+        scale * np.array(corners, dtype=float),
+        direction,
+        leaves,
+        from_axis,
+        allowed,
+    )
+    assert leaves.any() or (triangle_count == 2 and fold < -0.2)
+    assert (from_axis <= allowed + 1e-12)[leaves == 1].all()
+    if triangle_count == 2 and fold > 0.0:
+        assert allowed[0] <= 2.0 * np.sin(0.25 * fold) + 0.11
+        assert from_axis[leaves == 1].max() >= allowed[0] - 0.11
