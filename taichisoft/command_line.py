@@ -68,12 +68,13 @@ def run_command(
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time [s]; the scene's otherwise.")] = None,
     outputs: Annotated[str, typer.Option(help="Outputs by name, separated by commas.")] = "recording,metrics",
+    profile: Annotated[bool, typer.Option("--profile", help="Show where the time of a step goes.")] = False,
 ) -> None:
     """Simulate a scene and write the results to a folder."""
     from taichisoft.run_command import run_scene  # starts Taichi, which --help need not wait for
 
     names = [name.strip() for name in outputs.split(",") if name.strip()]
-    interrupted = run_scene(scene, controller, output, set_ or [], duration, names)
+    interrupted = run_scene(scene, controller, output, set_ or [], duration, names, profile)
     if interrupted:
         raise typer.Exit(EXIT_INTERRUPTED)
 

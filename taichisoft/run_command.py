@@ -3,7 +3,7 @@
 import inspect
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from rich.text import Text
 from taichisoft import plugins
 from taichisoft.errors import PluginError, SceneError, TaichisoftError
 from taichisoft.output import Output
+from taichisoft.profile import REST, TOTAL, Profile, profiled
 from taichisoft.run import INTERRUPTED, count_steps, run
 from taichisoft.scene import Scene
 from taichisoft.scene_file import load_scene, scene_to_toml
@@ -29,8 +30,9 @@ def run_scene(
     overrides: Sequence[str],
     duration: float | None,
     output_names: Sequence[str],
+    profile: bool = False,
 ) -> bool:
-    """Run a scene into a folder; returns whether it was interrupted.
+    """Run a scene into a folder; returns whether it was interrupted. `profile` shows where the time of a step goes.
 
     Raises:
         TaichisoftError: anything that is the user's to mend.
@@ -49,8 +51,9 @@ def run_scene(
             simulation = Simulation(scene)
         _write_scene(scene, folder)
         outputs = [_make(f"output '{output}'", make, folder) for output, make in output_factories.items()]
+        times: Profile | None = None
         try:
-            with _progress(console) as progress:
+            with _progress(console) as progress, profiled(simulation) if profile else nullcontext() as times:
                 task = progress.add_task(scene.title or name, total=step_count, state="")
 
                 def show(report: StepReport) -> None:
@@ -60,6 +63,8 @@ def run_scene(
                 outcome = run(simulation, controller, outputs, duration, show)
         finally:
             _print_summary(console, outputs, folder)
+            if times is not None and times.seconds:
+                console.print(_profile_table(times))
         return outcome == INTERRUPTED
 
 
@@ -133,6 +138,18 @@ def _progress(console: Console) -> Progress:
 
 def _print_warning(console: Console, message: str) -> None:
     console.print(Text.assemble(("warning: ", "yellow"), message), soft_wrap=True)
+
+
+def _profile_table(profile: Profile) -> Table:
+    """Phases of a step, in its order."""
+    medians = profile.medians()
+    whole = medians[TOTAL][0]
+    table = Table("phase of a step", title=f"median times of {len(profile.seconds[TOTAL])} steps")
+    for heading in ("[ms]", "share", "of it in Python [ms]"):
+        table.add_column(Text(heading), justify="right")
+    for phase, (time, in_python) in medians.items():
+        table.add_row(phase, f"{time:.3f}", f"{time / whole:.0%}", f"{in_python:.3f}", end_section=phase == REST)
+    return table
 
 
 def _print_summary(console: Console, outputs: Sequence[Output], folder: Path) -> None:

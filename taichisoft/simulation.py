@@ -100,7 +100,7 @@ class Simulation:
         next_state = self._move(state)
         self._check_divergence(state, next_state)
         self.state = next_state
-        self.report = self._make_report(candidates, time.perf_counter() - started)
+        self.report = self._make_report(candidates, started)
         return self.report
 
     def observe(self) -> Observation:
@@ -155,7 +155,7 @@ class Simulation:
             contact_impulse=problem.contact_impulse.copy(),
         )
 
-    def _make_report(self, candidates: ContactPairs, step_time: float) -> StepReport:
+    def _make_report(self, candidates: ContactPairs, started: float) -> StepReport:
         contact, time_step, problem = self.model.scene.contact, self.model.scene.time.step, self._problem
         normal, friction = contact_forces(self.model, self.state)
         nearest = candidates.distance.min() if candidates.count else np.inf
@@ -173,7 +173,7 @@ class Simulation:
             iterations=problem.iterations,
             residual=problem.residual,
             converged=problem.residual < contact.tolerance,
-            step_time=step_time,
+            step_time=time.perf_counter() - started,
         )
 
 
@@ -182,8 +182,14 @@ def contact_forces(model: Model, state: State) -> tuple[dict[str, float], dict[s
     forces = state.contact_impulse / model.scene.time.step
     along = np.einsum("cd,cd->c", forces, state.contact_normal)
     across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
-    keys, pair = np.unique(state.contact_key, return_inverse=True)
-    names = [f"{model.body_names[first]}|{model.body_names[second]}" for first, second in map(bodies_of_key, keys)]
-    sums = (np.bincount(pair, weights, len(names)).tolist() for weights in (along, across))
+    if not len(forces):
+        return {}, {}
+    order = np.argsort(state.contact_key, kind="stable")
+    key = state.contact_key[order]
+    start = np.flatnonzero(np.diff(key, prepend=-1))
+    names = [
+        f"{model.body_names[first]}|{model.body_names[second]}" for first, second in map(bodies_of_key, key[start])
+    ]
+    sums = (np.add.reduceat(sizes[order], start).tolist() for sizes in (along, across))
     normal, friction = (dict(zip(names, total, strict=True)) for total in sums)
     return normal, friction

@@ -258,3 +258,12 @@ def test_a_command_that_is_none_is_refused(command: Command, arguments: list[str
     assert code == 2
     assert "Error" in errors
     assert "Traceback" not in errors
+
+
+def test_profile_shows_where_the_time_goes(command: Command) -> None:
+    code, out, _ = command("run", "scene.toml", "--profile")
+    assert code == 0
+    for phase in ("rotations and assembly", "factorisation", "contact detection", "Gauss-Seidel", "rest", "step"):
+        assert phase in out
+    _, out, _ = command("run", "scene.toml")
+    assert "factorisation" not in out

@@ -1,0 +1,122 @@
+"""Where the time of a step goes. Nothing is measured, and nothing costs, unless a simulation is being profiled."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from taichisoft.kernels.launch import timed_launches
+from taichisoft.simulation import Simulation
+
+REST = "rest"
+TOTAL = "step"
+
+
+@dataclass
+class Profile:
+    """Times of the phases of every step that was profiled.
+
+    Attributes:
+        seconds: of each step [s], by phase; `TOTAL` is the whole step.
+        in_python: the part of it that was not spent in kernels [s].
+    """
+
+    seconds: dict[str, list[float]] = field(default_factory=dict)
+    in_python: dict[str, list[float]] = field(default_factory=dict)
+
+    def medians(self) -> dict[str, tuple[float, float]]:
+        """Median time of each phase and the part of it in Python [ms], in the order of the step."""
+        return {
+            phase: (1e3 * float(np.median(times)), 1e3 * float(np.median(self.in_python[phase])))
+            for phase, times in self.seconds.items()
+        }
+
+
+@contextmanager
+def profiled(simulation: Simulation) -> Iterator[Profile]:
+    """Measure the steps that are made within it."""
+    profile, clock = Profile(), _Clock()
+    watched = [(owner, method, phase) for phase, calls in _phases(simulation).items() for owner, method in calls]
+    for owner, method, phase in watched:
+        setattr(owner, method, clock.watch(getattr(owner, method), phase))
+    simulation.step = clock.watch_step(simulation.step, profile)  # type: ignore[method-assign]
+    try:
+        with timed_launches(clock.add_launch):
+            yield profile
+    finally:
+        for owner, method, _ in watched:
+            delattr(owner, method)  # what is left is the class's own
+        del simulation.step
+
+
+def _phases(simulation: Simulation) -> dict[str, list[tuple[Any, str]]]:
+    """The methods that make up each phase, without what they call of other phases."""
+    model, problem = simulation.model, simulation._problem
+    soft: dict[str, list[tuple[Any, str]]] = {}
+    if model.elasticity is not None:
+        soft = {
+            "cavities": [(model.cavities, "update")],
+            "rotations and assembly": [(model.elasticity, "assemble")],
+            "factorisation": [(model.elasticity.solver, "factorise")],
+            "motion without contact": [(simulation._soft, "update")],
+        }
+    return {
+        **soft,
+        "contact detection": [(simulation, "_find_contacts"), (simulation, "_choose_contacts")],
+        "compliance": [(problem, "lay_out"), (problem, "measure")],
+        "Gauss-Seidel": [(problem, "solve")],
+        "correction": [(simulation, "_move")],
+        "check": [(simulation, "_check_divergence")],
+    }
+
+
+class _Clock:
+    """Exclusive times of nested calls."""
+
+    def __init__(self) -> None:
+        self._spent: dict[str, list[float]] = {}  # by phase: seconds, of these in kernels
+        self._running: list[list[float]] = []  # of each call under way: seconds and kernel seconds of what it calls
+
+    def add_launch(self, seconds: float) -> None:
+        """A kernel ran for so long."""
+        if self._running:
+            self._running[-1][1] += seconds
+
+    def watch(self, method: Callable[..., Any], phase: str) -> Callable[..., Any]:
+        """The method, with its time added to a phase."""
+
+        def timed(*arguments: Any, **named: Any) -> Any:
+            nested = [0.0, 0.0]
+            self._running.append(nested)
+            started = time.perf_counter()
+            try:
+                return method(*arguments, **named)
+            finally:
+                elapsed = time.perf_counter() - started
+                self._running.pop()
+                spent = self._spent.setdefault(phase, [0.0, 0.0])
+                spent[0] += elapsed - nested[0]
+                spent[1] += nested[1]
+                if self._running:
+                    self._running[-1][0] += elapsed
+
+        return timed
+
+    def watch_step(self, step: Callable[..., Any], profile: Profile) -> Callable[..., Any]:
+        """A step whose phases go to the profile when it is done; one that fails is left out."""
+        timed = self.watch(step, REST)
+
+        def profiled_step(*arguments: Any, **named: Any) -> Any:
+            self._spent = {}
+            report = timed(*arguments, **named)
+            rest = self._spent.pop(REST)
+            self._spent |= {REST: rest, TOTAL: np.sum([*self._spent.values(), rest], axis=0).tolist()}
+            for phase, (seconds, in_kernels) in self._spent.items():
+                profile.seconds.setdefault(phase, []).append(seconds)
+                profile.in_python.setdefault(phase, []).append(seconds - in_kernels)
+            return report
+
+        return profiled_step
