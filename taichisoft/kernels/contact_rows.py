@@ -126,8 +126,9 @@ def add_rigid_compliance(
             body = rigid[r // 3, side]
             if body >= 0:
                 change = ti.Vector.zero(ti.f64, 6)  # of the body's velocity by a unit impulse in the row
-                for m, n in ti.static(ti.ndrange(6, 6)):
-                    change[m] += inverse_mass[body, m, n] * rigid_jacobian[r, side, n]
+                for n in range(6):
+                    for m in ti.static(range(6)):
+                        change[m] += inverse_mass[body, m, n] * rigid_jacobian[r, side, n]
                 for c in range(rigid.shape[0]):
                     for other_side in ti.static(range(2)):
                         if rigid[c, other_side] == body:

@@ -8,7 +8,11 @@ and, R being frozen in the step (Mueller and Gross 2004, Interactive Virtual Mat
 """
 
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
+from taichisoft.kernels.runtime import CHUNK, Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
+
+# What a thread does in one go.
+ELEMENTS_A_TASK = 128
+BLOCKS_A_TASK = 256
 
 
 @ti.func
@@ -75,6 +79,94 @@ def store(array: Scalars, place: ti.i32, value: vec3):
         array[place + d] = value[d]
 
 
+@ti.func
+def strain_element(
+    e: ti.i32,
+    corner_count: ti.i32,
+    point_stride: ti.i32,
+    elements: Integers,
+    polar: Integers,
+    rest_frame: Matrices,
+    volume: ScalarTable,
+    shape_gradient: Scalars,
+    scaled_gradient: Scalars,
+    lame: ScalarTable,
+    lag: Scalars,
+    position: Scalars,
+    velocity: Scalars,
+    rotation: Matrices,
+    rotated_gradient: Scalars,
+    element_force: Scalars,
+):
+    """An element's rotation, its forces on its corners, and its rotated gradients."""
+    n0 = 3 * elements[e * corner_count]
+    n1, n2 = 3 * elements[e * corner_count + 1], 3 * elements[e * corner_count + 2]
+    x0, v0 = load(position, n0), load(velocity, n0)
+    r = edge_frame(load(position, n1) - x0, load(position, n2) - x0) @ rest_frame[e].transpose()
+    if polar[e] != 0:
+        deformation = ti.Matrix.zero(ti.f64, 3, 3)
+        for q in range(volume.shape[1]):
+            for a in range(corner_count):
+                g = load(shape_gradient, q * point_stride + 4 * (e * corner_count + a))
+                x = load(position, 3 * elements[e * corner_count + a])
+                deformation += volume[e, q] * (x - x0).outer_product(g)
+        r = polar_rotation(deformation, r)
+    rotation[e] = r
+    for a in range(corner_count):
+        store(element_force, 4 * (e * corner_count + a), vec3(0.0))
+    for q in range(volume.shape[1]):
+        first = q * point_stride + 4 * e * corner_count
+        gradient = ti.Matrix.zero(ti.f64, 3, 3)
+        for a in range(1, corner_count):
+            n = 3 * elements[e * corner_count + a]
+            lagged = load(position, n) - x0 + lag[e] * (load(velocity, n) - v0)
+            gradient += lagged.outer_product(load(shape_gradient, first + 4 * a))
+        strain = r.transpose() @ gradient - ti.Matrix.identity(ti.f64, 3)
+        pull = -volume[e, q] * (r @ stress(strain, lame[e, 0], lame[e, 1]))
+        for a in range(corner_count):
+            place = first + 4 * a
+            store(rotated_gradient, place, r @ load(scaled_gradient, place))
+            here = 4 * (e * corner_count + a)
+            store(element_force, here, load(element_force, here) + pull @ load(shape_gradient, place))
+
+
+@ti.func
+def gather_block(
+    k: ti.i32,
+    point_count: ti.i32,
+    point_stride: ti.i32,
+    rotated_gradient: Scalars,
+    element_force: Scalars,
+    block_start: Integers,
+    row_place: Integers,
+    column_place: Integers,
+    lame_ratio: Scalars,
+    diagonal_block: Integers,
+    diagonal: Scalars,
+    force: Vectors,
+    blocks: Matrices,
+):
+    """A block of the matrix from the elements that contain its two nodes, and on the diagonal the node's force."""
+    shear = ti.Matrix.zero(ti.f64, 3, 3)
+    total = ti.Matrix.zero(ti.f64, 3, 3)
+    for c in range(block_start[k], block_start[k + 1]):
+        for q in range(point_count):
+            row = load(rotated_gradient, q * point_stride + row_place[c])
+            column = load(rotated_gradient, q * point_stride + column_place[c])
+            product = row.outer_product(column)
+            shear += product
+            total += lame_ratio[c] * product
+    total += shear.transpose() + shear.trace() * ti.Matrix.identity(ti.f64, 3)
+    node = diagonal_block[k]
+    if node >= 0:
+        node_force = vec3(0.0)
+        for c in range(block_start[k], block_start[k + 1]):
+            node_force += load(element_force, row_place[c])
+        force[node] = node_force
+        total += diagonal[node] * ti.Matrix.identity(ti.f64, 3)
+    blocks[k] = total
+
+
 @kernel
 def assemble(
     corner_count: ti.i32,
@@ -99,6 +191,7 @@ def assemble(
     diagonal: Scalars,
     force: Vectors,
     blocks: Matrices,
+    done: Integers,
 ):
     """Nodal forces f - lag K v and the matrix A = diagonal + K, K already times its factor in A.
 
@@ -109,55 +202,29 @@ def assemble(
 
     Vectors stand at multiples of four numbers, which keeps them aligned: corner a of element e at
     4 (e corner_count + a), the next quadrature point 4 element_count corner_count further on.
+
+    `done` must be 0: it counts the finished tasks of elements, for which those of blocks wait.
     """
-    element_count = polar.shape[0]
+    element_count, block_count = polar.shape[0], blocks.shape[0]
     point_stride = 4 * element_count * corner_count
-    for e in range(element_count):
-        n0 = 3 * elements[e * corner_count]
-        n1, n2 = 3 * elements[e * corner_count + 1], 3 * elements[e * corner_count + 2]
-        x0, v0 = load(position, n0), load(velocity, n0)
-        r = edge_frame(load(position, n1) - x0, load(position, n2) - x0) @ rest_frame[e].transpose()
-        if polar[e] != 0:
-            deformation = ti.Matrix.zero(ti.f64, 3, 3)
-            for q in range(volume.shape[1]):
-                for a in range(corner_count):
-                    g = load(shape_gradient, q * point_stride + 4 * (e * corner_count + a))
-                    x = load(position, 3 * elements[e * corner_count + a])
-                    deformation += volume[e, q] * (x - x0).outer_product(g)
-            r = polar_rotation(deformation, r)
-        rotation[e] = r
-        for a in range(corner_count):
-            store(element_force, 4 * (e * corner_count + a), vec3(0.0))
-        for q in range(volume.shape[1]):
-            first = q * point_stride + 4 * e * corner_count
-            gradient = ti.Matrix.zero(ti.f64, 3, 3)
-            for a in range(1, corner_count):
-                n = 3 * elements[e * corner_count + a]
-                lagged = load(position, n) - x0 + lag[e] * (load(velocity, n) - v0)
-                gradient += lagged.outer_product(load(shape_gradient, first + 4 * a))
-            strain = r.transpose() @ gradient - ti.Matrix.identity(ti.f64, 3)
-            pull = -volume[e, q] * (r @ stress(strain, lame[e, 0], lame[e, 1]))
-            for a in range(corner_count):
-                place = first + 4 * a
-                store(rotated_gradient, place, r @ load(scaled_gradient, place))
-                here = 4 * (e * corner_count + a)
-                store(element_force, here, load(element_force, here) + pull @ load(shape_gradient, place))
-    for k in range(blocks.shape[0]):
-        shear = ti.Matrix.zero(ti.f64, 3, 3)
-        total = ti.Matrix.zero(ti.f64, 3, 3)
-        for c in range(block_start[k], block_start[k + 1]):
-            for q in range(volume.shape[1]):
-                row = load(rotated_gradient, q * point_stride + row_place[c])
-                column = load(rotated_gradient, q * point_stride + column_place[c])
-                product = row.outer_product(column)
-                shear += product
-                total += lame_ratio[c] * product
-        total += shear.transpose() + shear.trace() * ti.Matrix.identity(ti.f64, 3)
-        node = diagonal_block[k]
-        if node >= 0:
-            node_force = vec3(0.0)
-            for c in range(block_start[k], block_start[k + 1]):
-                node_force += load(element_force, row_place[c])
-            force[node] = node_force
-            total += diagonal[node] * ti.Matrix.identity(ti.f64, 3)
-        blocks[k] = total
+    element_tasks = (element_count + ELEMENTS_A_TASK - 1) // ELEMENTS_A_TASK
+    block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
+    for t_ in range((element_tasks + block_tasks) * CHUNK):
+        if t_ % CHUNK == 0:
+            t = t_ // CHUNK
+            if t < element_tasks:
+                for e in range(t * ELEMENTS_A_TASK, ti.min((t + 1) * ELEMENTS_A_TASK, element_count)):
+                    strain_element(
+                        e, corner_count, point_stride, elements, polar, rest_frame, volume, shape_gradient,
+                        scaled_gradient, lame, lag, position, velocity, rotation, rotated_gradient, element_force,
+                    )  # fmt: skip
+                ti.atomic_add(done[0], 1)
+            else:
+                while ti.atomic_max(done[0], 0) < element_tasks:  # a load that the compiler may not move
+                    pass
+                first = (t - element_tasks) * BLOCKS_A_TASK
+                for k in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
+                    gather_block(
+                        k, volume.shape[1], point_stride, rotated_gradient, element_force, block_start, row_place,
+                        column_place, lame_ratio, diagonal_block, diagonal, force, blocks,
+                    )  # fmt: skip
