@@ -62,6 +62,8 @@ def bench(
         typer.echo(line)
     if json is not None:
         write_results(results, json)
+    if results.interrupted:
+        raise KeyboardInterrupt
     if plots is not None:
         for path in draw_plots(results, plots):
             typer.echo(f"# {path}")

@@ -67,6 +67,8 @@ class Results(Table):
     started: str
     meshes: Literal["shipped", "tutorial"]
     quick: bool = False
+    interrupted: bool = False
+    """Whether cases are missing because it was stopped."""
     machine: dict[str, str]
     versions: dict[str, str]
     load: dict[str, Number]

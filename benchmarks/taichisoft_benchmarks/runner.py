@@ -42,21 +42,27 @@ def run_cases(
     on_progress: Callable[[Progress], None],
     on_result: Callable[[str, CaseResult], None],
 ) -> Results:
-    """Measure all cases; one that fails is part of the results, and the rest go on."""
+    """Measure all cases; one that fails is part of the results, and the rest go on. Ctrl and c ends the list early."""
     load = machine.load()
     found: dict[str, CaseResult] = {}
     started = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+    interrupted = False
     for number, named in enumerate(cases, start=1):
 
         def show(repetition: int, number: int = number, name: str = named.name) -> None:
             on_progress(Progress(number, len(cases), name, repetition, repeat))
 
-        found[named.name] = measure_case(named, meshes, repeat, quick, show)
+        try:
+            found[named.name] = measure_case(named, meshes, repeat, quick, show)
+        except KeyboardInterrupt:
+            interrupted = True
+            break
         on_result(named.name, found[named.name])
     return Results(
         started=started,
         meshes="shipped" if meshes.tutorial is None else "tutorial",
         quick=quick,
+        interrupted=interrupted,
         machine=machine.describe_machine(),
         versions=machine.versions(),
         load={"start": load, "end": machine.load()},

@@ -1,6 +1,7 @@
 """Pictures of a scene, drawn without a display."""
 
 import time
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -36,7 +37,7 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
     )
 
 
-def _seconds(work) -> float:
+def _seconds(work: Callable[[], object]) -> float:
     started = time.perf_counter()
     work()
     return time.perf_counter() - started

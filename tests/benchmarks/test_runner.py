@@ -1,0 +1,54 @@
+"""The list of cases: one after the other, and what was measured is kept when it is stopped."""
+
+from pathlib import Path
+
+from made_results import case_of
+
+from taichisoft_benchmarks import runner
+from taichisoft_benchmarks.case_file import cases_from_dict
+from taichisoft_benchmarks.child import Answer
+from taichisoft_benchmarks.measures.measured import Measured
+from taichisoft_benchmarks.scenes import Meshes
+
+MESHING = {"kind": "meshing", "title": "", "sweep": {"a": {"element_size": 9.0}, "b": {"element_size": 8.0}}}
+CASES = cases_from_dict({"mesh": MESHING})
+
+
+def run(**changes):
+    nothing = {"on_progress": lambda progress: None, "on_result": lambda name, result: None}
+    return runner.run_cases(CASES, Meshes(None, Path()), **{"repeat": 3, "quick": False, **nothing, **changes})
+
+
+def test_every_repetition_is_measured_beside_a_calibration(monkeypatch):
+    answers = iter([1.0, 3.0, 2.0, 5.0, 5.0, 5.0])
+    monkeypatch.setattr(runner, "calibrate", lambda: 1.5)
+    monkeypatch.setattr(runner, "measure_in_child", lambda case, meshes: Answer(Measured({"mesh_s": next(answers)})))
+    seen = []
+    results = run(on_progress=lambda progress: seen.append((progress.number, progress.name, progress.repetition)))
+    assert results.cases["mesh_a"].figures["mesh_s"].values == [1.0, 3.0, 2.0]
+    assert results.cases["mesh_a"].calibration_ms == [1.5, 1.5, 1.5]
+    assert results.cases["mesh_b"].parameter == {"element_size": 8.0}
+    assert seen[:4] == [(1, "mesh_a", 1), (1, "mesh_a", 2), (1, "mesh_a", 3), (2, "mesh_b", 1)]
+
+
+def test_a_case_that_fails_is_not_repeated(monkeypatch):
+    calls = []
+    monkeypatch.setattr(runner, "calibrate", lambda: 1.5)
+    monkeypatch.setattr(
+        runner, "measure_in_child", lambda case, meshes: calls.append(case) or Answer(problem="gmsh is not there")
+    )
+    results = run()
+    assert [case.problem for case in results.cases.values()] == ["gmsh is not there"] * 2
+    assert len(calls) == 2
+
+
+def test_a_stopped_run_keeps_what_it_has(monkeypatch):
+    def measure(named, *_):
+        if named.name == "mesh_b":
+            raise KeyboardInterrupt
+        return case_of({"mesh_s": [1.0]})
+
+    monkeypatch.setattr(runner, "measure_case", measure)
+    results = run()
+    assert results.interrupted
+    assert list(results.cases) == ["mesh_a"]
