@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse as sparse
 
 from taichisoft.errors import NotPositiveDefinite
-from taichisoft.fronts import lay_out, share_out
+from taichisoft.fronts import lay_out
 from taichisoft.kernels import cholesky as kernels
 from taichisoft.kernels.tiles import TILE
 from taichisoft.kernels.triangular_solve import solve_trees
@@ -46,11 +46,11 @@ class Cholesky:
         self.front, self.rows = fronts.table, fronts.position
         self.block_pairs = self.order[fronts.block_pairs]
         self.blocks = np.zeros((len(self.block_pairs), 3, 3))
-        self._block_row, self._block_column = fronts.block_row, fronts.block_column
+        self._block_place = fronts.block_place
         self._child, self._relative = fronts.child, fronts.relative
         self.panel = _allocate(fronts.size)
         self._scalars = self.panel.reshape(-1)
-        self._tasks, self._pieces = share_out(supernodes, fronts.table)
+        self._tasks, self._pieces = fronts.tasks, fronts.pieces
         self._done = np.zeros(supernodes.count, dtype=np.int32)
         self._failed_column = np.zeros(1, dtype=np.int32)
         self._prepare_solve()
@@ -78,8 +78,7 @@ class Cholesky:
             self._tasks,
             self.front,
             self._pieces,
-            self._block_row,
-            self._block_column,
+            self._block_place,
             self.blocks,
             self._child,
             self._relative,

@@ -29,26 +29,28 @@ class Fronts:
     Attributes:
         table: a row for each supernode, and one that closes the ranges. Columns: number of own columns, the same
             padded, number of rows below, start of the panel and of the update matrix in columns of tiles; and where
-            the front's ranges begin in the lists of matrix blocks, of children and of rows, and its first column in
-            elimination order.
+            the front's ranges begin in the lists of matrix blocks, of children and of rows; its first column in
+            elimination order; and how many of its rows below are own columns of its parent.
         block_pairs: position of the row and the column node of each stored block, shape (block_count, 2).
-        block_row: first row of each block in its panel, shape (block_count,).
-        block_column: first column of each block in its panel, shape (block_count,).
+        block_place: where each row of each block begins in the memory of all fronts, shape (block_count, 3).
         child: children of every supernode, ascending, shape (count - number of roots + 1,).
         position: rows below of every supernode in elimination order, each list padded to whole tiles with the number
             of rows of the matrix.
         relative: the same rows in the parent's panel and the update matrix that follows it; 0 for padding.
         size: columns of tiles of all panels and update matrices.
+        tasks: see `_share_out`, shape (task_count, 7).
+        pieces: number of pieces that each front is computed in, shape (count,).
     """
 
     table: np.ndarray
     block_pairs: np.ndarray
-    block_row: np.ndarray
-    block_column: np.ndarray
+    block_place: np.ndarray
     child: np.ndarray
     position: np.ndarray
     relative: np.ndarray
     size: int
+    tasks: np.ndarray
+    pieces: np.ndarray
 
 
 def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
@@ -60,6 +62,7 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
     padding = columns - width
     panel_start = _offsets((columns // TILE + tiles) * columns)
     update_start = panel_start[-1] + _offsets(TILE * tiles * (tiles + 1) // 2)
+    tasks, pieces = _share_out(supernodes.parent, width, columns, rest)
     block_pairs, block_start, local_row, local_column = _place_blocks(adjacency, supernodes)
     owner = np.repeat(np.arange(supernodes.count), np.diff(block_start))
     child_start, child = _children(supernodes.parent)
@@ -75,8 +78,9 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
             child_start,
             row_start,
             3 * supernodes.first_column,
+            np.zeros(supernodes.count + 1),
         ]
-    )
+    ).astype(np.int32)
     position = np.full(row_start[-1] + 1, 3 * len(supernodes.order), dtype=np.int32)
     relative = np.zeros_like(position)
     for s, parent in enumerate(supernodes.parent):
@@ -87,16 +91,20 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
             position[place] = _scalars(3 * below)
             local = 3 * np.searchsorted(above, below)
             relative[place] = _scalars(np.where(local < width[parent], local, local + padding[parent]))
-    block_row = np.where(local_row < width[owner], local_row, local_row + padding[owner])
+            table[s, 9] = np.searchsorted(relative[place], columns[parent])
+    block_row = np.where(local_row < width[owner], local_row, local_row + padding[owner])[:, None] + np.arange(3)
+    block_column = panel_start[owner] + local_column
+    block_place = TILE * (block_row // TILE * columns[owner][:, None] + block_column[:, None]) + block_row % TILE
     return Fronts(
-        table=table.astype(np.int32),
+        table=table,
         block_pairs=block_pairs,
-        block_row=block_row.astype(np.int32),
-        block_column=local_column.astype(np.int32),
+        block_place=block_place.astype(np.int32),
         child=child,
         position=position,
         relative=relative,
         size=int(update_start[-1]),
+        tasks=tasks,
+        pieces=pieces,
     )
 
 
@@ -143,7 +151,9 @@ def _children(parent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return start, np.append(child, 0).astype(np.int32)
 
 
-def share_out(supernodes: Supernodes, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _share_out(
+    parent: np.ndarray, width: np.ndarray, columns: np.ndarray, rest: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
     """Tasks in an order that respects what they wait for, and the number of pieces that each front is computed in.
 
     A task is a range of supernodes, the pieces of its front that must be finished before it starts, a range of
@@ -151,8 +161,6 @@ def share_out(supernodes: Supernodes, table: np.ndarray) -> tuple[np.ndarray, np
     fronts above them are cut: first the rows of the panel's own columns, then the rows below, then the update matrix.
     A task comes the earlier, the more work lies on its way to the root.
     """
-    parent = supernodes.parent
-    width, columns, rest = table[:-1, 0], table[:-1, 1], table[:-1, 2]
     work = 1.0 * width * (width + rest) ** 2
     subtree_work, first = work.copy(), np.arange(len(parent))
     for s, above in enumerate(parent):
@@ -167,13 +175,11 @@ def share_out(supernodes: Supernodes, table: np.ndarray) -> tuple[np.ndarray, np
     pieces = np.ones(len(parent), dtype=np.int32)
     tasks = []
     for s in np.argsort(-path, kind="stable"):
-        if small[s]:
-            if parent[s] < 0 or not small[parent[s]]:
-                tasks.append((first[s], s + 1, 0, 0, ALL, 0, ALL))
-            continue
         parts = int(min(LARGEST_PIECE_COUNT, work[s] // PIECE_WORK, rest[s] // (2 * TILE)))
-        if parts < 2:
-            tasks.append((s, s + 1, 0, 0, ALL, 0, ALL))
+        if small[s] and parent[s] >= 0 and small[parent[s]]:
+            continue
+        if small[s] or parts < 2:
+            tasks.append((first[s] if small[s] else s, s + 1, 0, 0, ALL, 0, ALL))
             continue
         pivot_tiles, tiles = columns[s] // TILE, _padded(rest[s]) // TILE
         pieces[s] = 1 + 2 * parts

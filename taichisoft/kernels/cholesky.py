@@ -12,7 +12,7 @@ so the result does not depend on the threads.
 
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import CHUNK, Integers, IntegerTable, Matrices, Scalars, ti
-from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in, triangle
+from taichisoft.kernels.tiles import SHIFT, TILE, Column, Columns, advance, opaque, tiles_in, triangle
 
 
 @ti.func
@@ -26,24 +26,21 @@ def await_pieces(done: Integers, s: ti.i32, pieces: ti.i32):
 def fill_panel(
     s: ti.i32,
     front: IntegerTable,
-    block_row: Integers,
-    block_column: Integers,
+    block_place: IntegerTable,
     blocks: Matrices,
     tiles: Columns,
     scalars: Scalars,
 ):
     """Put the matrix's blocks, zeros and the identity of the padding into a panel."""
     width, columns, start = front[s, 0], front[s, 1], front[s, 3]
-    for i in range((columns // TILE + tiles_in(front[s, 2])) * columns):
+    for i in range(front[s + 1, 3] - start):
         tiles[start + i] = Column(0.0)
     for k in range(width, columns):
-        scalars[TILE * (start + k // TILE * columns + k) + k % TILE] = 1.0
+        scalars[TILE * (start + (k >> SHIFT) * columns + k) + (k & TILE - 1)] = 1.0
     for k in range(front[s, 5], front[s + 1, 5]):
         for i in ti.static(range(3)):
-            row = block_row[k] + i
-            place = TILE * (start + row // TILE * columns + block_column[k]) + row % TILE
             for j in ti.static(range(3)):
-                scalars[place + TILE * j] = blocks[k][i, j]
+                scalars[block_place[k, i] + TILE * j] = blocks[k][i, j]
 
 
 @ti.func
@@ -60,20 +57,20 @@ def add_update(
 ):
     """Add a child's update matrix to the columns first..last of its parent's front, all of the panel or none."""
     rest, row_start, columns = front[c, 2], front[c, 7], front[s, 1]
-    begin = 0
+    begin = ti.select(first < columns, 0, front[c, 9])
     while begin < rest and relative[row_start + begin] < first:
         begin += 1
-    end = begin
+    end = ti.max(begin, front[c, 9])
     while end < rest and relative[row_start + end] < last:
         end += 1
-    for t in range(begin // TILE, tiles_in(rest)):
+    for t in range(begin >> SHIFT, tiles_in(rest)):
         place = ti.Vector.zero(ti.i32, TILE)  # of the tile's rows in the parent's column 0
         for a in ti.static(range(TILE)):
             row = relative[row_start + TILE * t + a]
             below = ti.max(row - columns, 0)
-            place[a] = TILE * (front[s, 3] + row // TILE * columns) + row % TILE
+            place[a] = TILE * (front[s, 3] + (row >> SHIFT) * columns) + (row & TILE - 1)
             if first >= columns:
-                place[a] = TILE * (front[s, 4] + triangle(below // TILE) - columns) + below % TILE
+                place[a] = TILE * (front[s, 4] + triangle(below >> SHIFT) - columns) + (below & TILE - 1)
         source = front[c, 4] + triangle(t)
         j = begin
         while j < ti.min(end, TILE * t):
@@ -156,15 +153,15 @@ def eliminate_rows(
     """Finish rows of tiles of a panel, those above being finished; returns its first bad pivot's column, or -1."""
     columns, start = front[s, 1], front[s, 3]
     failed = -1
-    for t in range(first, last):
-        row = opaque(start + t * columns, one)
-        for b in range(ti.min(t, columns // TILE)):
-            y = opaque(start + b * columns, one)
-            solve_tile(row + TILE * b, row, y, TILE * b, tiles, scalars, one)
-        if TILE * t < columns:
-            failed_in_tile = factorise_tile(row + TILE * t, row, TILE * t, tiles, one)
+    for b in range(columns >> SHIFT):
+        y = opaque(start + b * columns, one)
+        if first <= b and b < last:
+            failed_in_tile = factorise_tile(y + TILE * b, y, TILE * b, tiles, one)
             if failed_in_tile >= 0 and failed < 0:
-                failed = TILE * t + failed_in_tile
+                failed = TILE * b + failed_in_tile
+        for t in range(ti.max(first, b + 1), last):  # neighbours in a column do not wait for each other
+            row = opaque(start + t * columns, one)
+            solve_tile(row + TILE * b, row, y, TILE * b, tiles, scalars, one)
     return failed
 
 
@@ -172,7 +169,7 @@ def eliminate_rows(
 def multiply_columns(s: ti.i32, first: ti.i32, last: ti.i32, front: IntegerTable, tiles: Columns, one: ti.i32):
     """Set columns of tiles of an update matrix to minus the product of the panel with its transpose."""
     columns = front[s, 1]
-    start = front[s, 3] + columns // TILE * columns
+    start = front[s, 3] + (columns >> SHIFT) * columns
     for b in range(first, last):
         y = opaque(start + b * columns, one)
         for t in range(b, tiles_in(front[s, 2])):
@@ -185,8 +182,7 @@ def factorise(
     task: IntegerTable,
     front: IntegerTable,
     pieces: Integers,
-    block_row: Integers,
-    block_column: Integers,
+    block_place: IntegerTable,
     blocks: Matrices,
     child: Integers,
     relative: Integers,
@@ -203,14 +199,14 @@ def factorise(
             for s in range(task[t, 0], task[t, 1]):
                 columns = front[s, 1]
                 await_pieces(done, s, task[t, 2])
-                first_row, last_row = task[t, 3], ti.min(task[t, 4], columns // TILE + tiles_in(front[s, 2]))
+                first_row, last_row = task[t, 3], ti.min(task[t, 4], (columns >> SHIFT) + tiles_in(front[s, 2]))
                 first_tile, last_tile = task[t, 5], ti.min(task[t, 6], tiles_in(front[s, 2]))
                 assembles = first_row == 0 and last_row > 0
                 for part in range(2):  # the panel's columns, then those of the update matrix
                     first = ti.select(part == 0, 0, columns + TILE * first_tile)
                     last = ti.select(part == 0, ti.select(assembles, columns, 0), columns + TILE * last_tile)
                     if part == 0 and assembles:
-                        fill_panel(s, front, block_row, block_column, blocks, tiles, scalars)
+                        fill_panel(s, front, block_place, blocks, tiles, scalars)
                     if part == 1:
                         failed = eliminate_rows(s, first_row, last_row, front, tiles, scalars, one)
                         if failed >= 0:

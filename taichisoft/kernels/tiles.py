@@ -9,6 +9,7 @@ vectors to a loop's counter: it then fears that 32 bits overflow between the lan
 from taichisoft.kernels.runtime import ti
 
 TILE = 8
+SHIFT = 3  # the logarithm of TILE
 Column = ti.types.vector(TILE, ti.f64)
 Columns = ti.types.ndarray(dtype=Column, ndim=1)
 
@@ -28,10 +29,10 @@ def opaque(index: ti.i32, one: ti.i32) -> ti.i32:
 @ti.func
 def tiles_in(scalars: ti.i32) -> ti.i32:
     """How many tiles hold that many rows."""
-    return (scalars + TILE - 1) // TILE
+    return (scalars + TILE - 1) >> SHIFT
 
 
 @ti.func
 def triangle(rows: ti.i32) -> ti.i32:
     """Number of columns of tiles in that many rows of tiles of a lower triangle."""
-    return TILE * (rows * (rows + 1) // 2)
+    return rows * (rows + 1) << SHIFT - 1
