@@ -6,7 +6,7 @@ From where a Gauss-Seidel has found out which contacts do what, one step gives t
 it may lead astray: whoever takes the step must check it.
 """
 
-from taichisoft.kernels.axpy import add_multiple
+from taichisoft.kernels.elimination import solve_linear
 from taichisoft.kernels.runtime import Integers, Scalars, ti
 
 # The matrix of closed contacts is singular where they share a load in many ways (a table has four legs). This share of
@@ -106,44 +106,6 @@ def let_slip(
             for j in ti.static(range(2)):
                 matrix[place + 1 + j] = matrix[place + 1 + j] - turn[i, j]
             step[a + 1 + i] = limit * d[i] - impulse[n + 1 + i]
-
-
-@ti.func
-def solve_linear(count: ti.i32, matrix: Scalars, x: Scalars) -> ti.i32:
-    """Gaussian elimination with partial pivoting, in place; returns 0 where a pivot is zero."""
-    solvable = 1
-    for k in range(count):
-        pivot = k
-        for i in range(k + 1, count):
-            if ti.abs(matrix[i * count + k]) > ti.abs(matrix[pivot * count + k]):
-                pivot = i
-        if matrix[pivot * count + k] == 0.0:
-            solvable = 0
-        if solvable != 0:
-            here, there = k * count, pivot * count
-            if pivot != k:
-                for j in range(k, count):
-                    swapped = matrix[here + j]
-                    matrix[here + j] = matrix[there + j]
-                    matrix[there + j] = swapped
-                other = x[k]
-                x[k] = x[pivot]
-                x[pivot] = other
-            inverse = 1.0 / matrix[here + k]
-            for i in range(k + 1, count):
-                row = i * count
-                factor = -matrix[row + k] * inverse
-                if factor != 0.0:
-                    add_multiple(matrix, row + k + 1, factor, matrix, here + k + 1, count - k - 1)
-                    x[i] = x[i] + factor * x[k]
-    if solvable != 0:
-        for k_ in range(count):
-            k = count - 1 - k_
-            total = x[k]
-            for j in range(k + 1, count):
-                total -= matrix[k * count + j] * x[j]
-            x[k] = total / matrix[k * count + k]
-    return solvable
 
 
 @ti.func
