@@ -111,7 +111,7 @@ def test_a_cube_that_slips_out_fails_the_command_in_one_line(
         main()
     assert left.value.code == 1
     (line,) = capfd.readouterr().err.strip().splitlines()
-    assert line.startswith("taichisoft: 'cube' is not held: lifted by 0.")
+    assert line.startswith("taichisoft: 'cube' is not held: lifted by 0.00 mm")
     metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert metrics["held"] is False
     assert np.allclose(metrics["final_object_position_mm"][0], -100.0, atol=0.5)  # it still stands on the floor

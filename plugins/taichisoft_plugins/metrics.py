@@ -67,7 +67,7 @@ class MetricsOutput:
         if self._scene.goal is not None:
             rows = {
                 f"{self._scene.goal.object} held": "yes" if m["held"] else "no",
-                f"{self._scene.goal.object} lifted by": f"{m['object_lift_mm']:.2f} of {m['base_lift_mm']:.2f} mm",
+                f"{self._scene.goal.object} lifted by": f"{m['object_lift_mm']:z.2f} of {m['base_lift_mm']:z.2f} mm",
                 "slip": f"{m['object_slip_mm']:.3f} mm",
                 "creep while held": f"{m['object_creep_mm']:.4f} mm in {self._scene.goal.hold:g} s",
                 "normal force of the fingers, peak": f"{m['peak_normal_force_mN']:.1f} mN",
@@ -148,17 +148,17 @@ class MetricsOutput:
         checks = (
             (
                 abs(m["object_slip_mm"]) <= goal.tolerance,
-                f"lifted by {m['object_lift_mm']:.2f} mm with a base that rose {m['base_lift_mm']:.2f} mm "
+                f"lifted by {m['object_lift_mm']:z.2f} mm with a base that rose {m['base_lift_mm']:z.2f} mm "
                 f"(tolerance {goal.tolerance:g} mm)",
             ),
             # An object that stays where it is slips by less than the tolerance, too, while the base rises by less.
             (
                 m["base_lift_mm"] > goal.tolerance,
-                f"the base rose by {m['base_lift_mm']:.2f} mm (more than {goal.tolerance:g} mm is needed)",
+                f"the base rose by {m['base_lift_mm']:z.2f} mm (more than {goal.tolerance:g} mm is needed)",
             ),
             (
                 m["object_lift_mm"] > goal.tolerance,
-                f"it rose by {m['object_lift_mm']:.2f} mm (more than {goal.tolerance:g} mm is needed)",
+                f"it rose by {m['object_lift_mm']:z.2f} mm (more than {goal.tolerance:g} mm is needed)",
             ),
             (floor_force == 0.0, f"obstacles still carry it at the end, with {floor_force:.3g} mN"),
             (
