@@ -20,11 +20,15 @@ class SoftMotion:
     def __init__(self, model: Model):
         """Make the buffers."""
         self._model = model
-        self._gravity = model.gravity.reshape(1, 3)
         self._base = np.vstack([model.base_pivot, np.zeros(3)])
         self._base_turn = np.empty((1, 3, 3))
-        self._position, self._node_velocity, self._impulse = (np.empty((model.node_count, 3)) for _ in range(3))
-        self._cavity_impulse = np.empty(len(model.cavities.names))
+        self._position, self._node_velocity, self._force = (np.empty((model.node_count, 3)) for _ in range(3))
+        self._pressure = np.empty(len(model.cavities.names))
+        if model.elasticity is not None:
+            mass = model.elasticity.node_mass[:, None]
+            self._weight = mass * model.gravity
+            self._drag = mass * model.elasticity.node_rayleigh_mass[:, None]
+            self._anchored = np.flatnonzero(model.elasticity.anchor_stiffness).astype(np.int32)
         self.velocity = np.zeros((model.node_count, 3))
 
     def update(self, state: State) -> None:
@@ -38,10 +42,11 @@ class SoftMotion:
         if self._model.elasticity is None:
             return
         self._model.cavities.update(state.position)
-        force = self._model.elasticity.assemble(state.position, state.velocity)
+        elastic_force = self._model.elasticity.assemble(state.position, state.velocity)
         self._factorise(state)
-        self._balance_momentum(state, force)
-        self.velocity = state.velocity + self._model.elasticity.solver.solve(self._impulse)
+        np.subtract(elastic_force + self._weight, self._drag * state.velocity, out=self._force)
+        self._add_anchors_and_pressures(state)
+        self.velocity = state.velocity + self.response(self._model.scene.time.step * self._force)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], (node_count, 3), by impulses on the nodes [mN s], (node_count, 3)."""
@@ -56,31 +61,26 @@ class SoftMotion:
             body = self._model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
 
-    def _balance_momentum(self, state: State, force: np.ndarray) -> None:
+    def _add_anchors_and_pressures(self, state: State) -> None:
         elasticity, cavities = self._model.elasticity, self._model.cavities
         assert elasticity is not None
-        time_step = self._model.scene.time.step
         self._base[1] = state.base_translation
         self._base_turn[0] = rotation_from_vector(state.base_rotation)
         self._position[:] = state.position
         self._node_velocity[:] = state.velocity
-        self._cavity_impulse[:] = np.where(state.cavity_volume_imposed, 0.0, time_step * state.cavity_target)
-        kernels.soft_impulse(
-            time_step,
-            self._gravity,
+        self._pressure[:] = np.where(state.cavity_volume_imposed, 0.0, state.cavity_target)
+        kernels.add_anchors_and_pressures(
             self._base,
             self._base_turn,
+            self._anchored,
+            elasticity.anchor_stiffness,
+            elasticity.node_lag,
             elasticity.rest_position,
             self._position,
             self._node_velocity,
-            elasticity.node_mass,
-            elasticity.node_rayleigh_mass,
-            elasticity.node_lag,
-            elasticity.anchor_stiffness,
-            force,
-            self._cavity_impulse,
+            self._pressure,
             cavities.entry_start,
             cavities.entry_node,
             cavities.gradient,
-            self._impulse,
+            self._force,
         )

@@ -15,40 +15,35 @@ from taichisoft.kernels.runtime import (
 
 
 @kernel
-def soft_impulse(
-    time_step: ti.f64,
-    gravity: Vectors,
+def add_anchors_and_pressures(
     base: Vectors,
     base_turn: Matrices,
+    anchored: Integers,
+    stiffness: Scalars,
+    lag: Scalars,
     rest_position: Vectors,
     position: Vectors,
     velocity: Vectors,
-    node_mass: Scalars,
-    rayleigh_mass: Scalars,
-    lag: Scalars,
-    anchor_stiffness: Scalars,
-    force: Vectors,
-    cavity_impulse: Scalars,
+    pressure: Scalars,
     cavity_start: Integers,
     cavity_node: Integers,
     cavity_gradient: Vectors,
-    impulse: Vectors,
+    force: Vectors,
 ):
-    """h (f + M (g - a v) - k (x + lag v - target)) + p h dV/dx for each node [mN s].
+    """Add -k (x + lag v - target) of the anchored nodes and p dV/dx to the forces.
 
-    Anchors pull to their rest positions turned with the base (`base`: pivot, translation). Where k is not 0,
-    the forces f already have the lag of the elastic forces.
+    The targets are rest positions turned and moved with the base (`base`: pivot, translation).
     """
     ti.loop_config(serialize=True)
-    for i in range(force.shape[0]):
-        total = force[i] + node_mass[i] * (gravity[0] - rayleigh_mass[i] * velocity[i])
-        if anchor_stiffness[i] != 0.0:
-            target = base_turn[0] @ (rest_position[i] - base[0]) + base[0] + base[1]
-            total -= anchor_stiffness[i] * (position[i] - target + lag[i] * velocity[i])
-        impulse[i] = time_step * total
-    for cavity in range(cavity_impulse.shape[0]):
-        for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
-            impulse[cavity_node[k]] += cavity_impulse[cavity] * cavity_gradient[k]
+    for k in range(anchored.shape[0]):
+        i = anchored[k]
+        target = base_turn[0] @ (rest_position[i] - base[0]) + base[0] + base[1]
+        force[i] -= stiffness[i] * (position[i] - target + lag[i] * velocity[i])
+    ti.loop_config(serialize=True)
+    for cavity in range(pressure.shape[0]):
+        if pressure[cavity] != 0.0:
+            for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
+                force[cavity_node[k]] += pressure[cavity] * cavity_gradient[k]
 
 
 @ti.func
