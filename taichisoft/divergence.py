@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichisoft.errors import SimulationDiverged
-from taichisoft.kernels.inversion import count_inverted
+from taichisoft.kernels import divergence as kernels
 from taichisoft.model import Model
 from taichisoft.state import State
 
@@ -22,15 +22,17 @@ class DivergenceCheck:
     def __init__(self, model: Model):
         """Lay out the bodies: the soft ones by their nodes and elements, each rigid one by its centre."""
         self._model = model
-        soft, rigid = model.soft_bodies, model.rigid_bodies
+        soft, rigid, node_count = model.soft_bodies, model.rigid_bodies, model.node_count
         self._names = [*(body.name for body in soft), *(body.name for body in rigid)]
-        self._start = 3 * np.array([*(body.nodes.start for body in soft), *(model.node_count + np.arange(len(rigid)))])
         shapes = [*(body.rest_position for body in soft), *(body.vertices for body in rigid)]
-        self._size = np.array([np.ptp(shape, axis=0).max() for shape in shapes])
+        self._limit = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
+        starts = [*(body.nodes.start for body in soft), *range(node_count, node_count + len(rigid) + 1)]
+        self._start = np.array(starts, dtype=np.int32)
         counts = [len(body.elements) for body in soft]
         self._element_count = np.array(counts)
         self._element_start = np.cumsum([0, *counts]).astype(np.int32)
-        self._position = np.empty(3 * model.node_count)
+        self._before, self._velocity, self._after = (np.empty((node_count + len(rigid), 3)) for _ in range(3))
+        self._leap = np.empty(len(shapes))
         self._inverted = np.zeros(len(soft), dtype=np.int32)
 
     def __call__(self, before: State, after: State) -> None:
@@ -39,42 +41,40 @@ class DivergenceCheck:
         Raises:
             SimulationDiverged: a value is not finite, a body explodes, or too many of its elements are inverted.
         """
-        if not self._names:
-            return
-        with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is found below
-            self._check_moves(before, after)
-        self._check_inverted(before.step, after.position)
+        soft_nodes = slice(self._model.node_count)
+        centres = slice(self._model.node_count, None)
+        self._before[soft_nodes], self._before[centres] = before.position, before.rigid_position
+        self._velocity[soft_nodes], self._velocity[centres] = before.velocity, before.rigid_velocity
+        self._after[soft_nodes], self._after[centres] = after.position, after.rigid_position
+        self._check_finite(before.step, after.rigid_rotation)
+        self._check_leaps(before.step)
+        self._check_inverted(before.step)
 
-    def _check_moves(self, before: State, after: State) -> None:
-        move = _in_a_row(after.position, after.rigid_position) - _in_a_row(before.position, before.rigid_position)
-        expected = self._model.scene.time.step * _in_a_row(before.velocity, before.rigid_velocity)
-        size = np.abs(move)
-        largest = np.maximum.reduceat(np.minimum(size, np.abs(move - expected)), self._start)
-        # NaN goes through every maximum, and fails every comparison.
-        good = largest <= LARGEST_MOVE * self._size
-        soft_count = len(self._model.soft_bodies)
-        good[soft_count:] &= np.isfinite(after.rigid_rotation).all(axis=1)
-        if good.all():
+    def _check_finite(self, step: int, rigid_rotation: np.ndarray) -> None:
+        if np.isfinite(self._after).all() and np.isfinite(rigid_rotation).all():
             return
-        body = int(np.argmin(good))
-        extent = np.maximum.reduceat(size, self._start)[body]
-        cause = "has a position that is not finite"
-        if np.isfinite(extent) and largest[body] > LARGEST_MOVE * self._size[body]:
-            cause = f"exploded: it would move {extent:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
-        raise SimulationDiverged(self._names[body], before.step, cause, ADVICE)
+        finite = np.isfinite(self._after).all(axis=1)
+        finite[self._model.node_count :] &= np.isfinite(rigid_rotation).all(axis=1)
+        body = int(np.searchsorted(self._start, np.argmin(finite), side="right")) - 1
+        raise SimulationDiverged(self._names[body], step, "has a position that is not finite", ADVICE)
 
-    def _check_inverted(self, step: int, position: np.ndarray) -> None:
+    def _check_leaps(self, step: int) -> None:
+        time_step = self._model.scene.time.step
+        kernels.largest_leaps(time_step, self._before, self._velocity, self._after, self._start, self._leap)
+        leaps = self._leap > self._limit
+        if leaps.any():
+            body = int(np.argmax(leaps))
+            points = slice(self._start[body], self._start[body + 1])
+            move = np.abs(self._after[points] - self._before[points]).max()
+            cause = f"exploded: it would move {move:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
+            raise SimulationDiverged(self._names[body], step, cause, ADVICE)
+
+    def _check_inverted(self, step: int) -> None:
         if self._model.elasticity is None:
             return
-        self._position[:] = position.reshape(-1)
-        count_inverted(self._model.elasticity.elements, self._position, self._element_start, self._inverted)
+        kernels.count_inverted(self._model.elasticity.elements, self._after, self._element_start, self._inverted)
         bad = self._inverted > INVERTED_SHARE * self._element_count
         if bad.any():
             body = int(np.argmax(bad))
             cause = f"has {self._inverted[body]} of {self._element_count[body]} elements turned inside out"
             raise SimulationDiverged(self._names[body], step, cause, ADVICE)
-
-
-def _in_a_row(soft: np.ndarray, rigid: np.ndarray) -> np.ndarray:
-    """All numbers of two arrays of vectors."""
-    return np.concatenate([soft.reshape(-1), rigid.reshape(-1)])
