@@ -10,6 +10,7 @@ import scipy.sparse as sparse
 from taichisoft.errors import NotPositiveDefinite
 from taichisoft.fronts import lay_out
 from taichisoft.kernels import cholesky as kernels
+from taichisoft.kernels.runtime import THREADS
 from taichisoft.kernels.tiles import TILE
 from taichisoft.kernels.triangular_solve import solve_trees
 from taichisoft.ordering import find_supernodes
@@ -53,6 +54,7 @@ class Cholesky:
         self._tasks, self._pieces = fronts.tasks, fronts.pieces
         self._done = np.zeros(supernodes.count, dtype=np.int32)
         self._failed_column = np.zeros(1, dtype=np.int32)
+        self._next_task = np.zeros(1, dtype=np.int32)
         self._prepare_solve()
 
     def _prepare_solve(self) -> None:
@@ -72,6 +74,7 @@ class Cholesky:
             NotPositiveDefinite: a pivot is not positive; the error has the node.
         """
         self._done.fill(0)
+        self._next_task[0] = 0
         none = 3 * len(self.order)
         self._failed_column[0] = none
         kernels.factorise(
@@ -86,6 +89,8 @@ class Cholesky:
             self._scalars,
             self._done,
             self._failed_column,
+            self._next_task,
+            THREADS,
             1,
         )
         if self._failed_column[0] < none:

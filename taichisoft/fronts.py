@@ -36,7 +36,8 @@ class Fronts:
         child: children of every supernode, ascending, shape (count - number of roots + 1,).
         position: rows below of every supernode in elimination order, each list padded to whole tiles with the number
             of rows of the matrix.
-        relative: the same rows in the parent's panel and the update matrix that follows it; 0 for padding.
+        relative: the same rows in the parent's panel and the update matrix that follows it. Padding repeats the
+            last row, so that the zeros which it adds go to no entry of another task.
         size: columns of tiles of all panels and update matrices.
         tasks: see `_share_out`, shape (task_count, 7).
         pieces: number of pieces that each front is computed in, shape (count,).
@@ -91,6 +92,7 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
             position[place] = _scalars(3 * below)
             local = 3 * np.searchsorted(above, below)
             relative[place] = _scalars(np.where(local < width[parent], local, local + padding[parent]))
+            relative[place.stop : row_start[s + 1]] = relative[place.stop - 1]
             table[s, 9] = np.searchsorted(relative[place], columns[parent])
     block_row = np.where(local_row < width[owner], local_row, local_row + padding[owner])[:, None] + np.arange(3)
     block_column = panel_start[owner] + local_column

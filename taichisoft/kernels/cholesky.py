@@ -177,8 +177,10 @@ def multiply_columns(s: ti.i32, first: ti.i32, last: ti.i32, front: IntegerTable
             multiply_tile(x, opaque(start + t * columns, one), y, front[s, 0], tiles, one)
 
 
-@kernel
-def factorise(
+@ti.func
+def work_on(
+    t: ti.i32,
+    s: ti.i32,
     task: IntegerTable,
     front: IntegerTable,
     pieces: Integers,
@@ -192,28 +194,69 @@ def factorise(
     failed_column: Integers,
     one: ti.i32,
 ):
-    """Factorise all fronts; `failed_column[0]` is lowered to the first column without a positive pivot."""
-    for t_ in range(task.shape[0] * CHUNK):
-        if t_ % CHUNK == 0:
-            t = t_ // CHUNK
-            for s in range(task[t, 0], task[t, 1]):
-                columns = front[s, 1]
-                await_pieces(done, s, task[t, 2])
-                first_row, last_row = task[t, 3], ti.min(task[t, 4], (columns >> SHIFT) + tiles_in(front[s, 2]))
-                first_tile, last_tile = task[t, 5], ti.min(task[t, 6], tiles_in(front[s, 2]))
-                assembles = first_row == 0 and last_row > 0
-                for part in range(2):  # the panel's columns, then those of the update matrix
-                    first = ti.select(part == 0, 0, columns + TILE * first_tile)
-                    last = ti.select(part == 0, ti.select(assembles, columns, 0), columns + TILE * last_tile)
-                    if part == 0 and assembles:
-                        fill_panel(s, front, block_place, blocks, tiles, scalars)
-                    if part == 1:
-                        failed = eliminate_rows(s, first_row, last_row, front, tiles, scalars, one)
-                        if failed >= 0:
-                            ti.atomic_min(failed_column[0], front[s, 8] + failed)
-                        multiply_columns(s, first_tile, last_tile, front, tiles, one)
-                    if first < last:
-                        for k in range(front[s, 6], front[s + 1, 6]):
-                            await_pieces(done, child[k], pieces[child[k]])
-                            add_update(child[k], first, last, s, front, relative, tiles, scalars, one)
-                ti.atomic_add(done[s], 1)
+    """Do what a task asks for on one of its fronts."""
+    columns = front[s, 1]
+    await_pieces(done, s, task[t, 2])
+    first_row, last_row = task[t, 3], ti.min(task[t, 4], (columns >> SHIFT) + tiles_in(front[s, 2]))
+    first_tile, last_tile = task[t, 5], ti.min(task[t, 6], tiles_in(front[s, 2]))
+    assembles = first_row == 0 and last_row > 0
+    for part in range(2):  # the panel's columns, then those of the update matrix
+        first = ti.select(part == 0, 0, columns + TILE * first_tile)
+        last = ti.select(part == 0, ti.select(assembles, columns, 0), columns + TILE * last_tile)
+        if part == 0 and assembles:
+            fill_panel(s, front, block_place, blocks, tiles, scalars)
+        if part == 1:
+            failed = eliminate_rows(s, first_row, last_row, front, tiles, scalars, one)
+            if failed >= 0:
+                ti.atomic_min(failed_column[0], front[s, 8] + failed)
+            multiply_columns(s, first_tile, last_tile, front, tiles, one)
+        if first < last:
+            for k in range(front[s, 6], front[s + 1, 6]):
+                await_pieces(done, child[k], pieces[child[k]])
+                add_update(child[k], first, last, s, front, relative, tiles, scalars, one)
+    ti.atomic_add(done[s], 1)
+
+
+@kernel
+def factorise(
+    task: IntegerTable,
+    front: IntegerTable,
+    pieces: Integers,
+    block_place: IntegerTable,
+    blocks: Matrices,
+    child: Integers,
+    relative: Integers,
+    tiles: Columns,
+    scalars: Scalars,
+    done: Integers,
+    failed_column: Integers,
+    next_task: Integers,
+    workers: ti.i32,
+    one: ti.i32,
+):
+    """Factorise all fronts; `failed_column[0]` is lowered to the first column without a positive pivot.
+
+    Each worker, a thread, takes the next task until none is left.
+    """
+    for worker in range(workers * CHUNK):
+        if worker % CHUNK == 0:
+            t = ti.atomic_add(next_task[0], 1)
+            while t < task.shape[0]:
+                for s in range(task[t, 0], task[t, 1]):
+                    work_on(
+                        t,
+                        s,
+                        task,
+                        front,
+                        pieces,
+                        block_place,
+                        blocks,
+                        child,
+                        relative,
+                        tiles,
+                        scalars,
+                        done,
+                        failed_column,
+                        one,
+                    )
+                t = ti.atomic_add(next_task[0], 1)

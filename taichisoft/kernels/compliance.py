@@ -7,6 +7,7 @@ tree leads to from a group's nodes are visited.
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import (
     CHUNK,
+    THREADS,
     Integers,
     IntegerTable,
     Matrices,
@@ -128,27 +129,28 @@ def soft_compliance(
     y: Panels,
     w: ScalarTable,
 ):
-    """W = Y^T Y for every pair of groups, one task per pair; the upper triangle is mirrored."""
-    group_count = y.shape[0]
-    for t_ in range(group_count * group_count * CHUNK):
-        if t_ % CHUNK == 0:
-            g, h = t_ // CHUNK // group_count, t_ // CHUNK % group_count
+    """W = Y^T Y for every pair of groups, shared out among the workers; the upper triangle is mirrored."""
+    for worker_ in range(THREADS * CHUNK):
+        if worker_ % CHUNK == 0:
+            group_count = y.shape[0]
             one = ti.min(w.shape[0], 1)
-            if g >= h:
-                total = [Column(0.0) for _ in range(GROUP)]
-                for s in range(active.shape[1]):
-                    if active[g, s] != 0 and active[h, s] != 0:
-                        i, end = front[s, 8], front[s, 8] + front[s, 0]
-                        while i < end:
-                            left, right = y[g, i], y[h, i]
-                            for a in ti.static(range(GROUP)):
-                                total[a] += left[a] * right
-                            i = advance(i, 1, one)
-                for a in ti.static(range(GROUP)):
-                    r = GROUP * g + a
-                    if r < w.shape[0]:
-                        for b in ti.static(range(GROUP)):
-                            q = GROUP * h + b
-                            if q < w.shape[0]:
-                                w[r, q] = total[a][b]
-                                w[q, r] = total[a][b]
+            for pair in range(group_count * group_count):
+                g, h = pair // group_count, pair % group_count
+                if g >= h and (g + h) % THREADS == worker_ // CHUNK:
+                    total = [Column(0.0) for _ in range(GROUP)]
+                    for s in range(active.shape[1]):
+                        if active[g, s] != 0 and active[h, s] != 0:
+                            i, end = front[s, 8], front[s, 8] + front[s, 0]
+                            while i < end:
+                                left, right = y[g, i], y[h, i]
+                                for a in ti.static(range(GROUP)):
+                                    total[a] += left[a] * right
+                                i = advance(i, 1, one)
+                    for a in ti.static(range(GROUP)):
+                        r = GROUP * g + a
+                        if r < w.shape[0]:
+                            for b in ti.static(range(GROUP)):
+                                q = GROUP * h + b
+                                if q < w.shape[0]:
+                                    w[r, q] = total[a][b]
+                                    w[q, r] = total[a][b]
