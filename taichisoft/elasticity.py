@@ -55,7 +55,7 @@ class Elasticity:
         self.rotation = np.empty((len(self.elements), 3, 3))
         self._position, self._velocity = np.empty(self.rest_position.size), np.empty(self.rest_position.size)
         self._force = np.empty_like(self.rest_position)
-        self._done = np.zeros(1, dtype=np.int32)
+        self._progress = np.zeros(2, dtype=np.int32)
 
     def _lay_out_blocks(self) -> None:
         """The solver, and where the parts of each of its blocks stand."""
@@ -84,7 +84,7 @@ class Elasticity:
         """
         self._position[:] = position.reshape(-1)
         self._velocity[:] = velocity.reshape(-1)
-        self._done[0] = 0
+        self._progress[:] = 0
         kernels.assemble(
             self.elements.shape[1],
             self._corners,
@@ -105,7 +105,7 @@ class Elasticity:
             self._diagonal,
             self._force,
             self.solver.blocks,
-            self._done,
+            self._progress,
         )
         return self._force
 

@@ -8,11 +8,13 @@ and, R being frozen in the step (Mueller and Gross 2004, Interactive Virtual Mat
 """
 
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import CHUNK, Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
+from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
 
 # What a thread does in one go.
 ELEMENTS_A_TASK = 128
 BLOCKS_A_TASK = 256
+# What `progress` counts.
+NEXT_TASK, ELEMENTS_DONE = range(2)
 
 
 @ti.func
@@ -191,7 +193,7 @@ def assemble(
     diagonal: Scalars,
     force: Vectors,
     blocks: Matrices,
-    done: Integers,
+    progress: Integers,
 ):
     """Nodal forces f - lag K v and the matrix A = diagonal + K, K already times its factor in A.
 
@@ -203,28 +205,30 @@ def assemble(
     Vectors stand at multiples of four numbers, which keeps them aligned: corner a of element e at
     4 (e corner_count + a), the next quadrature point 4 element_count corner_count further on.
 
-    `done` must be 0: it counts the finished tasks of elements, for which those of blocks wait.
+    Each thread takes the next task until none is left; blocks wait for all elements. `progress` must be 0 at the start.
     """
     element_count, block_count = polar.shape[0], blocks.shape[0]
     point_stride = 4 * element_count * corner_count
     element_tasks = (element_count + ELEMENTS_A_TASK - 1) // ELEMENTS_A_TASK
     block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
-    for t_ in range((element_tasks + block_tasks) * CHUNK):
-        if t_ % CHUNK == 0:
-            t = t_ // CHUNK
-            if t < element_tasks:
+    for worker in range(THREADS * CHUNK):
+        if worker % CHUNK == 0:
+            t = ti.atomic_add(progress[NEXT_TASK], 1)
+            while t < element_tasks:
                 for e in range(t * ELEMENTS_A_TASK, ti.min((t + 1) * ELEMENTS_A_TASK, element_count)):
                     strain_element(
                         e, corner_count, point_stride, elements, polar, rest_frame, volume, shape_gradient,
                         scaled_gradient, lame, lag, position, velocity, rotation, rotated_gradient, element_force,
                     )  # fmt: skip
-                ti.atomic_add(done[0], 1)
-            else:
-                while ti.atomic_max(done[0], 0) < element_tasks:  # a load that the compiler may not move
-                    pass
+                ti.atomic_add(progress[ELEMENTS_DONE], 1)
+                t = ti.atomic_add(progress[NEXT_TASK], 1)
+            while ti.atomic_max(progress[ELEMENTS_DONE], 0) < element_tasks:  # a load that the compiler may not move
+                pass
+            while t < element_tasks + block_tasks:
                 first = (t - element_tasks) * BLOCKS_A_TASK
                 for k in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
                     gather_block(
                         k, volume.shape[1], point_stride, rotated_gradient, element_force, block_start, row_place,
                         column_place, lame_ratio, diagonal_block, diagonal, force, blocks,
                     )  # fmt: skip
+                t = ti.atomic_add(progress[NEXT_TASK], 1)
