@@ -50,8 +50,8 @@ with contextlib.redirect_stdout(io.StringIO()):  # ti.init prints which back end
     )
 
 # On the CPU Taichi 1.7.4 cuts a parallel loop into one stretch of iterations a thread, of at least 512, whatever
-# block_dim says. A loop over THREADS * CHUNK that works only where the index is a multiple of CHUNK runs once on each thread;
-# there the threads take tasks in turn by a counter.
+# block_dim says. A loop over THREADS * CHUNK that works only where the index is a multiple of CHUNK runs once on each
+# thread; there the threads take tasks in turn by a counter.
 CHUNK = 512
 
 # What carries a vertex of a surface: the number of a rigid body, or one of these.
