@@ -12,8 +12,11 @@ from taichisoft.fronts import lay_out
 from taichisoft.kernels import cholesky as kernels
 from taichisoft.kernels.runtime import THREADS
 from taichisoft.kernels.tiles import TILE
-from taichisoft.kernels.triangular_solve import solve_trees
+from taichisoft.kernels.triangular_solve import solve_trees, solve_trees_serially
 from taichisoft.ordering import find_supernodes
+
+# Non-zeros: less than some 0.5 ms of work is not worth waking threads.
+SMALL_FACTOR = 300_000
 
 
 class Cholesky:
@@ -100,7 +103,8 @@ class Cholesky:
     def solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve A x = b with the last factorisation, b and x of shape (node_count, 3)."""
         np.take(right_hand_side, self.order, axis=0, out=self._x_of_nodes)
-        solve_trees(self._trees, self.front, self.rows, self.panel, self._scalars, self._x, self._below, 1)
+        solve = solve_trees_serially if self.factor_entries < SMALL_FACTOR else solve_trees
+        solve(self._trees, self.front, self.rows, self.panel, self._scalars, self._x, self._below, 1)
         return self._x_of_nodes[self.position_of_node]
 
 

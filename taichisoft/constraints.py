@@ -10,6 +10,9 @@ from taichisoft.model import Model
 from taichisoft.rigid_motion import RigidMotion
 from taichisoft.state import State
 
+# Rows times non-zeros of the factor: less than some 0.5 ms of work is not worth waking threads.
+SMALL_COMPLIANCE = 30e6
+
 
 class ConstraintProblem:
     """Find impulses such that velocities after the step obey contact, friction and imposed volumes.
@@ -70,6 +73,7 @@ class ConstraintProblem:
             solver = self._model.elasticity.solver
             self._active = np.empty((groups, len(solver.parent)), dtype=np.int32)
             self._columns = np.empty((groups, 3 * len(solver.order), GROUP))
+            self._done = np.zeros(1, dtype=np.int32)
 
     def lay_out(self, state: State, contacts: ContactPairs) -> None:
         """Lay out the rows at the positions of `state`."""
@@ -149,7 +153,10 @@ class ConstraintProblem:
     def _add_soft_compliance(self) -> None:
         assert self._model.elasticity is not None
         solver, cavities = self._model.elasticity.solver, self._model.cavities
-        compliance.forward_solve(
+        small = self.row_count * solver.factor_entries < SMALL_COMPLIANCE
+        measure = compliance.soft_compliance_serially if small else compliance.soft_compliance
+        self._done[0] = 0
+        measure(
             self._node,
             self._weight,
             self.basis,
@@ -157,7 +164,6 @@ class ConstraintProblem:
             cavities.entry_start,
             cavities.entry_node,
             cavities.gradient,
-            self.row_count,
             solver.position_of_node,
             solver.supernode_of_position,
             solver.parent,
@@ -166,8 +172,10 @@ class ConstraintProblem:
             solver.panel,
             self._active,
             self._columns,
+            self.compliance,
+            self._done,
+            1,
         )
-        compliance.soft_compliance(solver.front, self._active, self._columns, self.compliance)
 
     def solve(self) -> None:
         """Find the impulses by Gauss-Seidel, from those of the last step."""

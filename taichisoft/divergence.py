@@ -53,8 +53,8 @@ class DivergenceCheck:
     def _check_finite(self, step: int, rigid_rotation: np.ndarray) -> None:
         if np.isfinite(self._after).all() and np.isfinite(rigid_rotation).all():
             return
-        finite = np.isfinite(self._after).all(axis=1)
-        finite[self._model.node_count :] &= np.isfinite(rigid_rotation).all(axis=1)
+        turned = np.isfinite(rigid_rotation).all(axis=1)
+        finite = np.isfinite(self._after).all(axis=1) & np.append(np.ones(self._model.node_count, dtype=bool), turned)
         body = int(np.searchsorted(self._start, np.argmin(finite), side="right")) - 1
         raise SimulationDiverged(self._names[body], step, "has a position that is not finite", ADVICE)
 

@@ -4,7 +4,7 @@ Rows come in groups of eight, the columns of a panel: Y = L^-1 J^T, W = Y^T Y. O
 tree leads to from a group's nodes are visited.
 """
 
-from taichisoft.kernels.launch import kernel
+from taichisoft.kernels.launch import Kernel, kernel
 from taichisoft.kernels.runtime import (
     CHUNK,
     THREADS,
@@ -53,8 +53,25 @@ def eliminate(g: ti.i32, s: ti.i32, front: IntegerTable, position: Integers, pan
                     y[g, target] = y[g, target] - v[a]
 
 
-@kernel
-def forward_solve(
+@ti.func
+def mark_path(
+    g: ti.i32,
+    node: ti.i32,
+    position_of: Integers,
+    supernode_of_position: Integers,
+    parent: Integers,
+    active: IntegerTable,
+):
+    """Mark the supernodes from a node's own to the root."""
+    s = supernode_of_position[position_of[node]]
+    while s >= 0 and active[g, s] == 0:
+        active[g, s] = 1
+        s = parent[s]
+
+
+@ti.func
+def fill_group(
+    g: ti.i32,
     contact_node: IntegerTable,
     contact_weight: ScalarTable,
     basis: Matrices,
@@ -62,95 +79,122 @@ def forward_solve(
     cavity_start: Integers,
     cavity_node: Integers,
     cavity_gradient: Vectors,
-    row_count: ti.i32,
     position_of: Integers,
     supernode_of_position: Integers,
     parent: Integers,
     front: IntegerTable,
-    rows: Integers,
-    panel: Columns,
     active: IntegerTable,
     y: Panels,
 ):
-    """Y = L^-1 J^T, one task per group of eight rows; y has shape (group, scalar position)."""
-    for g_ in range(y.shape[0] * CHUNK):
-        if g_ % CHUNK == 0:
-            g = y.shape[0] - 1 - g_ // CHUNK  # cavities, at the end, have most to do
-            contact_rows = 3 * contact_node.shape[0]
-            supernode_count = parent.shape[0]
-            one = ti.min(row_count, 1)
-            for s in range(supernode_count):
-                active[g, s] = 0
-            for column in range(GROUP):
-                r = GROUP * g + column
-                if r < contact_rows:
-                    for slot in range(contact_node.shape[1]):
-                        if contact_node[r // 3, slot] >= 0:
-                            s = supernode_of_position[position_of[contact_node[r // 3, slot]]]
-                            while s >= 0 and active[g, s] == 0:
-                                active[g, s] = 1
-                                s = parent[s]
-                elif r < row_count:
-                    cavity = cavity_of_row[r - contact_rows]
-                    for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
-                        s = supernode_of_position[position_of[cavity_node[k]]]
-                        while s >= 0 and active[g, s] == 0:
-                            active[g, s] = 1
-                            s = parent[s]
-            for s in range(supernode_count):
-                if active[g, s] != 0:
-                    for i in range(front[s, 8], front[s, 8] + front[s, 0]):
-                        y[g, i] = Column(0.0)
-            for column in range(GROUP):
-                r = GROUP * g + column
-                if r < contact_rows:
-                    c = r // 3
-                    direction = vec3(basis[c][r % 3, 0], basis[c][r % 3, 1], basis[c][r % 3, 2])
-                    for slot in range(contact_node.shape[1]):
-                        if contact_node[c, slot] >= 0:
-                            i = 3 * position_of[contact_node[c, slot]]
-                            for d in ti.static(range(3)):
-                                y[g, i + d][column] = y[g, i + d][column] + contact_weight[c, slot] * direction[d]
-                elif r < row_count:
-                    cavity = cavity_of_row[r - contact_rows]
-                    for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
-                        i = 3 * position_of[cavity_node[k]]
-                        for d in ti.static(range(3)):
-                            y[g, i + d][column] = cavity_gradient[k][d]
-            for s in range(supernode_count):
-                if active[g, s] != 0:
-                    eliminate(g, s, front, rows, panel, y, one)
+    """A group's columns of J^T, on the supernodes that it leads to."""
+    contact_rows = 3 * contact_node.shape[0]
+    last = ti.min(GROUP * (g + 1), contact_rows + cavity_of_row.shape[0])
+    for s in range(parent.shape[0]):
+        active[g, s] = 0
+    for r in range(GROUP * g, last):
+        if r < contact_rows:
+            for slot in range(contact_node.shape[1]):
+                if contact_node[r // 3, slot] >= 0:
+                    mark_path(g, contact_node[r // 3, slot], position_of, supernode_of_position, parent, active)
+        else:
+            cavity = cavity_of_row[r - contact_rows]
+            for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
+                mark_path(g, cavity_node[k], position_of, supernode_of_position, parent, active)
+    for s in range(parent.shape[0]):
+        if active[g, s] != 0:
+            for i in range(front[s, 8], front[s, 8] + front[s, 0]):
+                y[g, i] = Column(0.0)
+    for r in range(GROUP * g, last):
+        column = r - GROUP * g
+        if r < contact_rows:
+            c = r // 3
+            direction = vec3(basis[c][r % 3, 0], basis[c][r % 3, 1], basis[c][r % 3, 2])
+            for slot in range(contact_node.shape[1]):
+                if contact_node[c, slot] >= 0:
+                    i = 3 * position_of[contact_node[c, slot]]
+                    for d in ti.static(range(3)):
+                        y[g, i + d][column] = y[g, i + d][column] + contact_weight[c, slot] * direction[d]
+        else:
+            cavity = cavity_of_row[r - contact_rows]
+            for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
+                i = 3 * position_of[cavity_node[k]]
+                for d in ti.static(range(3)):
+                    y[g, i + d][column] = cavity_gradient[k][d]
 
 
-@kernel
-def soft_compliance(
-    front: IntegerTable,
-    active: IntegerTable,
-    y: Panels,
-    w: ScalarTable,
+@ti.func
+def multiply_groups(
+    g: ti.i32, h: ti.i32, front: IntegerTable, active: IntegerTable, y: Panels, w: ScalarTable, one: ti.i32
 ):
-    """W = Y^T Y for every pair of groups, shared out among the workers; the upper triangle is mirrored."""
-    for worker_ in range(THREADS * CHUNK):
-        if worker_ % CHUNK == 0:
-            group_count = y.shape[0]
-            one = ti.min(w.shape[0], 1)
-            for pair in range(group_count * group_count):
-                g, h = pair // group_count, pair % group_count
-                if g >= h and (g + h) % THREADS == worker_ // CHUNK:
-                    total = [Column(0.0) for _ in range(GROUP)]
-                    for s in range(active.shape[1]):
-                        if active[g, s] != 0 and active[h, s] != 0:
-                            i, end = front[s, 8], front[s, 8] + front[s, 0]
-                            while i < end:
-                                left, right = y[g, i], y[h, i]
-                                for a in ti.static(range(GROUP)):
-                                    total[a] += left[a] * right
-                                i = advance(i, 1, one)
-                    for a in ti.static(range(GROUP)):
-                        r = GROUP * g + a
-                        if r < w.shape[0]:
-                            for b in ti.static(range(GROUP)):
-                                q = GROUP * h + b
-                                if q < w.shape[0]:
-                                    w[r, q] = total[a][b]
-                                    w[q, r] = total[a][b]
+    """The block of W = Y^T Y of two groups, and its mirror image."""
+    total = [Column(0.0) for _ in range(GROUP)]
+    for s in range(active.shape[1]):
+        if active[g, s] != 0 and active[h, s] != 0:
+            i, end = front[s, 8], front[s, 8] + front[s, 0]
+            while i < end:
+                left, right = y[g, i], y[h, i]
+                for a in ti.static(range(GROUP)):
+                    total[a] += left[a] * right
+                i = advance(i, 1, one)
+    for a in ti.static(range(GROUP)):
+        r = GROUP * g + a
+        if r < w.shape[0]:
+            for b in ti.static(range(GROUP)):
+                q = GROUP * h + b
+                if q < w.shape[0]:
+                    w[r, q] = total[a][b]
+                    w[q, r] = total[a][b]
+
+
+def make_soft_compliance(workers: int) -> Kernel:
+    """The kernel on a number of threads; one does not wake any other."""
+
+    @kernel
+    def soft_compliance(
+        contact_node: IntegerTable,
+        contact_weight: ScalarTable,
+        basis: Matrices,
+        cavity_of_row: Integers,
+        cavity_start: Integers,
+        cavity_node: Integers,
+        cavity_gradient: Vectors,
+        position_of: Integers,
+        supernode_of_position: Integers,
+        parent: Integers,
+        front: IntegerTable,
+        rows: Integers,
+        panel: Columns,
+        active: IntegerTable,
+        y: Panels,
+        w: ScalarTable,
+        done: Integers,
+        one: ti.i32,
+    ):
+        """Y = L^-1 J^T, of shape (group, scalar position), and W = Y^T Y; `done` must be 0 and counts the threads.
+
+        Neighbouring groups, which act on the same body, go to the same thread: they share what is in its cache.
+        """
+        ti.loop_config(serialize=workers == 1)
+        for worker_ in range(workers * CHUNK):
+            if worker_ % CHUNK == 0:
+                worker, group_count = worker_ // CHUNK, y.shape[0]
+                for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
+                    fill_group(
+                        g, contact_node, contact_weight, basis, cavity_of_row, cavity_start, cavity_node,
+                        cavity_gradient, position_of, supernode_of_position, parent, front, active, y,
+                    )  # fmt: skip
+                    for s in range(parent.shape[0]):
+                        if active[g, s] != 0:
+                            eliminate(g, s, front, rows, panel, y, one)
+                ti.atomic_add(done[0], 1)
+                while ti.atomic_max(done[0], 0) < workers:  # a load that the compiler may not move
+                    pass
+                for pair in range(group_count * group_count):
+                    g, h = pair // group_count, pair % group_count
+                    if g >= h and (g + h) % workers == worker:
+                        multiply_groups(g, h, front, active, y, w, one)
+
+    return soft_compliance
+
+
+soft_compliance, soft_compliance_serially = make_soft_compliance(THREADS), make_soft_compliance(1)

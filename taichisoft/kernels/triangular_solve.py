@@ -1,7 +1,7 @@
 """Triangular solves with the factor of `kernels/cholesky.py` for one right-hand side."""
 
-from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import CHUNK, Integers, IntegerTable, Scalars, ti
+from taichisoft.kernels.launch import Kernel, kernel
+from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, ti
 from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
 
 
@@ -88,23 +88,34 @@ def solve_backward(
                 x[i + c] = v[c]
 
 
-@kernel
-def solve_trees(
-    tree: IntegerTable,
-    front: IntegerTable,
-    position: Integers,
-    tiles: Columns,
-    scalars: Scalars,
-    x: Scalars,
-    below: Columns,
-    one: ti.i32,
-):
-    """Solve L L^T x = b in place for one right-hand side in elimination order, one task per tree."""
-    for t_ in range(tree.shape[0] * CHUNK):
-        if t_ % CHUNK == 0:
-            t = t_ // CHUNK
-            for s in range(tree[t, 0], tree[t, 1]):
-                solve_forward(s, front, position, tiles, scalars, x, one)
-            for back in range(tree[t, 1] - tree[t, 0]):
-                s = tree[t, 1] - 1 - back
-                solve_backward(s, front, position, tiles, scalars, x, below, tree[t, 2], one)
+def make_solve_trees(workers: int) -> Kernel:
+    """The kernel that solves on a number of threads; one does not wake any other."""
+
+    @kernel
+    def solve_trees(
+        tree: IntegerTable,
+        front: IntegerTable,
+        position: Integers,
+        tiles: Columns,
+        scalars: Scalars,
+        x: Scalars,
+        below: Columns,
+        one: ti.i32,
+    ):
+        """Solve L L^T x = b in place for one right-hand side in elimination order, trees dealt out to threads."""
+        ti.loop_config(serialize=workers == 1)
+        for worker in range(workers * CHUNK):
+            if worker % CHUNK == 0:
+                t = worker // CHUNK
+                while t < tree.shape[0]:
+                    for s in range(tree[t, 0], tree[t, 1]):
+                        solve_forward(s, front, position, tiles, scalars, x, one)
+                    for back in range(tree[t, 1] - tree[t, 0]):
+                        s = tree[t, 1] - 1 - back
+                        solve_backward(s, front, position, tiles, scalars, x, below, tree[t, 2], one)
+                    t += workers
+
+    return solve_trees
+
+
+solve_trees, solve_trees_serially = make_solve_trees(THREADS), make_solve_trees(1)
