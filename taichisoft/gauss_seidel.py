@@ -23,6 +23,7 @@ class GaussSeidel:
         self._matrix = np.empty(row_count**2)
         self._row_of = np.empty(row_count, dtype=np.int32)
         self._outcome = np.zeros(2)
+        self._compliance = self._by_rows = np.empty(0)
 
     def solve(
         self,
@@ -43,8 +44,10 @@ class GaussSeidel:
             tolerance: of the residual, at which the sweeps end.
             max_iterations: sweeps after which they end in any case.
         """
+        if compliance is not self._compliance:  # a new view would be a new array to the launch
+            self._compliance, self._by_rows = compliance, compliance.reshape(-1)
         kernels.solve(
-            compliance.reshape(-1),
+            self._by_rows,
             free,
             friction,
             tolerance,

@@ -10,6 +10,7 @@ inner interface, so its version is pinned.
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from operator import itemgetter
 from typing import Any
 
 import numpy as np
@@ -36,6 +37,7 @@ class Kernel:
         self._parameters = [_describe(parameter.annotation) for parameter in self._kernel._primal.arguments]
         kinds = [(kind, dimensions) for kind, dimensions, _ in self._parameters]
         self._arrays = [index for index, (_, dimensions) in enumerate(kinds) if dimensions]
+        self._pick_arrays = itemgetter(*self._arrays, self._arrays[0])  # once more: of one it would make no tuple
         self._numbers = [(index, kind) for index, (kind, dimensions) in enumerate(kinds) if not dimensions]
         self._remembered: dict[tuple[int, ...], tuple[Any, tuple[Any, ...]]] = {}
         self._compiled: Any = None
@@ -49,7 +51,7 @@ class Kernel:
         """
         if len(arguments) != len(self._parameters):
             raise TypeError(f"kernel {self.__name__} takes {len(self._parameters)} arguments, not {len(arguments)}")
-        identity = tuple([id(arguments[index]) for index in self._arrays])
+        identity = tuple(map(id, self._pick_arrays(arguments)))
         known = self._remembered.get(identity)
         context = known[0] if known else self._prepare(identity, arguments)
         for index, kind in self._numbers:
