@@ -4,6 +4,7 @@ import numpy as np
 
 from taichisoft.detection import ContactPairs
 from taichisoft.kernels import contact_selection as kernels
+from taichisoft.state import State
 
 FIRST_CAPACITY = 256
 SAME_CONTACT = 0.5  # [mm] moved in a step
@@ -67,6 +68,18 @@ class ContactSelection:
         )
         # In the order in which they were found, whichever is the closest.
         return pairs.take(np.sort(self._kept[: self._kept_count[0]]))
+
+    def last_impulses(self, pairs: ContactPairs, state: State, radius: float) -> np.ndarray:
+        """Impulses of the contacts in the step that led to `state` [mN s], shape (count, 3).
+
+        They go on from the nearest contact within `radius` [mm] then; the impulse of a new one is 0.
+        """
+        result = np.zeros((pairs.count, 3))
+        if pairs.count:
+            matched = self.match(pairs, state.contact_key, state.contact_point, radius)
+            known = np.flatnonzero(matched >= 0)
+            result[known] = state.contact_impulse[matched[known]]
+        return result
 
     def match(self, pairs: ContactPairs, last_key: np.ndarray, last_point: np.ndarray, radius: float) -> np.ndarray:
         """For each contact the index of the nearest one of the last step between the same bodies, -1 for none.

@@ -68,7 +68,8 @@ def _phases(simulation: Simulation) -> dict[str, list[tuple[Any, str]]]:
         "contact detection": [(simulation, "_find_contacts"), (simulation, "_choose_contacts")],
         "compliance": [(problem, "lay_out"), (problem, "measure")],
         "Gauss-Seidel": [(problem, "solve")],
-        "correction": [(simulation, "_move")],
+        "active set": [(simulation, "_solve_contacts")],
+        "correction": [(simulation, "_push"), (simulation, "_move")],
         "check": [(simulation, "_check_divergence")],
     }
 

@@ -15,8 +15,9 @@ class RigidMotion:
         velocity: linear [mm/s] and angular [rad/s] after the step, without contacts, shape (rigid_count, 6).
         inverse_mass: inverse mass [1/kg] and inertia [1/(kg mm^2)] in world axes, shape (rigid_count, 6, 6).
         impulse: by the contacts, linear [mN s] and angular [mN mm s], shape (rigid_count, 6).
-        linear, angular: velocities after the step [mm/s] and [rad/s], shape (rigid_count, 3).
-        position, quaternion: poses after the step [mm] and (w, x, y, z), shapes (rigid_count, 3) and (rigid_count, 4).
+        linear, angular: velocities before the step, then after it [mm/s] and [rad/s], shape (rigid_count, 3).
+        position, quaternion: poses before the step, then after it [mm] and (w, x, y, z), shapes (rigid_count, 3) and
+            (rigid_count, 4).
     """
 
     def __init__(self, model: Model):
@@ -51,15 +52,11 @@ class RigidMotion:
             self.inverse_mass,
         )
 
+    def push(self) -> None:
+        """Velocities by the impulses."""
+        kernels.push_rigid(self.inverse_mass, self.impulse, self.velocity, self.linear, self.angular)
+
     def move(self) -> None:
-        """End the step: velocities by the impulses, and poses by the velocities."""
-        kernels.move_rigid(
-            self._model.scene.time.step,
-            self.inverse_mass,
-            self.impulse,
-            self.velocity,
-            self.position,
-            self.quaternion,
-            self.linear,
-            self.angular,
-        )
+        """End the step: poses by the velocities."""
+        time_step = self._model.scene.time.step
+        kernels.move_rigid(time_step, self.linear, self.angular, self.position, self.quaternion)

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from taichisoft.active_set import ActiveSet
 from taichisoft.constraints import ConstraintProblem
 from taichisoft.control_input import apply_control
 from taichisoft.controller import Control, Observation
@@ -28,7 +29,7 @@ class StepReport:
         volumes: [mm^3] by cavity name, at its end.
         normal_forces: sum of the normal contact forces [mN] by pair of bodies ("finger1|cube").
         friction_forces: sum of the magnitudes of the friction forces [mN] by pair of bodies.
-        contact_count: contacts in the constraint problem.
+        contact_count: contacts, the open ones too.
         contact_points: midpoints at its start, where contacts were found [mm], shape (contact_count, 3).
         contact_forces: on the second body [mN], shape (contact_count, 3).
         max_penetration: how far a point was in the contact distance at its start [mm]; surfaces overlap beyond that.
@@ -71,6 +72,7 @@ class Simulation:
         self._soft = SoftMotion(self.model)
         self._rigid = RigidMotion(self.model)
         self._problem = ConstraintProblem(self.model, self._rigid)
+        self._active_set = ActiveSet(self.model, self._rigid)
         self._check_divergence = DivergenceCheck(self.model)
 
     def restore(self, state: State) -> None:
@@ -94,10 +96,9 @@ class Simulation:
         self._soft.update(state)
         self._rigid.update(state)
         candidates = self._find_contacts(state)
-        self._problem.lay_out(state, self._choose_contacts(state, candidates))
-        self._problem.measure(self._soft.velocity)
-        self._problem.solve()
-        next_state = self._move(state)
+        contacts = self._choose_contacts(state, candidates)
+        velocity, contact_impulse = self._solve_contacts(state, contacts)
+        next_state = self._move(state, velocity, contacts, contact_impulse)
         self._check_divergence(state, next_state)
         self.state = next_state
         self.report = self._make_report(candidates, started)
@@ -129,12 +130,41 @@ class Simulation:
         spacing = self.model.scene.contact.spacing
         return self.model.contact_selection.spread_out(candidates, spacing, state.contact_key, state.contact_point)
 
-    def _move(self, state: State) -> State:
-        """Velocities by the impulses found, and positions by the velocities."""
-        time_step, problem = self.model.scene.time.step, self._problem
-        node_velocity, rigid = self._soft.velocity, self._rigid
-        if problem.row_count and self.model.elasticity is not None:
-            node_velocity = node_velocity + self._soft.response(problem.node_impulse)
+    def _solve_contacts(self, state: State, contacts: ContactPairs) -> tuple[np.ndarray, np.ndarray]:
+        """Velocities of the nodes with contacts and imposed volumes, and the impulse of each contact.
+
+        Contacts that are expected to stay open are left out at first, see `active_set`.
+        """
+        problem, active_set, settings = self._problem, self._active_set, self.model.scene.contact
+        radius = max(settings.spacing, settings.contact_distance)
+        last_impulse = self.model.contact_selection.last_impulses(contacts, state, radius)
+        active_set.begin(contacts, last_impulse, state.velocity)
+        problem.iterations = 0
+        while True:
+            problem.lay_out(state, contacts.take(np.flatnonzero(active_set.chosen)))
+            problem.measure(self._soft.velocity)
+            problem.solve(last_impulse[active_set.chosen])
+            velocity = self._push(problem)
+            if not active_set.add_missed(velocity):
+                break
+        impulse = np.zeros((contacts.count, 3))
+        impulse[active_set.chosen] = problem.rows.contact_impulse
+        return velocity, impulse
+
+    def _push(self, problem: ConstraintProblem) -> np.ndarray:
+        """Velocities after the impulses: of the rigid bodies in place, of the soft nodes as a result."""
+        if not problem.rows.count:
+            self._rigid.impulse[:] = 0.0
+        self._rigid.push()
+        if problem.rows.count and self.model.elasticity is not None:
+            return self._soft.velocity + self._soft.response(problem.node_impulse)
+        return self._soft.velocity
+
+    def _move(
+        self, state: State, node_velocity: np.ndarray, contacts: ContactPairs, contact_impulse: np.ndarray
+    ) -> State:
+        """The state that the velocities lead to."""
+        time_step, rigid = self.model.scene.time.step, self._rigid
         rigid.move()
         position = state.position + time_step * node_velocity
         return replace(
@@ -147,12 +177,12 @@ class Simulation:
             rigid_rotation=rigid.quaternion.copy(),
             rigid_velocity=rigid.linear.copy(),
             rigid_angular_velocity=rigid.angular.copy(),
-            cavity_impulse=problem.cavity_impulse,
+            cavity_impulse=self._problem.cavity_impulse,
             cavity_volume=self.model.cavities.volumes(position),
-            contact_key=problem.contacts.key,
-            contact_point=problem.contacts.middle,
-            contact_normal=problem.contacts.normal,
-            contact_impulse=problem.contact_impulse.copy(),
+            contact_key=contacts.key,
+            contact_point=contacts.middle,
+            contact_normal=contacts.normal,
+            contact_impulse=contact_impulse,
         )
 
     def _make_report(self, candidates: ContactPairs, started: float) -> StepReport:
@@ -166,7 +196,7 @@ class Simulation:
             volumes=self._by_cavity(self.state.cavity_volume),
             normal_forces=normal,
             friction_forces=friction,
-            contact_count=problem.contacts.count,
+            contact_count=len(self.state.contact_key),
             contact_points=self.state.contact_point,
             contact_forces=self.state.contact_impulse / time_step,
             max_penetration=float(max(0.0, contact.contact_distance - nearest)),

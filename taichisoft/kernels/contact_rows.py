@@ -31,6 +31,43 @@ def contact_basis(normal: vec3) -> mat3:
 
 
 @kernel
+def separation_speed(
+    first_rigid: ti.i32,
+    rigid_count: ti.i32,
+    bodies: IntegerTable,
+    vertices: IntegerBlocks,
+    vertex_weights: VectorTable,
+    points: VectorTable,
+    normal: Vectors,
+    carrier_nodes: IntegerTable,
+    carrier_weights: ScalarTable,
+    owner: Integers,
+    node_velocity: Vectors,
+    rigid_position: Vectors,
+    linear: Vectors,
+    angular: Vectors,
+    speed: Scalars,
+):
+    """Normal velocity of each contact's second point relative to its first [mm/s]."""
+    ti.loop_config(serialize=True)
+    for c in range(bodies.shape[0]):
+        total = 0.0
+        for side in range(2):
+            v = vec3(0.0)
+            for k in ti.static(range(3)):
+                vertex = vertices[c, side, k]
+                if vertex >= 0 and owner[vertex] == SOFT and vertex_weights[c, side][k] != 0.0:
+                    for m in range(carrier_nodes.shape[1]):
+                        weight = vertex_weights[c, side][k] * carrier_weights[vertex, m]
+                        v += weight * node_velocity[carrier_nodes[vertex, m]]
+            body = bodies[c, side] - first_rigid
+            if body >= 0 and body < rigid_count:
+                v = linear[body] + angular[body].cross(points[c, side] - rigid_position[body])
+            total += (2.0 * side - 1.0) * normal[c].dot(v)
+        speed[c] = total
+
+
+@kernel
 def lay_out(
     first_rigid: ti.i32,
     rigid_count: ti.i32,
@@ -155,10 +192,14 @@ def apply_impulses(
     node_impulse: Vectors,
     rigid_impulse: ScalarTable,
 ):
-    """J^T impulse on the soft nodes, added on the rigid bodies, and the impulses on second bodies in world axes."""
+    """J^T impulse on the soft nodes and the rigid bodies, and the impulses on second bodies in world axes."""
     ti.loop_config(serialize=True)
     for i in range(node_impulse.shape[0]):
         node_impulse[i] = vec3(0.0)
+    ti.loop_config(serialize=True)
+    for b in range(rigid_impulse.shape[0]):
+        for d in range(6):
+            rigid_impulse[b, d] = 0.0
     ti.loop_config(serialize=True)
     for c in range(node.shape[0]):
         world = basis[c].transpose() @ vec3(impulse[3 * c], impulse[3 * c + 1], impulse[3 * c + 2])

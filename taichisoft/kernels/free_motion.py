@@ -97,27 +97,27 @@ def rigid_motion(
 
 
 @kernel
-def move_rigid(
-    time_step: ti.f64,
-    inverse_mass: ScalarBlocks,
-    impulse: ScalarTable,
-    velocity: ScalarTable,
-    position: Vectors,
-    quaternion: ScalarTable,
-    linear: Vectors,
-    angular: Vectors,
+def push_rigid(
+    inverse_mass: ScalarBlocks, impulse: ScalarTable, velocity: ScalarTable, linear: Vectors, angular: Vectors
 ):
-    """Velocities after the impulses, and poses after a step with them: the exponential map, normalised."""
+    """Velocities after the impulses, from those without."""
     ti.loop_config(serialize=True)
-    for b in range(position.shape[0]):
+    for b in range(linear.shape[0]):
         total = ti.Vector.zero(ti.f64, 6)
         for i in ti.static(range(6)):
             total[i] = velocity[b, i]
             for j in range(6):
                 total[i] += inverse_mass[b, i, j] * impulse[b, j]
         linear[b] = vec3(total[0], total[1], total[2])
-        turning = vec3(total[3], total[4], total[5])
-        angular[b] = turning
+        angular[b] = vec3(total[3], total[4], total[5])
+
+
+@kernel
+def move_rigid(time_step: ti.f64, linear: Vectors, angular: Vectors, position: Vectors, quaternion: ScalarTable):
+    """Poses after a step with the velocities: the exponential map, normalised."""
+    ti.loop_config(serialize=True)
+    for b in range(position.shape[0]):
+        turning = angular[b]
         position[b] = position[b] + time_step * linear[b]
         half = 0.5 * time_step * turning.norm()
         sine_part = 1.0

@@ -17,8 +17,9 @@ import numpy as np
 
 from taichisoft.kernels.runtime import ti
 
-# Sets of arrays that a kernel remembers: enough for a few models side by side. A set keeps its arrays alive.
-REMEMBERED = 8
+# Sets of arrays that a kernel remembers, for problems of several sizes and models side by side. A set keeps its arrays
+# alive.
+REMEMBERED = 16
 
 
 def kernel(function: Callable[..., None]) -> "Kernel":
