@@ -148,14 +148,21 @@ def peers_table(results: Results) -> str:
 
 
 def phases_table(results: Results) -> str:
-    """Where the time of a step goes."""
-    rows = [
-        [f"`{name}`", window, phase, f"{milliseconds:.3g}"]
+    """Where the time of a step goes, of the cases that are no sweep: a column for each [ms]."""
+    columns = {
+        name: phases
         for name, case in _measured(results, kind="steps")
-        for window, phases in case.phases.items()
-        for phase, milliseconds in phases.items()
+        for phases in case.phases.values()
+        if not case.parameter
+    }
+    phases = list(dict.fromkeys(phase for column in columns.values() for phase in column))
+    # What a case lacks would otherwise end up after the sums.
+    phases.sort(key=lambda phase: phase in ("rest", "step", "of it in Python"))
+    rows = [
+        [phase, *(f"{column[phase]:.3f}" if phase in column else "–" for column in columns.values())]
+        for phase in phases
     ]
-    return _table(["case", "window", "phase", "ms"], rows)
+    return _table(["ms", *(f"`{name}`" for name in columns)], rows)
 
 
 def _measured(results: Results, kind: str = "", group: str = "") -> list[tuple[str, CaseResult]]:

@@ -25,7 +25,7 @@ def case_lines(name: str, case: CaseResult) -> Iterator[str]:
         )
     for window, phases in case.phases.items():
         for phase, milliseconds in phases.items():
-            yield f"{name}.{window}.{phase}_ms {milliseconds:.4g}"
+            yield f"{name}.{window}.{phase.replace(' ', '_')}_ms {milliseconds:.4g}"
 
 
 def header_lines(machine: dict[str, str], versions: dict[str, str], load: float, meshes: str) -> Iterator[str]:

@@ -49,7 +49,7 @@ class CaseResult(Table):
     facts: dict[str, Any] = Field(default_factory=dict)
     """What the case turned out to be: nodes, contacts, sweeps."""
     phases: dict[str, dict[str, Number]] = Field(default_factory=dict)
-    """[ms] by phase of the step, by window; empty as long as the engine does not report them."""
+    """[ms] by phase of the step, at the `end` of cases of many steps."""
     calibration_ms: list[Number] = Field(default_factory=list)
     """Of each repetition, beside it."""
     does_not: str = ""

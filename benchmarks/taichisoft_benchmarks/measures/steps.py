@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,7 +11,9 @@ from taichisoft_benchmarks.descriptors import Simulated
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 
 if TYPE_CHECKING:
-    from taichisoft.simulation import StepReport
+    from taichisoft.simulation import Simulation
+
+PROFILED_STEPS = 30
 
 
 def measure_steps(case: Simulated, scene: Scene) -> Measured:
@@ -42,7 +44,8 @@ def measure_steps(case: Simulated, scene: Scene) -> Measured:
         name = metric.removesuffix("_ms")
         measured.facts[f"{name}_contacts"] = round(float(np.mean([report.contact_count for report in some])))
         measured.facts[f"{name}_sweeps"] = round(float(np.mean([report.iterations for report in some])))
-        measured.phases[name] = _phases(some)
+    if case.steps >= PROFILED_STEPS:
+        measured.phases["end"] = _phases(simulation, controller)
     return measured
 
 
@@ -55,7 +58,15 @@ def window_medians(case: Simulated, seconds: Sequence[float]) -> dict[str, float
     }
 
 
-def _phases(reports: Sequence["StepReport"]) -> dict[str, float]:
-    """Median time of each phase [ms], when the engine's reports have `phase_times` ([s] by phase)."""
-    times = [getattr(report, "phase_times", None) or {} for report in reports]
-    return {phase: 1e3 * float(np.median([row[phase] for row in times])) for phase in times[0]}
+def _phases(simulation: "Simulation", controller: Any) -> dict[str, float]:
+    """Median time of each phase [ms] in more steps of the case, and of the part of a step in Python.
+
+    They are steps of their own, because measuring phases takes time too.
+    """
+    from taichisoft.profile import TOTAL, profiled
+
+    with profiled(simulation) as profile:
+        for _ in range(PROFILED_STEPS):
+            simulation.step(controller.control(simulation.observe()))
+    medians = profile.medians()
+    return {**{phase: times[0] for phase, times in medians.items()}, "of it in Python": medians[TOTAL][1]}
