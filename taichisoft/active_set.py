@@ -49,6 +49,9 @@ class ActiveSet:
         """
         if contacts.count != len(self._bodies):
             self._make_room(contacts.count)
+        if not contacts.count:
+            self.chosen = np.zeros(0, dtype=bool)
+            return
         self._bodies[:] = contacts.bodies
         self._vertices[:] = contacts.vertices
         self._vertex_weights[:] = contacts.weights

@@ -136,10 +136,10 @@ class Simulation:
         Contacts that are expected to stay open are left out at first, see `active_set`.
         """
         problem, active_set, settings = self._problem, self._active_set, self.model.scene.contact
+        problem.iterations = 0
         radius = max(settings.spacing, settings.contact_distance)
         last_impulse = self.model.contact_selection.last_impulses(contacts, state, radius)
         active_set.begin(contacts, last_impulse, state.velocity)
-        problem.iterations = 0
         while True:
             problem.lay_out(state, contacts.take(np.flatnonzero(active_set.chosen)))
             problem.measure(self._soft.velocity)
