@@ -105,7 +105,7 @@ def _mat(case: ContactsCase, meshes: Meshes) -> Scene:
                 "contact_distance": 0.2,
                 "alarm_distance": 0.4,
                 "tolerance": 1e-4,
-                "max_iterations": 200,
+                "max_iterations": 1000,
             },
             "controller": {"name": "scripted", "settings": {"script": "rest"}},
             "soft_bodies": {
