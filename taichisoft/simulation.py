@@ -157,7 +157,9 @@ class Simulation:
             self._rigid.impulse[:] = 0.0
         self._rigid.push()
         if problem.rows.count and self.model.elasticity is not None:
-            return self._soft.velocity + self._soft.response(problem.node_impulse)
+            velocity = self._soft.response(problem.node_impulse)
+            velocity += self._soft.velocity
+            return velocity
         return self._soft.velocity
 
     def _move(
@@ -166,7 +168,8 @@ class Simulation:
         """The state that the velocities lead to."""
         time_step, rigid = self.model.scene.time.step, self._rigid
         rigid.move()
-        position = state.position + time_step * node_velocity
+        position = time_step * node_velocity
+        position += state.position
         return replace(
             state,
             time=(state.step + 1) * time_step,

@@ -44,9 +44,14 @@ class SoftMotion:
         self._model.cavities.update(state.position)
         elastic_force = self._model.elasticity.assemble(state.position, state.velocity)
         self._factorise(state)
-        np.subtract(elastic_force + self._weight, self._drag * state.velocity, out=self._force)
+        # In place: the memory of large results that are thrown away costs more than the sums.
+        np.multiply(self._drag, state.velocity, out=self._force)
+        np.subtract(self._weight, self._force, out=self._force)
+        self._force += elastic_force
         self._add_anchors_and_pressures(state)
-        self.velocity = state.velocity + self.response(self._model.scene.time.step * self._force)
+        self._force *= self._model.scene.time.step
+        self.velocity = self.response(self._force)
+        self.velocity += state.velocity
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], (node_count, 3), by impulses on the nodes [mN s], (node_count, 3)."""
