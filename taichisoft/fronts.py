@@ -10,6 +10,7 @@ from itertools import pairwise
 import numpy as np
 import scipy.sparse as sparse
 
+from taichisoft.errors import MeshError
 from taichisoft.kernels.tiles import TILE
 from taichisoft.ordering import Supernodes
 
@@ -18,6 +19,7 @@ SUBTREE_SHARE = 1 / 16
 # A front above all such subtrees is cut into pieces of at least this many multiplications, about 20 microseconds.
 PIECE_WORK = 2.0e5
 LARGEST_PIECE_COUNT = 6
+LARGEST_INDEX = 2**31 - 1
 # Ends a range of rows or columns of tiles that goes to the end of a front.
 ALL = 2**20
 
@@ -55,7 +57,11 @@ class Fronts:
 
 
 def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
-    """Give every part of every front its place."""
+    """Give every part of every front its place.
+
+    Raises:
+        MeshError: there are more numbers than the kernels can count.
+    """
     width = 3 * np.diff(supernodes.first_column)
     columns = _padded(width)
     rest = 3 * np.diff(supernodes.row_start) - width
@@ -63,6 +69,11 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
     padding = columns - width
     panel_start = _offsets((columns // TILE + tiles) * columns)
     update_start = panel_start[-1] + _offsets(TILE * tiles * (tiles + 1) // 2)
+    if TILE * update_start[-1] > LARGEST_INDEX:
+        raise MeshError(
+            f"the soft bodies' {len(supernodes.order)} nodes need {TILE * update_start[-1]:.3g} numbers for the "
+            f"factorisation, of which the kernels can count {LARGEST_INDEX:.3g}; mesh the bodies more coarsely"
+        )
     tasks, pieces = _share_out(supernodes.parent, width, columns, rest)
     block_pairs, block_start, local_row, local_column = _place_blocks(adjacency, supernodes)
     owner = np.repeat(np.arange(supernodes.count), np.diff(block_start))

@@ -33,7 +33,12 @@ def thread_count(setting: str) -> int:
         raise TaichisoftError(
             f"TAICHISOFT_THREADS = '{setting}': must be a whole number of threads, 1 or more, or 0 for all cores"
         )
-    return int(setting) or os.cpu_count() or 1
+    return int(setting) or available_cores()
+
+
+def available_cores() -> int:
+    """Cores that this process may use: threads wait for one another busily, so more of them than cores are slow."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or "0")

@@ -11,8 +11,9 @@ import scipy.sparse as sparse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from taichisoft import fronts
 from taichisoft.cholesky import Cholesky
-from taichisoft.errors import NotPositiveDefinite
+from taichisoft.errors import MeshError, NotPositiveDefinite
 
 
 def random_pattern(seed: int, sizes: list[int], neighbours: float) -> sparse.csr_matrix:
@@ -147,3 +148,11 @@ def test_the_bits_do_not_depend_on_threads() -> None:
         )
         results |= set(done.stdout.split())
     assert len(results) == 1
+
+
+def test_a_mesh_too_large_to_be_indexed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    pattern = random_pattern(1, [20], 4.0)
+    Cholesky(pattern)
+    monkeypatch.setattr(fronts, "LARGEST_INDEX", 500)
+    with pytest.raises(MeshError, match=r"the soft bodies' 20 nodes need .* mesh the bodies more coarsely"):
+        Cholesky(pattern)

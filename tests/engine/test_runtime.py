@@ -25,8 +25,19 @@ def test_a_number_of_threads_that_is_none_is_refused_in_one_line(threads: str) -
     )
 
 
-@pytest.mark.parametrize(("setting", "count"), [("3", 3), (" 2 ", 2), ("0", os.cpu_count())])
+@pytest.mark.parametrize(("setting", "count"), [("3", 3), (" 2 ", 2)])
 def test_a_number_of_threads_is_taken(setting: str, count: int) -> None:
     from taichisoft.kernels.runtime import thread_count
 
     assert thread_count(setting) == count
+
+
+@pytest.mark.skipif(not hasattr(os, "sched_getaffinity"), reason="this system does not bind processes to cores")
+def test_all_cores_are_those_that_the_process_may_use() -> None:
+    code = (
+        "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
+        "from taichisoft.kernels.runtime import THREADS; print(THREADS)"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "TAICHISOFT_THREADS"}
+    shown = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
+    assert shown.stdout.strip() == "1"
