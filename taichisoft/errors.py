@@ -57,3 +57,7 @@ class SimulationDiverged(TaichisoftError):
 
 class GoalMissed(TaichisoftError):
     """The run went to its end, but not to the goal of its scene."""
+
+
+class ControllerFailed(GoalMissed):
+    """A controller gave up: it says what it waited for, or what went wrong."""

@@ -111,6 +111,8 @@ class SoftBody(Table):
     """The element's rotation: from its first two edges, as SOFA's method "large", or by polar decomposition."""
     collision_surface: str | None = None
     """A closed surface file that follows the mesh; the mesh's outer boundary when it is not given."""
+    tip: Selection | None = None
+    """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     regions: list[Region] = []
     anchors: list[Anchor] = []
     cavities: dict[Name, Cavity] = {}
@@ -247,6 +249,45 @@ class Controller(Table):
 
     name: str
     settings: dict[str, Any] = {}
+    period: Positive | None = None
+    """Between two calls of the controller [s], a whole multiple of `time.step`; one step when it is not given."""
+    time_limit: Positive | None = None
+    """A call that takes longer [s] ends the run; there is no limit when it is not given."""
+
+
+class Limits(Table):
+    """What no controller can exceed: requests beyond are clipped, and the controller is told so."""
+
+    lowest_pressure: Number | None = None
+    """[kPa]"""
+    highest_pressure: Number | None = None
+    """[kPa]"""
+    pressure_rate: Positive | None = None
+    """Fastest change of a pressure, up or down [kPa/s]."""
+    base_speed: Positive | None = None
+    """[mm/s]"""
+    base_turning_speed: Positive | None = None
+    """[degrees/s]"""
+
+    @model_validator(mode="after")
+    def _check_pressures(self) -> "Limits":
+        low, high = self.lowest_pressure, self.highest_pressure
+        if low is not None and high is not None and low > high:
+            raise ValueError(f"lowest_pressure ({low:g}) must not exceed highest_pressure ({high:g})")
+        return self
+
+
+class Push(Table):
+    """A force from outside on the centre of mass of a rigid body."""
+
+    body: str
+    """Name of the rigid body."""
+    force: Vector
+    """[mN]"""
+    start: NotNegative
+    """[s]"""
+    duration: Positive
+    """[s]"""
 
 
 class Goal(Table):
@@ -273,6 +314,8 @@ class Scene(Table):
     base_pivot: Vector | None = None
     """The point about which the base turns [mm]; the mean of the anchored nodes when it is not given."""
     controller: Controller | None = None
+    limits: Limits = Limits()
+    pushes: list[Push] = []
     goal: Goal | None = None
     soft_bodies: dict[Name, SoftBody] = {}
     rigid_bodies: dict[Name, RigidBody] = {}
@@ -288,11 +331,13 @@ class Scene(Table):
         for name, key in mentioned.items():
             if name not in names:
                 raise ValueError(f"{key} names '{name}', which is no body; there are: {', '.join(names)}")
-        if self.goal is not None and self.goal.object not in self.rigid_bodies:
-            raise ValueError(
-                f"goal.object is '{self.goal.object}', which is no rigid body; "
-                f"there are: {', '.join(self.rigid_bodies) or 'none'}"
-            )
+        rigid = {f"pushes.{index}.body": push.body for index, push in enumerate(self.pushes)}
+        if self.goal is not None:
+            rigid["goal.object"] = self.goal.object
+        for key, name in rigid.items():
+            if name not in self.rigid_bodies:
+                known = ", ".join(self.rigid_bodies) or "none"
+                raise ValueError(f"{key} is '{name}', which is no rigid body; there are: {known}")
         if not self.soft_bodies and not self.rigid_bodies:
             raise ValueError("a scene needs at least one soft body or rigid body")
         return self

@@ -26,6 +26,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "[contact]": scene.Contact,
     "[[contact.pairs]]": scene.PairFriction,
     "[controller]": scene.Controller,
+    "[limits]": scene.Limits,
+    "[[pushes]]": scene.Push,
     "[goal]": scene.Goal,
     "[soft_bodies.NAME]": scene.SoftBody,
     "[[soft_bodies.NAME.regions]]": scene.Region,
