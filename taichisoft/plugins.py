@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import pluggy
 
 from taichisoft import hookspecs
-from taichisoft.errors import PluginError
+from taichisoft.errors import GoalMissed, PluginError
 
 if TYPE_CHECKING:
     import typer
@@ -73,6 +73,18 @@ def add_commands(application: "typer.Typer") -> None:
         pass
 
 
+def notify(hook: str, **arguments: Any) -> None:
+    """Call a life-cycle hook of every plug-in that implements it; costs next to nothing when none does.
+
+    Raises:
+        PluginError: an implementation failed; those after it are not called.
+        GoalMissed: an implementation says that the run has missed its goal.
+    """
+    if getattr(plugin_registry().hook, hook).get_hookimpls():
+        for _ in _answers(hook, **arguments):
+            pass
+
+
 def plugin_failure(what: str, error: Exception) -> PluginError:
     """One line about an exception that a plug-in did not expect, with the place where it was raised."""
     frames = traceback.extract_tb(error.__traceback__)
@@ -90,6 +102,8 @@ def _answers(hook: str, **arguments: Any) -> Iterator[tuple[str, Any]]:
         name = implementation.plugin_name
         try:
             answer = implementation.function(*(arguments[argument] for argument in implementation.argnames))
+        except GoalMissed:
+            raise
         except Exception as error:
             raise plugin_failure(f"plug-in '{name}' failed in {hook}()", error) from error
         yield name, answer
