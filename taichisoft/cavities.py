@@ -82,6 +82,14 @@ class Cavities:
         self.update(node_position)
         return self._volume.copy()
 
+    def flows(self, node_position: np.ndarray, node_velocity: np.ndarray) -> np.ndarray:
+        """Rates of change of the volumes [mm^3/s], shape (cavity_count,), at these positions and velocities (N, 3)."""
+        if not self.names:
+            return np.zeros(0)
+        self.update(node_position)
+        rates = np.einsum("ed,ed->e", self.gradient, node_velocity[self.entry_node])
+        return np.add.reduceat(rates, self.entry_start[:-1])
+
 
 def _padded(table: np.ndarray, columns: int) -> np.ndarray:
     """Fill up with node 0 of weight 0."""

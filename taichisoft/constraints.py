@@ -194,6 +194,13 @@ class ConstraintProblem:
         return self.rows.gauss_seidel.residual
 
     @property
+    def slip(self) -> np.ndarray:
+        """Sliding speed of each contact that presses, else 0 [mm/s], shape (contact_count,)."""
+        count = 3 * len(self.rows.bodies)
+        tangential = self.rows.gauss_seidel.velocity[:count].reshape(-1, 3)[:, 1:]
+        return np.where(self.rows.impulse[:count:3] > 0.0, np.linalg.norm(tangential, axis=1), 0.0)
+
+    @property
     def cavity_impulse(self) -> np.ndarray:
         """Pressure times step of every cavity, imposed or found [kPa s], shape (cavity_count,)."""
         result = self._state.cavity_target * self._time_step

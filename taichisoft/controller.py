@@ -43,7 +43,7 @@ class Observation:
     """What a controller sees before a step; it depends on the state alone. Arrays are read-only.
 
     A finger is a soft body with anchors: its tip is what its `tip` in the scene selects. Pairs of bodies are named
-    "finger1|cube", in the scene's order; those that do not press on each other are left out.
+    "finger1|cube", in the scene's order; those further apart than `contact.alarm_distance` are left out.
 
     Attributes:
         time: [s] at the start of the step.

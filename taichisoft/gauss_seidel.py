@@ -11,12 +11,13 @@ class GaussSeidel:
     Attributes:
         iterations: sweeps of the last call, those that check Newton steps included.
         residual: largest change of a block's own velocity in its last sweep [mm/s, of a cavity mm^3/s].
+        velocity: v of the last answer, shape (row_count,).
     """
 
     def __init__(self, row_count: int):
         """Make room for `row_count` rows."""
         self.iterations, self.residual = 0, 0.0
-        self._velocity, self._step = np.empty(row_count), np.empty(row_count)
+        self.velocity, self._step = np.empty(row_count), np.empty(row_count)
         self._point, self._point_velocity = np.empty(row_count), np.empty(row_count)
         self._trial, self._trial_velocity = np.empty(row_count), np.empty(row_count)
         self._work = np.empty((kernels.WORK_ROWS, row_count))
@@ -53,7 +54,7 @@ class GaussSeidel:
             tolerance,
             max_iterations,
             impulse,
-            self._velocity,
+            self.velocity,
             self._work,
             self._point,
             self._point_velocity,

@@ -32,3 +32,17 @@ def matrices_from_quaternions(quaternions: np.ndarray) -> np.ndarray:
         ],
         axis=1,
     )
+
+
+def compose_rotation_vectors(second: np.ndarray, first: np.ndarray) -> np.ndarray:
+    """The rotation vector [rad], shape (3,), of turning by `first` and then by `second`."""
+    return (Rotation.from_rotvec(second) * Rotation.from_rotvec(first)).as_rotvec()
+
+
+def turn_towards(start: np.ndarray, end: np.ndarray, furthest: float) -> np.ndarray:
+    """From the rotation vector `start` the shortest way to `end`, but by no more than `furthest` [rad]."""
+    if (start == end).all():
+        return end
+    way = (Rotation.from_rotvec(end) * Rotation.from_rotvec(start).inv()).as_rotvec()
+    angle = float(np.linalg.norm(way))
+    return end if angle <= furthest else compose_rotation_vectors(furthest / angle * way, start)

@@ -32,6 +32,7 @@ class RigidMotion:
         self.velocity = np.empty((count, 6))
         self.inverse_mass = np.zeros((count, 6, 6))
         self.impulse = np.zeros((count, 6))
+        self._pushes = _pushes(model)
 
     def update(self, state: State) -> None:
         """Begin a step: poses and velocities from `state`, no impulses yet."""
@@ -51,6 +52,10 @@ class RigidMotion:
             self.velocity,
             self.inverse_mass,
         )
+        time_step = self._model.scene.time.step
+        for first_step, step_count, body, acceleration in self._pushes:
+            if first_step <= state.step < first_step + step_count:
+                self.velocity[body, :3] += time_step * acceleration
 
     def push(self) -> None:
         """Velocities by the impulses."""
@@ -60,3 +65,15 @@ class RigidMotion:
         """End the step: poses by the velocities."""
         time_step = self._model.scene.time.step
         kernels.move_rigid(time_step, self.linear, self.angular, self.position, self.quaternion)
+
+
+def _pushes(model: Model) -> list[tuple[int, int, int, np.ndarray]]:
+    """First step, number of steps, rigid body and acceleration [mm/s^2] of every push of the scene."""
+    time_step = model.scene.time.step
+    names = [body.name for body in model.rigid_bodies]
+    pushes = []
+    for push in model.scene.pushes:
+        body = names.index(push.body)
+        step_count = max(1, round(push.duration / time_step))
+        pushes.append((round(push.start / time_step), step_count, body, np.array(push.force) / model.rigid_mass[body]))
+    return pushes

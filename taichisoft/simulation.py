@@ -8,10 +8,12 @@ import numpy as np
 from taichisoft.active_set import ActiveSet
 from taichisoft.constraints import ConstraintProblem
 from taichisoft.control_input import apply_control
+from taichisoft.control_limits import clipped
 from taichisoft.controller import Control, Observation
-from taichisoft.detection import ContactPairs, bodies_of_key
+from taichisoft.detection import ContactPairs
 from taichisoft.divergence import DivergenceCheck
 from taichisoft.model import Model
+from taichisoft.observation import Observer
 from taichisoft.rigid_motion import RigidMotion
 from taichisoft.scene import Scene
 from taichisoft.soft_motion import SoftMotion
@@ -29,6 +31,7 @@ class StepReport:
         volumes: [mm^3] by cavity name, at its end.
         normal_forces: sum of the normal contact forces [mN] by pair of bodies ("finger1|cube").
         friction_forces: sum of the magnitudes of the friction forces [mN] by pair of bodies.
+        slip_speeds: fastest sliding of a contact that presses [mm/s] by pair of bodies.
         contact_count: contacts, the open ones too.
         contact_points: midpoints at its start, where contacts were found [mm], shape (contact_count, 3).
         contact_forces: on the second body [mN], shape (contact_count, 3).
@@ -36,6 +39,8 @@ class StepReport:
         iterations: sweeps of the Gauss-Seidel.
         residual: largest change of a velocity in the last sweep [mm/s].
         converged: whether the residual is below the tolerance.
+        clipped: what the scene's limits held back: names of cavities, "base_translation" and "base_rotation".
+        signals: the controller's own numbers, by name.
         step_time: wall clock [s].
     """
 
@@ -45,6 +50,7 @@ class StepReport:
     volumes: dict[str, float]
     normal_forces: dict[str, float]
     friction_forces: dict[str, float]
+    slip_speeds: dict[str, float]
     contact_count: int
     contact_points: np.ndarray
     contact_forces: np.ndarray
@@ -52,6 +58,8 @@ class StepReport:
     iterations: int
     residual: float
     converged: bool
+    clipped: tuple[str, ...]
+    signals: dict[str, float]
     step_time: float
 
 
@@ -74,6 +82,7 @@ class Simulation:
         self._problem = ConstraintProblem(self.model, self._rigid)
         self._active_set = ActiveSet(self.model, self._rigid)
         self._check_divergence = DivergenceCheck(self.model)
+        self._observer = Observer(self.model)
 
     def restore(self, state: State) -> None:
         """Go on from a state of this model, an earlier one or one read from a file.
@@ -92,33 +101,22 @@ class Simulation:
             SimulationDiverged: the step failed; `state` is the last good one.
         """
         started = time.perf_counter()
-        state = apply_control(self.model, self.state, control or Control())
+        control = control or Control()
+        state = apply_control(self.model, self.state, control)
         self._soft.update(state)
         self._rigid.update(state)
         candidates = self._find_contacts(state)
         contacts = self._choose_contacts(state, candidates)
-        velocity, contact_impulse = self._solve_contacts(state, contacts)
-        next_state = self._move(state, velocity, contacts, contact_impulse)
+        velocity, contact_impulse, contact_slip = self._solve_contacts(state, contacts)
+        next_state = self._move(state, velocity, contacts, contact_impulse, contact_slip)
         self._check_divergence(state, next_state)
         self.state = next_state
-        self.report = self._make_report(candidates, started)
+        self.report = self._make_report(candidates, control, started)
         return self.report
 
     def observe(self) -> Observation:
         """What a controller sees: it depends on the state alone, so that a restored run is observed alike."""
-        positions = self.state.rigid_position.copy()
-        positions.flags.writeable = False
-        return Observation(
-            time=self.state.time,
-            step=self.state.step,
-            pressures=self._by_cavity(self.state.cavity_impulse / self.model.scene.time.step),
-            volumes=self._by_cavity(self.state.cavity_volume),
-            object_positions={body.name: positions[i] for i, body in enumerate(self.model.rigid_bodies)},
-            normal_forces=contact_forces(self.model, self.state)[0],
-        )
-
-    def _by_cavity(self, values: np.ndarray) -> dict[str, float]:
-        return dict(zip(self.model.cavities.names, values.tolist(), strict=True))
+        return self._observer.observe(self.state)
 
     def _find_contacts(self, state: State) -> ContactPairs:
         if self.model.detection.is_needed:
@@ -130,8 +128,8 @@ class Simulation:
         spacing = self.model.scene.contact.spacing
         return self.model.contact_selection.spread_out(candidates, spacing, state.contact_key, state.contact_point)
 
-    def _solve_contacts(self, state: State, contacts: ContactPairs) -> tuple[np.ndarray, np.ndarray]:
-        """Velocities of the nodes with contacts and imposed volumes, and the impulse of each contact.
+    def _solve_contacts(self, state: State, contacts: ContactPairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Velocities of the nodes with contacts and imposed volumes; impulse and sliding speed of each contact.
 
         Contacts that are expected to stay open are left out at first, see `active_set`.
         """
@@ -149,7 +147,9 @@ class Simulation:
                 break
         impulse = np.zeros((contacts.count, 3))
         impulse[active_set.chosen] = problem.rows.contact_impulse
-        return velocity, impulse
+        slip = np.zeros(contacts.count)
+        slip[active_set.chosen] = problem.slip
+        return velocity, impulse, slip
 
     def _push(self, problem: ConstraintProblem) -> np.ndarray:
         """Velocities after the impulses: of the rigid bodies in place, of the soft nodes as a result."""
@@ -163,7 +163,12 @@ class Simulation:
         return self._soft.velocity
 
     def _move(
-        self, state: State, node_velocity: np.ndarray, contacts: ContactPairs, contact_impulse: np.ndarray
+        self,
+        state: State,
+        node_velocity: np.ndarray,
+        contacts: ContactPairs,
+        contact_impulse: np.ndarray,
+        contact_slip: np.ndarray,
     ) -> State:
         """The state that the velocities lead to."""
         time_step, rigid = self.model.scene.time.step, self._rigid
@@ -186,19 +191,21 @@ class Simulation:
             contact_point=contacts.middle,
             contact_normal=contacts.normal,
             contact_impulse=contact_impulse,
+            contact_slip=contact_slip,
         )
 
-    def _make_report(self, candidates: ContactPairs, started: float) -> StepReport:
+    def _make_report(self, candidates: ContactPairs, control: Control, started: float) -> StepReport:
         contact, time_step, problem = self.model.scene.contact, self.model.scene.time.step, self._problem
-        normal, friction = contact_forces(self.model, self.state)
+        summary, by_cavity = self._observer.contacts(self.state), self._observer.by_cavity
         nearest = candidates.distance.min() if candidates.count else np.inf
         return StepReport(
             step=self.state.step - 1,
             time=self.state.time,
-            pressures=self._by_cavity(self.state.cavity_impulse / time_step),
-            volumes=self._by_cavity(self.state.cavity_volume),
-            normal_forces=normal,
-            friction_forces=friction,
+            pressures=by_cavity(self.state.cavity_impulse / time_step),
+            volumes=by_cavity(self.state.cavity_volume),
+            normal_forces=summary.normal_forces,
+            friction_forces=summary.friction_forces,
+            slip_speeds=summary.slip_speeds,
             contact_count=len(self.state.contact_key),
             contact_points=self.state.contact_point,
             contact_forces=self.state.contact_impulse / time_step,
@@ -206,23 +213,7 @@ class Simulation:
             iterations=problem.iterations,
             residual=problem.residual,
             converged=problem.residual < contact.tolerance,
+            clipped=clipped(self.model, self.state),
+            signals=dict(control.signals),
             step_time=time.perf_counter() - started,
         )
-
-
-def contact_forces(model: Model, state: State) -> tuple[dict[str, float], dict[str, float]]:
-    """Sums of the normal and of the friction forces [mN] in the last step, by pair of bodies ("finger1|cube")."""
-    forces = state.contact_impulse / model.scene.time.step
-    along = np.einsum("cd,cd->c", forces, state.contact_normal)
-    across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
-    if not len(forces):
-        return {}, {}
-    order = np.argsort(state.contact_key, kind="stable")
-    key = state.contact_key[order]
-    start = np.flatnonzero(np.diff(key, prepend=-1))
-    names = [
-        f"{model.body_names[first]}|{model.body_names[second]}" for first, second in map(bodies_of_key, key[start])
-    ]
-    sums = (np.add.reduceat(sizes[order], start).tolist() for sizes in (along, across))
-    normal, friction = (dict(zip(names, total, strict=True)) for total in sums)
-    return normal, friction

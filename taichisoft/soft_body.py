@@ -51,6 +51,7 @@ class SoftBody:
         lame: Lame's lambda and mu [kPa] of each element, shape (element_count, 2).
         node_mass: [kg], shape (node_count,).
         anchor_stiffness: [mN/mm] of the spring at each node, 0 where there is none, shape (node_count,).
+        tip_nodes: what the scene's `tip` selects, None where it has none.
         surface: what touches other bodies.
         cavities: the air chambers.
     """
@@ -63,6 +64,7 @@ class SoftBody:
     lame: np.ndarray
     node_mass: np.ndarray
     anchor_stiffness: np.ndarray
+    tip_nodes: np.ndarray | None
     surface: MappedSurface
     cavities: tuple[Cavity, ...]
 
@@ -91,6 +93,7 @@ def make_soft_body(name: str, body: settings.SoftBody, first_node: int) -> SoftB
         lame=_materials(mesh, body, key),
         node_mass=_node_masses(mesh, body),
         anchor_stiffness=anchor_stiffness,
+        tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
         surface=_collision_surface(mesh, body),
         cavities=tuple(
             _make_cavity(mesh, f"{name}.{cavity_name}", cavity, f"{key}.cavities.{cavity_name}")

@@ -29,7 +29,10 @@ class State:
         rigid_angular_velocity: [rad/s] in world axes, shape (rigid_count, 3).
         base_translation: of all anchors [mm], shape (3,).
         base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
+        base_request: translation and rotation vector that were asked for, before limits, shape (2, 3).
+        base_velocity: linear [mm/s] and angular [rad/s] that were asked for, 0 if a pose was, shape (2, 3).
         cavity_volume_imposed: whether a cavity is driven by volume, else by pressure, shape (cavity_count,).
+        cavity_request: pressure [kPa] or volume growth [mm^3] that was asked for, before limits, (cavity_count,).
         cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
         cavity_impulse: multipliers of the last step, pressure times step [kPa s], shape (cavity_count,).
         cavity_volume: [mm^3], shape (cavity_count,).
@@ -37,6 +40,7 @@ class State:
         contact_point: where it was [mm], shape (contact_count, 3).
         contact_normal: unit vector from its first body to its second, shape (contact_count, 3).
         contact_impulse: on its second body [mN s], shape (contact_count, 3).
+        contact_slip: its sliding speed, 0 where nothing presses [mm/s], shape (contact_count,).
     """
 
     time: float
@@ -49,7 +53,10 @@ class State:
     rigid_angular_velocity: np.ndarray
     base_translation: np.ndarray
     base_rotation: np.ndarray
+    base_request: np.ndarray
+    base_velocity: np.ndarray
     cavity_volume_imposed: np.ndarray
+    cavity_request: np.ndarray
     cavity_target: np.ndarray
     cavity_impulse: np.ndarray
     cavity_volume: np.ndarray
@@ -57,6 +64,7 @@ class State:
     contact_point: np.ndarray
     contact_normal: np.ndarray
     contact_impulse: np.ndarray
+    contact_slip: np.ndarray
 
     @classmethod
     def at_start(cls, model: "Model") -> "State":
@@ -75,7 +83,10 @@ class State:
             rigid_angular_velocity=np.array([b.start_angular_velocity for b in bodies]).reshape(-1, 3),
             base_translation=np.zeros(3),
             base_rotation=np.zeros(3),
+            base_request=np.zeros((2, 3)),
+            base_velocity=np.zeros((2, 3)),
             cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
+            cavity_request=np.zeros(cavity_count),
             cavity_target=np.zeros(cavity_count),
             cavity_impulse=np.zeros(cavity_count),
             cavity_volume=model.cavities.volumes(model.rest_position),
@@ -83,6 +94,7 @@ class State:
             contact_point=np.zeros((0, 3)),
             contact_normal=np.zeros((0, 3)),
             contact_impulse=np.zeros((0, 3)),
+            contact_slip=np.zeros(0),
         )
 
     def copy(self) -> "State":

@@ -30,7 +30,7 @@ def simulation(block: Callable[..., str]) -> Simulation:
 @pytest.mark.parametrize(
     ("control", "message"),
     [
-        (Control(pressure={"left": 1.0}), "control.pressure: no cavity is called 'left'; there are: left.air, right"),
+        (Control(pressure={"left": 1.0}), "control.pressure: no cavity is called 'left'; did you mean 'left.air'?"),
         (Control(volume_growth={"air": 1.0}), "control.volume_growth: no cavity is called 'air'"),
         (Control(pressure={"left.air": 1.0}, volume_growth={"left.air": 1.0}), "'left.air' is given a pressure and a"),
         (Control(pressure={"left.air": float("nan")}), "control.pressure['left.air'] = nan: must be a finite number"),
