@@ -12,7 +12,11 @@ if TYPE_CHECKING:
 class Output(Protocol):
     """Made as `factory(folder)` with the run's output folder; then called in this order.
 
-    An output may also have `summary() -> dict[str, str]`: rows for the table that closes a run, called last.
+    An output may also have:
+
+    - `restart(state)`: called when a user starts the run anew, with the state that it goes back to; without it the
+      steps simply go on from an earlier time;
+    - `summary() -> dict[str, str]`: rows for the table that closes a run, called last.
     """
 
     def begin(self, model: "Model", state: "State") -> None:
@@ -22,7 +26,8 @@ class Output(Protocol):
         """Called after every step; a state never changes, so it may be kept."""
 
     def end(self, outcome: str) -> None:
-        """Called once, however the run ended: "completed", "interrupted", or the error's text.
+        """Called once, however the run ended: "completed", "stopped" by its user, "interrupted", or the
+        error's text.
 
         An error raised here is shown when every output has ended; `taichisoft.errors.GoalMissed` says that the
         run did not achieve what its scene asks for.

@@ -3,6 +3,7 @@
 Units: millimetre, kilogram, second; so forces are in mN and pressures and moduli in kPa.
 """
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
@@ -320,6 +321,26 @@ class Scene(Table):
     soft_bodies: dict[Name, SoftBody] = {}
     rigid_bodies: dict[Name, RigidBody] = {}
     obstacles: dict[Name, Obstacle] = {}
+
+    @property
+    def steps_per_control(self) -> int:
+        """Time steps from one call of the controller to the next."""
+        period = self.controller.period if self.controller is not None else None
+        return 1 if period is None else round(period / self.time.step)
+
+    @model_validator(mode="after")
+    def _check_control_period(self) -> "Scene":
+        period, step = self.controller.period if self.controller is not None else None, self.time.step
+        if period is not None:
+            count = period / step
+            if count < 0.5 or abs(count - round(count)) > 1e-6 * count:
+                below, above = math.floor(count) * step, math.ceil(count) * step
+                near = f"{below:g} or {above:g}" if below else f"{above:g}"
+                raise ValueError(
+                    f"controller.period = {period:g} s must be a whole multiple of time.step = {step:g} s, such as "
+                    f"{near} s"
+                )
+        return self
 
     @model_validator(mode="after")
     def _check_names(self) -> "Scene":

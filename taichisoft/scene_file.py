@@ -24,10 +24,13 @@ FILE_KEYS = {
 }
 
 
-def load_scene(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
+def load_scene(name: str | Path, overrides: Sequence[str] = (), controller: str | None = None) -> Scene:
     """Read a scene by path or by the name of a shipped one; files that it names become absolute paths.
 
-    `overrides` are "key.key=value" with TOML values, applied before anything is inherited or checked.
+    Args:
+        name: path or name.
+        overrides: "key.key=value" with TOML values, applied before anything is inherited or checked.
+        controller: name of a controller to take instead of the scene's own, whose settings are then dropped.
 
     Raises:
         SceneError: the file is missing or no TOML, or something in it is not valid.
@@ -37,6 +40,8 @@ def load_scene(name: str | Path, overrides: Sequence[str] = ()) -> Scene:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise SceneError(f"{path}: not readable as TOML: {error}") from error
+    if controller is not None:
+        _choose_controller(document, controller)
     for override in overrides:
         apply_override(document, override)
     source = " with --set ".join([str(path), *overrides])  # the error may be in either
@@ -61,6 +66,14 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
 def scene_to_toml(scene: Scene) -> str:
     """The scene with every default and inherited value written out; `load_scene` reads it back equal."""
     return tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))
+
+
+def _choose_controller(document: dict[str, Any], name: str) -> None:
+    """Settings are meant for the controller that the scene names; period and time limit for any."""
+    table = document.setdefault("controller", {})
+    if isinstance(table, dict) and table.get("name") != name:
+        table.pop("settings", None)
+        table["name"] = name
 
 
 def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:

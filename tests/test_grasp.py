@@ -11,7 +11,7 @@ import pytest
 from taichisoft.command_line import main
 from taichisoft.errors import GoalMissed
 from taichisoft.run import run
-from taichisoft.run_command import make_controller
+from taichisoft.controller_factory import make_controller
 from taichisoft.scene_file import load_scene
 from taichisoft.simulation import Simulation
 from taichisoft_plugins.metrics import MetricsOutput
@@ -35,7 +35,7 @@ def grasp(folder: Path, *overrides: str) -> dict[str, Any]:
     scene = load_scene("gripper", overrides)
     output = MetricsOutput(folder)
     try:
-        run(Simulation(scene), make_controller(scene, None), [output])
+        run(Simulation(scene), make_controller(scene), [output])
     except GoalMissed as missed:
         return {**output.metrics, "missed": str(missed)}
     return output.metrics

@@ -19,11 +19,11 @@ PROFILED_STEPS = 30
 def measure_steps(case: Simulated, scene: Scene) -> Measured:
     """Make the case's steps; what the first one takes with the preparation is told apart from the rest."""
     started = time.perf_counter()
-    from taichisoft.run_command import make_controller
+    from taichisoft.controller_factory import make_controller
     from taichisoft.simulation import Simulation
 
     simulation = Simulation(scene)
-    controller = make_controller(scene, None)
+    controller = make_controller(scene)
     controller.reset(simulation.model)
     reports = [simulation.step(controller.control(simulation.observe()))]
     prepared = time.perf_counter() - started

@@ -41,7 +41,7 @@ def measure_peer(case: PeerCase, scene: Scene) -> Measured:
         PeerMissing: the program is not installed, or cannot do the case.
     """
     from taichisoft.model import Model
-    from taichisoft.run_command import make_controller
+    from taichisoft.controller_factory import make_controller
     from taichisoft.simulation import Simulation
 
     started = time.perf_counter()
@@ -49,7 +49,7 @@ def measure_peer(case: PeerCase, scene: Scene) -> Measured:
     peer = _factory(case.peer)(model)
     prepared = time.perf_counter() - started
     observation = Simulation(model).observe()  # of the start: the scripts look at the time only
-    controller = make_controller(scene, None)
+    controller = make_controller(scene)
     controller.reset(model)
     seconds = []
     for step in range(min(case.steps, case.peer_steps or case.steps)):

@@ -1,0 +1,68 @@
+"""A run at the speed of real time, or at any other that somebody who watches wants."""
+
+import time
+from collections import deque
+from collections.abc import Callable
+
+# Simulated over wall-clock time is averaged over so many seconds.
+WINDOW = 1.0
+# What a run is late by beyond this [s] is given up: nobody wants to see it hurry afterwards.
+FORGIVEN = 0.1
+# It has not kept up when it was slower than this share of the speed asked for.
+KEEPING_UP = 0.95
+
+
+class Pace:
+    """Holds a run back to a speed, and measures how fast it is.
+
+    Attributes:
+        speed: simulated over wall-clock time that is wanted; None for as fast as it goes.
+        real_time_factor: simulated over wall-clock time in the last second; NaN before the first step.
+    """
+
+    def __init__(self, speed: float | None = None, clock: Callable[[], float] = time.perf_counter):
+        """Begin; `clock` gives seconds."""
+        self.speed = speed
+        self.real_time_factor = float("nan")
+        self._clock = clock
+        self._total_simulated = self._total_time = 0.0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the past: after a pause, or when the speed or the time was changed."""
+        self._due = self._clock()
+        self._recent: deque[tuple[float, float]] = deque([(self._due, 0.0)])
+
+    @property
+    def keeps_up(self) -> bool:
+        """Whether the run is as fast as it should be; true as long as that is not known."""
+        return self.speed is None or not self.real_time_factor < KEEPING_UP * self.speed
+
+    @property
+    def mean_real_time_factor(self) -> float:
+        """Simulated over wall-clock time of the whole run without its pauses; NaN before the first step."""
+        return self._total_simulated / self._total_time if self._total_time else float("nan")
+
+    def seconds_to_wait(self, time_step: float) -> float:
+        """How long to wait [s] after a step that simulated `time_step` [s]; negative when it is late."""
+        now = self._clock()
+        simulated = self._recent[-1][1] + time_step
+        if self.speed is None:
+            wait = 0.0
+        else:
+            self._due += time_step / self.speed
+            wait = self._due - now
+            if wait < -FORGIVEN:
+                self._due = now
+        self._measure(now + max(wait, 0.0), simulated)
+        return wait
+
+    def _measure(self, now: float, simulated: float) -> None:
+        self._total_simulated += simulated - self._recent[-1][1]
+        self._total_time += now - self._recent[-1][0]
+        self._recent.append((now, simulated))
+        while len(self._recent) > 2 and now - self._recent[1][0] > WINDOW:
+            self._recent.popleft()
+        (start, first), (end, last) = self._recent[0], self._recent[-1]
+        if end > start:
+            self.real_time_factor = (last - first) / (end - start)
