@@ -1,5 +1,8 @@
 """What a controller sees, worked out from a state."""
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 import numpy as np
 
 from taichisoft.contact_summary import ContactSummary, summarise_contacts
@@ -34,33 +37,28 @@ class Observer:
     def observe(self, state: State) -> Observation:
         """What a controller sees before the step that follows `state`."""
         model, tips, contacts = self._model, self._fingertips, self.contacts(state)
+        cavities = model.cavities
         return Observation(
             time=state.time,
             step=state.step,
-            pressures=self.by_cavity(state.cavity_impulse / model.scene.time.step),
-            volumes=self.by_cavity(state.cavity_volume),
-            flows=self.by_cavity(model.cavities.flows(state.position, state.velocity)),
+            pressures=_numbers(cavities.names, state.cavity_impulse / model.scene.time.step),
+            volumes=_numbers(cavities.names, state.cavity_volume),
+            flows=_numbers(cavities.names, cavities.flows(state.position, state.velocity)),
             tip_positions=_by_name(tips.names, tips.means(state.position)),
             tip_velocities=_by_name(tips.names, tips.means(state.velocity)),
-            bending_angles=dict(
-                zip(tips.names, tips.bending_angles(state.position, state.base_rotation).tolist(), strict=True)
-            ),
+            bending_angles=_numbers(tips.names, tips.bending_angles(state.position, state.base_rotation)),
             base_translation=_read_only(state.base_translation),
             base_rotation=_read_only(state.base_rotation),
             object_positions=_by_name(self._object_names, state.rigid_position),
             object_rotations=_by_name(self._object_names, state.rigid_rotation),
             object_velocities=_by_name(self._object_names, state.rigid_velocity),
             object_angular_velocities=_by_name(self._object_names, state.rigid_angular_velocity),
-            contact_counts=contacts.counts,
-            normal_forces=contacts.normal_forces,
-            friction_forces=contacts.friction_forces,
-            slip_speeds=contacts.slip_speeds,
+            contact_counts=MappingProxyType(contacts.counts),
+            normal_forces=MappingProxyType(contacts.normal_forces),
+            friction_forces=MappingProxyType(contacts.friction_forces),
+            slip_speeds=MappingProxyType(contacts.slip_speeds),
             clipped=clipped(model, state),
         )
-
-    def by_cavity(self, values: np.ndarray) -> dict[str, float]:
-        """Values (cavity_count,) by name of cavity."""
-        return dict(zip(self._model.cavities.names, values.tolist(), strict=True))
 
 
 def _read_only(values: np.ndarray) -> np.ndarray:
@@ -69,5 +67,9 @@ def _read_only(values: np.ndarray) -> np.ndarray:
     return view
 
 
-def _by_name(names: tuple[str, ...], values: np.ndarray) -> dict[str, np.ndarray]:
-    return dict(zip(names, _read_only(values), strict=True))
+def _by_name(names: tuple[str, ...], values: np.ndarray) -> Mapping[str, np.ndarray]:
+    return MappingProxyType(dict(zip(names, _read_only(values), strict=True)))
+
+
+def _numbers(names: tuple[str, ...], values: np.ndarray) -> Mapping[str, float]:
+    return MappingProxyType(dict(zip(names, values.tolist(), strict=True)))

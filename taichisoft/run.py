@@ -92,11 +92,13 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None, sto
     warned = False
     session.pace.restart()
     try:
-        while not session.finished:
+        while True:
             stop_if_asked()
             key_handling.take()
             if session.stops:
                 return STOPPED
+            if session.finished:
+                return COMPLETED
             if session.paused and not session.single_steps:
                 session.keys.wait(LONGEST_WAIT)
                 session.pace.restart()
@@ -108,7 +110,6 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None, sto
             if on_step is not None:
                 on_step(report)
             _wait_for_pace(session, stop_if_asked)
-        return COMPLETED
     finally:
         key_handling.end()
 

@@ -196,13 +196,13 @@ class Simulation:
 
     def _make_report(self, candidates: ContactPairs, control: Control, started: float) -> StepReport:
         contact, time_step, problem = self.model.scene.contact, self.model.scene.time.step, self._problem
-        summary, by_cavity = self._observer.contacts(self.state), self._observer.by_cavity
+        summary = self._observer.contacts(self.state)
         nearest = candidates.distance.min() if candidates.count else np.inf
         return StepReport(
             step=self.state.step - 1,
             time=self.state.time,
-            pressures=by_cavity(self.state.cavity_impulse / time_step),
-            volumes=by_cavity(self.state.cavity_volume),
+            pressures=self._by_cavity(self.state.cavity_impulse / time_step),
+            volumes=self._by_cavity(self.state.cavity_volume),
             normal_forces=summary.normal_forces,
             friction_forces=summary.friction_forces,
             slip_speeds=summary.slip_speeds,
@@ -217,3 +217,6 @@ class Simulation:
             signals=dict(control.signals),
             step_time=time.perf_counter() - started,
         )
+
+    def _by_cavity(self, values: np.ndarray) -> dict[str, float]:
+        return dict(zip(self.model.cavities.names, values.tolist(), strict=True))

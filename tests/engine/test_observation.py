@@ -1,0 +1,137 @@
+"""What a controller sees, against closed forms on a block that is moved by hand."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from taichisoft.controller import Control, Observation
+from taichisoft.errors import SceneError
+from taichisoft.scene_file import scene_from_dict
+from taichisoft.simulation import Simulation
+
+
+def beam(block: Callable[..., str], **changes: object) -> dict:
+    """A hollow bar along x from -50 to 50 mm, held at its lower end."""
+    return {
+        "mesh": block((10, 3, 3), (100.0, 10.0, 10.0), hollow=True),
+        "mass": 0.01,
+        "young_modulus": 500,
+        "poisson_ratio": 0.3,
+        "anchors": [{"box": [[-50, -5, -5], [-50, 5, 5]]}],
+        "cavities": {"air": {"group": "cavity"}},
+        **changes,
+    }
+
+
+@pytest.fixture
+def simulation(block: Callable[..., str]) -> Simulation:
+    return Simulation(scene_from_dict({"gravity": [0, 0, 0], "soft_bodies": {"beam": beam(block)}}))
+
+
+def seen(simulation: Simulation, position: np.ndarray, velocity: np.ndarray | None = None) -> Observation:
+    """What is observed when the nodes are put somewhere."""
+    velocity = np.zeros_like(position) if velocity is None else velocity
+    simulation.restore(replace(simulation.state, position=position, velocity=velocity))
+    return simulation.observe()
+
+
+def test_the_tip_is_the_end_far_from_the_anchors(simulation: Simulation) -> None:
+    rest = simulation.model.rest_position
+    observation = seen(simulation, rest, np.full_like(rest, 3.0))
+    np.testing.assert_allclose(observation.tip_positions["beam"], [50, 0, 0], atol=1e-9)
+    np.testing.assert_allclose(observation.tip_velocities["beam"], [3, 3, 3], rtol=1e-12)
+    assert observation.bending_angles["beam"] == pytest.approx(0.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("angle", [0.02, 0.7, 2.5])
+def test_a_bar_bent_to_an_arc_has_the_angle_of_the_arc(simulation: Simulation, angle: float) -> None:
+    """Constant curvature k = angle / length over the 100 mm: sections turn by k times their distance from the base."""
+    x, y, z = simulation.model.rest_position.T
+    turn, radius = angle * (x + 50.0) / 100.0, 100.0 / angle
+    bent = np.column_stack([(radius - y) * np.sin(turn), radius - (radius - y) * np.cos(turn), z])
+    assert seen(simulation, bent).bending_angles["beam"] == pytest.approx(angle, rel=1e-6)
+
+
+def test_a_finger_that_turns_with_its_base_does_not_bend(simulation: Simulation) -> None:
+    turn = np.array([0.3, -1.1, 0.4])
+    turned = np.array([1.0, 2.0, 3.0]) + Rotation.from_rotvec(turn).apply(simulation.model.rest_position)
+    simulation.restore(replace(simulation.state, base_rotation=turn))
+    assert seen(simulation, turned).bending_angles["beam"] == pytest.approx(0.0, abs=1e-7)
+
+
+def test_the_flow_is_the_rate_of_the_volume(simulation: Simulation) -> None:
+    """V = V0 s^3 when everything grows by s: dV/dt = 3 V s' at s = 1."""
+    rest = simulation.model.rest_position
+    observation = seen(simulation, rest, 0.5 * rest)
+    assert observation.flows["beam.air"] == pytest.approx(1.5 * observation.volumes["beam.air"], rel=1e-12)
+
+
+def test_a_scene_may_select_the_tip(block: Callable[..., str]) -> None:
+    body = beam(block, tip={"box": [[-1, -5, -5], [1, 5, 5]]})
+    simulation = Simulation(scene_from_dict({"soft_bodies": {"beam": body}}))
+    np.testing.assert_allclose(simulation.observe().tip_positions["beam"], [0, 0, 0], atol=1e-9)
+
+
+def test_a_tip_on_a_line_cannot_be_seen_to_turn(block: Callable[..., str]) -> None:
+    body = beam(block, tip={"box": [[-50, 5, 5], [50, 5, 5]]})
+    with pytest.raises(SceneError, match=r"^soft_bodies\.beam\.tip: selects 11 nodes on a line; three or more"):
+        Simulation(scene_from_dict({"soft_bodies": {"beam": body}}))
+
+
+def test_a_body_without_anchors_has_no_tip(block: Callable[..., str]) -> None:
+    simulation = Simulation(scene_from_dict({"soft_bodies": {"beam": beam(block, anchors=[])}}))
+    assert simulation.observe().tip_positions == {}
+
+
+@pytest.fixture
+def sliding() -> Simulation:
+    """A cube of 10 g that slides over a plane of friction 0.2 at 1000 mm/s along y."""
+    cube = {"box": [20, 20, 20], "mass": 0.01, "position": [0, 0, 11], "velocity": [0, 1000, 0]}
+    return Simulation(
+        scene_from_dict(
+            {
+                "contact": {"friction": 0.2},
+                "rigid_bodies": {"cube": cube},
+                "obstacles": {"floor": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}},
+            }
+        )
+    )
+
+
+def test_contacts_are_counted_and_their_forces_and_sliding_seen(sliding: Simulation) -> None:
+    """The weight is 98.1 mN, friction 0.2 of it, and the cube loses 0.2 g h in a step."""
+    sliding.step()
+    observation = sliding.observe()
+    assert observation.contact_counts == {"cube|floor": 4}
+    assert observation.normal_forces["cube|floor"] == pytest.approx(98.1, rel=1e-6)
+    assert observation.friction_forces["cube|floor"] == pytest.approx(0.2 * 98.1, rel=1e-6)
+    assert observation.slip_speeds["cube|floor"] == pytest.approx(1000.0 - 0.2 * 98.1, rel=1e-3)
+
+
+def test_what_sticks_does_not_slip(sliding: Simulation) -> None:
+    for _ in range(60):
+        sliding.step()
+    assert np.abs(sliding.state.rigid_velocity).max() < 1e-3
+    assert sliding.observe().slip_speeds["cube|floor"] < sliding.model.scene.contact.tolerance
+    assert sliding.observe().contact_counts["cube|floor"] == 4
+
+
+def test_objects_are_seen_with_pose_and_velocity(sliding: Simulation) -> None:
+    sliding.step()
+    observation, state = sliding.observe(), sliding.state
+    np.testing.assert_array_equal(observation.object_positions["cube"], state.rigid_position[0])
+    np.testing.assert_array_equal(observation.object_rotations["cube"], state.rigid_rotation[0])
+    np.testing.assert_array_equal(observation.object_velocities["cube"], state.rigid_velocity[0])
+    np.testing.assert_array_equal(observation.object_angular_velocities["cube"], state.rigid_angular_velocity[0])
+    with pytest.raises(ValueError, match="read-only"):
+        observation.object_velocities["cube"][0] = 1.0
+
+
+def test_the_base_is_seen_where_it_is_not_where_it_shall_be(block: Callable[..., str]) -> None:
+    scene = {"gravity": [0, 0, 0], "soft_bodies": {"beam": beam(block)}, "limits": {"base_speed": 100.0}}
+    simulation = Simulation(scene_from_dict(scene))
+    simulation.step(Control(base_translation=np.array([10.0, 0, 0])))
+    np.testing.assert_allclose(simulation.observe().base_translation, [1, 0, 0], rtol=1e-12)
