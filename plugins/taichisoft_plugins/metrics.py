@@ -33,6 +33,10 @@ class MetricsOutput:
         goal = self._scene.goal
         self._object = [body.name for body in model.rigid_bodies].index(goal.object) if goal is not None else None
         self._soft_names = {body.name for body in model.soft_bodies}
+        self.restart(state)
+
+    def restart(self, state: "State") -> None:
+        """The figures are those since the last start."""
         self._reports: list[StepReport] = []
         self._object_positions = [self._object_position(state)]
         self._base_positions = [state.base_translation]

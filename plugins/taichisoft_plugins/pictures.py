@@ -55,8 +55,8 @@ def key_moments(recording: Recording) -> dict[str, float]:
 
     Where the base does not move there is only before and after.
     """
-    times = recording.times
-    base = recording.column("base_translation")
+    times = recording.times[recording.last_start :]
+    base = recording.column("base_translation")[recording.last_start :]
     moved = np.any(base != base[0], axis=1)
     if not moved.any():
         return {"before": float(times[0]), "after": float(times[-1])}

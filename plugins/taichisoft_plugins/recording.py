@@ -73,8 +73,12 @@ class RecordingOutput:
     def record(self, state: "State", report: "StepReport") -> None:
         """Keep the step, and write the bundle when it is full."""
         self._buffer(state, report)
-        if len(self._rows) == BUFFERED_STEPS:
+        if len(self._rows) >= BUFFERED_STEPS:
             self._flush()
+
+    def restart(self, state: "State") -> None:
+        """The frames go on with the first state again; what came before stays."""
+        self._buffer(state, None)
 
     def end(self, outcome: str) -> None:
         """Write what is still in memory and how the run ended; the file is closed whatever happens."""

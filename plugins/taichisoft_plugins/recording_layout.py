@@ -5,7 +5,8 @@ soft_bodies/I    attributes name and nodes (first and last+1 in the global array
                  surface/{nodes, weights, triangles}, cavities/J/{the same}
 rigid_bodies/I   attribute name; vertices (body frame), triangles
 obstacles/I      attribute name; vertices and triangles, or attributes point and normal of a plane
-steps/*          one row per frame; frame 0 is the state before the first step
+steps/*          one row per frame; frame 0 is the state before the first step. Where a user started the run anew the
+                 time goes back, and the frame there is the first state again
 contacts/*       the contacts of all frames, one after the other; those of frame k are the rows
                  contact_offset[k] to contact_offset[k] + contact_count[k]
 """

@@ -109,17 +109,23 @@ class Recording:
         rows = slice(start, start + int(self.row("contact_count", frame)))
         return self._file["contacts"]["point"][rows], self._file["contacts"]["force"][rows]
 
+    @property
+    def last_start(self) -> int:
+        """The frame with the first state of the last start: a user may have started the run anew."""
+        return int(np.max(np.flatnonzero(np.diff(self.times) < 0.0) + 1, initial=0))
+
     def frame_at(self, time: float) -> int:
-        """Index of the frame nearest to `time` [s].
+        """Index of the frame nearest to `time` [s] since the last start.
 
         Raises:
             RecordingError: it was not recorded.
         """
-        times = self.times
+        first = self.last_start
+        times = self.times[first:]
         if not len(times) or not times[0] - self.step_size <= time <= times[-1] + self.step_size:
             reach = f"from {times[0]:g} s to {times[-1]:g} s" if len(times) else "no frame"
             raise RecordingError(f"{self.path}: nothing at {time:g} s; the recording has {reach}")
-        return int(np.argmin(np.abs(times - time)))
+        return first + int(np.argmin(np.abs(times - time)))
 
     def _surfaces(self) -> list[RecordedSurface]:
         surfaces = []

@@ -92,6 +92,7 @@ def fake_report(step: int) -> SimpleNamespace:
         volumes={"finger.cavity": 100.0 + step},
         normal_forces={"cube|finger": 3.0 * step},
         friction_forces={"finger|cube": 1.0 * step},
+        slip_speeds={"finger|cube": 0.5 * step},
         contact_count=contacts,
         contact_points=np.full((contacts, 3), float(step)),
         contact_forces=np.full((contacts, 3), -float(step)),
@@ -99,6 +100,8 @@ def fake_report(step: int) -> SimpleNamespace:
         iterations=step,
         residual=1e-6,
         converged=step % 2 == 0,
+        clipped=(),
+        signals={},
         step_time=0.02,
     )
 

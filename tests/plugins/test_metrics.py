@@ -54,6 +54,13 @@ def report(step: int, **changes: Any) -> Any:
     return SimpleNamespace(**{**values, **changes})
 
 
+def state(height_of_base: float, height_of_cube: float) -> Any:
+    return SimpleNamespace(
+        base_translation=height_of_base * UP,
+        rigid_position=np.array([np.zeros(3), np.array([5.0, 6.0, 7.0]) + height_of_cube * UP]),
+    )
+
+
 def follow(
     folder: Path,
     base: list[float],
@@ -63,12 +70,6 @@ def follow(
     changes: dict[int, dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """Metrics of a run whose base and cube are at the given heights [mm] before the first and after each step."""
-
-    def state(height_of_base: float, height_of_cube: float) -> Any:
-        return SimpleNamespace(
-            base_translation=height_of_base * UP,
-            rigid_position=np.array([np.zeros(3), np.array([5.0, 6.0, 7.0]) + height_of_cube * UP]),
-        )
 
     output = MetricsOutput(folder)
     output.begin(model(goal), state(base[0], cube[0]))
@@ -196,3 +197,15 @@ def test_a_file_that_cannot_be_written_is_named(tmp_path: Path) -> None:
     (tmp_path / "metrics.json").mkdir()
     with pytest.raises(TaichisoftError, match=r"metrics\.json: cannot be written: Is a directory$"):
         follow(tmp_path, RISE + HOLD, cube_heights())
+
+
+def test_a_new_start_forgets_what_came_before(tmp_path):
+    first, second = MetricsOutput(tmp_path / "first"), MetricsOutput(tmp_path / "second")
+    for output in (first, second):
+        output.begin(model(goal=False), state(0.0, 0.0))
+    first.record(state(5.0, 5.0), report(7, max_penetration=9.0))
+    first.restart(state(0.0, 0.0))
+    for output in (first, second):
+        output.record(state(1.0, 1.0), report(0))
+        output.end("completed")
+    assert first.metrics == second.metrics

@@ -138,3 +138,20 @@ def test_a_folder_that_cannot_be_written_is_an_error(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(RecordingError, match="cannot be written"):
         RecordingOutput(Path(tmp_path / "file")).begin(fake_run.fake_model(), fake_run.fake_state(0))
+
+
+def test_a_run_that_is_started_anew_goes_on_in_the_same_recording(tmp_path):
+    writer = RecordingOutput(tmp_path)
+    writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
+    for step in (1, 2, 3):
+        writer.record(fake_run.fake_state(step), fake_run.fake_report(step))
+    writer.restart(fake_run.fake_state(0))
+    for step in (1, 2):
+        writer.record(fake_run.fake_state(step), fake_run.fake_report(step))
+    writer.end("completed")
+    with read_recording(tmp_path / "recording.h5") as recording:
+        assert recording.column("step").tolist() == [0, 1, 2, 3, 0, 1, 2]
+        assert recording.last_start == 4
+        assert recording.frame_at(fake_run.STEP) == 5, "that of the last start"
+        with pytest.raises(RecordingError, match=r"nothing at 0\.2 s"):
+            recording.frame_at(20 * fake_run.STEP)
