@@ -9,7 +9,12 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from taichisoft.controller import Control as Control
     from taichisoft.controller import Observation as Observation
+    from taichisoft.hookspecs import hookimpl as hookimpl
     from taichisoft.model import Model as Model
+    from taichisoft.plugins import load_plugin as load_plugin
+    from taichisoft.plugins import load_plugins_folder as load_plugins_folder
+    from taichisoft.plugins import register_plugin as register_plugin
+    from taichisoft.plugins import unregister_plugin as unregister_plugin
     from taichisoft.run import run as run
     from taichisoft.scene import Scene as Scene
     from taichisoft.scene_file import load_scene as load_scene
@@ -26,9 +31,14 @@ _WHERE = {
     "Scene": "scene",
     "Simulation": "simulation",
     "State": "state",
+    "hookimpl": "hookspecs",
+    "load_plugin": "plugins",
+    "load_plugins_folder": "plugins",
     "load_scene": "scene_file",
+    "register_plugin": "plugins",
     "run": "run",
     "scene_from_dict": "scene_file",
+    "unregister_plugin": "plugins",
 }
 __all__ = ["__version__", *_WHERE]
 

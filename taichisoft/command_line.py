@@ -6,9 +6,10 @@ from typing import Annotated
 
 import typer
 
-from taichisoft import __version__
+from taichisoft import __version__, plugins, plugins_command
 from taichisoft.errors import GoalMissed, TaichisoftError
-from taichisoft.plugins import add_commands, list_plugins
+from taichisoft.plugin_commands import load_requested, with_plugin_commands
+from taichisoft.plugin_failure import plugin_traceback
 
 application = typer.Typer(
     name="taichisoft",
@@ -18,16 +19,20 @@ application = typer.Typer(
     add_completion=False,
 )
 
+application.add_typer(plugins_command.application, name="plugins")
+
 EXIT_GOAL_MISSED = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
 
 def main() -> None:
-    """Run the command line; what is the user's to mend is one line without a traceback."""
+    """Run the command line; what is the user's to mend is one line, and the traceback of a plug-in that failed."""
     try:
-        add_commands(application)
-        application()
+        load_requested(sys.argv[1:])
+        for line in plugins.plugin_registry().unknown_blocked():
+            _complain(line)
+        with_plugin_commands(application)()
     except GoalMissed as error:
         _complain(error)
         sys.exit(EXIT_GOAL_MISSED)
@@ -38,9 +43,11 @@ def main() -> None:
         sys.exit(EXIT_INTERRUPTED)
 
 
-def _complain(error: Exception) -> None:
-    """One line, whatever a parser or a plug-in had to say."""
-    print(f"taichisoft: {' '.join(str(error).split())}", file=sys.stderr)
+def _complain(problem: Exception | str) -> None:
+    """One line, whatever a parser or a plug-in had to say; under it where a plug-in raised what it should not."""
+    print(f"taichisoft: {' '.join(str(problem).split())}", file=sys.stderr)
+    if isinstance(problem, TaichisoftError):
+        print(plugin_traceback(problem), end="", file=sys.stderr)
 
 
 def _show_version(wanted: bool) -> None:
@@ -68,24 +75,17 @@ def run_command(
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time [s]; the scene's otherwise.")] = None,
     outputs: Annotated[str, typer.Option(help="Outputs by name, separated by commas.")] = "recording,metrics",
+    speed: Annotated[
+        float | None,
+        typer.Option(help="Simulated seconds in a second, 1 is real time; as fast as it goes unless a person steers."),
+    ] = None,
+    keys: Annotated[Path | None, typer.Option(help="Key log (keys.jsonl) of an earlier run, to repeat it.")] = None,
     profile: Annotated[bool, typer.Option("--profile", help="Show where the time of a step goes.")] = False,
 ) -> None:
     """Simulate a scene and write the results to a folder."""
     from taichisoft.run_command import run_scene  # starts Taichi, which --help need not wait for
 
     names = [name.strip() for name in outputs.split(",") if name.strip()]
-    interrupted = run_scene(scene, controller, output, set_ or [], duration, names, profile)
+    interrupted = run_scene(scene, controller, output, set_ or [], duration, names, speed, keys, profile)
     if interrupted:
         raise typer.Exit(EXIT_INTERRUPTED)
-
-
-@application.command("plugins")
-def plugins_command() -> None:
-    """List the plug-ins that are loaded and what they provide."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table("plug-in", "version", "from", "provides")
-    for plugin in list_plugins():
-        table.add_row(plugin.name, plugin.version, plugin.source, ", ".join(plugin.provides))
-    Console().print(table)

@@ -1,6 +1,7 @@
 """The hooks that a plug-in may implement, all of them; the built-in features use the same ones."""
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pluggy
@@ -8,6 +9,9 @@ import pluggy
 if TYPE_CHECKING:
     import typer
 
+    from taichisoft.controller import Controller
+    from taichisoft.geometry import GeometryKind
+    from taichisoft.output import OutputFactory
     from taichisoft.session import Session
     from taichisoft.simulation import StepReport
 
@@ -17,35 +21,82 @@ hookimpl = pluggy.HookimplMarker(PROJECT)
 
 
 @hookspec
-def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
-    """Controllers by name, asked for when a run starts: each value makes a `taichisoft.controller.Controller`."""
+def taichisoft_controllers() -> "Mapping[str, Callable[..., Controller]]":  # type: ignore[empty-body]
+    """Controllers by name; called when a run looks for its controller.
+
+    Each value makes a controller. Its arguments are the keys that `controller.settings` of a scene may have; those
+    without a default must be there.
+    """
 
 
 @hookspec
-def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:  # type: ignore[empty-body]
-    """Outputs by name, asked for when a run starts: each value makes a `taichisoft.output.Output`."""
+def taichisoft_outputs() -> "Mapping[str, OutputFactory]":  # type: ignore[empty-body]
+    """Outputs by name; called when a run looks for its outputs.
+
+    Each value makes an output from the folder into which it may write.
+    """
+
+
+@hookspec
+def taichisoft_geometry_kinds() -> "Mapping[str, GeometryKind]":  # type: ignore[empty-body]
+    """Kinds of bodies that `taichisoft mesh` can mesh; called when it has read a file, whose `kind` names one.
+
+    Each value makes a geometry from the file's tables without `kind`, and from the file's path: it begins every error,
+    and files that the tables name are looked for beside it.
+    """
+
+
+@hookspec
+def taichisoft_scene_readers() -> "Mapping[str, Callable[[Path], Mapping[str, Any]]]":  # type: ignore[empty-body]
+    """Readers of scenes in other formats than TOML, by suffix (".yaml"); called when a scene is not a TOML file.
+
+    Each value reads a file into the tables that the same scene would have in TOML. Overrides, inheritance, file names
+    and checks come after it.
+    """
 
 
 @hookspec
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add sub-commands to the `taichisoft` command line; called once when it starts."""
+    """Add sub-commands to the command line; called once when `taichisoft` starts, also for `--help`.
+
+    Args:
+        application: an empty one, whose commands and groups become those of `taichisoft`.
+    """
 
 
 @hookspec
 def taichisoft_run_begins(session: "Session") -> None:
-    """A run is about to make its first step: the controller has been reset, and the outputs have begun."""
+    """A run is about to make its first step: the controller has been reset, and the outputs have begun.
+
+    Args:
+        session: the run in progress.
+    """
 
 
 @hookspec
 def taichisoft_step_done(session: "Session", report: "StepReport") -> None:
-    """A step is done, and every output has recorded it."""
+    """A step is done, and every output has recorded it. Costs nothing where no plug-in implements it.
+
+    Args:
+        session: the run in progress.
+        report: what happened in the step.
+    """
 
 
 @hookspec
 def taichisoft_run_ends(session: "Session", outcome: str) -> None:
-    """A run has ended, however it did: "completed", "interrupted", or the text of the error. The outputs have ended."""
+    """A run has ended, however it did, and so have its outputs.
+
+    Args:
+        session: the run, at its last good state.
+        outcome: "completed", "interrupted", or the text of the error.
+    """
 
 
 @hookspec
 def taichisoft_picture_wanted(session: "Session") -> None:
-    """Somebody asks for a picture of the present state: between two steps, also while the run is paused."""
+    """Somebody asks for a picture of the present state; called between two steps, also while the run is paused.
+
+    Args:
+        session: the run in progress.
+    """

@@ -3,10 +3,8 @@
 import re
 from pathlib import Path
 
-import typer.testing
-
 from taichisoft.command_line import application
-from taichisoft.plugins import plugin_registry
+from taichisoft.plugin_commands import with_plugin_commands
 from taichisoft.scene_reference import scene_reference
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -29,13 +27,11 @@ def test_the_python_of_the_readme_inflates_the_finger():
 
 
 def test_every_command_of_the_readme_exists():
-    plugin_registry().hook.taichisoft_commands(application=application)
-    shown = typer.testing.CliRunner().invoke(application, ["--help"]).output
+    known = with_plugin_commands(application).commands
     shell = "".join(re.findall(r"```sh\n(.*?)```", README, re.DOTALL))
     commands = set(re.findall(r"^taichisoft ([a-z-]+)", shell, re.MULTILINE))
     assert {"run", "mesh", "render"} <= commands
-    for command in commands:
-        assert re.search(rf"\b{command}\b", shown), f"README names 'taichisoft {command}'"
+    assert commands <= set(known)
 
 
 def test_every_link_of_the_readme_leads_somewhere():

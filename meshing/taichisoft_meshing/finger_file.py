@@ -1,15 +1,42 @@
 """A finger's dimensions from TOML; errors name the file, the key, its value and what would be valid."""
 
-import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from taichisoft.errors import MeshError
+from taichisoft.mesh import VolumeMesh
 from taichisoft.validation_errors import first_problem
 from taichisoft_meshing.finger import FingerParameters
+from taichisoft_meshing.geometry_file import read_tables
+
+
+@dataclass(frozen=True)
+class PneunetFinger:
+    """The geometry kind `pneunet_finger`: made from the tables of a finger file.
+
+    Attributes:
+        tables: as TOML gives them.
+        file: begins every error.
+
+    Raises:
+        MeshError: a dimension is not valid.
+    """
+
+    tables: Mapping[str, Any]
+    file: Path
+
+    def __post_init__(self) -> None:
+        finger_from_dict(self.tables, str(self.file))
+
+    def mesh(self, size: float | None = None) -> VolumeMesh:
+        """Mesh it with gmsh; `size` [mm] replaces the largest element size and scales the smallest with it."""
+        from taichisoft_meshing.gmsh_mesher import mesh_finger
+
+        return mesh_finger(_resized(self.tables, str(self.file), size))
 
 
 def read_finger(path: str | Path, size: float | None = None) -> FingerParameters:
@@ -18,18 +45,8 @@ def read_finger(path: str | Path, size: float | None = None) -> FingerParameters
     Raises:
         MeshError: the file is missing or no TOML, or a dimension is not valid.
     """
-    path = Path(path)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise MeshError(f"{path}: no such file; a finger file (.toml) is needed") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise MeshError(f"{path}: not readable as TOML: {error}") from error
-    finger = finger_from_dict(document, source=str(path))
-    if size is None:
-        return finger
-    sizes = {"largest": size, "smallest": size * finger.mesh.smallest / finger.mesh.largest}
-    return finger_from_dict({**document, "mesh": sizes}, source=str(path))
+    _, tables = read_tables(Path(path))
+    return _resized(tables, str(path), size)
 
 
 def finger_from_dict(document: Mapping[str, Any], source: str = "finger") -> FingerParameters:
@@ -42,3 +59,11 @@ def finger_from_dict(document: Mapping[str, Any], source: str = "finger") -> Fin
         return FingerParameters.model_validate(dict(document))
     except ValidationError as error:
         raise MeshError(f"{source}: {first_problem(error, FingerParameters)}") from error
+
+
+def _resized(tables: Mapping[str, Any], source: str, size: float | None) -> FingerParameters:
+    finger = finger_from_dict(tables, source)
+    if size is None:
+        return finger
+    sizes = {"largest": size, "smallest": size * finger.mesh.smallest / finger.mesh.largest}
+    return finger_from_dict({**tables, "mesh": sizes}, source)

@@ -1,37 +1,18 @@
-"""The plug-in registry: what is wrong with a plug-in is said with its name."""
+"""What plug-ins provide is found by name, and what is wrong with one is said with its name."""
 
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from importlib.metadata import EntryPoint
-from types import ModuleType
 from typing import Any
 
 import pytest
-import typer
 
-from taichisoft import plugins
-from taichisoft.errors import PluginError
+from taichisoft import plugin_sources, plugins
+from taichisoft.errors import ControllerFailed, PluginError
 from taichisoft.hookspecs import PROJECT, hookimpl
+from taichisoft.plugin_list import list_plugins
 
 Install = Callable[..., None]
-
-
-@pytest.fixture
-def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Install]:
-    """Makes a plug-in of the functions given, under a name, beside those installed before it in the test."""
-    found: list[EntryPoint] = []
-
-    def add(name: str, module: str | None = None, **functions: Any) -> None:
-        made = ModuleType(module or f"plugin_{name}")
-        for hook, function in functions.items():
-            setattr(made, hook, hookimpl(function))
-        monkeypatch.setitem(sys.modules, made.__name__, made)
-        found.append(EntryPoint(name, made.__name__, PROJECT))
-
-    monkeypatch.setattr(plugins, "entry_points", lambda group: found)
-    plugins.plugin_registry.cache_clear()
-    yield add
-    plugins.plugin_registry.cache_clear()
 
 
 def provide(*names: str) -> Callable[[], Mapping[str, Any]]:
@@ -47,36 +28,82 @@ def test_what_a_plugin_provides_is_found_by_name(install: Install) -> None:
         plugins.find("controller", "pul")
 
 
-def test_a_misspelt_hook_is_an_error_that_names_it(install: Install) -> None:
-    install("one", taichisoft_controlers=provide("push"))
-    with pytest.raises(PluginError, match=r"taichisoft_controlers.*there are: taichisoft_controllers, taichisoft_out"):
+@pytest.mark.parametrize(
+    ("hook", "function", "problem"),
+    [
+        (
+            "taichisoft_controlers",
+            provide("push"),
+            r"taichisoft_controlers\(\) is no hook; did you mean 'taichisoft_co",
+        ),
+        ("controllers", provide("push"), r"controllers\(\) is no hook; did you mean 'taichisoft_controllers'\?"),
+        ("on_start", lambda: None, r"on_start\(\) is no hook; there are: taichisoft_controllers, taichisoft_outputs, "),
+        (
+            "taichisoft_controllers",
+            lambda scene: {},
+            r"taichisoft_controllers\(\) has no argument 'scene'; there are: n",
+        ),
+        (
+            "taichisoft_step_done",
+            lambda reprt: None,
+            r"taichisoft_step_done\(\) has no argument 'reprt'; did you mean 're",
+        ),
+    ],
+)
+def test_a_hook_or_an_argument_that_does_not_exist_is_an_error_with_the_nearest_right_one(
+    install: Install, hook: str, function: Any, problem: str
+) -> None:
+    install("one", **{hook: function})
+    with pytest.raises(PluginError, match=rf"^plug-in 'one' \(plugin_one\) cannot be registered: {problem}"):
         plugins.plugin_registry()
 
 
-def test_a_hook_with_an_argument_that_does_not_exist_is_an_error(install: Install) -> None:
-    install("one", taichisoft_controllers=lambda scene: {})
-    with pytest.raises(PluginError, match=r"plug-in 'one' \(plugin_one\) cannot be registered: (.|\n)*scene"):
+def test_a_hook_that_wraps_others_is_refused(install: Install) -> None:
+    def around() -> Any:
+        yield
+
+    install("one")
+    sys.modules["plugin_one"].taichisoft_outputs = hookimpl(around, wrapper=True)  # type: ignore[attr-defined]
+    with pytest.raises(
+        PluginError, match=r"taichisoft_outputs\(\) wraps the hooks of other plug-ins, which is not sup"
+    ):
         plugins.plugin_registry()
 
 
-def test_two_plugins_that_claim_one_name_are_named(install: Install) -> None:
+def test_a_forgotten_mark_and_a_module_without_hooks_are_errors(install: Install) -> None:
+    install("one")
+    with pytest.raises(PluginError, match=r"plug-in 'one' \(plugin_one\) .*it implements no hook; there are: taichiso"):
+        plugins.plugin_registry()
+    sys.modules["plugin_one"].taichisoft_outputs = provide("movie")  # type: ignore[attr-defined]
+    with pytest.raises(PluginError, match=r"taichisoft_outputs\(\) is not marked with @hookimpl$"):
+        plugins.plugin_registry()
+
+
+def test_two_plugins_that_claim_one_name_are_named_with_where_they_come_from(install: Install) -> None:
     install("one", taichisoft_outputs=provide("movie"))
     install("two", taichisoft_outputs=provide("movie"))
-    with pytest.raises(PluginError, match=r"^two plug-ins, '(one|two)' and '(one|two)', both provide the output 'mov"):
-        plugins.find("output", "movie")
+    both = r"^two plug-ins, 'one' \(plugin_one\) and 'two' \(plugin_two\), both provide the output 'movie'$"
+    with pytest.raises(PluginError, match=both):
+        plugins.find("output", "film")
 
 
 def test_two_plugins_of_one_name_are_an_error(install: Install) -> None:
     install("one", taichisoft_outputs=provide("movie"))
     install("one", "another_module", taichisoft_outputs=provide("film"))
-    with pytest.raises(PluginError, match=r"^two plug-ins are called 'one': plugin_one and another_module"):
+    with pytest.raises(PluginError, match=r"^two plug-ins are called 'one': plugin_one and another_module; rename"):
         plugins.plugin_registry()
 
 
-def test_a_plugin_that_cannot_be_imported_is_named(install: Install, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_plugin_that_cannot_be_imported_is_named_with_a_way_out(
+    install: Install, monkeypatch: pytest.MonkeyPatch
+) -> None:
     absent = EntryPoint("lost", "no_such_module_anywhere", PROJECT)
-    monkeypatch.setattr(plugins, "entry_points", lambda group: [absent])
-    with pytest.raises(PluginError, match=r"^plug-in 'lost' \(no_such_module_anywhere\) cannot be imported: No module"):
+    monkeypatch.setattr(plugin_sources, "entry_points", lambda group: [absent])
+    with pytest.raises(
+        PluginError,
+        match=r"^plug-in 'lost' \(no_such_module_anywhere\) cannot be imported: ModuleNotFoundError: No module named "
+        r"'no_such_module_anywhere'; TAICHISOFT_DISABLE_PLUGINS=lost leaves it out$",
+    ):
         plugins.plugin_registry()
 
 
@@ -85,48 +112,86 @@ def test_a_hook_that_fails_is_named_with_its_plugin_and_place(install: Install) 
         raise KeyError("gripper")
 
     install("one", taichisoft_outputs=fail)
-    with pytest.raises(
-        PluginError, match=r"^plug-in 'one' failed in taichisoft_outputs\(\): KeyError: 'gripper' \(tes"
-    ):
+    failure = (
+        r"^plug-in 'one' \(plugin_one\) failed in taichisoft_outputs\(\): KeyError: 'gripper' \(test_plugins.py, line"
+    )
+    with pytest.raises(PluginError, match=failure):
         plugins.find("output", "movie")
 
 
-def test_a_hook_that_gives_no_mapping_is_named_with_its_plugin(install: Install) -> None:
-    install("one", taichisoft_outputs=lambda: ["movie"])
-    with pytest.raises(
-        PluginError, match=r"^plug-in 'one': taichisoft_outputs\(\) gave \['movie'\]; must be a mapping"
-    ):
+@pytest.mark.parametrize(
+    ("answer", "problem"),
+    [
+        (["movie"], r"taichisoft_outputs\(\) gave \['movie'\]; must be a mapping by name"),
+        (None, r"taichisoft_outputs\(\) gave None; must be a mapping"),
+        ({"movie": "Movie"}, r"taichisoft_outputs\(\) gave 'Movie' as 'movie'; must be a class or a function"),
+        ({3: object}, r"taichisoft_outputs\(\) gave the name 3; must be text"),
+        ({" ": object}, r"taichisoft_outputs\(\) gave the name ' '; must be text"),
+    ],
+)
+def test_a_hook_that_gives_something_else_is_named_with_its_plugin(install: Install, answer: Any, problem: str) -> None:
+    install("one", taichisoft_outputs=lambda: answer)
+    with pytest.raises(PluginError, match=rf"^plug-in 'one' \(plugin_one\): {problem}"):
         plugins.find("output", "movie")
 
 
-def test_commands_are_added_and_one_that_cannot_be_is_named(install: Install) -> None:
-    def add(application: typer.Typer) -> None:
-        application.command("wave")(lambda: None)
+def test_life_cycle_hooks_reach_every_plugin_in_order_until_one_fails(install: Install) -> None:
+    calls: list[str] = []
 
-    def fail(application: typer.Typer) -> None:
-        raise RuntimeError("no arms")
+    def fail(session: Any) -> None:
+        raise ValueError("no disk")
 
-    install("one", taichisoft_commands=add)
-    install("silent", taichisoft_commands=lambda: None)  # pluggy lets a hook leave out arguments
-    application = typer.Typer()
-    plugins.add_commands(application)
-    assert [command.name for command in application.registered_commands] == ["wave"]
-    install("two", taichisoft_commands=fail)
-    plugins.plugin_registry.cache_clear()
-    with pytest.raises(PluginError, match=r"^plug-in 'two' failed in taichisoft_commands\(\): RuntimeError: no arms"):
-        plugins.add_commands(application)
+    install("one", taichisoft_run_ends=lambda session, outcome: calls.append(f"one {session} {outcome}"))
+    install("two", taichisoft_run_ends=lambda outcome: calls.append(f"two {outcome}"), taichisoft_run_begins=fail)
+    install("three", taichisoft_run_begins=lambda: calls.append("three"))
+    plugins.notify("taichisoft_run_ends", session="session", outcome="completed")
+    assert calls == ["one session completed", "two completed"]
+    plugins.notify("taichisoft_picture_wanted", session="session")  # which nobody implements
+    with pytest.raises(
+        PluginError, match=r"^plug-in 'two' .* failed in taichisoft_run_begins\(\): ValueError: no disk"
+    ):
+        plugins.notify("taichisoft_run_begins", session="session")
+
+
+def test_marks_of_pluggy_change_the_order(install: Install) -> None:
+    calls: list[str] = []
+    for name, marks in {"a": {"trylast": True}, "b": {}, "c": {"tryfirst": True}, "d": {}}.items():
+        install(name)
+        hook = hookimpl(lambda name=name: calls.append(name), **marks)
+        sys.modules[f"plugin_{name}"].taichisoft_run_begins = hook  # type: ignore[attr-defined]
+    plugins.notify("taichisoft_run_begins", session=None)
+    assert calls == ["c", "b", "d", "a"]
+
+
+def test_a_plugin_may_say_that_a_run_has_failed(install: Install) -> None:
+    def give_up() -> None:
+        raise ControllerFailed("the cube is gone")
+
+    install("one", taichisoft_step_done=give_up)
+    with pytest.raises(ControllerFailed, match=r"^the cube is gone$"):
+        plugins.notify("taichisoft_step_done", session=None, report=None)
 
 
 def test_the_list_says_what_each_plugin_provides_through_its_hooks(install: Install) -> None:
-    install("one", taichisoft_controllers=provide("push", "pull"), taichisoft_commands=lambda: None)
-    install("two", taichisoft_outputs=provide("movie"))
-    sys.modules["plugin_two"].taichisoft_controllers = provide("not marked as a hook")  # type: ignore[attr-defined]
-    listed = {plugin.name: plugin.provides for plugin in plugins.list_plugins()}
-    assert listed == {"one": ["controller pull", "controller push", "commands"], "two": ["output movie"]}
+    def add(application: Any) -> None:
+        application.command("wave")(lambda: None)
+
+    install("one", taichisoft_controllers=provide("push", "pull"), taichisoft_commands=add)
+    install("two", taichisoft_outputs=provide("movie"), taichisoft_step_done=lambda: None)
+    install("three", taichisoft_geometry_kinds=provide("bellows"), taichisoft_scene_readers=provide(".yaml"))
+    assert {plugin.name: plugin.provides for plugin in list_plugins()} == {
+        "one": ["controller pull", "controller push", "command wave"],
+        "three": ["geometry kind bellows", "scene reader .yaml"],
+        "two": ["output movie", "taichisoft_step_done()"],
+    }
 
 
-def test_the_built_in_features_are_plugins_like_any_other() -> None:
-    listed = {plugin.name: plugin.provides for plugin in plugins.list_plugins()}
-    assert "controller scripted" in listed["controllers"]
-    assert {"output recording", "output metrics", "output pictures"} <= set(listed["outputs"])
-    assert listed["meshing"] == ["commands"]
+def test_the_built_in_features_are_plugins_like_any_other_and_come_first() -> None:
+    plugins.plugin_registry.cache_clear()
+    listed = {plugin.name: plugin for plugin in list_plugins()}
+    assert list(listed)[:4] == ["benchmarks", "controllers", "meshing", "outputs"]
+    assert "controller scripted" in listed["controllers"].provides
+    assert {"output recording", "output metrics", "output pictures"} <= set(listed["outputs"].provides)
+    assert listed["meshing"].provides == ["geometry kind pneunet_finger", "command mesh"]
+    origin = listed["meshing"].origin
+    assert (origin.kind, origin.distribution, origin.place) == ("distribution", "taichisoft", "taichisoft_meshing")

@@ -61,7 +61,7 @@ def test_what_cannot_be_meshed_leaves_the_old_file_alone(application: typer.Type
     message = fail(application, str(finger), "-o", str(output))
     assert message.startswith(f"{finger}: slots.depth = 25: must be at most 19.4")
     assert "none of the shipped fingers: tutorial" in fail(application, "thumb", "-o", str(output))
-    assert "mesh.largest = 0.0: input should be greater than 0" in fail(
+    assert "--size 0: must be a positive, finite number of millimetres" in fail(
         application, "tutorial", "-o", str(output), "--size", "0"
     )
     assert output.read_text() == "the mesh of yesterday"

@@ -1,0 +1,59 @@
+"""Geometry files: TOML whose `kind` says which plug-in knows what it describes."""
+
+import tomllib
+from pathlib import Path
+from typing import Any
+
+from taichisoft import plugins
+from taichisoft.errors import MeshError, PluginError
+from taichisoft.geometry import Geometry
+from taichisoft.mesh import VolumeMesh
+from taichisoft.plugin_failure import failures_of
+from taichisoft.validation_errors import nearest
+
+DEFAULT_KIND = "pneunet_finger"
+
+
+def read_geometry(path: Path) -> Geometry:
+    """Read and check what a file describes, without meshing it.
+
+    Raises:
+        MeshError: the file is missing or no TOML, its kind is unknown, or something in it is not valid.
+        PluginError: the plug-in of its kind failed.
+    """
+    kind, tables = read_tables(path)
+    kinds = plugins.provided("geometry kind")
+    if kind not in kinds:
+        raise MeshError(f"{path}: kind = {kind!r}: unknown; {nearest(str(kind), sorted(kinds), 'there are')}")
+    with failures_of(f"{path}: geometry kind '{kind}' failed"):
+        geometry: Geometry = kinds[kind](tables, path)
+    return geometry
+
+
+def mesh_geometry(geometry: Geometry, size: float | None, path: Path) -> VolumeMesh:
+    """Mesh what was read from `path`, with largest elements of `size` [mm], and check the result.
+
+    Raises:
+        MeshError: it cannot be meshed, or not to something that is fit to simulate.
+        PluginError: the plug-in of its kind failed.
+    """
+    with failures_of(f"{path}: {type(geometry).__name__} failed in mesh()"):
+        mesh = geometry.mesh(size)
+    if not isinstance(mesh, VolumeMesh):
+        raise PluginError(f"{path}: {type(geometry).__name__}.mesh() gave {mesh!r}; must be a VolumeMesh")
+    return mesh.check()
+
+
+def read_tables(path: Path) -> tuple[Any, dict[str, Any]]:
+    """The kind and the tables of a file.
+
+    Raises:
+        MeshError: the file is missing or no TOML.
+    """
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise MeshError(f"{path}: no such file; a finger file (.toml) is needed") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise MeshError(f"{path}: not readable as TOML: {error}") from error
+    return tables.pop("kind", DEFAULT_KIND), tables
