@@ -1,49 +1,21 @@
-"""A controller that follows keyframes."""
+"""The controller "scripted": follows a file of keyframes, or of steps that may wait for conditions."""
 
-import itertools
-import tomllib
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
-import numpy as np
-from pydantic import Field, ValidationError, model_validator
+from pydantic import ValidationError
 
 from taichisoft.controller import Control, Observation
 from taichisoft.errors import SceneError
-from taichisoft.scene import NotNegative, Number, Positive, Table, Vector
+from taichisoft.scene import Positive, Table
 from taichisoft.shipped import find_file
 from taichisoft.validation_errors import first_problem
+from taichisoft_controllers.keyframe_follower import KeyframeFollower
+from taichisoft_controllers.script_file import SUFFIXES, Interpolation, read_script
+from taichisoft_controllers.step_follower import StepFollower
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-
-
-class Keyframe(Table):
-    """What is asked for at a time; between two keyframes values are interpolated."""
-
-    time: NotNegative
-    """[s]"""
-    pressure: Number
-    """Of all cavities [kPa]."""
-    base_translation: Vector = (0.0, 0.0, 0.0)
-    """[mm]"""
-    base_rotation: Vector = (0.0, 0.0, 0.0)
-    """Rotation vector [degrees]."""
-
-
-class Script(Table):
-    """The file that a scripted controller follows."""
-
-    interpolation: Literal["linear", "smooth"] = "linear"
-    """"smooth" starts and ends at rest between any two keyframes (3 s^2 - 2 s^3)."""
-    keyframes: list[Keyframe] = Field(min_length=1)
-
-    @model_validator(mode="after")
-    def _check_order(self) -> "Script":
-        times = [keyframe.time for keyframe in self.keyframes]
-        if any(later <= earlier for earlier, later in itertools.pairwise(times)):
-            raise ValueError(f"the times of the keyframes must increase; they are {times}")
-        return self
 
 
 class Settings(Table):
@@ -51,67 +23,56 @@ class Settings(Table):
 
     script: Path
     pressure: Positive | None = None
+    interpolation: Interpolation | None = None
 
 
 class ScriptedController:
-    """Follows the keyframes of a script; before the first and after the last it holds."""
+    """Does what a script says; docs/controllers.md says what a script may say."""
 
-    def __init__(self, script: str | Path, pressure: float | None = None):
+    def __init__(self, script: str | Path, pressure: float | None = None, interpolation: str | None = None):
         """Read the script, by path or by shipped name.
 
         Args:
-            script: TOML file with `interpolation` and `keyframes`.
+            script: TOML file with `keyframes` or `steps`, or CSV file of keyframes.
             pressure: [kPa]; scales the script so that its largest pressure is this.
+            interpolation: "linear" or "smooth", instead of the script's own.
 
         Raises:
             SceneError: the script is missing, or something in it or in the settings is not valid.
         """
+        settings = {"script": script, "pressure": pressure, "interpolation": interpolation}
         try:
-            Settings.model_validate({"script": script, "pressure": pressure})
+            Settings.model_validate(settings)
         except ValidationError as error:
             raise SceneError(first_problem(error, Settings, "controller.settings")) from error
-        path = find_file(script, "scripts", (".toml",), error=SceneError)
-        content = _read(path)
-        frames = content.keyframes
-        self._smooth = content.interpolation == "smooth"
-        self._times = np.array([frame.time for frame in frames])
-        rotations = np.radians([frame.base_rotation for frame in frames])
-        pressures = np.array([frame.pressure for frame in frames])
-        if pressure is not None:
-            if not pressures.max() > 0.0:
-                raise SceneError(f"{path}: has no pressure above 0 that controller.settings.pressure could scale")
-            pressures *= pressure / pressures.max()
-        self._values = np.column_stack([pressures, [frame.base_translation for frame in frames], rotations])
-        self._cavities: tuple[str, ...] = ()
+        path = find_file(script, "scripts", SUFFIXES, error=SceneError)
+        content = read_script(path)
+        if pressure is not None and not content.highest_pressure > 0.0:
+            raise SceneError(f"{path}: has no pressure above 0 that controller.settings.pressure could scale")
+        factor = pressure / content.highest_pressure if pressure is not None else 1.0
+        smooth = (interpolation or content.interpolation) == "smooth"
+        self._follower: KeyframeFollower | StepFollower
+        if content.steps is not None:
+            self._follower = StepFollower(path, content.steps, smooth, factor)
+        else:
+            self._follower = KeyframeFollower(path, content.keyframes or (), smooth, factor)
 
     def reset(self, model: "Model") -> None:
-        """Take the names of the cavities."""
-        self._cavities = model.cavities.names
+        """Begin anew.
+
+        Raises:
+            SceneError: the script names a finger, cavity or body that the model does not have.
+        """
+        self._follower.reset(model)
 
     def control(self, observation: Observation) -> Control:
-        """The script's values at the start of the coming step."""
-        values = self._at(observation.time)
-        return Control(
-            pressure=dict.fromkeys(self._cavities, float(values[0])),
-            base_translation=values[1:4],
-            base_rotation=values[4:7],
-        )
+        """What the script says at the start of the coming step.
 
-    def _at(self, time: float) -> np.ndarray:
-        after = int(np.searchsorted(self._times, time, side="right"))
-        if after == 0 or after == len(self._times):
-            return self._values[min(after, len(self._times) - 1)]
-        start, end = self._times[after - 1], self._times[after]
-        share = (time - start) / (end - start)
-        if self._smooth:
-            share = share * share * (3.0 - 2.0 * share)
-        return (1.0 - share) * self._values[after - 1] + share * self._values[after]
+        Raises:
+            ControllerFailed: a condition was not true in time.
+        """
+        return self._follower.control(observation)
 
-
-def _read(path: Path) -> Script:
-    try:
-        return Script.model_validate(tomllib.loads(path.read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SceneError(f"{path}: not readable as TOML: {error}") from error
-    except ValidationError as error:
-        raise SceneError(f"{path}: {first_problem(error, Script)}") from error
+    def summary(self) -> dict[str, str]:
+        """Rows of the table that closes a run: when each step was made."""
+        return self._follower.summary()

@@ -111,7 +111,7 @@ def test_a_pressure_scales_the_script_to_its_largest(tmp_path: Path) -> None:
         ("keyframes=[{time=1,pressure='1'}]", "keyframes.0.pressure = '1': input should be a valid number"),
         ("keyframes=[{time=1,pressure=1,base_translation=[1,2]}]", "= [1, 2]: has 2 values; 3 are needed"),
         ("keyframes=[]", "keyframes = []: at least 1 is needed"),
-        ("", "keyframes: this key is missing"),
+        ("", "exactly one of keyframes, steps is needed; given: none"),
         ("keyframes=[", "not readable as TOML: "),
     ],
 )

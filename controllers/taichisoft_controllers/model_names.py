@@ -1,0 +1,108 @@
+"""Which cavities, fingers, objects and pairs of a model a user's name stands for; None stands for all."""
+
+from collections.abc import Mapping, Sequence
+from itertools import combinations
+from typing import TYPE_CHECKING
+
+from taichisoft.errors import SceneError
+from taichisoft.validation_errors import nearest
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+
+
+def cavities_called(name: str | None, cavities: Sequence[str]) -> list[str]:
+    """The cavities of "finger1", or "finger1.cavity" alone, out of all names of cavities.
+
+    Raises:
+        SceneError: there are none.
+    """
+    bodies = list(dict.fromkeys(cavity.partition(".")[0] for cavity in cavities))
+    chosen = [cavity for cavity in cavities if name is None or name in (cavity, cavity.partition(".")[0])]
+    if not chosen:
+        raise _unknown(name, [*bodies, *cavities], "finger or cavity")
+    return chosen
+
+
+def pressures_by_cavity(pressure: float | Mapping[str, float], cavities: Sequence[str]) -> dict[str, float]:
+    """One pressure for all cavities, or pressures by finger or cavity, by the names of the cavities [kPa].
+
+    Raises:
+        SceneError: a name is none of a finger or cavity, or a cavity is meant twice.
+    """
+    if not isinstance(pressure, Mapping):
+        return dict.fromkeys(cavities, pressure)
+    by_cavity: dict[str, float] = {}
+    for name, value in pressure.items():
+        for cavity in cavities_called(name, cavities):
+            if cavity in by_cavity:
+                raise SceneError(f"'{cavity}' is given twice, the second time as '{name}'")
+            by_cavity[cavity] = value
+    return by_cavity
+
+
+def fingers_called(name: str | None, model: "Model") -> list[str]:
+    """The soft body of that name, if its bending is observed.
+
+    Raises:
+        SceneError: there is none.
+    """
+    bodies = model.scene.soft_bodies.items()
+    return called(name, [finger for finger, body in bodies if body.anchors or body.tip is not None], "finger")
+
+
+def object_called(name: str | None, model: "Model") -> str:
+    """The rigid body of that name; without a name the goal's object, or the only rigid body.
+
+    Raises:
+        SceneError: there is none, or more than one.
+    """
+    names = [body.name for body in model.rigid_bodies] if name is not None else grasped_objects(model)
+    chosen = called(name, names, "rigid body")
+    if len(chosen) > 1:
+        raise SceneError(f'which one? put its name in brackets: ["{chosen[0]}"]; there are: {", ".join(chosen)}')
+    return chosen[0]
+
+
+def pairs_called(name: str | None, model: "Model") -> list[str]:
+    """The pair of bodies, whichever way round; without a name, all of a soft body and a grasped object.
+
+    Raises:
+        SceneError: there is none.
+    """
+    if name is None:
+        pairs = [f"{body.name}|{other}" for body in model.soft_bodies for other in grasped_objects(model)]
+        return called(None, pairs, "soft body")
+    fixed = {obstacle.name for obstacle in model.obstacles}
+    pairs = [f"{one}|{other}" for one, other in combinations(model.body_names, 2) if not {one, other} <= fixed]
+    turned = "|".join(reversed(name.split("|")))
+    return [turned] if turned in pairs else called(name, pairs, "pair of bodies")
+
+
+def grasped_objects(model: "Model") -> list[str]:
+    """The goal's object, or all rigid bodies when the scene has no goal.
+
+    Raises:
+        SceneError: there are none.
+    """
+    goal = model.scene.goal
+    names = [goal.object] if goal is not None else [body.name for body in model.rigid_bodies]
+    return called(None, names, "rigid body")
+
+
+def called(name: str | None, names: Sequence[str], what: str) -> list[str]:
+    """Those of `names` that are `name`.
+
+    Raises:
+        SceneError: there are none; it says `what` they are and names the nearest.
+    """
+    chosen = [known for known in names if name is None or known == name]
+    if not chosen:
+        raise _unknown(name, names, what)
+    return chosen
+
+
+def _unknown(name: str | None, names: Sequence[str], what: str) -> SceneError:
+    if name is None:
+        return SceneError(f"the scene has no {what}")
+    return SceneError(f"no {what} is called '{name}'; {nearest(name, names, 'there are')}")

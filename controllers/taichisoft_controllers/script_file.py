@@ -1,0 +1,166 @@
+"""What stands in the file of a script: keyframes or steps, as plain validated data."""
+
+import itertools
+import math
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, PlainValidator, ValidationError, model_validator
+from pydantic_core import PydanticKnownError
+
+from taichisoft.errors import SceneError
+from taichisoft.scene import NotNegative, Positive, Table, Vector
+from taichisoft.validation_errors import first_problem
+from taichisoft_controllers.script_csv import read_keyframes
+
+SUFFIXES = (".toml", ".csv")
+
+Interpolation = Literal["linear", "smooth"]
+
+RATES = {"pressure": "pressure_rate", "base_translation": "base_speed", "base_rotation": "base_turning_speed"}
+"""What a step can move, and the key that says how fast."""
+RATE_UNITS = {"pressure_rate": "kPa/s", "base_speed": "mm/s", "base_turning_speed": "degrees/s"}
+
+
+def _number(value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise PydanticKnownError("float_type")
+    if not math.isfinite(value):
+        raise PydanticKnownError("finite_number")
+    return float(value)
+
+
+def _pressure(value: Any, parents: tuple[str, ...] = ()) -> float | dict[str, float]:
+    """A number, or numbers by finger or cavity; TOML makes tables in tables of finger1.cavity = 50."""
+    if not isinstance(value, dict):
+        return _number(value)
+    if not value:
+        raise ValueError("names no finger or cavity")
+    flat: dict[str, float] = {}
+    for name, inner in value.items():
+        path = (*parents, name)
+        try:
+            read = _pressure(inner, path)
+        except PydanticKnownError as error:
+            raise ValueError(f"{'.'.join(path)} = {inner!r} must be a finite number [kPa]") from error
+        flat |= read if isinstance(read, dict) else {".".join(path): read}
+    return flat
+
+
+Pressure = Annotated[float | dict[str, float], PlainValidator(_pressure)]
+
+
+class Keyframe(Table):
+    """What is asked for at a time; between two keyframes values are interpolated."""
+
+    time: NotNegative
+    """[s]"""
+    pressure: Pressure
+    """[kPa] of all cavities, or a table by finger or cavity that names every cavity."""
+    base_translation: Vector = (0.0, 0.0, 0.0)
+    """[mm]"""
+    base_rotation: Vector = (0.0, 0.0, 0.0)
+    """Rotation vector [degrees]."""
+
+
+class Step(Table):
+    """Goes to what it asks for, and ends when it is there or when a condition is true; then the next one begins."""
+
+    name: str = ""
+    """For messages."""
+    pressure: Pressure | None = None
+    """Where to go [kPa]: all cavities, or a table by finger or cavity; what it does not name stays."""
+    base_translation: Vector | None = None
+    """Where to go [mm]; stays when it is not given."""
+    base_rotation: Vector | None = None
+    """Where to go, rotation vector [degrees]; stays when it is not given."""
+    duration: Positive | None = None
+    """Of the way there [s]; either this or a rate for each thing that moves."""
+    pressure_rate: Positive | None = None
+    """[kPa/s]"""
+    base_speed: Positive | None = None
+    """[mm/s]"""
+    base_turning_speed: Positive | None = None
+    """[degrees/s]"""
+    until: str | None = None
+    """A condition: as soon as it is true everything stays where it is, and the step ends."""
+    timeout: Positive | None = None
+    """The run fails when `until` is not true so long after the step began [s]."""
+    hold: Positive | None = None
+    """So long everything stays where it is before the next step begins [s]."""
+
+    @model_validator(mode="after")
+    def _check_motion(self) -> "Step":
+        for key, rate in RATES.items():
+            moves, has_rate = getattr(self, key) is not None, getattr(self, rate) is not None
+            if has_rate and not moves:
+                raise ValueError(f"{rate} without {key} has no effect; remove it or say where to go")
+            if has_rate and self.duration is not None:
+                raise ValueError(f"duration and {rate} are both given; give one of them")
+            if moves and not has_rate and self.duration is None:
+                raise ValueError(f"{key} needs a duration [s] or a {rate} [{RATE_UNITS[rate]}]")
+        if self.duration is not None and not self.moves:
+            raise ValueError("duration without anything that moves; to wait, give hold [s]")
+        return self
+
+    @model_validator(mode="after")
+    def _check_waiting(self) -> "Step":
+        if self.until is not None and self.timeout is None:
+            raise ValueError("until needs a timeout [s], after which the run fails")
+        if self.timeout is not None and self.until is None:
+            raise ValueError("timeout without until has no effect; remove it or give a condition")
+        if not self.moves and self.until is None and self.hold is None:
+            raise ValueError(f"does nothing; it needs at least one of {', '.join(RATES)}, until, hold")
+        return self
+
+    @property
+    def moves(self) -> bool:
+        """Whether it asks for anything."""
+        return any(getattr(self, key) is not None for key in RATES)
+
+
+class Script(Table):
+    """The file that a scripted controller follows: keyframes at fixed times, or steps that may wait for conditions."""
+
+    interpolation: Interpolation = "linear"
+    """"smooth" starts and ends at rest between any two keyframes and in any `duration` (3 s^2 - 2 s^3)."""
+    keyframes: list[Keyframe] | None = Field(None, min_length=1)
+    steps: list[Step] | None = Field(None, min_length=1)
+
+    @model_validator(mode="after")
+    def _check_form(self) -> "Script":
+        self.require_one_of("keyframes", "steps")
+        return self
+
+    @model_validator(mode="after")
+    def _check_order(self) -> "Script":
+        times = [keyframe.time for keyframe in self.keyframes or ()]
+        if any(later <= earlier for earlier, later in itertools.pairwise(times)):
+            raise ValueError(f"the times of the keyframes must increase; they are {times}")
+        return self
+
+    @property
+    def highest_pressure(self) -> float:
+        """[kPa]; minus infinity when there is none."""
+        asked = [entry.pressure for entry in (*(self.keyframes or ()), *(self.steps or ()))]
+        numbers = [list(value.values()) if isinstance(value, dict) else [value] for value in asked if value is not None]
+        return max(itertools.chain(*numbers), default=-math.inf)
+
+
+def read_script(path: Path) -> Script:
+    """Read a TOML or CSV file.
+
+    Raises:
+        SceneError: it is not readable, or something in it is not valid; the message names file, key and value.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+        tables = read_keyframes(text) if path.suffix.lower() == ".csv" else tomllib.loads(text)
+        return Script.model_validate(tables)
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise SceneError(f"{path}: not readable as {path.suffix[1:].upper() or 'TOML'}: {error}") from error
+    except ValidationError as error:
+        raise SceneError(f"{path}: {first_problem(error, Script)}") from error
+    except SceneError as error:
+        raise SceneError(f"{path}: {error}") from error
