@@ -53,8 +53,11 @@ def _place(error: BaseException) -> str:
 
 
 def _own_part(error: BaseException) -> TracebackType | None:
-    """The traceback without the frames that lead to the plug-in; None when there are no others."""
-    entered = error.__traceback__
+    """The traceback without the frames that lead to the plug-in; None when there are no others.
+
+    The first frame is that of the function which called the plug-in and caught the error.
+    """
+    entered = error.__traceback__ and error.__traceback__.tb_next
     while entered is not None and entered.tb_frame.f_code.co_filename.startswith(OUTSIDE):
         entered = entered.tb_next
     return entered

@@ -12,6 +12,7 @@ from taichisoft.errors import SceneError
 from taichisoft.mesh_files import SURFACE_SUFFIXES, VOLUME_SUFFIXES
 from taichisoft.overrides import apply_override
 from taichisoft.scene import Scene
+from taichisoft.scene_reader import find_scene, read_with_plugin
 from taichisoft.shipped import find_file
 from taichisoft.validation_errors import first_problem
 
@@ -27,19 +28,21 @@ FILE_KEYS = {
 def load_scene(name: str | Path, overrides: Sequence[str] = (), controller: str | None = None) -> Scene:
     """Read a scene by path or by the name of a shipped one; files that it names become absolute paths.
 
+    It is TOML unless a plug-in reads files of its suffix.
+
     Args:
         name: path or name.
         overrides: "key.key=value" with TOML values, applied before anything is inherited or checked.
         controller: name of a controller to take instead of the scene's own, whose settings are then dropped.
 
     Raises:
-        SceneError: the file is missing or no TOML, or something in it is not valid.
+        SceneError: the file is missing or cannot be read, or something in it is not valid.
+        PluginError: the plug-in that reads its format failed.
     """
-    path = find_file(name, "scenes", (".toml",), error=SceneError)
-    try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise SceneError(f"{path}: not readable as TOML: {error}") from error
+    path = find_scene(name)
+    document = read_with_plugin(path)
+    if document is None:
+        document = _read_toml(path)
     if controller is not None:
         _choose_controller(document, controller)
     for override in overrides:
@@ -74,6 +77,13 @@ def _choose_controller(document: dict[str, Any], name: str) -> None:
     if isinstance(table, dict) and table.get("name") != name:
         table.pop("settings", None)
         table["name"] = name
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise SceneError(f"{path}: not readable as TOML: {error}") from error
 
 
 def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:

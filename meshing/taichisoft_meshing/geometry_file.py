@@ -23,7 +23,7 @@ def read_geometry(path: Path) -> Geometry:
     """
     kind, tables = read_tables(path)
     kinds = plugins.provided("geometry kind")
-    if kind not in kinds:
+    if not isinstance(kind, str) or kind not in kinds:
         raise MeshError(f"{path}: kind = {kind!r}: unknown; {nearest(str(kind), sorted(kinds), 'there are')}")
     with failures_of(f"{path}: geometry kind '{kind}' failed"):
         geometry: Geometry = kinds[kind](tables, path)
