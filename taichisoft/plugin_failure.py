@@ -55,9 +55,13 @@ def _place(error: BaseException) -> str:
 def _own_part(error: BaseException) -> TracebackType | None:
     """The traceback without the frames that lead to the plug-in; None when there are no others.
 
-    The first frame is that of the function which called the plug-in and caught the error.
+    The first frame is that of the function which called the plug-in and caught the error, under `failures_of` if it did
+    so through that.
     """
-    entered = error.__traceback__ and error.__traceback__.tb_next
+    entered = error.__traceback__
+    if entered is not None and entered.tb_frame.f_code is failures_of.__wrapped__.__code__:  # type: ignore[attr-defined]
+        entered = entered.tb_next
+    entered = entered and entered.tb_next
     while entered is not None and entered.tb_frame.f_code.co_filename.startswith(OUTSIDE):
         entered = entered.tb_next
     return entered
