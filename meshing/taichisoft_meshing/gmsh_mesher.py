@@ -1,7 +1,5 @@
 """From a finger's dimensions to tetrahedra: gmsh builds the solid and fills it."""
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -10,6 +8,7 @@ from taichisoft.errors import MeshError
 from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft_meshing.finger import FingerParameters
+from taichisoft_meshing.gmsh_session import GmshFailure, gmsh_session
 from taichisoft_meshing.skin import name_surfaces
 
 TETRAHEDRON = 4  # gmsh's number for the linear tetrahedron
@@ -28,44 +27,17 @@ def mesh_finger(parameters: FingerParameters) -> VolumeMesh:
     Raises:
         MeshError: gmsh cannot be loaded, fails, or gives a body of another volume.
     """
-    with _gmsh_session() as gmsh:
-        try:
-            _build_solid(gmsh.model.occ, parameters)
-            _set_sizes(gmsh, parameters)
-            gmsh.model.mesh.generate(3)
-            nodes, elements = _tetrahedra(gmsh.model.mesh)
-        except Exception as error:  # gmsh raises plain Exception
-            raise MeshError(f"gmsh cannot mesh this finger: {_one_line(error)}") from error
+    with gmsh_session("this finger") as gmsh:
+        _build_solid(gmsh.model.occ, parameters)
+        _set_sizes(gmsh, parameters)
+        gmsh.model.mesh.generate(3)
+        nodes, elements = _tetrahedra(gmsh.model.mesh)
     # Programs that save only what is in a group would leave the tetrahedra out.
     silicone = {"silicone": np.arange(len(elements), dtype=np.int32)}
     surfaces = name_surfaces(nodes, elements)
     mesh = VolumeMesh("finger meshed by gmsh", nodes, elements, surfaces, silicone).check()
     _check_volumes(mesh, parameters)
     return mesh
-
-
-@contextmanager
-def _gmsh_session() -> Iterator[Any]:
-    """A silent, single-threaded gmsh that is closed again whatever happens."""
-    try:
-        import gmsh
-    except (ImportError, OSError) as error:
-        raise MeshError(
-            f"gmsh cannot be loaded ({_one_line(error)}); it needs the system libraries of X11 and OpenGL, "
-            "on Debian libglu1-mesa libgl1 libxcursor1 libxinerama1 libxft2"
-        ) from error
-    if gmsh.isInitialized():
-        raise MeshError("gmsh is already in use in this process; finalize it before meshing a finger")
-    # Not interruptible: gmsh would take over the signal handlers, and can only do so in the main thread.
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        gmsh.option.setNumber("General.NumThreads", 1)  # several threads number the nodes as they come
-        gmsh.option.setNumber("Mesh.Optimize", 1)
-        gmsh.option.setNumber("Mesh.OptimizeNetgen", 1)
-        yield gmsh
-    finally:
-        gmsh.finalize()
 
 
 def _build_solid(occ: Any, finger: FingerParameters) -> None:
@@ -123,7 +95,7 @@ def _tetrahedra(gmsh_mesh: Any) -> tuple[np.ndarray, np.ndarray]:
     tags, coordinates, _ = gmsh_mesh.getNodes()
     _, corner_tags = gmsh_mesh.getElementsByType(TETRAHEDRON)
     if len(corner_tags) == 0:
-        raise ValueError("no tetrahedra came out")
+        raise GmshFailure("no tetrahedra came out")
     order = np.argsort(tags)
     used, elements = np.unique(corner_tags, return_inverse=True)
     nodes = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
@@ -141,7 +113,3 @@ def _check_volumes(mesh: VolumeMesh, finger: FingerParameters) -> None:
             raise MeshError(
                 f"gmsh gave a {what} of {meshed:.6g} mm^3 instead of {wanted:.6g}; try another mesh.largest"
             )
-
-
-def _one_line(error: Exception) -> str:
-    return " ".join(str(error).split())

@@ -130,30 +130,6 @@ def test_a_smaller_size_at_the_cavity_refines_there(tutorial: VolumeMesh) -> Non
     assert len(finer.surface_groups["base"]) == len(tutorial.surface_groups["base"])
 
 
-def test_gmsh_is_closed_again_when_it_fails(monkeypatch: pytest.MonkeyPatch) -> None:
-    import gmsh
-
-    def fail(*_: object) -> None:
-        raise Exception("Could not\nmesh")
-
-    monkeypatch.setattr(gmsh_mesher, "_set_sizes", fail)
-    with pytest.raises(MeshError, match=r"^gmsh cannot mesh this finger: Could not mesh$"):
-        mesh_finger(FingerParameters())
-    assert not gmsh.isInitialized()
-
-
-def test_gmsh_in_use_by_the_caller_is_left_alone() -> None:
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        with pytest.raises(MeshError, match="gmsh is already in use in this process"):
-            mesh_finger(FingerParameters())
-        assert gmsh.isInitialized()
-    finally:
-        gmsh.finalize()
-
-
 def test_a_body_of_another_volume_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     """gmsh may leave out a slot without a word; here it is made to."""
     monkeypatch.setattr(gmsh_mesher, "_slot", lambda occ, finger, number: (3, occ.addBox(0, -50, 0, 1, 1, 1)))
