@@ -3,7 +3,7 @@
 import math
 import warnings
 from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -56,6 +56,9 @@ def run_scene(
         if getattr(controller, "interactive", False) and replay is None:
             duration = math.inf if duration is None else duration
             speed = 1.0 if speed is None else speed
+        if speed is not None:
+            with console.status(status):
+                _load_kernels(simulation)
         outputs = [_make_output(output, make, folder) for output, make in output_factories.items()]
         session = Session(simulation, controller, outputs, duration, folder, speed, replay)
         _write_scene(scene, folder)
@@ -74,6 +77,14 @@ def _run(session: Session, console: Console, folder: Path, title: str, profile: 
         warn_if_slow(console, session)
         if times is not None and times.seconds:
             print_profile(console, times)
+
+
+def _load_kernels(simulation: Simulation) -> None:
+    """Make a step and take it back: the first one takes seconds, in which a run at a speed would fall behind."""
+    state = simulation.state
+    with suppress(TaichisoftError):  # the run itself will say so, with its outputs
+        simulation.step()
+    simulation.restore(state)
 
 
 def _make_output(name: str, make: OutputFactory, folder: Path) -> Any:

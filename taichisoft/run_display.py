@@ -11,12 +11,10 @@ from rich.table import Table
 from rich.text import Text
 
 from taichisoft import plugins
+from taichisoft.pace import KEEPING_UP
 from taichisoft.profile import REST, TOTAL, Profile
 from taichisoft.session import Session
 from taichisoft.simulation import StepReport
-
-# A run that was held back to a speed and was slower than this share of it says so.
-KEPT_UP = 0.98
 
 
 @contextmanager
@@ -45,7 +43,7 @@ def print_warning(console: Console, message: str) -> None:
 def warn_if_slow(console: Console, session: Session) -> None:
     """Say so when a run could not keep up with the speed that it should have had."""
     pace = session.pace
-    if pace.speed is not None and pace.mean_real_time_factor < KEPT_UP * pace.speed:
+    if pace.speed is not None and pace.mean_real_time_factor < KEEPING_UP * pace.speed:
         print_warning(
             console,
             f"could not keep up: {pace.mean_real_time_factor:.2f} s were simulated in a second, {pace.speed:g} s were "

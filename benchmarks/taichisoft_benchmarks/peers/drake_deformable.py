@@ -71,7 +71,7 @@ class DrakePeer:
             path = Path(folder) / "finger.vtk"
             mesh = meshio.Mesh(body.rest_position * METRE, [("tetra", body.elements)])
             meshio.write(path, mesh, file_format="vtk42", binary=False)
-            geometry = GeometryInstance(RigidTransform(), Mesh(str(path)), body.name)
+            geometry = GeometryInstance(RigidTransform(), Mesh(path), body.name)
             geometry.set_proximity_properties(ProximityProperties())
             identity = deformable.RegisterDeformableBody(geometry, material, 1.0)
         anchored = body.rest_position[body.anchor_stiffness > 0.0]
