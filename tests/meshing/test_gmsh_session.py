@@ -36,9 +36,8 @@ def test_gmshs_own_failure_names_the_file_with_its_log(logs: Path) -> None:
 
 
 def test_a_result_that_is_refused_inside_the_session_names_the_log_too() -> None:
-    with pytest.raises(MeshError, match=r"^gmsh cannot mesh this box: nothing came out; "):
-        with gmsh_session("this box"):
-            raise GmshFailure("nothing\ncame out")
+    with pytest.raises(MeshError, match=r"^gmsh cannot mesh this box: nothing came out; "), gmsh_session("this box"):
+        raise GmshFailure("nothing\ncame out")
 
 
 def test_other_errors_pass_and_leave_no_log(logs: Path) -> None:
@@ -53,9 +52,9 @@ def test_other_errors_pass_and_leave_no_log(logs: Path) -> None:
 
 def test_a_log_that_cannot_be_written_hides_no_failure(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(tempfile, "tempdir", "/nowhere")
-    with pytest.raises(MeshError, match="this box: it failed; gmsh's log cannot be written: No such file"):
-        with gmsh_session("this box"):
-            raise GmshFailure("it failed")
+    refused = pytest.raises(MeshError, match="this box: it failed; gmsh's log cannot be written: No such file")
+    with refused, gmsh_session("this box"):
+        raise GmshFailure("it failed")
 
 
 def test_gmsh_in_use_by_the_caller_is_left_alone() -> None:
