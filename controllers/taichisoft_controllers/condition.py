@@ -104,7 +104,8 @@ def _structure(text: str) -> ast.expr:
             return ast.parse(text, mode="eval").body
     except SyntaxError as error:
         problem = " ".join((error.msg or "invalid syntax").split())
-        raise SceneError(f"not understood at character {error.offset or 1}: {problem}") from error
+        place = f"character {error.offset}" if error.offset else "the end"
+        raise SceneError(f"not understood at {place}: {problem}") from error
     except (ValueError, MemoryError, RecursionError) as error:
         raise SceneError(f"not understood: {' '.join(str(error).split()) or 'nested too deeply'}") from error
 

@@ -31,4 +31,4 @@ class Ramp:
         share = np.divide(elapsed, self.durations, out=np.ones_like(self.durations), where=moving)
         if self.smooth:
             share = share * share * (3.0 - 2.0 * share)
-        return (1.0 - share) * self.start + share * self.target
+        return np.where(moving, self.start + share * (self.target - self.start), self.target)

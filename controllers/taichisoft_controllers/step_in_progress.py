@@ -39,7 +39,7 @@ class StepInProgress:
         """
         elapsed = max(0.0, observation.time - self.begun)
         if self._waiting is None:
-            self.values = self._way.at(elapsed + ROUND_OFF)
+            self.values = self._way.at(elapsed) if elapsed + ROUND_OFF < self._way.length else self._way.target
         elif self._rest_begun is None and self._waiting.is_over(observation, elapsed + ROUND_OFF):
             self._rest_begun, self.values = elapsed, reached
         elif self._rest_begun is None:

@@ -1,0 +1,250 @@
+"""The language of conditions: what it means, what it refuses, and that nothing that it reads is ever executed."""
+
+import math
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import pytest
+from hypothesis import example, given
+from hypothesis import strategies as st
+
+from taichisoft.errors import SceneError
+from taichisoft_controllers.condition import DEEPEST_NESTING, LONGEST_TEXT, Quantity, read_condition
+
+NAMES = ["force", "lift", "time"]
+VALUES = {Quantity("force"): 60.0, Quantity("lift"): -2.5, Quantity("force", "a|b"): 7.0, Quantity("time"): 0.0}
+
+
+def holds(text: str) -> bool:
+    return read_condition(text, NAMES).holds(VALUES)
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("force > 60", False),
+        ("force >= 60", True),
+        ("force < 60.5", True),
+        ("force <= 59", False),
+        ("force == 60 and lift != 60", True),
+        ("59 < force < 61", True),
+        ("59 < force < 60", False),
+        ("not lift > 0", True),
+        ("lift > 0 or force > 0 and time > 1", False),  # "and" binds before "or"
+        ("(lift > 0 or force > 0) and time < 1", True),
+        ("abs(lift) == 2.5", True),
+        ("min(force, lift, 1) == -2.5", True),
+        ("max(force, lift) == 60", True),
+        ("force / 2 - 3 * 4 + -lift == 20.5", True),
+        ("+force > 0", True),
+        ('force["a|b"] == 7', True),
+        ("force['a|b'] == 7", True),
+        ("1.5e1 < force", True),
+        ("  force\n > 1  ", True),
+        ("time == 0 or 1 / time > 1", True),  # what is decided is not looked at
+    ],
+)
+def test_what_a_condition_means(text: str, expected: bool) -> None:
+    assert holds(text) is expected
+
+
+def test_each_quantity_is_listed_once() -> None:
+    condition = read_condition('force > 1 and force["a|b"] > lift and lift > force', NAMES)
+    assert condition.quantities == (Quantity("force"), Quantity("force", "a|b"), Quantity("lift"))
+    assert [str(quantity) for quantity in condition.quantities] == ["force", 'force["a|b"]', "lift"]
+
+
+def test_a_division_by_zero_is_no_infinite_number() -> None:
+    with pytest.raises(ZeroDivisionError):
+        holds("force / time > 1")
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "is empty"),
+        ("forse > 60", "no quantity is called 'forse'; did you mean 'force'?"),
+        ("x > 60", "no quantity is called 'x'; there are: force, lift, time"),
+        ("force", "'force' is a number; compare it with something"),
+        ("force + 1", "'force + 1' is a number; compare it"),
+        ("-force", "'-force' is a number; compare it"),
+        ("forse", "no quantity is called 'forse'"),
+        ("1", "'1' is a number; compare it"),
+        ("force > 1 and lift", "'lift' is a number; compare it"),
+        ("not force", "'force' is a number; compare it"),
+        ("True", "'True' never changes"),
+        ("force > 1 or False", "'False' never changes"),
+        ("1 > 2", "names no quantity"),
+        ("(force > 1) > 0", "'force > 1' is true or false; a number is needed here"),
+        ("abs(force > 1) > 0", "'force > 1' is true or false; a number is needed here"),
+        ("force > True", "'True' has no place in a condition"),
+        ("force > 'a'", "\"'a'\" has no place in a condition"),
+        ("force = 60", "not understood at"),
+        ("force > ", "not understood at"),
+        ("(force > 60", "'(' was never closed"),
+        ("force > 60 60", "not understood"),
+        ("force > 60; lift > 1", "not understood"),
+        ("force ** 2 > 1", "'force ** 2': calculate with + - * and /"),
+        ("force % 2 > 1", "'force % 2': calculate with + - * and /"),
+        ("force in lift", "'force in lift': compare with < <= > >= == or !="),
+        ("force is lift", "'force is lift': compare with"),
+        ("force > 1e999", "'1e999': a number must be finite"),
+        ("force > 1" + "0" * 400, "a number must be finite"),
+        ("force > 1j", "'1j' has no place in a condition"),
+        ("abs > 1", "abs is a function: abs(...)"),
+        ("abs(force, lift) > 1", "'abs(force, lift)': abs takes one number"),
+        ("min(force) > 1", "'min(force)': min takes two numbers or more"),
+        ("maxi(force, 1) > 1", "no function is called 'maxi'; did you mean 'max'?"),
+        ("sqrt(force) > 1", "no function is called 'sqrt'; there are: abs, min, max"),
+        ("max(force, 1, key=abs) > 1", "has no place in a condition"),
+        ("max(1, *force) > 1", "'*force' has no place in a condition"),
+        ("force[0] > 1", 'what stands in brackets is a name in quotes: force["..."]'),
+        ("force[lift] > 1", "what stands in brackets is a name in quotes"),
+        ("force.real > 1", "'force.real' has no place in a condition"),
+        ("lambda: 0", "'lambda: 0' has no place in a condition"),
+        ("[force > 1]", "has no place in a condition"),
+        ("force > 1 if lift > 1 else lift > 2", "has no place in a condition"),
+        ("(x := 1) > 0", "has no place in a condition"),
+        ("f'{force}' > 0", "has no place in a condition"),
+        ("force > 0 \0", "not understood"),
+        ("force > \ud800", "not understood"),
+        ("force > 0 and " * 100 + "lift > 0", "characters; 1000 are the most"),
+        ("1 + " * (DEEPEST_NESTING + 10) + "force > 0", "nested too deeply"),
+        ("not " * 240 + "force > 0", "nested too deeply"),
+        ("(" * 400 + "force > 0" + ")" * 400, "too many nested parentheses"),
+        ("-" * (LONGEST_TEXT - 9) + "force > 0", ""),
+    ],
+)
+def test_what_is_no_condition_is_refused_in_one_line(text: str, message: str) -> None:
+    with pytest.raises(SceneError) as refused:
+        read_condition(text, NAMES)
+    assert message in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def numbers() -> st.SearchStrategy[str]:
+    leaves = st.sampled_from(["force", "lift", "time"]) | st.floats(0, 1e6).map(repr)
+    return st.recursive(
+        leaves,
+        lambda inner: (
+            st.builds("({} {} {})".format, inner, st.sampled_from("+-*"), inner)
+            | st.builds("(-{})".format, inner)
+            | st.builds("{}({}, {})".format, st.sampled_from(["min", "max"]), inner, inner)
+            | st.builds("abs({})".format, inner)
+        ),
+        max_leaves=6,
+    )
+
+
+def truths() -> st.SearchStrategy[str]:
+    sign = st.sampled_from(["<", "<=", ">", ">=", "==", "!="])
+    comparison = st.builds("{} {} {}".format, numbers(), sign, numbers())
+    return st.recursive(
+        comparison,
+        lambda inner: (
+            st.builds("({} {} {})".format, inner, st.sampled_from(["and", "or"]), inner)
+            | st.builds("(not {})".format, inner)
+        ),
+        max_leaves=4,
+    ).filter(lambda text: any(name in text for name in NAMES))
+
+
+MEASURED = st.floats(-1e3, 1e3)
+
+
+@given(truths(), MEASURED, MEASURED, MEASURED)
+def test_it_means_what_python_means(text: str, force: float, lift: float, time: float) -> None:
+    """Python's own arithmetic is the reference: the same bits, so the same comparisons."""
+    values = {"force": force, "lift": lift, "time": time}
+    found = read_condition(text, NAMES).holds({Quantity(name): value for name, value in values.items()})
+    assert found is eval(text, {"abs": abs, "min": min, "max": max}, values)
+
+
+SIGNS = [*"()[]<>=!+-*/.,:;'\"\\#@{}%&|^~0123456789ej\n\t\0"]
+WORDS = [" and ", " or ", " not ", " if ", " else ", " is ", "lambda ", "__import__", "eval", "exec", "open"]
+WORDS += ["__class__", "min", "max", "abs", "True", "None", "f'", "1e999"]
+PIECES = st.sampled_from(NAMES + SIGNS + WORDS)
+
+
+@given(st.text() | st.lists(PIECES, max_size=30).map("".join) | truths())
+@example("\x0c force > 1")
+@example("force > 0x1for x")
+@example("force > '\\d'")
+@example("0_0 > 1")
+def test_whatever_is_written_only_a_scene_error_comes_out(text: str) -> None:
+    try:
+        condition = read_condition(text, NAMES)
+    except SceneError as error:
+        assert len(str(error).splitlines()) == 1
+        return
+    values = {quantity: 1.0 for quantity in condition.quantities}
+    try:
+        assert isinstance(condition.holds(values), bool)
+    except ZeroDivisionError:
+        assert "/" in text
+
+
+HARMFUL = [
+    "__import__('os').system('touch harm') > 0",
+    "force > __import__('os').getpid()",
+    "open('harm', 'w').write('x') > 0",
+    "eval('1') > 0",
+    "exec('import os') > 0",
+    "().__class__.__bases__[0].__subclasses__() > force",
+    "[x for x in (force,)] > 0",
+    "(lambda: force)() > 0",
+    "force.__class__ > 0",
+    "force['a'].__len__() > 0",
+    "f'{__import__(\"os\").getpid()}' > '0'",
+    "breakpoint() > force",
+    "min(force, __builtins__) > 0",
+]
+
+WATCHED = {"exec", "import", "open", "os.system", "subprocess.Popen", "builtins.breakpoint"}
+_executed: list[str] | None = None
+
+
+def _watch(event: str, _: Any) -> None:
+    if _executed is not None and event in WATCHED:
+        _executed.append(event)
+
+
+sys.addaudithook(_watch)  # for good: Python has no way to take one away, so it looks only when it is asked to
+
+
+@contextmanager
+def watched() -> Iterator[list[str]]:
+    """Python's own audit events of what runs meanwhile."""
+    global _executed
+    _executed = seen = []
+    try:
+        yield seen
+    finally:
+        _executed = None
+
+
+@pytest.mark.parametrize("text", HARMFUL)
+def test_nothing_is_executed(text: str) -> None:
+    with watched() as executed, pytest.raises(SceneError):
+        read_condition(text, NAMES)
+    assert executed == []
+
+
+def test_nothing_is_executed_when_a_condition_is_looked_at() -> None:
+    condition = read_condition("abs(force) > 1 and max(lift, 0) < 1", NAMES)
+    with watched() as executed:
+        assert condition.holds(VALUES)
+    assert executed == []
+
+
+def test_the_watch_sees_what_is_executed() -> None:
+    with watched() as executed:
+        eval("1 + 1")
+    assert executed == ["exec"]
+
+
+def test_not_a_number_is_not_true() -> None:
+    condition = read_condition("force > 1", NAMES)
+    assert condition.holds({Quantity("force"): math.nan}) is False

@@ -1,0 +1,173 @@
+"""What conditions can ask about: each quantity from a made-up observation, and all of them from the real gripper."""
+
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichisoft.controller import Observation
+from taichisoft.errors import SceneError
+from taichisoft.scene import Scene
+from taichisoft.scene_file import load_scene
+from taichisoft.simulation import Simulation
+from taichisoft_controllers.condition import Quantity
+from taichisoft_controllers.quantities import QUANTITIES, Moment, bind_quantity
+
+FINGER = {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
+HELD = {**FINGER, "anchors": [{"group": "base"}]}
+CUBE = {"box": [10.0, 10.0, 10.0], "mass": 0.001}
+
+
+def model(goal: bool = True, cubes: tuple[str, ...] = ("cube", "ball")) -> Any:
+    scene = Scene.model_validate(
+        {
+            "gravity": [-9810.0, 0.0, 0.0],
+            "soft_bodies": {"left": HELD, "right": HELD, "mat": FINGER},
+            "rigid_bodies": {name: CUBE for name in cubes},
+            "obstacles": {
+                "floor": {"plane": {"point": [0.0, 0.0, 0.0], "normal": [1.0, 0.0, 0.0]}},
+                "wall": {"plane": {"point": [0.0, -99.0, 0.0], "normal": [0.0, 1.0, 0.0]}},
+            },
+            "goal": {"object": "cube"} if goal else None,
+        }
+    )
+    return SimpleNamespace(
+        scene=scene,
+        gravity=np.array(scene.gravity),
+        body_names=("left", "right", "mat", *cubes, "floor", "wall"),
+        soft_bodies=[SimpleNamespace(name=name) for name in ("left", "right", "mat")],
+        rigid_bodies=[SimpleNamespace(name=name, start_position=np.array([5.0, 0.0, 0.0])) for name in cubes],
+        obstacles=[SimpleNamespace(name="floor"), SimpleNamespace(name="wall")],
+        cavities=SimpleNamespace(names=("left.base", "left.tip", "right.base")),
+    )
+
+
+OBSERVATION = Observation(
+    time=1.5,
+    step=150,
+    pressures={"left.base": 10.0, "left.tip": 20.0, "right.base": 60.0},
+    volumes={"left.base": 100.0, "left.tip": 200.0, "right.base": 600.0},
+    flows={"left.base": -1.0, "left.tip": 2.0, "right.base": 6.0},
+    tip_velocities={"left": np.array([3.0, 4.0, 0.0]), "right": np.array([0.0, 0.0, -2.0])},
+    bending_angles={"left": np.pi / 6, "right": np.pi / 2},
+    base_translation=np.array([2.0, -3.0, 6.0]),
+    base_rotation=np.array([0.0, -np.pi / 4, 0.0]),
+    object_positions={"cube": np.array([12.0, 1.0, 1.0]), "ball": np.array([7.0, 0.0, 0.0])},
+    object_velocities={"cube": np.array([0.0, 6.0, 8.0]), "ball": np.zeros(3)},
+    contact_counts={"left|cube": 3, "mat|cube": 1, "right|ball": 5, "cube|floor": 7},
+    normal_forces={"left|cube": 30.0, "mat|cube": 5.0, "right|ball": 70.0, "cube|floor": 900.0, "left|floor": 800.0},
+    friction_forces={"left|cube": 3.0, "mat|cube": 0.5, "right|ball": 7.0, "cube|floor": 90.0},
+    slip_speeds={"left|cube": 0.3, "mat|cube": 0.4, "right|ball": 0.7, "cube|floor": 9.0},
+)
+
+
+def measure(name: str, key: str | None = None, of: Any = None) -> float:
+    return bind_quantity(Quantity(name, key), of or model())(Moment(OBSERVATION, elapsed=0.25))
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "expected"),
+    [
+        ("time", None, 1.5),
+        ("elapsed", None, 0.25),
+        ("contact_force", None, 35.0),  # of the soft bodies on the goal's object: neither the floor nor the ball
+        ("contact_force", "left|cube", 30.0),
+        ("contact_force", "cube|left", 30.0),  # whichever way round
+        ("contact_force", "cube|floor", 900.0),
+        ("contact_force", "right|cube", 0.0),  # too far apart to be observed
+        ("normal_force", "left|floor", 800.0),
+        ("normal_force", None, 35.0),
+        ("friction_force", None, 3.5),
+        ("friction_force", "right|ball", 7.0),
+        ("slip_speed", None, 0.4),
+        ("slip_speed", "left|cube", 0.3),
+        ("contact_count", None, 4.0),
+        ("contact_count", "cube|floor", 7.0),
+        ("pressure", None, 30.0),
+        ("pressure", "left", 15.0),
+        ("pressure", "left.tip", 20.0),
+        ("volume", None, 900.0),
+        ("volume", "left", 300.0),
+        ("flow", None, 7.0),
+        ("flow", "left.base", -1.0),
+        ("bending_angle", None, 60.0),  # in degrees
+        ("bending_angle", "left", 30.0),
+        ("tip_speed", None, 5.0),
+        ("tip_speed", "right", 2.0),
+        ("height", None, 12.0),
+        ("height", "ball", 7.0),
+        ("lift", None, 7.0),
+        ("lift", "ball", 2.0),
+        ("speed", None, 10.0),
+        ("speed", "ball", 0.0),
+        ("base_translation", None, 7.0),
+        ("base_translation", "y", -3.0),
+        ("base_rotation", None, 45.0),
+        ("base_rotation", "y", -45.0),
+    ],
+)
+def test_a_quantity_is_what_the_observation_says(name: str, key: str | None, expected: float) -> None:
+    assert measure(name, key) == pytest.approx(expected, rel=1e-12)
+
+
+def test_without_a_goal_the_force_is_that_on_all_rigid_bodies() -> None:
+    assert measure("contact_force", of=model(goal=False)) == 105.0
+
+
+def test_without_a_goal_the_only_rigid_body_is_the_object() -> None:
+    assert measure("lift", of=model(goal=False, cubes=("cube",))) == 7.0
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "message"),
+    [
+        ("pressure", "lift", "pressure[\"lift\"]: no finger or cavity is called 'lift'; did you mean 'left'?"),
+        ("pressure", "left.tap", "did you mean 'left.tip'?"),
+        ("bending_angle", "mat", "no finger is called 'mat'; there are: left, right"),  # nothing holds it
+        ("contact_force", "left|cub", "no pair of bodies is called 'left|cub'; did you mean 'left|cube'?"),
+        ("contact_force", "floor|wall", "no pair of bodies is called 'floor|wall'"),  # neither can move
+        ("contact_force", "cube", "no pair of bodies is called 'cube'"),
+        ("lift", "cubes", "no rigid body is called 'cubes'; did you mean 'cube'?"),
+        ("base_translation", "X", "no axis is called 'X'"),
+        ("time", "x", 'time["x"]: nothing can stand in brackets behind time'),
+    ],
+)
+def test_a_key_that_the_model_does_not_have_is_refused(name: str, key: str, message: str) -> None:
+    with pytest.raises(SceneError) as refused:
+        measure(name, key)
+    assert message in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "changes", "message"),
+    [
+        ("lift", {"of": model(goal=False)}, 'lift: which one? put its name in brackets: ["cube"]'),
+        ("lift", {"of": model(goal=False, cubes=())}, "lift: the scene has no rigid body"),
+        ("contact_force", {"of": model(goal=False, cubes=())}, "the scene has no rigid body"),
+    ],
+)
+def test_a_quantity_that_a_scene_does_not_have_is_refused(name: str, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(SceneError) as refused:
+        measure(name, **changes)
+    assert message in str(refused.value)
+
+
+def test_every_quantity_can_be_read_while_the_gripper_runs() -> None:
+    """Names of attributes and keys of a real observation are those that the readings ask for."""
+    simulation = Simulation(load_scene("gripper"))
+    simulation.step()
+    moment = Moment(simulation.observe(), elapsed=0.0)
+    keys = {
+        "": [],
+        "finger or cavity": ["finger2", "finger2.cavity"],
+        "finger": ["finger2"],
+        "rigid body": ["cube"],
+        "pair of bodies": ["finger1|cube", "floor|cube"],
+        "x, y or z": ["z"],
+    }
+    for name, kind in QUANTITIES.items():
+        for key in (None, *keys[kind.key]):
+            value = bind_quantity(Quantity(name, key), simulation.model)(moment)
+            assert np.isfinite(value), (name, key)
+            assert float(value) == value
