@@ -1,5 +1,6 @@
 """What `taichisoft run` shows: progress, warnings, the closing tables."""
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -27,7 +28,8 @@ def progress_bar(console: Console, session: Session, title: str) -> Iterator[Cal
         TimeRemainingColumn(),
     )
     with Progress(*columns, console=console) as progress:
-        task = progress.add_task(title, total=session.step_count, state="")
+        total = session.step_count if math.isfinite(session.step_count) else None
+        task = progress.add_task(title, total=total, state="")
 
         def show(report: StepReport) -> None:
             progress.update(task, advance=1, state=f"{report.time:.2f} s  {report.contact_count} contacts")

@@ -150,10 +150,9 @@ def test_a_wrong_value_is_one_line(command: Command, tmp_path: Path, override: s
     [
         (["nothing.toml"], "nothing.toml: no such file, and none of the shipped scenes: "),
         (["."], ".: is a folder; a file (.toml) is needed"),
-        (["scene.toml", "--duration", "0"], "duration = 0: must be a positive, finite number of seconds"),
-        (["scene.toml", "--duration", "-1"], "duration = -1: must be a positive, finite number of seconds"),
-        (["scene.toml", "--duration", "nan"], "duration = nan: must be a positive, finite number of seconds"),
-        (["scene.toml", "--duration", "inf"], "duration = inf: must be a positive, finite number of seconds"),
+        (["scene.toml", "--duration", "0"], "duration = 0: must be a positive number of seconds"),
+        (["scene.toml", "--duration", "-1"], "duration = -1: must be a positive number of seconds"),
+        (["scene.toml", "--duration", "nan"], "duration = nan: must be a positive number of seconds"),
         (["scene.toml", "--controller", "piano"], "no controller is called 'piano'; there are: scripted"),
         (["scene.toml", "--outputs", "film"], "no output is called 'film'; there are: metrics, pictures, recording"),
         (["scene.toml", "--output", "scene.toml"], "--output scene.toml: cannot be written: File exists"),
