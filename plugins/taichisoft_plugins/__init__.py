@@ -1,4 +1,4 @@
-"""The outputs that come with taichisoft: recording, metrics and pictures, and the commands that go with them."""
+"""The outputs that come with taichisoft: recording, metrics, pictures and csv, and the commands that go with them."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
@@ -12,11 +12,12 @@ if TYPE_CHECKING:
 @hookimpl
 def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
     """Outputs by name."""
+    from taichisoft_plugins.csv_output import CsvOutput
     from taichisoft_plugins.metrics import MetricsOutput
     from taichisoft_plugins.pictures import PicturesOutput
     from taichisoft_plugins.recording import RecordingOutput
 
-    return {"recording": RecordingOutput, "metrics": MetricsOutput, "pictures": PicturesOutput}
+    return {"recording": RecordingOutput, "metrics": MetricsOutput, "pictures": PicturesOutput, "csv": CsvOutput}
 
 
 @hookimpl
