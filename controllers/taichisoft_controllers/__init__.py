@@ -1,14 +1,34 @@
 """The controllers that come with taichisoft."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taichisoft.hookspecs import hookimpl
+
+if TYPE_CHECKING:
+    from taichisoft.session import Session
 
 
 @hookimpl
 def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
     """The built-in controllers."""
+    from taichisoft_controllers.keyboard import KeyboardController
     from taichisoft_controllers.scripted import ScriptedController
 
-    return {"scripted": ScriptedController}
+    return {"keyboard": KeyboardController, "scripted": ScriptedController}
+
+
+@hookimpl
+def taichisoft_run_begins(session: "Session") -> None:
+    """Read keys from the terminal, for a controller that heeds them."""
+    from taichisoft_controllers.key_source import begin_keys
+
+    begin_keys(session)
+
+
+@hookimpl
+def taichisoft_run_ends(session: "Session") -> None:
+    """Give the terminal back."""
+    from taichisoft_controllers.key_source import end_keys
+
+    end_keys(session)

@@ -1,0 +1,171 @@
+"""The keyboard controller: what each key changes, within which limits, and in which directions."""
+
+import math
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from taichisoft.controller import Control, Observation
+from taichisoft.errors import SceneError
+from taichisoft.keys import KeyEvent
+from taichisoft.scene import Limits
+from taichisoft_controllers.keyboard import KeyboardController
+
+CAVITIES = ("finger1.cavity", "finger2.front", "finger2.back", "finger3.cavity")
+KEYS = ["+", "=", "-", "up", "down", "left", "right", "a", "q", "0", "1", "2", "3", "4", "x", "enter"]
+
+
+def model(gravity: tuple[float, float, float] = (-9810.0, 0.0, 0.0), **limits: float) -> Any:
+    scene = SimpleNamespace(gravity=gravity, limits=Limits(**limits))
+    return SimpleNamespace(scene=scene, cavities=SimpleNamespace(names=CAVITIES))
+
+
+def press(controller: KeyboardController, *keys: str, ctrl: bool = False) -> Control:
+    """What it asks for after the keys; what it sees must not matter."""
+    for key in keys:
+        controller.key(KeyEvent(key, ctrl))
+    control = controller.control(Observation(time=1.0, step=100, base_translation=np.full(3, 7.0)))
+    assert control.base_translation is not None and control.base_rotation is not None
+    return control
+
+
+def ready(gravity: tuple[float, float, float] = (-9810.0, 0.0, 0.0), **settings: float) -> KeyboardController:
+    controller = KeyboardController(**settings)
+    controller.reset(model(gravity))
+    return controller
+
+
+def test_without_keys_it_asks_for_the_state_of_rest() -> None:
+    control = press(ready())
+    assert control.pressure == dict.fromkeys(CAVITIES, 0.0)
+    np.testing.assert_array_equal(control.base_translation, np.zeros(3))
+    np.testing.assert_array_equal(control.base_rotation, np.zeros(3))
+
+
+def test_plus_and_minus_change_all_pressures_by_a_kilopascal() -> None:
+    controller = ready()
+    assert press(controller, "+", "+", "=").pressure == dict.fromkeys(CAVITIES, 3.0)
+    assert press(controller, "-").pressure == dict.fromkeys(CAVITIES, 2.0)
+
+
+def test_a_digit_selects_a_finger_with_all_its_cavities_and_zero_selects_all() -> None:
+    controller = ready()
+    assert controller.status == "all fingers selected"
+    assert press(controller, "2", "+").pressure == dict(zip(CAVITIES, [0.0, 1.0, 1.0, 0.0], strict=True))
+    assert controller.status == "finger2 selected"
+    assert press(controller, "9", "+").pressure["finger2.back"] == 2.0, "there is no ninth finger"
+    assert press(controller, "0", "+").pressure == dict(zip(CAVITIES, [1.0, 3.0, 3.0, 1.0], strict=True))
+
+
+@pytest.mark.parametrize(
+    ("limits", "lowest", "highest"),
+    [
+        ({}, 0.0, 150.0),
+        ({"highest_pressure": 40.0}, 0.0, 40.0),
+        ({"lowest_pressure": -20.0, "highest_pressure": 200.0}, -20.0, 200.0),
+        ({"lowest_pressure": 5.0}, 5.0, 150.0),
+    ],
+)
+def test_pressures_stay_within_the_scene_s_limits_or_else_the_tutorial_s(
+    limits: dict[str, float], lowest: float, highest: float
+) -> None:
+    """At a limit further presses are not saved up: the first press back counts."""
+    controller = KeyboardController()
+    controller.reset(model(**limits))
+    assert press(controller).pressure["finger1.cavity"] == max(lowest, 0.0)
+    assert press(controller, *300 * "+").pressure["finger1.cavity"] == highest
+    assert press(controller, "-").pressure["finger1.cavity"] == highest - 1.0
+    assert press(controller, *300 * "-").pressure["finger1.cavity"] == lowest
+    assert press(controller, "+").pressure["finger1.cavity"] == lowest + 1.0
+
+
+@pytest.mark.parametrize(
+    ("gravity", "up", "right"),
+    [
+        ((-9810.0, 0.0, 0.0), (1, 0, 0), (0, 1, 0)),
+        ((0.0, 0.0, -9810.0), (0, 0, 1), (1, 0, 0)),
+        ((0.0, -9810.0, 0.0), (0, 1, 0), (0, 0, 1)),
+        ((0.0, 0.0, 0.0), (0, 0, 1), (1, 0, 0)),
+        ((0.0, -6000.0, -8000.0), (0, 0.6, 0.8), (1, 0, 0)),
+    ],
+)
+def test_arrows_move_by_3_mm_against_gravity_and_to_the_sides(
+    gravity: tuple[float, float, float], up: tuple[float, ...], right: tuple[float, ...]
+) -> None:
+    controller = ready(gravity)
+    np.testing.assert_allclose(press(controller, "up").base_translation, 3.0 * np.array(up), atol=1e-12)
+    np.testing.assert_allclose(press(controller, "down", "right").base_translation, 3.0 * np.array(right), atol=1e-12)
+    np.testing.assert_allclose(press(controller, "left", "down").base_translation, -3.0 * np.array(up), atol=1e-12)
+
+
+def test_a_and_q_turn_about_the_upward_axis_by_a_32nd_of_a_turn() -> None:
+    controller = ready()
+    np.testing.assert_allclose(press(controller, "a", "a").base_rotation, [math.radians(22.5), 0.0, 0.0])
+    np.testing.assert_allclose(press(controller, "q", "q", "q").base_rotation, [-math.radians(11.25), 0.0, 0.0])
+
+
+def test_sideways_turns_with_the_gripper_and_up_does_not() -> None:
+    """After a quarter turn by the right-hand rule about x, what pointed along y points along z."""
+    controller = ready()
+    np.testing.assert_allclose(press(controller, *8 * "a", "right").base_translation, [0.0, 0.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(press(controller, "up").base_translation, [3.0, 0.0, 3.0], atol=1e-12)
+    np.testing.assert_allclose(press(controller, *8 * "a", "right").base_translation, [3.0, -3.0, 3.0], atol=1e-12)
+
+
+@given(st.lists(st.sampled_from(KEYS), max_size=40))
+def test_it_depends_on_the_keys_alone_and_ctrl_and_shift_change_nothing(keys: list[str]) -> None:
+    """The same keys give the same bits, also after another session."""
+    plain, again = ready(), ready()
+    press(again, "+", "3", "up", "a")
+    again.reset(model())
+    expected = press(plain, *keys)
+    shifted = [key.upper() if key in ("a", "q") else key for key in keys]
+    control = press(again, *shifted, ctrl=True)
+    assert control.pressure == expected.pressure
+    np.testing.assert_array_equal(control.base_translation, expected.base_translation)
+    np.testing.assert_array_equal(control.base_rotation, expected.base_rotation)
+    assert again.status == plain.status
+
+
+@given(st.lists(st.sampled_from(["+", "-"]), max_size=20), st.floats(0.01, 5.0))
+def test_pressure_steps_add_up(keys: list[str], step: float) -> None:
+    expected = 0.0
+    for key in keys:
+        expected = max(0.0, expected + (step if key == "+" else -step))
+    assert press(ready(pressure_step=step), *keys).pressure["finger1.cavity"] == expected
+
+
+def test_what_was_asked_for_does_not_change_afterwards() -> None:
+    """Outputs may keep a control."""
+    controller = ready()
+    first = press(controller, "+", "up")
+    press(controller, "+", "up")
+    assert first.pressure["finger1.cavity"] == 1.0
+    assert first.base_translation is not None and first.base_translation[0] == 3.0
+
+
+def test_steps_are_settings() -> None:
+    controller = ready(pressure_step=2.5, translation_step=1.0, turn_step=90.0)
+    control = press(controller, "+", "right", "a", "right")
+    assert control.pressure["finger1.cavity"] == 2.5
+    np.testing.assert_allclose(control.base_translation, [0.0, 1.0, 1.0], atol=1e-12)
+    assert "2.5 kPa" in controller.bindings["+ -"]
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "3", True])
+@pytest.mark.parametrize("name", ["pressure_step", "translation_step", "turn_step"])
+def test_a_step_that_is_no_positive_number_is_refused_by_name(name: str, value: Any) -> None:
+    with pytest.raises(SceneError, match=rf"^controller\.settings\.{name} = "):
+        KeyboardController(**{name: value})
+
+
+def test_a_run_with_it_is_interactive_and_every_key_is_explained() -> None:
+    controller = ready()
+    assert controller.interactive
+    explained = " ".join(controller.bindings)
+    for key in ("+", "-", "up", "down", "left", "right", "a", "q", "0", "1"):
+        assert key in explained.split()
