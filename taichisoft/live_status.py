@@ -1,0 +1,130 @@
+"""How an interactive run goes, while it goes: time, speed, pressures, the object, the last keys."""
+
+import contextlib
+import time
+from collections.abc import Iterator
+
+import numpy as np
+from rich.console import Console, Group, RenderableType
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from taichisoft.session import Session
+from taichisoft.simulation import StepReport
+
+REFRESHES = 8
+"""Per second of wall-clock time."""
+SECONDS_BETWEEN_LINES = 5.0
+"""Of wall-clock time, where lines cannot be drawn over."""
+
+
+@contextlib.contextmanager
+def live_status(console: Console, session: Session) -> Iterator["LiveStatus"]:
+    """Show a run on the console: redrawn in place, or as a line now and then where that is not possible.
+
+    It is redrawn by a thread of its own, so a pause shows at once and a step costs nothing. It ends quietly when the
+    terminal is gone: that must not end the run's outputs.
+    """
+    status = LiveStatus(console, session)
+    if not console.is_terminal or console.is_dumb_terminal:
+        yield status
+        status.print_line()
+        return
+    live = Live(get_renderable=status.picture, console=console, refresh_per_second=REFRESHES)
+    with contextlib.suppress(OSError):
+        live.start(refresh=True)
+    try:
+        yield status
+    finally:
+        with contextlib.suppress(OSError):
+            live.stop()
+
+
+class LiveStatus:
+    """What there is to say of a run."""
+
+    def __init__(self, console: Console, session: Session):
+        self._console = console
+        self._session = session
+        self._last_line = time.monotonic()
+        self._help_was_shown = False
+        scene = session.simulation.model.scene
+        gravity = np.array(scene.gravity)
+        strength = np.linalg.norm(gravity)
+        self._up = -gravity / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
+        names = [body.name for body in session.simulation.model.rigid_bodies]
+        self._object = scene.goal.object if scene.goal is not None else names[0] if names else None
+        self._object_index = names.index(self._object) if self._object is not None else 0
+        self._soft_names = set(scene.soft_bodies)
+
+    def update(self, report: StepReport) -> None:
+        """A step was made: where nothing is redrawn, print a line when the last one is old enough."""
+        if self._console.is_terminal and not self._console.is_dumb_terminal:
+            return
+        if self._session.shows_help and not self._help_was_shown:
+            self._console.print(self._help())
+        self._help_was_shown = self._session.shows_help
+        if time.monotonic() - self._last_line >= SECONDS_BETWEEN_LINES:
+            self.print_line()
+
+    def print_line(self) -> None:
+        """The state of the run in one line."""
+        self._last_line = time.monotonic()
+        parts = [self._clock(), self._pressures()]
+        if self._object is not None:
+            parts.append(f"{self._object} {self._object_state()}")
+        with contextlib.suppress(OSError):
+            self._console.print(Text("; ".join(parts)), soft_wrap=True)
+
+    def picture(self) -> RenderableType:
+        """The state of the run as a few lines of constant height, and the keys if somebody asked for them."""
+        rows = Table.grid(padding=(0, 2))
+        rows.add_column(style="cyan", no_wrap=True)
+        rows.add_column(no_wrap=True, overflow="ellipsis")
+        rows.add_row("time", Text.assemble(self._clock(), ("   paused" if self._session.paused else "", "bold yellow")))
+        rows.add_row("pressure", Text(self._pressures()))
+        if self._object is not None:
+            rows.add_row(Text(self._object), Text(self._object_state()))
+        keys = " ".join(str(event) for event in tuple(self._session.recent_keys))
+        rows.add_row("keys", Text(keys or "none yet"))
+        hint = "? shows what the keys do, Esc ends the run"
+        rows.add_row("", Text("; ".join(filter(None, [self._controller_status(), hint])), style="dim"))
+        return Group(rows, self._help()) if self._session.shows_help else rows
+
+    def _clock(self) -> str:
+        pace = self._session.pace
+        text = f"{self._session.simulation.state.time:.2f} s"
+        if np.isfinite(pace.real_time_factor):
+            text += f" at {pace.real_time_factor:.2f} x real time"
+        return text if pace.keeps_up else f"{text}, cannot keep up with {pace.speed:g} x"
+
+    def _pressures(self) -> str:
+        """One figure where they agree to what is shown."""
+        report = self._session.simulation.report
+        values = report.pressures if report is not None else {}
+        shown = {name: f"{value:.1f} kPa" for name, value in values.items()}
+        if len(set(shown.values())) > 1:
+            return ", ".join(f"{name} {value}" for name, value in shown.items())
+        return next(iter(shown.values()), "none")
+
+    def _object_state(self) -> str:
+        """Lift against gravity since the first state, and the sum of the normal forces of soft bodies."""
+        session, report = self._session, self._session.simulation.report
+        way = session.simulation.state.rigid_position - session.first_state.rigid_position
+        forces: dict[str, float] = report.normal_forces if report is not None else {}
+        force = sum(value for pair, value in forces.items() if self._is_grip(set(pair.split("|"))))
+        return f"lifted by {self._up @ way[self._object_index]:z.1f} mm, pressed with {force:.0f} mN"
+
+    def _is_grip(self, pair: set[str | None]) -> bool:
+        return self._object in pair and bool(pair & self._soft_names)
+
+    def _controller_status(self) -> str:
+        """What a controller has to say, if it does."""
+        return str(getattr(self._session.controller, "status", ""))
+
+    def _help(self) -> RenderableType:
+        table = Table("key", "what it does", title="keys, with Ctrl or without", title_justify="left")
+        for key, effect in self._session.bindings.items():
+            table.add_row(Text(key), Text(effect))
+        return table
