@@ -1,12 +1,13 @@
 """Geometry files: TOML whose `kind` says which plug-in knows what it describes."""
 
 import tomllib
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 from taichisoft import plugins
 from taichisoft.errors import MeshError, PluginError
-from taichisoft.geometry import Geometry
+from taichisoft.geometry import Geometry, GeometryKind
 from taichisoft.mesh import VolumeMesh
 from taichisoft.plugin_failure import failures_of
 from taichisoft.validation_errors import nearest
@@ -21,13 +22,31 @@ def read_geometry(path: Path) -> Geometry:
         MeshError: the file is missing or no TOML, its kind is unknown, or something in it is not valid.
         PluginError: the plug-in of its kind failed.
     """
-    kind, tables = read_tables(path)
+    return make_geometry(*read_tables(path), path)
+
+
+def make_geometry(kind: Any, tables: Mapping[str, Any], path: Path) -> Geometry:
+    """Check tables that `read_tables` gave, perhaps changed since, and make a geometry of their kind.
+
+    Raises:
+        MeshError: the kind is unknown, or something in the tables is not valid.
+        PluginError: the plug-in of the kind failed.
+    """
+    make = find_kind(kind, path)
+    with failures_of(f"{path}: geometry kind '{kind}' failed"):
+        return make(tables, path)
+
+
+def find_kind(kind: Any, path: Path) -> GeometryKind:
+    """What makes geometries of a kind that the file at `path` names.
+
+    Raises:
+        MeshError: no plug-in knows the kind.
+    """
     kinds = plugins.provided("geometry kind")
     if not isinstance(kind, str) or kind not in kinds:
         raise MeshError(f"{path}: kind = {kind!r}: unknown; {nearest(str(kind), sorted(kinds), 'there are')}")
-    with failures_of(f"{path}: geometry kind '{kind}' failed"):
-        geometry: Geometry = kinds[kind](tables, path)
-    return geometry
+    return kinds[kind]
 
 
 def mesh_geometry(geometry: Geometry, size: float | None, path: Path) -> VolumeMesh:
