@@ -55,29 +55,44 @@ def test_msh_keeps_groups_that_overlap_and_elements_in_none(tmp_path: Path) -> N
             np.testing.assert_array_equal(read[group], members)
 
 
-def test_what_gmsh_writes_is_read_with_its_groups(tmp_path: Path) -> None:
-    """MSH 4.1 by gmsh itself: a box of 2 x 3 x 4 mm in two groups, two of its sides in another."""
-    import gmsh
+def test_vtu_keeps_groups_as_cell_data_that_other_programs_show(tmp_path: Path) -> None:
+    import meshio
 
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        box = gmsh.model.occ.addBox(0, 0, 0, 2, 3, 4)
-        gmsh.model.occ.synchronize()
-        gmsh.model.addPhysicalGroup(2, [1, 2], name="two sides")
-        gmsh.model.addPhysicalGroup(3, [box], name="all")
-        gmsh.model.addPhysicalGroup(3, [box], name="everything")
-        gmsh.model.mesh.generate(3)
-        gmsh.write(str(tmp_path / "box.msh"))
-    finally:
-        gmsh.finalize()
-    mesh = read_volume_mesh(tmp_path / "box.msh")
-    assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(24, rel=1e-12)
-    np.testing.assert_array_equal(mesh.element_groups["all"], np.arange(len(mesh.elements)))
-    np.testing.assert_array_equal(mesh.element_groups["everything"], np.arange(len(mesh.elements)))
-    a, b, c = np.moveaxis(mesh.nodes[mesh.surface_groups["two sides"]], 1, 0)
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
-    assert area == pytest.approx(24, rel=1e-12)  # the sides x = 0 and x = 2, 3 x 4 each
+    write_volume_mesh(cube(), tmp_path / "cube.vtu")
+    mesh = read_volume_mesh(tmp_path / "cube.vtu")
+    assert list(mesh.surface_groups) == ["outer", "base plate"]  # a group of nothing has no place there
+    np.testing.assert_array_equal(mesh.surface_groups["outer"], OUTER)
+    np.testing.assert_array_equal(mesh.surface_groups["base plate"], OUTER[[1]])
+    np.testing.assert_array_equal(mesh.element_groups["stiff"], [1, 4, 5])
+    np.testing.assert_array_equal(mesh.element_groups["half"], [1, 2])
+    shown = meshio.vtu.read(tmp_path / "cube.vtu")
+    np.testing.assert_array_equal(shown.cell_data["group:stiff"][0], [0, 1, 0, 0, 1, 1])
+    np.testing.assert_array_equal(shown.cell_data["group:base plate"][1], [0, 1, 0])
+
+
+def test_legacy_vtk_has_the_tetrahedra_alone(tmp_path: Path) -> None:
+    import meshio
+
+    write_volume_mesh(cube(), tmp_path / "cube.vtk")
+    assert (tmp_path / "cube.vtk").read_bytes().startswith(b"# vtk DataFile Version 4.2\n")
+    assert [block.type for block in meshio.vtk.read(tmp_path / "cube.vtk").cells] == ["tetra"]
+
+
+def test_msh_2_repeats_a_cell_for_each_of_its_groups(tmp_path: Path) -> None:
+    """As the shipped meshes do: such a cell is read once."""
+    path = tmp_path / "old.msh"
+    nodes = "".join(f"{i} {x} {y} {z}\n" for i, (x, y, z) in enumerate(NODES.tolist(), start=1))
+    path.write_text(
+        '$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$PhysicalNames\n2\n3 7 "all"\n3 8 "stiff"\n$EndPhysicalNames\n'
+        f"$Nodes\n8\n{nodes}$EndNodes\n$Elements\n8\n"
+        + "".join(f"{i} 4 2 7 1 {' '.join(map(str, cell + 1))}\n" for i, cell in enumerate(ELEMENTS, start=1))
+        + "".join(f"{i} 4 2 8 1 {' '.join(map(str, cell + 1))}\n" for i, cell in enumerate(ELEMENTS[[4, 2]], start=7))
+        + "$EndElements\n"
+    )
+    mesh = read_volume_mesh(path)
+    np.testing.assert_array_equal(mesh.elements, ELEMENTS)
+    np.testing.assert_array_equal(mesh.element_groups["all"], np.arange(6))
+    np.testing.assert_array_equal(mesh.element_groups["stiff"], [2, 4])
 
 
 @pytest.mark.parametrize(("name", "nodes", "elements"), [("Coarse", 376, 1195), ("", 2316, 9560)])
@@ -129,6 +144,24 @@ def test_quadratic_tetrahedra_are_named_as_such(tmp_path: Path) -> None:
     assert "quadratic tetrahedra; mesh again with linear ones" in refusal(tmp_path / "curved.vtu")
 
 
+@pytest.mark.parametrize("suffix", [".vtk", ".vtu"])
+def test_cells_of_other_shapes_are_named(tmp_path: Path, suffix: str) -> None:
+    """A hexahedron beside a tetrahedron: to leave it out would leave a hole."""
+    import meshio
+
+    nodes = np.vstack([NODES, [2, 2, 2]])
+    cells = [("tetra", np.array([[0, 5, 4, 7]])), ("hexahedron", np.array([[0, 1, 3, 2, 4, 5, 7, 8]]))]
+    write = {".vtk": meshio.vtk.write, ".vtu": meshio.vtu.write}[suffix]
+    write(tmp_path / f"mixed{suffix}", meshio.Mesh(nodes, cells))
+    assert "has cells that are no tetrahedra (1 of hexahedron)" in refusal(tmp_path / f"mixed{suffix}")
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".vtk", ".vtu"])
+def test_an_empty_file_is_named_as_such(tmp_path: Path, suffix: str) -> None:
+    (tmp_path / f"empty{suffix}").touch()
+    assert refusal(tmp_path / f"empty{suffix}").endswith(f"not readable as {suffix[1:].upper()}: it is empty")
+
+
 @pytest.mark.parametrize("suffix", [".msh", ".vtk", ".vtu"])
 def test_a_file_that_stops_anywhere_is_refused(tmp_path: Path, suffix: str) -> None:
     whole, broken = tmp_path / f"whole{suffix}", tmp_path / f"broken{suffix}"
@@ -154,12 +187,12 @@ def test_a_disk_that_fills_up_leaves_the_old_file_as_it_was(tmp_path: Path, monk
         path.write_text("half a mesh")
         raise OSError(28, "No space left on device")
 
-    (tmp_path / "cube.msh").write_text("the mesh of yesterday")
-    monkeypatch.setattr(meshio.gmsh, "write", fill_the_disk)
-    with pytest.raises(MeshError, match=r"cube\.msh: cannot be written: No space left on device$"):
-        write_volume_mesh(cube(), tmp_path / "cube.msh")
-    assert list(tmp_path.iterdir()) == [tmp_path / "cube.msh"]
-    assert (tmp_path / "cube.msh").read_text() == "the mesh of yesterday"
+    (tmp_path / "cube.vtu").write_text("the mesh of yesterday")
+    monkeypatch.setattr(meshio.vtu, "write", fill_the_disk)
+    with pytest.raises(MeshError, match=r"cube\.vtu: cannot be written: No space left on device$"):
+        write_volume_mesh(cube(), tmp_path / "cube.vtu")
+    assert list(tmp_path.iterdir()) == [tmp_path / "cube.vtu"]
+    assert (tmp_path / "cube.vtu").read_text() == "the mesh of yesterday"
 
 
 def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
@@ -168,8 +201,10 @@ def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
     clash = VolumeMesh("cube", NODES, ELEMENTS, {"a": OUTER}, {"a": np.arange(2)})
     with pytest.raises(MeshError, match="'a' names a surface group and an element group"):
         write_volume_mesh(clash, tmp_path / "cube.msh")
-    with pytest.raises(MeshError, match="MSH needs a name without quotes"):
+    with pytest.raises(MeshError, match="files need a name without quotes"):
         write_volume_mesh(VolumeMesh("cube", NODES, ELEMENTS, {'"': OUTER}), tmp_path / "cube.msh")
     with pytest.raises(MeshError, match=r"'\.txt' is not a kind of volume mesh file"):
         write_volume_mesh(cube(), tmp_path / "cube.txt")
+    with pytest.raises(MeshError, match="cube: group 'a' names one triangle twice"):
+        write_volume_mesh(VolumeMesh("cube", NODES, ELEMENTS, {"a": OUTER[[0, 0]]}), tmp_path / "cube.vtu")
     assert list(tmp_path.iterdir()) == []
