@@ -8,6 +8,8 @@ from taichisoft.hookspecs import hookimpl
 if TYPE_CHECKING:
     import typer
 
+    from taichisoft.session import Session
+
 
 @hookimpl
 def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
@@ -28,3 +30,19 @@ def taichisoft_commands(application: "typer.Typer") -> None:
 
     application.command()(render)
     application.command()(doctor)
+
+
+@hookimpl
+def taichisoft_picture_wanted(session: "Session") -> None:
+    """Draw the present state beside the run."""
+    from taichisoft_plugins.picture_key import take_picture
+
+    take_picture(session)
+
+
+@hookimpl
+def taichisoft_run_ends(session: "Session") -> None:
+    """Wait for the pictures that were asked for."""
+    from taichisoft_plugins.picture_key import finish_pictures
+
+    finish_pictures(session)
