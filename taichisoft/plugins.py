@@ -1,10 +1,10 @@
 """Plug-ins: loading them, calling their hooks, and finding what they provide by name."""
 
-import functools
 import reprlib
 import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -22,22 +22,43 @@ KINDS = {
     "controller": "taichisoft_controllers",
     "output": "taichisoft_outputs",
     "geometry kind": "taichisoft_geometry_kinds",
+    "mesh maker": "taichisoft_mesh_makers",
     "scene reader": "taichisoft_scene_readers",
 }
 """What a plug-in can provide by name, and the hook that it does so through."""
 
 
-@functools.cache
+_loaded: Registry | None = None
+
+
 def plugin_registry() -> Registry:
     """The plug-ins of this process; those of installed distributions are loaded at the first call.
 
     Raises:
         PluginError: a plug-in cannot be imported, two have one name, or one implements a hook that does not exist.
     """
-    registry = Registry()
-    plugin_sources.add_installed(registry)
-    registry.check_pending()
-    return registry
+    global _loaded
+    if _loaded is None:
+        registry = Registry()
+        plugin_sources.add_installed(registry)
+        registry.check_pending()
+        _loaded = registry
+    return _loaded
+
+
+@contextmanager
+def separate_registry() -> Iterator[Registry]:
+    """A registry with the installed plug-ins alone, for as long as it lasts; for tests.
+
+    Raises:
+        PluginError: as `plugin_registry`.
+    """
+    global _loaded
+    before, _loaded = _loaded, None
+    try:
+        yield plugin_registry()
+    finally:
+        _loaded = before
 
 
 def load_plugin(path: str | Path) -> None:

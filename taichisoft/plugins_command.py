@@ -1,5 +1,6 @@
 """`taichisoft plugins`: what is loaded, and how a new one is begun."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -36,8 +37,13 @@ def new_command(
     folder: Annotated[Path | None, typer.Option(help="Where the project goes; NAME in this folder otherwise.")] = None,
 ) -> None:
     """Write a project with a controller, a test and all that it takes to publish it."""
-    from taichisoft.new_plugin import write_project
+    from taichisoft.new_plugin import check_name, write_project
 
-    written = write_project(name, folder)
-    print(f"{written} holds the plug-in '{name}'. Try it:\n")
-    print(f"  cd {written}\n  python -m pytest\n  taichisoft run gripper --plugin {written} ...")
+    module, written = check_name(name), write_project(name, folder)
+    print(f"{written} holds the plug-in '{name}'; what to do with it is in its README.md. To begin with:\n")
+    for command in (
+        f"cd {shlex.quote(str(written))}",
+        "python -m pytest",
+        f"taichisoft run gripper --plugin {module}.py --controller {name} --duration 1 --outputs recording",
+    ):
+        print(f"  {command}")

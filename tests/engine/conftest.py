@@ -26,9 +26,8 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
             setattr(made, hook, hookimpl(function))
         monkeypatch.setitem(sys.modules, made.__name__, made)
         found.append(EntryPoint(name, made.__name__, PROJECT))
-        plugins.plugin_registry.cache_clear()
+        plugins._loaded = None
 
     monkeypatch.setattr(plugin_sources, "entry_points", lambda group: found)
-    plugins.plugin_registry.cache_clear()
-    yield add
-    plugins.plugin_registry.cache_clear()
+    with plugins.separate_registry():
+        yield add

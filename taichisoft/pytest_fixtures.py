@@ -1,0 +1,37 @@
+"""Fixtures for the tests of plug-ins; pytest finds them where taichisoft is installed (`-p no:taichisoft` hides them).
+
+Nothing but pytest is imported until a test asks for one.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from taichisoft.plugin_registry import Registry
+    from taichisoft.scene import Scene
+
+TINY_GRIPPER = Path(__file__).parent / "tiny_gripper" / "scene.toml"
+
+
+@pytest.fixture
+def taichisoft_scene() -> "Scene":
+    """Two soft pads of 36 tetrahedra each and a cube of 1 g between them: half a second of it takes a tenth of one.
+
+    Bodies: "left" and "right", with the cavities "left.cavity" and "right.cavity"; "cube", on the obstacle "floor". At
+    7 kPa the pads touch the cube, and with 9 kPa they can lift it (along z).
+    """
+    from taichisoft.scene_file import load_scene
+
+    return load_scene(TINY_GRIPPER)
+
+
+@pytest.fixture
+def taichisoft_plugins() -> "Iterator[Registry]":
+    """A registry with the installed plug-ins: what the test loads or registers in addition is gone after it."""
+    from taichisoft.plugins import separate_registry
+
+    with separate_registry() as registry:
+        yield registry

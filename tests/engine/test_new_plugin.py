@@ -1,0 +1,100 @@
+"""`taichisoft plugins new` writes a project whose own tests pass, under any name that can be one."""
+
+import importlib.util
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from taichisoft import plugins
+from taichisoft.errors import PluginError
+from taichisoft.new_plugin import FILES, TEMPLATES, check_name, write_project
+from taichisoft.plugin_registry import Registry
+
+
+def test_the_tests_of_a_new_project_pass_at_once(tmp_path: Path) -> None:
+    folder = write_project("soft-touch", tmp_path / "soft-touch")
+    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
+    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert "2 passed" in result.stdout
+
+
+def test_a_new_project_is_a_plugin_without_being_installed(tmp_path: Path, taichisoft_plugins: Registry) -> None:
+    folder = write_project("soft-touch", tmp_path)  # which is there, and empty
+    plugins.load_plugin(folder / "soft_touch.py")
+    controller = plugins.find("controller", "soft-touch")(force=30.0)
+    assert (controller.force, controller.rate) == (30.0, 50.0)
+
+
+def test_what_is_written_agrees_with_itself(tmp_path: Path) -> None:
+    folder = write_project("Soft.Touch", tmp_path / "new" / "folder")
+    files = {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
+    assert files == {"README.md", "pyproject.toml", "soft_touch.py", "tests/test_soft_touch.py"}
+    project = tomllib.loads((folder / "pyproject.toml").read_text())
+    assert project["project"]["name"] == "Soft.Touch"
+    assert project["project"]["entry-points"]["taichisoft"] == {"Soft.Touch": "soft_touch"}
+    assert "--controller Soft.Touch" in (folder / "README.md").read_text()
+
+
+def test_every_template_is_used() -> None:
+    assert {path.name for path in TEMPLATES.iterdir()} == set(FILES)
+
+
+def test_folders_with_something_in_them_are_left_alone(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    for folder in (tmp_path, tmp_path / "notes.txt"):
+        with pytest.raises(PluginError, match=rf"^{folder}: exists already; choose another with --folder$"):
+            write_project("soft-touch", folder)
+    with pytest.raises(PluginError, match=r"notes.txt/x/pyproject.toml: cannot be written: Not a directory$"):
+        write_project("soft-touch", tmp_path / "notes.txt" / "x")
+    assert [path.name for path in tmp_path.iterdir()] == ["notes.txt"]
+
+
+@pytest.mark.parametrize(
+    ("name", "problem"),
+    [
+        ("", r"^'' cannot be the name of a plug-in: it must begin with a letter, end with a letter or a digit, and"),
+        ("-x", "must begin with a letter"),
+        ("3d", "must begin with a letter"),
+        ("a/b", "have only letters"),
+        ("a b", "have only letters"),
+        ("touch-", "end with a letter or a digit"),
+        ("tïp", "have only letters"),
+        ("touch\n", "have only letters"),
+        ("class", "Python has a 'class' already$"),
+        ("JSON", "Python has a 'json' already$"),
+        ("numpy", "Python has a 'numpy' already$"),
+        ("taichisoft-meshing", "Python has a 'taichisoft_meshing' already$"),
+        ("meshing", r"^a plug-in is called 'meshing' already: taichisoft .*: taichisoft_meshing; choose another name$"),
+        ("scripted", r"^a controller is called 'scripted' already; choose another name$"),
+    ],
+)
+def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str, problem: str) -> None:
+    with pytest.raises(PluginError, match=problem):
+        write_project(name, tmp_path / "new")
+    assert not (tmp_path / "new").exists()
+
+
+@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(name=st.from_regex(r"[A-Za-z][A-Za-z0-9._-]{0,20}[A-Za-z0-9]", fullmatch=True))
+def test_every_name_that_is_accepted_gives_a_module_that_can_be_imported(
+    tmp_path_factory: pytest.TempPathFactory, name: str
+) -> None:
+    try:
+        module = check_name(name)
+    except PluginError:
+        return
+    assert module.isidentifier()
+    folder = write_project(name, tmp_path_factory.mktemp("project"))
+    entry_points = tomllib.loads((folder / "pyproject.toml").read_text())["project"]["entry-points"]["taichisoft"]
+    assert entry_points == {name: module}
+    spec = importlib.util.spec_from_file_location(module, folder / f"{module}.py")
+    assert spec is not None and spec.loader is not None
+    made = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(made)
+    assert list(made.taichisoft_controllers()) == [name]

@@ -1,0 +1,186 @@
+"""The command line with plug-ins: where they may be named, what they add to it, and how they fail."""
+
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer
+
+from taichisoft import plugins
+from taichisoft.command_line import main
+from taichisoft.errors import PluginError
+from taichisoft.plugin_commands import command_names, with_plugin_commands
+
+Install = Callable[..., None]
+Command = Callable[..., tuple[int, str, str]]
+
+WAVE = '''
+from taichisoft import hookimpl
+
+class Wave:
+    def __init__(self, hands: int = 2):
+        self.hands = hands
+
+@hookimpl
+def taichisoft_controllers():
+    return {"wave": Wave}
+
+@hookimpl
+def taichisoft_commands(application):
+    @application.command()
+    def wave(hands: int = 2):
+        """Wave to somebody."""
+        print("hello " * hands)
+'''
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Any:
+    """Runs the command in a folder of its own with wave.py; returns exit code, output and errors."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    (tmp_path / "wave.py").write_text(WAVE)
+
+    def run(*arguments: str) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
+        with plugins.separate_registry(), pytest.raises(SystemExit) as left:
+            main()
+        shown = capfd.readouterr()
+        return int(left.value.code or 0), shown.out, shown.err
+
+    return run
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--plugin", "wave.py", "wave", "--hands", "3"],
+        ["wave", "--plugin", "wave.py", "--hands", "3"],
+        ["wave", "--hands", "3", "--plugin=wave.py"],
+        ["wave", "--hands", "3", "--plugins-dir", "."],
+        ["--plugins-dir=.", "wave", "--plugin", "wave.py", "--hands", "3"],
+    ],
+)
+def test_plugins_may_be_named_anywhere_and_add_commands(command: Command, arguments: list[str]) -> None:
+    assert command(*arguments) == (0, "hello hello hello \n", "")
+
+
+def test_a_command_that_no_plugin_adds_is_none(command: Command) -> None:
+    code, _, errors = command("wave")
+    assert code == 2
+    assert "No such command 'wave'" in errors
+
+
+@pytest.mark.parametrize(
+    "arguments", [[], ["run"], ["mesh"], ["plugins"], ["plugins", "new"], ["wave", "--plugin", "wave.py"]]
+)
+def test_every_help_shows_the_options_that_load_plugins(command: Command, arguments: list[str]) -> None:
+    code, output, _ = command(*arguments, "--help")
+    assert code == 0
+    assert "--plugin " in output
+    assert "--plugins-dir" in output
+
+
+def test_the_help_shows_what_a_plugin_adds(command: Command) -> None:
+    assert "Wave to somebody." in command("--help", "--plugin", "wave.py")[1]
+
+
+def test_the_list_has_name_version_origin_and_what_is_provided(command: Command, tmp_path: Path) -> None:
+    code, output, errors = command("plugins", "--plugin", "wave.py")
+    assert (code, errors) == (0, "")
+    row = output[output.index("│ wave") :]
+    for shown in ("file", str(tmp_path / "wave.py"), "controller wave", "command wave"):
+        assert shown in row
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["plugins", "--plugin", "nothing.py"], "nothing.py: no such file"),
+        (["--help", "--plugins-dir", "nothing"], "--plugins-dir nothing: no such folder"),
+        (["plugins", "new", "class"], "Python has a 'class' already"),
+        (["run", "gripper", "--plugin", "wave.py", "--controller", "wav"], "there are: "),
+    ],
+)
+def test_what_is_wrong_is_one_line(command: Command, arguments: list[str], problem: str) -> None:
+    code, _, errors = command(*arguments)
+    (line,) = errors.splitlines()
+    assert code == 2
+    assert line.startswith("taichisoft: ")
+    assert problem in line
+
+
+@pytest.mark.parametrize("option", ["--plugin", "--plugins-dir"])
+def test_an_option_without_its_value_is_refused(command: Command, option: str) -> None:
+    code, _, errors = command("plugins", option)
+    assert code == 2
+    assert f"Option '{option}' requires an argument" in errors
+
+
+def test_a_plugin_that_fails_is_reported_with_its_own_traceback(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "wave.py").write_text(WAVE.replace("    @application", "    arms\n    @application"))
+    code, _, errors = command("--help", "--plugin", "wave.py")
+    line, *traceback = errors.splitlines()
+    assert code == 2
+    where = f"plug-in 'wave' ({tmp_path / 'wave.py'}) failed in taichisoft_commands()"
+    assert line == f"taichisoft: {where}: NameError: name 'arms' is not defined (wave.py, line 14)"
+    assert traceback[0] == "Traceback (most recent call last):"
+    assert traceback[1] == f'  File "{tmp_path / "wave.py"}", line 14, in taichisoft_commands'
+    assert traceback[-1] == "NameError: name 'arms' is not defined"
+
+
+def test_blocked_names_that_nothing_has_are_said_and_the_command_goes_on(
+    command: Command, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("TAICHISOFT_DISABLE_PLUGINS", "wave,meshng")
+    code, output, errors = command("plugins", "--plugin", "wave.py")
+    assert code == 0
+    assert "wave" not in output
+    told = (
+        "taichisoft: TAICHISOFT_DISABLE_PLUGINS names 'meshng', which no plug-in is called; did you mean 'meshing'?\n"
+    )
+    assert errors == told
+
+
+def test_a_plugin_that_is_left_out_adds_no_command(command: Command, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("TAICHISOFT_DISABLE_PLUGINS", "wave")
+    code, _, errors = command("wave", "--plugin", "wave.py")
+    assert code == 2
+    assert "No such command 'wave'" in errors
+
+
+def test_commands_of_one_name_are_an_error_that_names_both(install: Install) -> None:
+    def add(application: typer.Typer) -> None:
+        application.command("wave")(lambda: None)
+
+    def add_group(application: typer.Typer) -> None:
+        group = typer.Typer()
+        group.command("back")(lambda: None)
+        application.add_typer(group, name="run")
+
+    own = typer.Typer()
+    own.command("run")(lambda: None)
+    own.command("plugins")(lambda: None)
+    install("one", taichisoft_commands=add)
+    assert list(with_plugin_commands(own).commands) == ["run", "plugins", "wave"]
+    assert command_names(own) == ["run", "plugins"]  # it has not changed
+    install("two", taichisoft_commands=add_group)
+    with pytest.raises(
+        PluginError, match=r"^two plug-ins, taichisoft itself and 'two' \(plugin_two\), both add the com"
+    ):
+        with_plugin_commands(own)
+
+
+def test_two_plugins_that_add_one_command_are_named(install: Install) -> None:
+    def add(application: typer.Typer) -> None:
+        application.command("wave")(lambda: None)
+
+    install("one", taichisoft_commands=add)
+    install("two", taichisoft_commands=add)
+    own = typer.Typer()
+    own.command("run")(lambda: None)
+    both = r"^two plug-ins, 'one' \(plugin_one\) and 'two' \(plugin_two\), both add the command 'wave'$"
+    with pytest.raises(PluginError, match=both):
+        with_plugin_commands(own)
