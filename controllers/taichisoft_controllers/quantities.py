@@ -143,8 +143,10 @@ QUANTITIES: Mapping[str, QuantityKind] = {
     "time": _kind("s", "since the run began", lambda model, key: lambda moment: moment.observation.time),
     "elapsed": _kind("s", "since this step of the script began", lambda model, key: lambda moment: moment.elapsed),
     "contact_force": _kind("mN", f"sum of the normal forces {ON_OBJECT}", _of_pairs("normal_forces", sum), PAIR),
-    "normal_force": _kind("mN", "the same as contact_force", _of_pairs("normal_forces", sum), PAIR),
-    "friction_force": _kind("mN", f"sum of the friction forces {ON_OBJECT}", _of_pairs("friction_forces", sum), PAIR),
+    "normal_force": _kind("mN", "another name of `contact_force`", _of_pairs("normal_forces", sum), PAIR),
+    "friction_force": _kind(
+        "mN", f"sum of the amounts of friction {ON_OBJECT}", _of_pairs("friction_forces", sum), PAIR
+    ),
     "slip_speed": _kind("mm/s", f"fastest sliding {ON_OBJECT}", _of_pairs("slip_speeds", max), PAIR),
     "contact_count": _kind("1", f"contacts that press, {ON_OBJECT}", _of_pairs("contact_counts", sum), PAIR),
     "pressure": _kind("kPa", "mean of all cavities", _of_cavities("pressures", _mean), CAVITY),

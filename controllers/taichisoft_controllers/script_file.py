@@ -55,34 +55,34 @@ class Keyframe(Table):
     """What is asked for at a time; between two keyframes values are interpolated."""
 
     time: NotNegative
-    """[s]"""
+    """Since the start of the run [s]; later than that of the keyframe before."""
     pressure: Pressure
     """[kPa] of all cavities, or a table by finger or cavity that names every cavity."""
     base_translation: Vector = (0.0, 0.0, 0.0)
-    """[mm]"""
+    """From the rest position [mm]; zero when it is not given."""
     base_rotation: Vector = (0.0, 0.0, 0.0)
-    """Rotation vector [degrees]."""
+    """Rotation vector about the base pivot [degrees]; zero when it is not given."""
 
 
 class Step(Table):
     """Goes to what it asks for, and ends when it is there or when a condition is true; then the next one begins."""
 
     name: str = ""
-    """For messages."""
+    """For messages and the closing table."""
     pressure: Pressure | None = None
     """Where to go [kPa]: all cavities, or a table by finger or cavity; what it does not name stays."""
     base_translation: Vector | None = None
-    """Where to go [mm]; stays when it is not given."""
+    """Where to go, from the rest position [mm]; stays when it is not given."""
     base_rotation: Vector | None = None
-    """Where to go, rotation vector [degrees]; stays when it is not given."""
+    """Where to go, rotation vector about the base pivot [degrees]; stays when it is not given."""
     duration: Positive | None = None
     """Of the way there [s]; either this or a rate for each thing that moves."""
     pressure_rate: Positive | None = None
-    """[kPa/s]"""
+    """Of each pressure on its way [kPa/s]."""
     base_speed: Positive | None = None
-    """[mm/s]"""
+    """Of the base on its straight way [mm/s]."""
     base_turning_speed: Positive | None = None
-    """[degrees/s]"""
+    """Of the base on its way [degrees/s]."""
     until: str | None = None
     """A condition: as soon as it is true everything stays where it is, and the step ends."""
     timeout: Positive | None = None

@@ -1,6 +1,6 @@
 """What the tests of scripts share: a made-up model, and a script that is followed step by step."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -15,23 +15,24 @@ CAVITIES = ("left.base", "left.tip", "right.base")
 TIME_STEP = 0.01
 
 
-def made_up_model() -> Any:
-    """Two fingers with three cavities, and a cube."""
+def made_up_model(cavities: Sequence[str] = CAVITIES) -> Any:
+    """Fingers with these cavities, and a cube."""
     finger = {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3, "anchors": [{"group": "base"}]}
+    fingers = list(dict.fromkeys(cavity.partition(".")[0] for cavity in cavities))
     scene = Scene.model_validate(
         {
-            "soft_bodies": {"left": finger, "right": finger},
+            "soft_bodies": dict.fromkeys(fingers, finger),
             "rigid_bodies": {"cube": {"box": [10.0, 10.0, 10.0], "mass": 0.001}},
         }
     )
     return SimpleNamespace(
         scene=scene,
         gravity=np.array(scene.gravity),
-        body_names=("left", "right", "cube"),
-        soft_bodies=[SimpleNamespace(name="left"), SimpleNamespace(name="right")],
+        body_names=(*fingers, "cube"),
+        soft_bodies=[SimpleNamespace(name=name) for name in fingers],
         rigid_bodies=[SimpleNamespace(name="cube", start_position=np.zeros(3))],
         obstacles=[],
-        cavities=SimpleNamespace(names=CAVITIES),
+        cavities=SimpleNamespace(names=tuple(cavities)),
     )
 
 

@@ -194,10 +194,14 @@ def test_the_closing_table_says_when_each_step_was_made(tmp_path: Path) -> None:
     }
 
 
-PLACE = st.floats(-100.0, 100.0)
+PLACE = st.floats(-100.0, 100.0, allow_subnormal=False)  # which Taichi flushes to zero
 
 
-@given(st.lists(st.tuples(PLACE, PLACE, st.floats(0.0, 5.0)), min_size=1, max_size=5), st.booleans(), st.floats(0, 6))
+@given(
+    st.lists(st.tuples(PLACE, PLACE, st.floats(0.0, 5.0, allow_subnormal=False)), min_size=1, max_size=5),
+    st.booleans(),
+    st.floats(0, 6, allow_subnormal=False),
+)
 def test_a_way_begins_at_its_start_stays_between_and_ends_at_its_target(
     ways: list[tuple[float, float, float]], smooth: bool, elapsed: float
 ) -> None:

@@ -1,0 +1,87 @@
+"""Scripts that wait, from the command line: the shipped one grasps the cube, one that waits in vain fails the run."""
+
+import csv
+import json
+import re
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from scripts import write
+
+from taichisoft.command_line import main
+
+Command = Callable[..., tuple[int, str]]
+
+
+@pytest.fixture
+def taichisoft(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
+    """Runs the command; returns its exit code and the last line on the error stream (Taichi greets on it, too)."""
+
+    def run(*arguments: str) -> tuple[int, str]:
+        monkeypatch.setattr(sys, "argv", ["taichisoft", *arguments])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return int(left.value.code or 0), (capfd.readouterr().err.splitlines() or [""])[-1]
+
+    return run
+
+
+def column(folder: Path, name: str) -> list[float]:
+    with (folder / "run.csv").open(newline="") as file:
+        return [float(row[name]) for row in csv.DictReader(file)]
+
+
+def test_the_shipped_script_grasps_by_force_lifts_and_holds(taichisoft: Command, tmp_path: Path) -> None:
+    """Without a pressure in it that was found by trying."""
+    arguments = ["run", "gripper", "--output", str(tmp_path), "--outputs", "metrics,csv", "--duration", "5.6"]
+    code, _ = taichisoft(*arguments, "--set", "controller.settings.script=grasp-until-contact")
+    assert code == 0
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
+    assert metrics["held"] is True
+    assert metrics["object_lift_mm"] == pytest.approx(column(tmp_path, "lift cube [mm]")[-1], abs=0.1)
+
+    step, pressure = column(tmp_path, "signal script_step"), column(tmp_path, "pressure finger1.cavity [kPa]")
+    force = [
+        sum(forces)
+        for forces in zip(*(column(tmp_path, f"normal_force finger{n}|cube [mN]") for n in (1, 2, 3)), strict=True)
+    ]
+    squeezed = next(index for index, value in enumerate(force) if value > 500.0)
+    assert step[-1] == 5.0  # all done
+    assert max(force[:squeezed]) <= 500.0 < force[squeezed]
+    assert pressure[squeezed] == pytest.approx(pressure[-1], rel=1e-6)  # it stopped there
+    lifting = step.index(3.0)
+    assert max(map(abs, column(tmp_path, "base_translation x [mm]")[:lifting])) == 0.0
+
+
+def test_a_condition_that_does_not_come_true_fails_the_run_and_keeps_what_was_computed(
+    taichisoft: Command, tmp_path: Path
+) -> None:
+    folder = tmp_path / "out" / "gripper"
+    script = write(tmp_path, '[[steps]]\nname = "close"\nuntil = "contact_force > 60"\ntimeout = 0.1')
+    arguments = ["run", "gripper", "--output", str(folder), "--outputs", "recording,metrics,csv"]
+    code, said = taichisoft(*arguments, "--set", f"controller.settings.script={script}")
+    assert code == 1
+    assert said == (
+        f"taichisoft: {script}: steps.0 'close': until = 'contact_force > 60' was not true within 0.1 s; "
+        "at 0.1 s: contact_force = 0 mN"
+    )
+    assert column(folder, "time [s]") == pytest.approx([0.01 * (step + 1) for step in range(10)])
+    assert json.loads((folder / "metrics.json").read_text())["outcome"] == said.removeprefix("taichisoft: ")
+
+
+def test_the_python_of_the_documents_reads_what_a_run_leaves(
+    taichisoft: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("pandas")
+    monkeypatch.chdir(tmp_path)
+    code, _ = taichisoft("run", "gripper", "--outputs", "csv", "--duration", "0.03")
+    assert code == 0
+    document = (Path(__file__).resolve().parents[2] / "docs" / "controllers.md").read_text(encoding="utf-8")
+    (example,) = re.findall(r"^```python\n(import pandas\n.*?)^```$", document, re.DOTALL | re.MULTILINE)
+    names: dict[str, Any] = {}
+    exec(example, names)
+    assert names["lift"].tolist() == column(tmp_path / "out" / "gripper", "lift cube [mm]")
+    assert len(names["force"]) == 3
