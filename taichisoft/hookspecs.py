@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
     from taichisoft.controller import Controller
     from taichisoft.geometry import GeometryKind
+    from taichisoft.mesh import VolumeMesh
     from taichisoft.output import OutputFactory
     from taichisoft.session import Session
     from taichisoft.simulation import StepReport
@@ -43,6 +44,16 @@ def taichisoft_geometry_kinds() -> "Mapping[str, GeometryKind]":  # type: ignore
 
     Each value makes a geometry from the file's tables without `kind`, and from the file's path: it begins every error,
     and files that the tables name are looked for beside it.
+    """
+
+
+@hookspec
+def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":  # type: ignore[empty-body]
+    """Makers of meshes for scenes, by the suffix (".toml") of files that are no meshes; called when a model needs one.
+
+    Each value makes a mesh of the file whose path it is given first. Its other arguments are the keys that
+    `soft_bodies.NAME.mesh` of a scene may have beside `file`. What it logs to a logger below "taichisoft" is shown by
+    `taichisoft run`.
     """
 
 
@@ -89,7 +100,7 @@ def taichisoft_run_ends(session: "Session", outcome: str) -> None:
 
     Args:
         session: the run, at its last good state.
-        outcome: "completed", "interrupted", or the text of the error.
+        outcome: "completed", "stopped" by its user, "interrupted", or the text of the error.
     """
 
 

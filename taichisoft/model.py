@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from taichisoft.body_meshes import load_meshes
 from taichisoft.cavities import Cavities
 from taichisoft.contact_selection import ContactSelection
 from taichisoft.contact_surfaces import ContactSurfaces
@@ -44,8 +45,9 @@ class Model:
         self.scene = scene
         soft: list[SoftBody] = []
         node_count = 0
+        meshes = load_meshes(scene)
         for name, body in scene.soft_bodies.items():
-            soft.append(make_soft_body(name, body, node_count))
+            soft.append(make_soft_body(name, body, meshes[name], node_count))
             node_count = soft[-1].nodes.stop
         self.soft_bodies = tuple(soft)
         self.rigid_bodies = tuple(make_rigid_body(name, body) for name, body in scene.rigid_bodies.items())

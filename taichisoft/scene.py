@@ -6,7 +6,7 @@ Units: millimetre, kilogram, second; so forces are in mN and pressures and modul
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import BaseModel, ConfigDict, Field, model_serializer, model_validator
 
 # Strict: no text and no truth value is taken for a number.
 Number = Annotated[float, Field(strict=True)]
@@ -85,11 +85,51 @@ class Cavity(Table):
         return self
 
 
+class BodyMesh(Table):
+    """Where the mesh of a soft body comes from; `mesh = "FILE"` is short for a table with nothing but `file`."""
+
+    file: str
+    """A mesh (.msh, .vtk, .vtu), or a geometry (.toml) that is meshed on first use; or the name of a shipped one."""
+    size: Positive | None = None
+    """Largest element of a geometry's mesh [mm]; the geometry's own when neither it nor preset or nodes is given."""
+    preset: str | None = None
+    """Name of one of the geometry's sizes, such as "coarse", "medium" or "fine"."""
+    nodes: Annotated[int, Field(strict=True, gt=0)] | None = None
+    """How many nodes the geometry's mesh should have, roughly."""
+    set: dict[str, Any] = {}
+    """Values to take instead of the geometry's own: { chambers.height = 12.0 }."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _read_text(cls, value: Any) -> Any:
+        if not isinstance(value, str | dict | cls):
+            raise ValueError(f"{value!r} must be the name of a file, or a table with the key file")
+        return {"file": value} if isinstance(value, str) else value
+
+    @model_validator(mode="after")
+    def _check_one_size(self) -> "BodyMesh":
+        sizes = [key for key in ("size", "preset", "nodes") if getattr(self, key) is not None]
+        if len(sizes) > 1:
+            raise ValueError(f"one of size, preset, nodes can be given; given: {', '.join(sizes)}")
+        return self
+
+    @model_serializer
+    def _write_short(self) -> Any:
+        """The file alone where nothing else is asked for."""
+        return {"file": self.file, **self.request} if self.request else self.file
+
+    @property
+    def request(self) -> dict[str, Any]:
+        """What is asked for beside the file."""
+        given = {key: getattr(self, key) for key in ("size", "preset", "nodes", "set")}
+        return {key: value for key, value in given.items() if value not in (None, {})}
+
+
 class SoftBody(Table):
     """A silicone body of corotational finite elements."""
 
-    mesh: str
-    """Volume mesh file, or the name of a shipped one."""
+    mesh: BodyMesh
+    """What it is made of: a file's name, or the table [soft_bodies.NAME.mesh]."""
     rotation: Vector = (0.0, 0.0, 0.0)
     """Placement: turns about the x, y and z axes, in this order [degrees]."""
     translation: Vector = (0.0, 0.0, 0.0)

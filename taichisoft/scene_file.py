@@ -9,16 +9,17 @@ import tomli_w
 from pydantic import ValidationError
 
 from taichisoft.errors import SceneError
-from taichisoft.mesh_files import SURFACE_SUFFIXES, VOLUME_SUFFIXES
+from taichisoft.mesh_files import VOLUME_SUFFIXES
 from taichisoft.overrides import apply_override
 from taichisoft.scene import Scene
 from taichisoft.scene_reader import find_scene, read_with_plugin
 from taichisoft.shipped import find_file
+from taichisoft.surface_files import SURFACE_SUFFIXES
 from taichisoft.validation_errors import first_problem
 
+GEOMETRY_SUFFIX = ".toml"
 # Keys that name a file, the shipped folder in which it is looked for, and the suffixes that it may go without.
 FILE_KEYS = {
-    "mesh": ("meshes", VOLUME_SUFFIXES),
     "surface": ("meshes", SURFACE_SUFFIXES),
     "collision_surface": ("meshes", SURFACE_SUFFIXES),
     "script": ("scripts", (".toml",)),
@@ -106,19 +107,32 @@ def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:
 def _with_absolute_files(value: Any, folder: Path, source: str, key: str = "") -> Any:
     """The tables with every file found; `source` and `key`, the place of `value`, begin the error."""
     if isinstance(value, dict):
-        return {
-            name: _absolute_file(item, name, folder, f"{source}: {key}{name}")
-            if name in FILE_KEYS and isinstance(item, str)
-            else _with_absolute_files(item, folder, source, f"{key}{name}.")
-            for name, item in value.items()
-        }
+        return {name: _with_absolute_file(name, item, folder, source, f"{key}{name}") for name, item in value.items()}
     if isinstance(value, list):
         return [_with_absolute_files(item, folder, source, f"{key}{index}.") for index, item in enumerate(value)]
     return value
 
 
-def _absolute_file(name: str, kind: str, folder: Path, key: str) -> str:
+def _with_absolute_file(name: str, value: Any, folder: Path, source: str, key: str) -> Any:
+    """The value of one key, which may name a file."""
+    if name in FILE_KEYS and isinstance(value, str):
+        return _absolute_file(value, *FILE_KEYS[name], folder, f"{source}: {key}")
+    if name == "mesh" and isinstance(value, str):
+        return _absolute_mesh(value, folder, f"{source}: {key}")
+    if name == "mesh" and isinstance(value, dict) and isinstance(value.get("file"), str):
+        return {**value, "file": _absolute_mesh(value["file"], folder, f"{source}: {key}.file")}
+    return _with_absolute_files(value, folder, source, f"{key}.")
+
+
+def _absolute_mesh(name: str, folder: Path, key: str) -> str:
+    """A mesh, or by its suffix a geometry."""
+    is_geometry = name.lower().endswith(GEOMETRY_SUFFIX)
+    kind, suffixes = ("fingers", (GEOMETRY_SUFFIX,)) if is_geometry else ("meshes", VOLUME_SUFFIXES)
+    return _absolute_file(name, kind, suffixes, folder, key)
+
+
+def _absolute_file(name: str, kind: str, suffixes: tuple[str, ...], folder: Path, key: str) -> str:
     try:
-        return str(find_file(name, *FILE_KEYS[kind], folder, SceneError))
+        return str(find_file(name, kind, suffixes, folder, SceneError))
     except SceneError as error:
         raise SceneError(f"{key}: {error}") from error

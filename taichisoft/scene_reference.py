@@ -30,6 +30,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[pushes]]": scene.Push,
     "[goal]": scene.Goal,
     "[soft_bodies.NAME]": scene.SoftBody,
+    "[soft_bodies.NAME.mesh]": scene.BodyMesh,
     "[[soft_bodies.NAME.regions]]": scene.Region,
     "[[soft_bodies.NAME.anchors]]": scene.Anchor,
     "[soft_bodies.NAME.cavities.NAME]": scene.Cavity,
@@ -46,7 +47,7 @@ def scene_reference() -> str:
         parts.append(
             f"\n## {title}\n\n{(table.__doc__ or '').strip()}\n\n| key | value | default | |\n|---|---|---|---|"
         )
-        parts += [_row(key, field) for key, field in table.model_fields.items() if not _is_listed(field.annotation)]
+        parts += [_row(key, field) for key, field in table.model_fields.items() if _has_row(field)]
     return "\n".join(parts) + "\n"
 
 
@@ -79,10 +80,11 @@ def _kind(annotation: Any) -> str:
     return _kind(arguments[0]) if arguments else "table"
 
 
-def _is_listed(annotation: Any) -> bool:
-    """Whether the reference has a heading of its own for what a key holds."""
-    inner = [annotation, *get_args(annotation)]
-    return any(argument in TABLES.values() for argument in inner if isinstance(argument, type))
+def _has_row(field: FieldInfo) -> bool:
+    """Whether a key must be there, or the reference has no heading of its own for what it holds."""
+    inner = [field.annotation, *get_args(field.annotation)]
+    listed = any(argument in TABLES.values() for argument in inner if isinstance(argument, type))
+    return field.is_required() or not listed
 
 
 if __name__ == "__main__":

@@ -10,10 +10,10 @@ from taichisoft.embedding import embed
 from taichisoft.errors import MeshError
 from taichisoft.mapped_surface import MappedSurface, enclosed_volume
 from taichisoft.mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
-from taichisoft.mesh_files import read_surface, read_volume_mesh
 from taichisoft.placement import rotation_from_degrees
 from taichisoft.selection import select_elements, select_nodes, surface_group
 from taichisoft.surface import closed_outward
+from taichisoft.surface_files import read_surface
 
 # A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
 # mesh cuts the corners of a fine surface.
@@ -69,15 +69,14 @@ class SoftBody:
     cavities: tuple[Cavity, ...]
 
 
-def make_soft_body(name: str, body: settings.SoftBody, first_node: int) -> SoftBody:
-    """Read a soft body's files and compute its arrays; `first_node` is its place in the model.
+def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_node: int) -> SoftBody:
+    """Compute the arrays of a soft body made of `mesh`; `first_node` is its place in the model.
 
     Raises:
         MeshError: a file is not fit to simulate.
         SceneError: a selection selects nothing.
     """
     key = f"soft_bodies.{name}"
-    mesh = read_volume_mesh(body.mesh)
     node_count = len(mesh.nodes)
     turn = rotation_from_degrees(body.rotation)
     rest_position = mesh.nodes @ turn.T + np.asarray(body.translation)

@@ -1,6 +1,6 @@
 """From a finger's dimensions to tetrahedra (gmsh)."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 from taichisoft.hookspecs import hookimpl
@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     import typer
 
     from taichisoft.geometry import GeometryKind
+    from taichisoft.mesh import VolumeMesh
 
 
 @hookimpl
@@ -20,8 +21,18 @@ def taichisoft_geometry_kinds() -> "Mapping[str, GeometryKind]":
 
 
 @hookimpl
+def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
+    """Geometry files of any kind that a plug-in knows."""
+    from taichisoft_meshing.scene_meshes import mesh_for_scene
+
+    return {".toml": mesh_for_scene}
+
+
+@hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft mesh`."""
+    """Add `taichisoft mesh` and `taichisoft mesh-cache`."""
     from taichisoft_meshing.commands import mesh
+    from taichisoft_meshing.mesh_cache import mesh_cache
 
     application.command("mesh")(mesh)
+    application.command("mesh-cache")(mesh_cache)

@@ -24,14 +24,14 @@ def scene(table, tmp_path: Path, tutorial: Path | None = None):
 
 def test_the_shipped_mesh_is_taken_without_a_folder(tmp_path):
     made = scene({**FINGER, "mesh": "tutorial-medium", "tutorial_mesh": "fine.vtk"}, tmp_path)
-    assert Path(made.soft_bodies["finger"].mesh).name == "tutorial-medium.msh"
+    assert Path(made.soft_bodies["finger"].mesh.file).name == "tutorial-medium.msh"
 
 
 def test_the_tutorials_meshes_come_with_their_surfaces(tmp_path):
     for name in ("fine.vtk", "pneunetCut.stl", "pneunetCavityCut.stl"):
         (tmp_path / name).touch()
     made = scene({**FINGER, "tutorial_mesh": "fine.vtk"}, tmp_path, tmp_path).soft_bodies["finger"]
-    assert Path(made.mesh) == tmp_path / "fine.vtk"
+    assert Path(made.mesh.file) == tmp_path / "fine.vtk"
     assert Path(made.collision_surface) == tmp_path / "pneunetCut.stl"
     assert Path(made.cavities["cavity"].surface) == tmp_path / "pneunetCavityCut.stl"
     assert made.cavities["cavity"].group is None
@@ -44,7 +44,7 @@ def test_a_folder_that_lacks_a_file_is_refused(tmp_path):
 
 def test_a_finger_of_a_size_is_meshed_once(tmp_path):
     made = scene({**FINGER, "element_size": 16.0}, tmp_path)
-    path = Path(made.soft_bodies["finger"].mesh)
+    path = Path(made.soft_bodies["finger"].mesh.file)
     written = path.stat().st_mtime_ns
     assert scene({**FINGER, "element_size": 16.0}, tmp_path) == made
     assert path.stat().st_mtime_ns == written

@@ -37,7 +37,7 @@ def test_a_scene_of_another_format_is_like_the_same_in_toml(install: Install, fo
     install("json", taichisoft_scene_readers=lambda: {".json": read})
     scene = load_scene(folder / "scene.json", ["rigid_bodies.cube.mass=0.02"])
     assert scene.rigid_bodies["cube"].mass == 0.02
-    assert scene.soft_bodies["right"].mesh == str(folder / "body.msh")
+    assert scene.soft_bodies["right"].mesh.file == str(folder / "body.msh")
     (folder / "same.toml").write_text(scene_to_toml(scene))
     assert load_scene(folder / "same.toml") == scene
     assert load_scene("scene") == load_scene(folder / "scene.json")

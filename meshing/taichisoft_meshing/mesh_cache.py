@@ -1,0 +1,89 @@
+"""Meshes that were made for scenes, kept in the user's cache folder, and the command that shows and clears it."""
+
+import os
+import tempfile
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from taichisoft.errors import MeshError
+
+if TYPE_CHECKING:
+    from taichisoft.mesh import VolumeMesh
+
+FOLDER_VARIABLE = "TAICHISOFT_CACHE"
+
+
+def cache_folder() -> Path:
+    """Where meshes are kept: `meshes` in the folder that TAICHISOFT_CACHE names, else in the user's cache folder."""
+    from platformdirs import user_cache_path
+
+    own = os.environ.get(FOLDER_VARIABLE)
+    return (Path(own).expanduser() if own else user_cache_path("taichisoft", appauthor=False)) / "meshes"
+
+
+def read_entry(entry: Path) -> "VolumeMesh | None":
+    """A mesh that was kept; None when there is none, or, with a warning, none that can be read."""
+    from taichisoft.mesh_files import read_volume_mesh
+
+    if not entry.is_file():
+        return None
+    try:
+        return read_volume_mesh(entry)
+    except MeshError as error:
+        warnings.warn(f"{error}; it is made anew", stacklevel=2)
+        return None
+
+
+def write_entry(mesh: "VolumeMesh", entry: Path) -> "VolumeMesh":
+    """Keep a mesh, whole or not at all: processes that make the same one at a time may all do so.
+
+    A folder that cannot be written costs no more than a warning.
+
+    Returns:
+        The mesh as it is read from a file, in which triangles may stand in another order: so a run gives the same
+        bits whether its mesh was made in it or before.
+    """
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        return _through_file(mesh, entry)
+    except (OSError, MeshError) as error:
+        why = error.strerror if isinstance(error, OSError) and error.strerror else error
+        warnings.warn(
+            f"the mesh cannot be kept in {entry.parent} ({why}) and is made anew every time; "
+            f"{FOLDER_VARIABLE} can name another folder",
+            stacklevel=2,
+        )
+        return not_kept(mesh)
+
+
+def not_kept(mesh: "VolumeMesh") -> "VolumeMesh":
+    """The mesh as it would be if it had been kept."""
+    with tempfile.TemporaryDirectory() as folder:
+        return _through_file(mesh, Path(folder) / "mesh.msh")
+
+
+def mesh_cache(
+    clear: Annotated[bool, typer.Option("--clear", help="Delete them all; scenes make anew what they need.")] = False,
+) -> None:
+    """Show where the meshes that scenes asked for are kept, and how large they are."""
+    folder = cache_folder()
+    kept = sorted(folder.glob("*.msh"))
+    size = sum(path.stat().st_size for path in kept)
+    about = f"{len(kept)} mesh{'es' * (len(kept) != 1)}, {size / 1e6:.1f} MB, in {folder}"
+    if clear:
+        try:
+            for path in [*kept, *folder.glob(".*.partial")]:
+                path.unlink(missing_ok=True)
+        except OSError as error:
+            raise MeshError(f"{folder}: cannot be cleared: {error.strerror or error}") from error
+    typer.echo(f"{'deleted ' * clear}{about}")
+
+
+def _through_file(mesh: "VolumeMesh", path: Path) -> "VolumeMesh":
+    from taichisoft.mesh_files import read_volume_mesh, write_volume_mesh
+
+    write_volume_mesh(mesh, path)
+    return read_volume_mesh(path)
