@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from taichisoft import plugins
 from taichisoft.controller_factory import make_controller
 from taichisoft.errors import SceneError, TaichisoftError
 from taichisoft.key_log import KeyReplay
+from taichisoft.live_status import live_status
 from taichisoft.output import OutputFactory
 from taichisoft.profile import Profile, profiled
 from taichisoft.run import INTERRUPTED, run_session
@@ -20,7 +21,7 @@ from taichisoft.run_display import print_profile, print_summary, print_warning, 
 from taichisoft.scene import Scene
 from taichisoft.scene_file import load_scene, scene_to_toml
 from taichisoft.session import Session
-from taichisoft.simulation import Simulation
+from taichisoft.simulation import Simulation, StepReport
 
 
 def run_scene(
@@ -70,13 +71,24 @@ def _run(session: Session, console: Console, folder: Path, title: str, profile: 
     times: Profile | None = None
     measured: AbstractContextManager[Profile | None] = profiled(session.simulation) if profile else nullcontext()
     try:
-        with progress_bar(console, session, title) as show, measured as times:
+        with _display(session, console, title) as show, measured as times:
             return run_session(session, show)
     finally:
         print_summary(console, [session.controller, *session.outputs], folder)
         warn_if_slow(console, session)
         if times is not None and times.seconds:
             print_profile(console, times)
+
+
+@contextmanager
+def _display(session: Session, console: Console, title: str) -> Iterator[Callable[[StepReport], None]]:
+    """What shows each step: the state of a run that somebody steers, how far any other is."""
+    if getattr(session.controller, "interactive", False) and not session.replaying:
+        with live_status(console, session) as status:
+            yield status.update
+    else:
+        with progress_bar(console, session, title) as show:
+            yield show
 
 
 def _load_kernels(simulation: Simulation) -> None:
