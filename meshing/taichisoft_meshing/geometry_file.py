@@ -11,6 +11,7 @@ from taichisoft.geometry import Geometry, GeometryKind
 from taichisoft.mesh import VolumeMesh
 from taichisoft.plugin_failure import failures_of
 from taichisoft.validation_errors import nearest
+from taichisoft_meshing.quality_limits import QUALITY, quality_limits
 
 DEFAULT_KIND = "pneunet_finger"
 
@@ -28,13 +29,16 @@ def read_geometry(path: Path) -> Geometry:
 def make_geometry(kind: Any, tables: Mapping[str, Any], path: Path) -> Geometry:
     """Check tables that `read_tables` gave, perhaps changed since, and make a geometry of their kind.
 
+    The table `quality` is the same for every kind, which does not see it.
+
     Raises:
         MeshError: the kind is unknown, or something in the tables is not valid.
         PluginError: the plug-in of the kind failed.
     """
     make = find_kind(kind, path)
+    quality_limits(tables, path)
     with failures_of(f"{path}: geometry kind '{kind}' failed"):
-        return make(tables, path)
+        return make({key: table for key, table in tables.items() if key != QUALITY}, path)
 
 
 def find_kind(kind: Any, path: Path) -> GeometryKind:
@@ -72,7 +76,7 @@ def read_tables(path: Path) -> tuple[Any, dict[str, Any]]:
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        raise MeshError(f"{path}: no such file; a finger file (.toml) is needed") from error
+        raise MeshError(f"{path}: no such file; a geometry file (.toml) is needed") from error
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise MeshError(f"{path}: not readable as TOML: {error}") from error
     return tables.pop("kind", DEFAULT_KIND), tables

@@ -4,6 +4,9 @@ import numpy as np
 
 from taichisoft.mesh import tetrahedron_volumes
 
+# Start and end of each edge, and the two other corners.
+EDGES = ((0, 1, 2, 3), (0, 2, 3, 1), (0, 3, 1, 2), (1, 2, 0, 3), (1, 3, 2, 0), (2, 3, 0, 1))
+
 
 def radius_ratios(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     """Three times the inscribed radius over the circumscribed one [-], shape (element_count,).
@@ -29,8 +32,30 @@ def radius_ratios(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     return np.divide(18 * volumes * inscribed, crelle, out=np.zeros_like(volumes), where=crelle > 0)
 
 
+def dihedral_angles(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """Angles between the faces of each tetrahedron [degrees], shape (element_count, 6); 70.5 in a regular one.
+
+    Args:
+        nodes: positions [mm], shape (node_count, 3).
+        elements: tetrahedra, shape (element_count, 4 or more); the first four nodes are the corners.
+    """
+    corners = nodes[elements[:, :4]]
+    angles = []
+    for start, end, first, second in EDGES:
+        along = corners[:, end] - corners[:, start]
+        a, b = (np.cross(along, corners[:, third] - corners[:, start]) for third in (first, second))
+        angles.append(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.einsum("ed,ed->e", a, b)))
+    return np.degrees(np.column_stack(angles))
+
+
+def edge_lengths(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """Shortest and longest edge of each tetrahedron [mm], shape (element_count, 2)."""
+    corners = nodes[elements[:, :4]]
+    starts, ends = np.array(EDGES)[:, 0], np.array(EDGES)[:, 1]
+    lengths = np.linalg.norm(corners[:, ends] - corners[:, starts], axis=-1)
+    return np.column_stack([lengths.min(axis=1), lengths.max(axis=1)])
+
+
 def longest_edges(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     """Longest edge of each tetrahedron [mm], shape (element_count,)."""
-    corners = nodes[elements[:, :4]]
-    lengths = np.linalg.norm(corners[:, :, None] - corners[:, None, :], axis=-1)
-    return lengths.max(axis=(1, 2))
+    return edge_lengths(nodes, elements)[:, 1]

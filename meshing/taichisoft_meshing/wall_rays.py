@@ -1,0 +1,145 @@
+"""Walls of a body, found with rays: how thick each is, and how many elements of the mesh lie across it.
+
+From the middle of every boundary triangle a ray goes into the body, at a right angle, tetrahedron by tetrahedron,
+until it leaves it again. Where it leaves nearly at a right angle there is a wall. So walls need no description.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+
+# Faces of a tetrahedron, outward for positive ones; face k is opposite to corner k.
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+
+# Cosine between the two sides of a wall: within 25 degrees, so that the slanted sides of a corner are none.
+PARALLEL = 0.9
+
+MANY = 5
+"""Elements across are counted up to this number."""
+
+
+@dataclass(frozen=True)
+class Walls:
+    """One entry for every boundary triangle that has a wall behind it.
+
+    Attributes:
+        triangles: the three nodes of the triangle that the ray starts at, shape (count, 3).
+        opposite: those of the triangle that it leaves through, shape (count, 3).
+        areas: of the first [mm^2], shape (count,).
+        thickness: length of the ray [mm], shape (count,).
+        elements_across: the fewest edges of the mesh that lead from the one triangle to the other, at most MANY,
+            shape (count,); 1 where no node lies inside the wall, so that it bends much too stiffly.
+    """
+
+    triangles: np.ndarray
+    opposite: np.ndarray
+    areas: np.ndarray
+    thickness: np.ndarray
+    elements_across: np.ndarray
+
+
+def find_walls(nodes: np.ndarray, elements: np.ndarray) -> Walls:
+    """Send a ray from every boundary triangle.
+
+    Args:
+        nodes: positions [mm], shape (node_count, 3).
+        elements: tetrahedra of positive volume, shape (element_count, 4 or more).
+    """
+    elements = elements[:, :4]
+    corners = elements[:, FACES]
+    a, b, c = np.moveaxis(nodes[corners], 2, 0)
+    normals = np.cross(b - a, c - a)
+    offsets = np.einsum("efd,efd->ef", normals, a)
+    neighbours = _neighbours(corners)
+    element, face = np.nonzero(neighbours < 0)
+    areas = np.linalg.norm(normals[element, face], axis=1) / 2
+    directions = -normals[element, face] / (2 * areas[:, None])
+    origins = nodes[corners[element, face]].mean(axis=1)
+    last_element, last_face, length = _walk(element, face, origins, directions, normals, offsets, neighbours)
+    arrived = last_face >= 0
+    out = normals[last_element, last_face]
+    cosine = np.einsum("rd,rd->r", out, directions) / np.linalg.norm(out, axis=1)
+    start, end = corners[element, face], corners[last_element, last_face]
+    across = _edges_between(elements, start, end, len(nodes))
+    wall = arrived & (cosine > PARALLEL) & (across > 0)  # triangles that meet in a node are an edge of the body
+    return Walls(start[wall], end[wall], areas[wall], length[wall], across[wall])
+
+
+def _neighbours(corners: np.ndarray) -> np.ndarray:
+    """The element on the other side of each face, -1 on the boundary, shape (element_count, 4)."""
+    faces = np.sort(corners.reshape(-1, 3), axis=1)
+    order = np.lexsort(faces.T)
+    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
+    pairs = order[:-1][same], order[1:][same]
+    neighbours = np.full(len(faces), -1)
+    neighbours[pairs[0]], neighbours[pairs[1]] = pairs[1] // 4, pairs[0] // 4
+    return neighbours.reshape(-1, 4)
+
+
+def _walk(
+    element: np.ndarray,
+    face: np.ndarray,
+    origins: np.ndarray,
+    directions: np.ndarray,
+    normals: np.ndarray,
+    offsets: np.ndarray,
+    neighbours: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Where each ray leaves the body: element, face (-1 where it got lost) and its length.
+
+    A ray leaves a tetrahedron through the nearest of the planes that it goes out of. So it cannot miss an edge that it
+    hits: whichever of the two faces rounding prefers, the next tetrahedron has the edge too.
+    """
+    last_element, last_face = element.copy(), np.full(len(element), -1)
+    length = np.zeros(len(element))
+    active = np.arange(len(element))
+    came_from = np.full(len(element), -1)
+    for _ in range(len(normals)):
+        if not len(active):
+            break
+        here, direction = last_element[active], directions[active]
+        steepness = np.einsum("rfd,rd->rf", normals[here], direction)
+        distance = offsets[here] - np.einsum("rfd,rd->rf", normals[here], origins[active])
+        outward = (steepness > 0) & ((neighbours[here] != came_from[active, None]) | (neighbours[here] < 0))
+        reach = np.where(outward, distance / np.where(outward, steepness, 1.0), np.inf)
+        through = reach.argmin(axis=1)
+        length[active] = reach[np.arange(len(active)), through]
+        following = neighbours[here, through]
+        lost = ~np.isfinite(length[active])
+        left = (following < 0) & ~lost
+        last_face[active[left]] = through[left]
+        going = ~left & ~lost
+        came_from[active[going]] = here[going]
+        last_element[active[going]] = following[going]
+        active = active[going]
+    return last_element, last_face, length
+
+
+def _edges_between(elements: np.ndarray, starts: np.ndarray, ends: np.ndarray, node_count: int) -> np.ndarray:
+    """The fewest edges from any corner of a triangle to any corner of another, at most MANY, for each pair."""
+    pairs = elements[:, [[i, j] for i in range(4) for j in range(4)]].reshape(-1, 2)
+    reach = _incidence(pairs[:, 0], pairs[:, 1], (node_count, node_count))
+    row = np.repeat(np.arange(len(starts)), 3)
+    near_start = _incidence(row, starts.ravel(), (len(starts), node_count))
+    near_end = _incidence(row, ends.ravel(), (len(ends), node_count))
+    across = np.full(len(starts), MANY)
+    found = np.zeros(len(starts), dtype=bool)
+    for edges in range(MANY):  # the two neighbourhoods grow in turn until they meet
+        meet = np.asarray(near_start.multiply(near_end).sum(axis=1)).ravel() > 0
+        across[meet & ~found] = edges
+        found |= meet
+        if edges % 2:
+            near_end = _ones(near_end @ reach)
+        else:
+            near_start = _ones(near_start @ reach)
+    return across
+
+
+def _incidence(rows: np.ndarray, columns: np.ndarray, shape: tuple[int, int]) -> csr_matrix:
+    return _ones(coo_matrix((np.ones(len(rows), dtype=np.int32), (rows, columns)), shape=shape).tocsr())
+
+
+def _ones(matrix: csr_matrix) -> csr_matrix:
+    matrix.data[:] = 1
+    return matrix

@@ -1,0 +1,69 @@
+"""Walls found with rays: their thickness and how many elements they are thick, whatever the body's shape."""
+
+import numpy as np
+import pytest
+from conftest import make_block
+
+from taichisoft.mesh import VolumeMesh
+from taichisoft_meshing import wall_quality
+from taichisoft_meshing.surface_quality import measure_surfaces
+from taichisoft_meshing.wall_quality import measure_walls
+from taichisoft_meshing.wall_rays import MANY, Walls, find_walls
+
+
+@pytest.mark.parametrize("layers", [1, 2, 3, 4, 6])
+def test_a_plate_is_as_many_elements_thick_as_it_has_layers(layers: int) -> None:
+    """Whatever diagonal the tetrahedra take, no path from one face to the other has fewer edges than layers."""
+    plate = make_block((6, 5, layers), (60.0, 50.0, 10.0))
+    walls = find_walls(plate.nodes, plate.elements)
+    through = np.isclose(walls.thickness, 10.0)
+    assert walls.areas[through].sum() == pytest.approx(2 * 60 * 50)
+    assert (walls.elements_across[through] == min(layers, MANY)).all()
+
+
+def test_rays_through_nodes_and_edges_are_not_lost() -> None:
+    """In a block of boxes some rays run along faces of tetrahedra, all the way; turned, rounding is in all."""
+    for seed in range(3):
+        block = make_block((4, 4, 4), (4.0, 4.0, 4.0))
+        turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0] if seed else np.eye(3)
+        turn *= np.sign(np.linalg.det(turn))
+        walls = find_walls(block.nodes @ turn.T, block.elements)
+        assert walls.areas.sum() == pytest.approx(6 * 16)
+        assert walls.thickness == pytest.approx(np.full(len(walls.areas), 4.0))
+
+
+def test_the_edge_of_a_wedge_is_no_wall() -> None:
+    """A prism whose two large faces meet at 10 degrees: near their edge triangles of both share nodes."""
+    wedge = make_block((8, 2, 1), (80.0, 10.0, 10.0))
+    nodes = wedge.nodes.copy()
+    nodes[:, 2] *= (nodes[:, 0] + 41.0) / 41.0 * np.tan(np.radians(10.0))
+    walls = find_walls(nodes, wedge.elements)
+    assert (walls.elements_across >= 1).all()
+    corner = find_walls(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))
+    assert len(corner.areas) == 0
+
+
+def of_block(mesh: VolumeMesh) -> dict[tuple[str, str], tuple[float, int, float]]:
+    walls = measure_walls(mesh, measure_surfaces(mesh))
+    return {wall.sides: (wall.thinnest, wall.elements_across, wall.share_of_one) for wall in walls}
+
+
+def test_walls_are_told_apart_by_their_sides() -> None:
+    """A cube of 50 mm with a hollow of 30 mm in the middle: 10 mm of wall, one box thick, all around."""
+    walls = of_block(make_block((5, 5, 5), (50.0, 50.0, 50.0), hollow=True))
+    assert walls[("cavity", "outer")] == pytest.approx((10.0, 1, 1.0))
+    assert walls[("outer", "outer")] == pytest.approx((50.0, 5, 0.0))
+    assert ("cavity", "cavity") not in walls
+
+
+@pytest.mark.parametrize(("thin", "across"), [(4, 2), (6, 1)])
+def test_a_few_edges_straight_through_do_not_make_a_wall_thin(
+    thin: int, across: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Only where more than 5 % of the area is one element thick is the wall called so."""
+    block = make_block((5, 5, 5), (50.0, 50.0, 50.0), hollow=True)
+    cavity, outer = (np.tile(surface.triangles[:1], (100, 1)) for surface in reversed(measure_surfaces(block)))
+    elements_across = np.where(np.arange(100) < thin, 1, np.where(np.arange(100) < 50, 2, 3))
+    walls = Walls(cavity, outer, np.ones(100), np.full(100, 10.0), elements_across)
+    monkeypatch.setattr(wall_quality, "find_walls", lambda nodes, elements: walls)
+    assert of_block(block) == {("cavity", "outer"): (10.0, across, thin / 100)}
