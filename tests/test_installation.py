@@ -1,7 +1,9 @@
 """What `pip install` gives to somebody who never sees the checkout."""
 
+import csv
 import importlib.util
 import os
+import re
 import subprocess
 import sys
 import sysconfig
@@ -20,6 +22,8 @@ FOLDERS = {
     "taichisoft_controllers": "controllers/taichisoft_controllers",
     "taichisoft_meshing": "meshing/taichisoft_meshing",
     "taichisoft_plugins": "plugins/taichisoft_plugins",
+    "taichisoft/plugin_template": "taichisoft/plugin_template",
+    "taichisoft/tiny_gripper": "taichisoft/tiny_gripper",
     "taichisoft/data/fingers": "data/fingers",
     "taichisoft/data/meshes": "data/meshes",
     "taichisoft/data/scenes": "data/scenes",
@@ -27,10 +31,10 @@ FOLDERS = {
 """Folders of the checkout by the place where they are installed."""
 
 
-def run(*command: str | Path, folder: Path) -> str:
+def run(*command: str | Path, folder: Path, limit: float = 120) -> str:
     """Standard output of a command, with nothing in its surroundings that leads to the checkout."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=120)
+    result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=limit)
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
 
@@ -39,9 +43,14 @@ def run(*command: str | Path, folder: Path) -> str:
 def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The wheel of this checkout."""
     folder = tmp_path_factory.mktemp("wheel")
+    return build_wheel(CHECKOUT, folder)
+
+
+def build_wheel(project: Path, folder: Path) -> Path:
+    """Build the wheel of a project into a folder."""
     # In an isolated build pip fetches hatchling, for which it needs a network.
     isolation = ["--no-isolation"] if importlib.util.find_spec("hatchling") else []
-    run(sys.executable, "-m", "build", "--wheel", *isolation, "--outdir", folder, CHECKOUT, folder=folder)
+    run(sys.executable, "-m", "build", "--wheel", *isolation, "--outdir", folder, project, folder=folder)
     (built,) = folder.glob("*.whl")
     return built
 
@@ -97,3 +106,56 @@ for name, kind in (("tutorial", "fingers"), ("gripper", "scenes")):
     found = run(environment / "bin/python", "-c", code, folder=tmp_path).splitlines()
     assert len(found) == 5
     assert [path for path in found if not Path(path).is_relative_to(environment)] == []
+
+
+@pytest.fixture(scope="module")
+def project(environment: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A third party's plug-in: begun with the installed command, built, and installed beside taichisoft."""
+    folder = tmp_path_factory.mktemp("third-party")
+    run(environment / "bin/taichisoft", "plugins", "new", "soft-touch", folder=folder)
+    wheel = build_wheel(folder / "soft-touch", tmp_path_factory.mktemp("third-party-wheel"))
+    assert zipfile.ZipFile(wheel).namelist()[0] == "soft_touch.py"
+    run(
+        sys.executable, "-m", "pip", "--python", environment, "install", "--no-deps", "--no-index", wheel, folder=folder
+    )
+    return folder / "soft-touch"
+
+
+def test_a_third_partys_plugin_is_listed(environment: Path, project: Path, tmp_path: Path) -> None:
+    rows = run(environment / "bin/taichisoft", "plugins", folder=tmp_path).partition("soft-touch")[2]
+    for shown in ("0.1.0", "distribution", "soft_touch", "controller soft-touch"):
+        assert shown in rows
+
+
+def test_a_third_partys_controller_closes_the_gripper_on_the_cube(
+    environment: Path, project: Path, tmp_path: Path
+) -> None:
+    """Until the fingers press with 20 mN and then for some steps more, at the pressure that this took."""
+    settings = ["--controller", "soft-touch", "--set", "controller.settings.force=20", "--duration", "0.5"]
+    scene = ["run", "gripper", "--outputs", "csv", "--output", "out"]
+    shown = run(environment / "bin/taichisoft", *scene, *settings, folder=tmp_path, limit=600)
+    closed_after = re.search(r"closed after *│ (\S+) s", shown)
+    assert closed_after, shown
+    with (tmp_path / "out" / "run.csv").open(encoding="utf-8", newline="") as file:
+        rows = [{name: float(value or 0.0) for name, value in row.items()} for row in csv.DictReader(file)]
+    pressures = [row["pressure finger1.cavity [kPa]"] for row in rows]
+    forces = [sum(row[f"normal_force finger{number}|cube [mN]"] for number in (1, 2, 3)) for row in rows]
+    closed = round(float(closed_after[1]) / 0.01)
+    assert len(rows) == 50
+    assert 10 < closed < 45
+    assert max(forces[: closed - 1]) < 20.0 <= forces[closed - 1]
+    assert len(set(pressures[closed:])) == 1
+    assert pressures[-1] == pytest.approx(50.0 * (closed - 1) * 0.01)
+
+
+def test_a_third_partys_tests_pass_where_the_plugin_is_installed(environment: Path, project: Path) -> None:
+    shown = run(environment / "bin/python", "-m", "pytest", "-p", "no:cacheprovider", folder=project, limit=600)
+    assert "2 passed" in shown
+
+
+def test_pytest_imports_nothing_for_tests_that_need_nothing(environment: Path, project: Path, tmp_path: Path) -> None:
+    (tmp_path / "test_nothing.py").write_text("def test_nothing(): pass")
+    heavy = "{'numpy', 'pydantic', 'rich', 'scipy', 'soft_touch', 'taichi', 'typer'}"
+    code = f"import sys, pytest; left = pytest.main(['-p', 'no:dash']); print(left, {heavy} & set(sys.modules))"
+    shown = run(environment / "bin/python", "-c", code, folder=tmp_path)
+    assert shown.splitlines()[-1] == "0 set()"
