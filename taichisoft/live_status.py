@@ -82,7 +82,7 @@ class LiveStatus:
         rows = Table.grid(padding=(0, 2))
         rows.add_column(style="cyan", no_wrap=True)
         rows.add_column(no_wrap=True, overflow="ellipsis")
-        rows.add_row("time", Text.assemble(self._clock(), ("   paused" if self._session.paused else "", "bold yellow")))
+        rows.add_row("time", Text(self._clock()))
         rows.add_row("pressure", Text(self._pressures()))
         if self._object is not None:
             rows.add_row(Text(self._object), Text(self._object_state()))
@@ -95,6 +95,8 @@ class LiveStatus:
     def _clock(self) -> str:
         pace = self._session.pace
         text = f"{self._session.simulation.state.time:.2f} s"
+        if self._session.paused:
+            return f"{text}, paused"
         if np.isfinite(pace.real_time_factor):
             text += f" at {pace.real_time_factor:.2f} x real time"
         return text if pace.keeps_up else f"{text}, cannot keep up with {pace.speed:g} x"

@@ -79,7 +79,7 @@ def test_it_says_so_when_it_cannot_keep_up(factor: float, slow: bool) -> None:
 
 
 def test_a_pause_and_the_keys_are_shown() -> None:
-    assert "paused" in picture(session(paused=True))
+    assert "2.50 s, paused" in picture(session(paused=True))
     shown = picture(session(shows_help=True))
     assert "change the pressure" in shown
     assert "[r]" in shown, "not taken for markup"
