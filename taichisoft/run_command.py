@@ -14,6 +14,7 @@ from taichisoft.controller_factory import make_controller
 from taichisoft.errors import SceneError, TaichisoftError
 from taichisoft.key_log import KeyReplay
 from taichisoft.live_status import live_status
+from taichisoft.log_display import logged_to
 from taichisoft.output import OutputFactory
 from taichisoft.profile import Profile, profiled
 from taichisoft.run import INTERRUPTED, run_session
@@ -52,7 +53,7 @@ def run_scene(
         output_factories = {output: plugins.find("output", output) for output in output_names}
         folder = folder if folder is not None else Path("out") / Path(name).stem
         status = "preparing the model; the first time on a machine Taichi compiles its kernels"
-        with console.status(status), _errors_in(name):
+        with console.status(status), logged_to(console), _errors_in(name):
             simulation = Simulation(scene)
         if getattr(controller, "interactive", False) and replay is None:
             duration = math.inf if duration is None else duration

@@ -77,6 +77,25 @@ def outcome_and_steps(recording: Path) -> tuple[str, int]:
         return file.attrs["outcome"], len(file["steps/time"]) - 1
 
 
+def test_a_geometry_is_meshed_on_first_use_and_the_run_says_so(
+    command: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path / "cache"))
+    finger = data_folder() / "fingers" / "tutorial.toml"
+    arguments = ("run", "scene.toml", "--set", 'soft_bodies.finger.mesh={file = "tutorial.toml", size = 14.0}')
+    code, output, errors = command(*arguments)
+    assert code == 0, errors
+    assert f"meshing {finger}, size 14.0" in output
+    assert f"meshed {finger}, size 14.0: " in output
+    code, output, errors = command(*arguments)
+    assert code == 0, errors
+    assert "meshing" not in output
+    assert f"mesh of {finger}, size 14.0: " in output
+    code, _, errors = command(*arguments, "--set", "soft_bodies.finger.mesh.set.body.width=3.0")
+    assert code == 2
+    assert errors.startswith(f"taichisoft: scene.toml: soft_bodies.finger.mesh: {finger}: channel.width = 15: must be")
+
+
 @pytest.mark.parametrize("name", SHIPPED)
 def test_every_shipped_scene_runs_from_anywhere_and_leaves_what_it_resolved_to(
     command: Command, name: str, tmp_path: Path

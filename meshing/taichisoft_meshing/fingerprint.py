@@ -1,5 +1,6 @@
 """A hash of everything that a mesh is made from: same hash, same mesh."""
 
+import functools
 import hashlib
 import inspect
 import json
@@ -76,6 +77,7 @@ def _package_of(kind: Callable[..., Any]) -> Path:
     return place
 
 
+@functools.cache  # what runs is what was loaded when the process began
 def _digest_of_code(place: Path) -> bytes:
     files = sorted(place.rglob("*.py")) if place.is_dir() else [place]
     digests = [hashlib.sha256(file.read_bytes()).digest() for file in files]

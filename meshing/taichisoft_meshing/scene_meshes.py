@@ -40,7 +40,8 @@ def mesh_for_scene(
     """
     kind, tables = read_tables(file)
     tables = laid_over(tables, set or {})
-    asked = {key: value for key, value in (("size", size), ("preset", preset), ("nodes", nodes)) if value is not None}
+    possible = {"size": size, "preset": preset, "nodes": nodes}
+    asked: dict[str, Any] = {key: value for key, value in possible.items() if value is not None}
     wish = "".join(f", {key} {value}" for key, value in asked.items())
     entry = _entry(kind, tables, file, asked)
     mesh = read_entry(entry) if entry is not None else None
