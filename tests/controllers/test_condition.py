@@ -2,6 +2,7 @@
 
 import math
 import sys
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -48,6 +49,13 @@ def holds(text: str) -> bool:
 )
 def test_what_a_condition_means(text: str, expected: bool) -> None:
     assert holds(text) is expected
+
+
+def test_python_has_nothing_to_say_about_it() -> None:
+    """Python warns of "1or", which it reads all the same; that is no business of somebody who writes a script."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert holds("force > 1or lift > 1")
 
 
 def test_each_quantity_is_listed_once() -> None:

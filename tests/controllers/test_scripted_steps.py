@@ -150,6 +150,14 @@ def test_steps_do_not_drift_with_the_time_step(tmp_path: Path) -> None:
     assert asked[0.75].signals["script_step"] == 30.0
 
 
+@pytest.mark.parametrize("count", range(1, 101))
+def test_a_step_ends_with_the_time_step_that_ends_with_it(tmp_path: Path, count: int) -> None:
+    """Although times are sums of 0.01 s, such as 0.8900000000000006 s or 0.07999999999999999 s."""
+    asked = follow(controller_of(tmp_path, f"[[steps]]\nhold = {count * 0.01:.2f}"), 1.0)
+    assert asked[round(0.01 * (count - 1), 6)].signals["script_step"] == 0.0
+    assert asked[round(0.01 * count, 6)].signals["script_step"] == 1.0
+
+
 def test_it_goes_on_from_where_it_is(tmp_path: Path) -> None:
     controller = controller_of(tmp_path, "[[steps]]\npressure = { left = 20.0 }\nduration = 0.1")
     reached = {"left.base": 4.0, "left.tip": 5.0, "right.base": 6.0}
@@ -174,6 +182,8 @@ def test_a_pressure_scales_targets_and_rates(tmp_path: Path) -> None:
     asked = follow(controller_of(tmp_path, UNTIL, pressure=160.0), 0.5, touches_at(0.4))
     assert pressures(asked[0.1]) == pytest.approx([10.0] * 3)
     assert pressures(asked[0.5]) == pytest.approx([39.0] * 3)
+    asked = follow(controller_of(tmp_path, "[[steps]]\npressure = 20.0\nduration = 0.1", pressure=30.0), 0.2)
+    assert pressures(asked[0.2]) == pytest.approx([30.0] * 3)
 
 
 def test_a_reset_begins_anew(tmp_path: Path) -> None:
