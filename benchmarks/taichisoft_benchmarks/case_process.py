@@ -18,6 +18,7 @@ from taichisoft_benchmarks.descriptors import (
     FactorisationCase,
     MeshingCase,
     PeerCase,
+    PluginsCase,
     RenderingCase,
     Simulated,
     StartCase,
@@ -71,6 +72,10 @@ def measure(case: Case, meshes: Meshes) -> Measured:
         from taichisoft_benchmarks.measures.rendering import measure_rendering
 
         return measure_rendering(case, scene)
+    if isinstance(case, PluginsCase):
+        from taichisoft_benchmarks.measures.plugins import measure_plugins
+
+        return measure_plugins(case, scene)
     if isinstance(case, Simulated):
         from taichisoft_benchmarks.measures.steps import measure_steps
 

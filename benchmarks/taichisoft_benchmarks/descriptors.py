@@ -86,6 +86,12 @@ class PeerCase(StepsCase):
     peer: Peer
 
 
+class PluginsCase(Simulated, SceneCase):
+    """What hooks and the controller's observation add to a step of a scene."""
+
+    kind: Literal["plugins"]
+
+
 class ContactsCase(Simulated, Case):
     """Time per step of a soft mat that stands on a foot of `foot` x `foot` vertices; the mesh is always the same."""
 
@@ -135,6 +141,7 @@ class RenderingCase(SceneCase):
 
 KINDS: dict[str, type[Case]] = {
     "steps": StepsCase,
+    "plugins": PluginsCase,
     "contacts": ContactsCase,
     "fingers": FingersCase,
     "factorisation": FactorisationCase,

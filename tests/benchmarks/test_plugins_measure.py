@@ -1,0 +1,30 @@
+"""What plug-ins add to a step is measured by part, and nothing of the measurement stays."""
+
+from pathlib import Path
+
+import pytest
+
+from taichisoft.plugins import plugin_registry
+from taichisoft_benchmarks.case_file import cases_from_dict, read_cases
+from taichisoft_benchmarks.descriptors import PluginsCase
+from taichisoft_benchmarks.measures.plugins import measure_plugins
+from taichisoft_benchmarks.scenes import Meshes, scene_of
+
+
+def test_hooks_and_observation_are_measured_together_and_by_part(tmp_path: Path) -> None:
+    table = {"title": "", "kind": "plugins", "scene": "finger-inflated", "finger": "finger", "steps": 4}
+    (named,) = cases_from_dict({"plugins": {**table, "windows": {"hooks_and_observation_ms": [3, 4]}}})
+    assert isinstance(named.case, PluginsCase)
+    before = list(plugin_registry().origins)
+    measured = measure_plugins(named.case, scene_of(named.case, Meshes(None, tmp_path)))
+    figures = measured.figures
+    parts = [figures[f"{part}_ms"] for part in ("contact_summary", "observation", "hook")]
+    assert min(parts) > 0.0
+    assert figures["hooks_and_observation_ms"] == pytest.approx(sum(parts))  # of the one step of the window
+    assert 0.0 < figures["hook_nobody_ms"]
+    assert list(plugin_registry().origins) == before
+
+
+def test_the_case_that_has_the_target_is_shipped() -> None:
+    (case,) = [named.case for named in read_cases() if named.name == "plugins"]
+    assert "hooks_and_observation_ms" in case.windows  # type: ignore[attr-defined]
