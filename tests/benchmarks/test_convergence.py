@@ -1,0 +1,84 @@
+"""The convergence study of the finger's bend."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from taichisoft_benchmarks import convergence
+from taichisoft_benchmarks.errors import BenchmarkError
+from taichisoft_benchmarks.static_bend import bend
+
+
+@pytest.mark.parametrize("order", [1.0, 1.7, 2.5])
+def test_a_series_with_a_known_limit_is_extrapolated_to_it(order: float) -> None:
+    """u = limit - factor h^order, with h = nodes^(-1/3); to the tolerance of the search for the order."""
+    nodes = [2000, 4000, 9000, 20000]
+    found = convergence.limit_of(nodes, [59.0 - 700.0 * count ** (-order / 3) for count in nodes])
+    assert found.bend == pytest.approx(59.0, abs=1e-3)
+    assert found.order == pytest.approx(order, abs=1e-4)
+    assert found.factor == pytest.approx(700.0, rel=1e-3)
+    assert found.doubt < 1e-2
+
+
+def test_noise_shows_as_doubt() -> None:
+    nodes, noises = [2000, 4000, 9000, 20000, 40000], [0.2, -0.2, 0.2, -0.2, 0.2]
+    bends = [59.0 - 700.0 * count ** (-2 / 3) + noise for count, noise in zip(nodes, noises, strict=True)]
+    found = convergence.limit_of(nodes, bends)
+    assert abs(found.bend - 59.0) < 2 * found.doubt
+
+
+@pytest.mark.parametrize(
+    ("bends", "problem"),
+    [([1.0, 2.0, 3.0], "needs four meshes; there are 3"), ([1.0, 2.0, 4.0, 8.0], "do not converge")],
+)
+def test_a_series_without_limit_is_refused(bends: list[float], problem: str) -> None:
+    with pytest.raises(BenchmarkError, match=problem):
+        convergence.limit_of([1000 * 8**index for index in range(len(bends))], bends)
+
+
+def test_the_state_of_rest_does_not_depend_on_the_steps_that_led_to_it() -> None:
+    """To twice what a node may still move when the finger is said to be at rest."""
+    nodes, _, first = bend("tutorial-coarse")
+    assert nodes == 626
+    assert bend("tutorial-coarse", step=1.0, damping=0.3)[2] == pytest.approx(first, abs=2e-4)
+
+
+@pytest.mark.parametrize(("name", "expected"), [("pneunetCutCoarse.vtk", 12.3), ("pneunetCut.vtk", 28.6)])
+def test_the_tutorials_own_meshes_bend_as_is_known(shared: Path, name: str, expected: float) -> None:
+    """Of a calculation in numpy, to its last digit."""
+    folder = shared / "tutorial-meshes"
+    body = {
+        "collision_surface": str(folder / convergence.TUTORIAL_SURFACE),
+        "cavities": {"cavity": {"surface": str(folder / convergence.TUTORIAL_CAVITY)}},
+    }
+    assert bend(str(folder / name), even_mass=True, **body)[2] == pytest.approx(expected, abs=0.05)
+
+
+def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With made-up figures: measuring takes minutes."""
+
+    def measured(sizes, tutorial_meshes):
+        counts = [int(50000 / size**2) for size in sizes]
+        ours = [
+            convergence.Point(f"{size:g} mm", count, 5 * count, 59.0 - 700.0 * count ** (-2 / 3), 57.0)
+            for size, count in zip(sizes, counts, strict=True)
+        ]
+        return ours, [convergence.Point("coarse.vtk", 376, 1195, 12.0, 12.3)]
+
+    monkeypatch.setattr(convergence, "measure", measured)
+    page = tmp_path / "page.md"
+    monkeypatch.setattr(sys, "argv", ["convergence", str(page), "--sizes", "2", "8", "4", "3"])
+    page.write_text("no marks")
+    with pytest.raises(SystemExit, match="has no line <!-- convergence -->"):
+        convergence.main()
+    page.write_text("before\n<!-- convergence -->\nold\n<!-- end -->\nafter\n")
+    convergence.main()
+    once, plot = page.read_text(), (tmp_path / convergence.PLOT).read_bytes()
+    assert once.startswith("before\n<!-- convergence -->\n| mesh |")
+    assert once.endswith("order 2.0.\n<!-- end -->\nafter\n")
+    assert once.index("| 8 mm | 781 |") < once.index("| 2 mm | 12500 |") < once.index("| coarse.vtk | 376 |")
+    convergence.main()
+    assert (page.read_text(), (tmp_path / convergence.PLOT).read_bytes()) == (once, plot)
+    assert np.char.count(plot.decode(), "largest displacement at 30 kPa") == 1
