@@ -4,7 +4,8 @@ from typing import TYPE_CHECKING
 
 from taichisoft.controller import Observation
 from taichisoft.errors import ControllerFailed, SceneError
-from taichisoft_controllers.condition import Quantity, Values, read_condition
+from taichisoft_controllers.condition import read_condition
+from taichisoft_controllers.condition_reader import Quantity, Values
 from taichisoft_controllers.quantities import QUANTITIES, Moment, Reading, bind_quantity
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ from taichisoft.errors import SceneError
 from taichisoft.scene import Scene
 from taichisoft.scene_file import load_scene
 from taichisoft.simulation import Simulation
-from taichisoft_controllers.condition import Quantity
+from taichisoft_controllers.condition_reader import Quantity
 from taichisoft_controllers.quantities import QUANTITIES, Moment, bind_quantity
 
 FINGER = {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
