@@ -9,6 +9,7 @@ import typer
 
 from taichisoft import plugins
 from taichisoft.errors import PluginError
+from taichisoft.plugin_registry import DISABLE
 
 FILE_OPTION = "--plugin"
 FOLDER_OPTION = "--plugins-dir"
@@ -66,8 +67,12 @@ def commands_by_plugin() -> Iterator[tuple[str, typer.Typer]]:
     for implementation in plugins.implementations(hook):
         added = typer.Typer()
         added.callback()(lambda: None)  # without it Typer would make a single command no command of its own
-        plugins.ask(hook, implementation, application=added)
-        yield implementation.plugin_name, added
+        name = implementation.plugin_name
+        try:
+            plugins.ask(hook, implementation, application=added)
+        except PluginError as error:  # which would stand in the way of every command
+            raise PluginError(f"{error}; {DISABLE}={name} leaves it out") from error.__cause__
+        yield name, added
 
 
 def command_names(application: typer.Typer) -> list[str]:

@@ -12,6 +12,7 @@ from taichisoft import plugins
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
 from taichisoft.plugin_commands import command_names, with_plugin_commands
+from taichisoft.pytest_fixtures import TINY_GRIPPER
 
 Install = Callable[..., None]
 Command = Callable[..., tuple[int, str, str]]
@@ -125,10 +126,64 @@ def test_a_plugin_that_fails_is_reported_with_its_own_traceback(command: Command
     line, *traceback = errors.splitlines()
     assert code == 2
     where = f"plug-in 'wave' ({tmp_path / 'wave.py'}) failed in taichisoft_commands()"
-    assert line == f"taichisoft: {where}: NameError: name 'arms' is not defined (wave.py, line 14)"
+    problem = "NameError: name 'arms' is not defined (wave.py, line 14)"
+    assert line == f"taichisoft: {where}: {problem}; TAICHISOFT_DISABLE_PLUGINS=wave leaves it out"
     assert traceback[0] == "Traceback (most recent call last):"
     assert traceback[1] == f'  File "{tmp_path / "wave.py"}", line 14, in taichisoft_commands'
     assert traceback[-1] == "NameError: name 'arms' is not defined"
+
+
+CLUMSY = """
+import json
+from taichisoft import Control, hookimpl
+
+class Clumsy:
+    def reset(self, model): ...
+    def control(self, observation):
+        return Control() if observation.step < 3 else self.drop()
+    def drop(self):
+        return json.loads("{")
+
+class Blind:
+    def __init__(self, folder): ...
+    def begin(self, model, state): ...
+    def record(self, state, report): ...
+    def end(self, outcome):
+        raise ValueError("no light")
+
+@hookimpl
+def taichisoft_controllers():
+    return {"clumsy": Clumsy}
+
+@hookimpl
+def taichisoft_outputs():
+    return {"blind": Blind}
+"""
+
+
+def test_a_controller_that_raises_ends_the_run_with_its_traceback_and_a_whole_recording(
+    command: Command, tmp_path: Path
+) -> None:
+    import h5py
+
+    file = tmp_path / "clumsy.py"
+    file.write_text(CLUMSY)
+    code, output, errors = command(
+        *("run", str(TINY_GRIPPER), "--plugin", "clumsy.py", "--controller", "clumsy", "--output", "out"),
+        *("--outputs", "recording,blind"),
+    )
+    line, *traceback = errors.splitlines()
+    assert code == 2
+    failed = "controller taichisoft_plugin_clumsy.Clumsy failed in control(): JSONDecodeError: Expecting property name"
+    assert line.startswith(f"taichisoft: {failed}")
+    assert line.endswith("(clumsy.py, line 10)")
+    places = [shown for shown in traceback if shown.startswith("  File ")]
+    assert places[:2] == [f'  File "{file}", line 8, in control', f'  File "{file}", line 10, in drop']
+    assert traceback[-1].startswith("json.decoder.JSONDecodeError: ")
+    assert "Blind failed in end(): ValueError: no light" in output
+    with h5py.File(tmp_path / "out" / "recording.h5") as recording:
+        assert recording.attrs["outcome"] == line.removeprefix("taichisoft: ")
+        assert len(recording["steps/time"]) == 1 + 3
 
 
 def test_blocked_names_that_nothing_has_are_said_and_the_command_goes_on(
