@@ -22,7 +22,7 @@ GEOMETRY_SUFFIX = ".toml"
 FILE_KEYS = {
     "surface": ("meshes", SURFACE_SUFFIXES),
     "collision_surface": ("meshes", SURFACE_SUFFIXES),
-    "script": ("scripts", (".toml",)),
+    "script": ("scripts", (".toml", ".csv")),
 }
 
 
