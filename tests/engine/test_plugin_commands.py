@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 import typer
 
+import taichisoft.simulation  # noqa: F401 - Taichi may say something when it starts: not in the middle of a test
 from taichisoft import plugins
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
