@@ -12,10 +12,11 @@ if TYPE_CHECKING:
 @hookimpl
 def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
     """The built-in controllers."""
+    from taichisoft_controllers.closed_loop import ClosedLoopController
     from taichisoft_controllers.keyboard import KeyboardController
     from taichisoft_controllers.scripted import ScriptedController
 
-    return {"keyboard": KeyboardController, "scripted": ScriptedController}
+    return {"closed-loop": ClosedLoopController, "keyboard": KeyboardController, "scripted": ScriptedController}
 
 
 @hookimpl

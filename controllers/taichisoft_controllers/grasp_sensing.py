@@ -1,0 +1,88 @@
+"""What a grasp feels and sees of an object, out of an observation."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft.controller import Observation
+from taichisoft.errors import SceneError
+from taichisoft_controllers.model_names import cavities_called, fingers_called, object_called
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """The object between the fingers, as it is sensed.
+
+    Attributes:
+        time: [s].
+        pressure: mean of the cavities, as it was applied [kPa].
+        force: sum of the normal forces of the fingers on the object [mN].
+        missing: fingers that do not touch the object.
+        slip_speed: of the finger that slides fastest on the object [mm/s].
+        base_height: upwards, from where the anchors are at rest [mm].
+        base_held_back: whether the scene's limits keep the base from where it was asked to be.
+        offset: height of the object's centre of mass less that of the base [mm]; falls when the object slips out.
+        object_speed: of the object's centre of mass [mm/s].
+    """
+
+    time: float
+    pressure: float
+    force: float
+    missing: tuple[str, ...]
+    slip_speed: float
+    base_height: float
+    base_held_back: bool
+    offset: float
+    object_speed: float
+
+
+class GraspSensing:
+    """Takes from observations what matters for a grasp of the goal's object; knows neither its mass nor the friction.
+
+    Attributes:
+        object: name of the rigid body.
+        cavities: names of all cavities.
+        up: against gravity, unit vector, shape (3,).
+    """
+
+    def __init__(self, model: "Model", touch_force: float):
+        """Look up names and the direction of gravity.
+
+        Args:
+            model: of the run.
+            touch_force: the normal force from which a finger counts as touching [mN].
+
+        Raises:
+            SceneError: the model lacks gravity, fingers, cavities, or an object to grasp.
+        """
+        strength = float(np.linalg.norm(model.gravity))
+        if strength == 0.0:
+            raise SceneError("gravity = [0, 0, 0]: the controller 'closed-loop' lifts against it; give it a direction")
+        self.object = object_called(None, model)
+        self.cavities = cavities_called(None, model.cavities.names)
+        self.up = -model.gravity / strength
+        self._fingers = fingers_called(None, model)
+        self._touch_force = touch_force
+
+    def sense(self, observation: Observation) -> Grasp:
+        """The grasp of an observation."""
+        pairs = {finger: f"{finger}|{self.object}" for finger in self._fingers}
+        # Bodies that are far apart are not in an observation: nothing presses, nothing slides.
+        forces = {finger: observation.normal_forces.get(pair, 0.0) for finger, pair in pairs.items()}
+        base_height = float(observation.base_translation @ self.up)
+        return Grasp(
+            time=observation.time,
+            pressure=sum(observation.pressures[name] for name in self.cavities) / len(self.cavities),
+            force=sum(forces.values()),
+            missing=tuple(finger for finger, force in forces.items() if force < self._touch_force),
+            slip_speed=sum(force * observation.slip_speeds.get(pairs[finger], 0.0) for finger, force in forces.items())
+            / max(sum(forces.values()), 1e-9),
+            base_height=base_height,
+            base_held_back="base_translation" in observation.clipped,
+            offset=float(observation.object_positions[self.object] @ self.up) - base_height,
+            object_speed=float(np.linalg.norm(observation.object_velocities[self.object])),
+        )
