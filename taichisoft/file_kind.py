@@ -19,7 +19,7 @@ def require_suffix(path: str | Path, what: str, suffixes: Sequence[str]) -> Path
 
 
 def existing_file(path: str | Path, what: str, suffixes: Sequence[str]) -> Path:
-    """The path, when a file of one of those suffixes is there.
+    """The path, when a file of one of those suffixes is there, and something is in it.
 
     Raises:
         MeshError: it is not; the message says what kind of file is meant.
@@ -27,13 +27,14 @@ def existing_file(path: str | Path, what: str, suffixes: Sequence[str]) -> Path:
     path = require_suffix(path, what, suffixes)
     if not path.is_file():
         raise MeshError(f"{path}: no such file; a {what} ({', '.join(suffixes)}) is needed")
+    if not path.stat().st_size:
+        raise MeshError(f"{path}: is empty; a {what} ({', '.join(suffixes)}) is needed")
     return path
 
 
 def unreadable(path: Path, error: BaseException) -> MeshError:
     """One line about what a parser stumbled over."""
-    empty = path.is_file() and not path.stat().st_size
-    why = "it is empty" if empty else " ".join(str(error).split()) or "broken, or another kind of file"
+    why = " ".join(str(error).split()) or "broken, or another kind of file"
     if "gmsh:physical" in why:  # meshio's limit: MSH 4.0 with all elements saved, only some of them in a group
         why = "some elements are in no physical group; save it from gmsh without 'Save all elements', or as MSH 4.1"
     return MeshError(f"{path}: not readable as {path.suffix[1:].upper()}: {why}")

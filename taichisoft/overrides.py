@@ -10,22 +10,30 @@ from taichisoft.validation_errors import nearest
 NAMED_TABLES = ("soft_bodies", "rigid_bodies", "obstacles")
 
 
-def apply_override(document: dict[str, Any], override: str) -> None:
+def apply_override(
+    document: dict[str, Any], override: str, example: str = "contact.friction=0.3", whole: str = "the scene"
+) -> None:
     """Put the value of "key.key=value" into the tables of a scene, before they are inherited and checked.
 
     The value is read as TOML, and as plain text when it is none. Tables that the scene leaves out are made;
     entries of lists are given by their index, from 0.
 
+    Args:
+        document: of a scene, or of any other TOML file.
+        override: from the command line.
+        example: of an override, for the error.
+        whole: what the document is, for the error.
+
     Raises:
-        SceneError: it has no "=", or leads to no place in the scene.
+        SceneError: it has no "=", or leads to no place in the document.
     """
     key, separator, text = override.partition("=")
     names = [name.strip() for name in key.split(".")]
     if not separator or not all(names):
-        raise SceneError(f"--set {override}: must look like contact.friction=0.3")
+        raise SceneError(f"--set {override}: must look like {example}")
     place: Any = document
     for depth, name in enumerate(names):
-        where = ".".join(names[:depth]) or "the scene"
+        where = ".".join(names[:depth]) or whole
         problem = _why_not(place, name, where, names[depth + 1 :])
         if problem:
             raise SceneError(f"--set {override}: {problem}")

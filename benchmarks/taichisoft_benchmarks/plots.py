@@ -55,7 +55,7 @@ def require_matplotlib() -> None:
     try:
         import matplotlib  # noqa: F401
     except ImportError as error:
-        raise BenchmarkError("--plots: needs matplotlib; pip install 'taichisoft[bench]'") from error
+        raise BenchmarkError("--plots: needs matplotlib; pip install matplotlib") from error
 
 
 def growth_points(cases: Mapping[str, CaseResult], growth: Growth) -> list[tuple[float, float, float, float]]:

@@ -16,8 +16,10 @@ if TYPE_CHECKING:
 def taichisoft_geometry_kinds() -> "Mapping[str, GeometryKind]":
     """The built-in kinds of bodies."""
     from taichisoft_meshing.finger_file import PneunetFinger
+    from taichisoft_meshing.step_kind import StepBody
+    from taichisoft_meshing.surfaces_kind import SurfacesBody
 
-    return {"pneunet_finger": PneunetFinger}
+    return {"pneunet_finger": PneunetFinger, "step": StepBody, "surfaces": SurfacesBody}
 
 
 @hookimpl
@@ -30,9 +32,13 @@ def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft mesh` and `taichisoft mesh-cache`."""
-    from taichisoft_meshing.commands import mesh
+    """Add `taichisoft mesh`, `mesh-info`, `mesh-sweep` and `mesh-cache`."""
     from taichisoft_meshing.mesh_cache import mesh_cache
+    from taichisoft_meshing.mesh_command import mesh
+    from taichisoft_meshing.mesh_info_command import mesh_info
+    from taichisoft_meshing.sweep_command import mesh_sweep
 
     application.command("mesh")(mesh)
+    application.command("mesh-info")(mesh_info)
+    application.command("mesh-sweep")(mesh_sweep)
     application.command("mesh-cache")(mesh_cache)

@@ -33,9 +33,9 @@ def draw_report(mesh: VolumeMesh, quality: MeshQuality, limits: QualityLimits, t
 
     figure = Figure(figsize=(11.0, 8.0), dpi=110, facecolor="white", layout="constrained")
     FigureCanvasAgg(figure)
-    rows = np.ravel(figure.subfigures(2, 1, height_ratios=(1.6, 1.0)))
-    _draw_mesh(rows[0], mesh, quality, title)
-    ratios, angles = rows[1].subplots(1, 2)
+    upper, lower = figure.subfigures(2, 1, height_ratios=(1.6, 1.0), squeeze=False)[:, 0]
+    _draw_mesh(upper, mesh, quality, title)
+    ratios, angles = lower.subplots(1, 2)
     _draw_histogram(ratios, quality.radius_ratios, (0.0, 1.0), "radius ratio", "tetrahedra", (limits.radius_ratio,))
     bounds = (limits.smallest_dihedral_angle, limits.largest_dihedral_angle)
     _draw_histogram(angles, quality.dihedral_angles.ravel(), (0.0, 180.0), "dihedral angle [degrees]", "edges", bounds)
@@ -59,7 +59,10 @@ def _draw_mesh(figure: Any, mesh: VolumeMesh, quality: MeshQuality, title: str) 
     margin = 0.03 * (high - low).max()
     axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - 3 * margin, high[1] + margin), aspect="equal")
     axes.set_axis_off()
-    axes.set_title(f"{title}: {len(mesh.nodes)} nodes, {len(mesh.elements)} tetrahedra, cut open", fontsize=12)
+    across = quality.elements_across_walls
+    walls = "" if across is None else f", walls at least {across} thick"
+    figures = f"{len(mesh.nodes)} nodes, {len(mesh.elements)} tetrahedra{walls}"
+    axes.set_title(f"{title}, cut open: {figures}", fontsize=12, wrap=True, parse_math=False)
     _draw_scale(axes, low, high, margin)
     figure.colorbar(shapes, ax=axes, label="radius ratio on the cut", shrink=0.8, pad=0.01)
     names = {Side.OUTER: "outer skin", Side.CAVITY: "wall of a cavity"}

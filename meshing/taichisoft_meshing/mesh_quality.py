@@ -17,6 +17,7 @@ class MeshQuality:
     """Figures of a mesh.
 
     Attributes:
+        node_count: how many nodes there are.
         volumes: signed, of each element [mm^3], shape (element_count,).
         radius_ratios: of each element [-], shape (element_count,); 1 for a regular one.
         dihedral_angles: between the faces of each element [degrees], shape (element_count, 6).
@@ -28,6 +29,7 @@ class MeshQuality:
         walls: between each two surfaces that have one; none when elements are inverted.
     """
 
+    node_count: int
     volumes: np.ndarray
     radius_ratios: np.ndarray
     dihedral_angles: np.ndarray
@@ -55,6 +57,7 @@ def measure(mesh: VolumeMesh) -> MeshQuality:
     volumes = tetrahedron_volumes(mesh.nodes, mesh.elements)
     surfaces = measure_surfaces(mesh)
     return MeshQuality(
+        len(mesh.nodes),
         volumes,
         radius_ratios(mesh.nodes, mesh.elements),
         dihedral_angles(mesh.nodes, mesh.elements),

@@ -53,9 +53,9 @@ def missed_limits(quality: MeshQuality, limits: QualityLimits) -> list[str]:
 
 def cautions(quality: MeshQuality) -> list[str]:
     """What a user should know before believing a displacement, one line each."""
-    return [
-        f"walls between {wall.sides[0]} and {wall.sides[1]} are one element thick on {wall.share_of_one:.0%} of their "
-        "area: much too stiff in bending; smaller elements bend as they should"
+    thin = [
+        f"{wall.name} ({wall.share_of_one:.0%} of the area)"
         for wall in quality.walls
         if wall.of_cavity and wall.elements_across == 1
     ]
+    return [f"walls of one element, much too stiff in bending: {', '.join(thin)}; try a smaller size"] if thin else []

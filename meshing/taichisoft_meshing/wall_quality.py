@@ -32,6 +32,11 @@ class WallQuality:
     elements_across: int
     share_of_one: float
 
+    @property
+    def name(self) -> str:
+        """For people."""
+        return " to ".join(self.sides)
+
 
 def measure_walls(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality]) -> tuple[WallQuality, ...]:
     """Find the walls of a mesh of positive elements and sort them by their sides, cavities first."""

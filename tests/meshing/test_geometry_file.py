@@ -31,8 +31,8 @@ class Wedge:
         if self.edge < 0:
             raise MeshError(f"{self.file}: edge = {self.edge}: must be positive")
         corners = (size or self.edge) * np.vstack([np.zeros(3), np.eye(3)])
-        faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
-        return VolumeMesh("wedge", corners, np.array([[0, 1, 2, 3]]), {"cavity1": faces})
+        faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+        return VolumeMesh("wedge", corners, np.array([[0, 1, 2, 3]]), {"outer": faces})
 
 
 class Kinds:
@@ -66,7 +66,7 @@ def test_the_kind_chooses_who_meshes_a_file(
     file, mesh = write(tmp_path / "wedge.toml", 'kind = "wedge"\nedge = 3.0'), tmp_path / "wedge.msh"
     assert run(monkeypatch, "mesh", str(file), "-o", str(mesh)) == 0
     assert read_volume_mesh(mesh).nodes.max() == 3.0
-    assert "cavity1" in capfd.readouterr().out
+    assert "closed, faces outward" in capfd.readouterr().out
     assert run(monkeypatch, "mesh", str(file), "-o", str(mesh), "--size", "2") == 0
     assert read_volume_mesh(mesh).nodes.max() == 2.0
 

@@ -1,83 +1,245 @@
-"""`taichisoft mesh`."""
+"""`taichisoft mesh`: what it writes, what it says, and what it refuses."""
 
+import json
+import os
+import sys
+from collections.abc import Iterator
 from pathlib import Path
 
+import numpy as np
 import pytest
-import typer
-from typer.testing import CliRunner
 
-import taichisoft_meshing
-from taichisoft.errors import MeshError
+from taichisoft import plugins
+from taichisoft.command_line import main
 from taichisoft.mesh_files import read_volume_mesh
-from taichisoft.plugins import plugin_registry
+from taichisoft.surface_files import read_surface
+from taichisoft_meshing import mesh_set
+
+
+class Result:
+    """How a command ended: exit code, standard output and error."""
+
+    def __init__(self, code: int, output: str, error: str):
+        self.code, self.output, self.error = code, output, error
+
+    @property
+    def figures(self) -> dict[str, str]:
+        """Label and value of the first rows of each name."""
+        figures: dict[str, str] = {}
+        for line in self.output.splitlines():
+            cells = line.split("│")
+            if len(cells) > 3:
+                figures.setdefault(cells[1].strip(), cells[2].strip())
+        return figures
 
 
 @pytest.fixture
-def application() -> typer.Typer:
-    """The command line with this plug-in's sub-commands only."""
-    application = typer.Typer()
-    application.callback()(lambda: None)
-    taichisoft_meshing.taichisoft_commands(application)
-    return application
+def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
+    """Runs a command line in this process."""
+    import block_kind
+
+    plugins.register_plugin(block_kind)
+
+    def run(*arguments: object) -> Result:
+        capfd.readouterr()
+        monkeypatch.setattr(sys, "argv", ["taichisoft", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return Result(int(left.value.code or 0), *capfd.readouterr())
+
+    yield run
+    plugins.unregister_plugin("block_kind")
 
 
-def fail(application: typer.Typer, *arguments: str) -> str:
-    """The message of the error that reaches the main program, which prints it."""
-    result = CliRunner().invoke(application, ["mesh", *arguments])
-    assert isinstance(result.exception, MeshError), result.output
-    assert "\n" not in str(result.exception)
-    return str(result.exception)
+@pytest.fixture
+def block(tmp_path: Path) -> Path:
+    """A geometry file that is meshed at once."""
+    path = tmp_path / "block.toml"
+    path.write_text('kind = "block"\n')
+    return path
 
 
-def test_the_plug_in_is_installed_and_adds_the_command() -> None:
-    application = typer.Typer()
-    plugin_registry().hook.taichisoft_commands(application=application)
-    assert "mesh" in [command.name for command in application.registered_commands]
+@pytest.fixture(autouse=True)
+def nothing_half_written(tmp_path: Path) -> Iterator[None]:
+    yield
+    assert not list(tmp_path.rglob("*.partial"))
 
 
-def test_a_shipped_finger_is_meshed_and_reported(application: typer.Typer, tmp_path: Path) -> None:
-    output = tmp_path / "finger.msh"
-    result = CliRunner().invoke(application, ["mesh", "tutorial", "-o", str(output), "--size", "14"])
-    assert result.exit_code == 0, result.output
+def test_a_shipped_finger_is_meshed_and_reported(command, tmp_path: Path) -> None:
+    output = tmp_path / "new" / "folder" / "finger.msh"
+    result = command("mesh", "tutorial", "-o", output, "--size", 14)
+    assert result.code == 0, result.error
     mesh = read_volume_mesh(output)
-    report = {
-        cells[1].strip(): cells[2].strip() for line in result.output.splitlines() if len(cells := line.split("│")) > 3
-    }
-    assert report["nodes"] == str(len(mesh.nodes))
-    assert report["tetrahedra"] == str(len(mesh.elements))
-    assert report["silicone"] == "51162.5"
-    assert report["cavity"] == "8887.5"
-    assert 0 < float(report["radius ratio, smallest"]) < float(report["radius ratio, median"]) < 1
-    assert 10 < float(report["longest edge"]) < 30
+    assert result.figures["nodes"] == str(len(mesh.nodes))
+    assert result.figures["tetrahedra"] == str(len(mesh.elements))
+    assert result.figures["silicone"] == "51162.5"
+    assert result.figures["cavity"] == "8887.5"
+    assert 0 < float(result.figures["radius ratio, smallest"]) < float(result.figures["radius ratio, median"]) < 1
+    assert 10 < float(result.figures["longest edge"]) < 30
+    assert "warning: walls of one element, much too stiff in bending: " in result.output
     assert set(mesh.surface_groups) == {"outer", "base", "cavity"}
-    assert list(tmp_path.iterdir()) == [output]
+    assert list(output.parent.iterdir()) == [output]
 
 
-def test_what_cannot_be_meshed_leaves_the_old_file_alone(application: typer.Typer, tmp_path: Path) -> None:
+def test_a_folder_gets_the_whole_set(command, block: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "out" / "body"
+    assert command("mesh", block, "-o", folder).code == 0
+    names = ["body-cavity.stl", "body-outer.stl", "body.msh", "body.vtk", "body.vtu", "mesh-report.png", "mesh.json"]
+    assert sorted(file.name for file in folder.iterdir()) == names
+    meshes = [read_volume_mesh(folder / f"body{suffix}") for suffix in (".msh", ".vtk", ".vtu")]
+    for mesh in meshes:
+        np.testing.assert_array_equal(mesh.nodes, meshes[0].nodes)
+        np.testing.assert_array_equal(mesh.elements, meshes[0].elements)
+    vertices, triangles = read_surface(folder / "body-cavity.stl")
+    cavity = meshes[0].surface_groups["cavity"]
+    assert len(triangles) == len(cavity)
+    np.testing.assert_array_equal(vertices[triangles], meshes[0].nodes[cavity])  # every digit
+
+
+def test_the_record_says_what_the_mesh_is(command, block: Path, tmp_path: Path) -> None:
+    block.write_text('kind = "block"\nstretch = 2.0\n[quality]\nradius_ratio = 0.2\n')
+    assert command("mesh", block, "-o", tmp_path / "body", "--preset", "fine", "--set", "solid=false").code == 0
+    record = json.loads((tmp_path / "body" / "mesh.json").read_text())
+    assert record["kind"] == "block"
+    assert record["parameters"] == {"stretch": 2.0, "solid": False, "quality": {"radius_ratio": 0.2}}
+    assert record["asked"] == {"preset": "fine"}
+    assert record["counts"] == {"nodes": 1331 - 7**3, "tetrahedra": 6 * (1000 - 8**3)}
+    assert record["volumes_mm3"] == {"silicone": 250000.0 - 128000.0, "cavity": 128000.0, "outer": 250000.0}
+    assert record["groups"]["surfaces"] == {"cavity": {"triangles": 2 * 6 * 64}}
+    assert record["limits"]["radius_ratio"] == 0.2
+    assert record["quality"]["walls"][0]["thinnest_mm"] == 5.0
+    assert record["quality"]["elements_across_walls"] == 1
+    assert set(record["versions"]) == {"taichisoft", "gmsh"}
+    assert record["problems"] == []
+
+
+def test_equal_inputs_give_equal_files_and_equal_hashes(command, block: Path, tmp_path: Path) -> None:
+    def meshed(name: str, *options: object) -> dict:
+        assert command("mesh", block, "-o", tmp_path / name / "body", *options).code == 0
+        return json.loads((tmp_path / name / "body" / "mesh.json").read_text())
+
+    first, again = meshed("first"), meshed("again")
+    assert first == again
+    assert meshed("finer", "--size", 5)["inputs_sha256"] != first["inputs_sha256"]
+    block.write_text('# a comment\nkind = "block"   # changes nothing\n')
+    assert meshed("comment")["inputs_sha256"] == first["inputs_sha256"]
+    assert meshed("solid", "--set", "solid=true")["inputs_sha256"] != first["inputs_sha256"]
+
+
+def test_a_new_set_replaces_the_old_one_and_leaves_other_files(command, block: Path, tmp_path: Path) -> None:
+    folder = tmp_path / "body"
+    assert command("mesh", block, "-o", folder).code == 0
+    (folder / "notes.txt").write_text("mine")
+    assert command("mesh", block, "-o", folder, "--set", "solid=true").code == 0
+    names = ["body-outer.stl", "body.msh", "body.vtk", "body.vtu", "mesh-report.png", "mesh.json", "notes.txt"]
+    assert sorted(file.name for file in folder.iterdir()) == names
+    assert "cavity" not in json.loads((folder / "mesh.json").read_text())["volumes_mm3"]
+
+
+def test_a_set_that_cannot_be_written_leaves_the_old_one(
+    command, block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "body"
+    assert command("mesh", block, "-o", folder).code == 0
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+
+    def fill_the_disk(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(mesh_set, "mesh_record", fill_the_disk)
+    result = command("mesh", block, "-o", folder, "--size", 5)
+    assert result.code == 2
+    assert result.error == f"taichisoft: {folder}: cannot be written: No space left on device\n"
+    assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
+
+
+def test_a_name_that_ends_in_a_number_is_a_folder(command, block: Path, tmp_path: Path) -> None:
+    assert command("mesh", block, "-o", tmp_path / "wall-1.5").code == 0
+    assert (tmp_path / "wall-1.5" / "wall-1.5.msh").is_file()
+
+
+def test_a_missed_limit_is_named_and_nothing_is_written_unless_forced(command, block: Path, tmp_path: Path) -> None:
+    block.write_text('kind = "block"\n[quality]\nradius_ratio = 0.8\nelements_across_walls = 2\n')
+    refused = command("mesh", block, "-o", tmp_path / "body")
+    assert refused.code == 2
+    assert refused.error == (
+        f"taichisoft: {block}: the smallest radius ratio, 0.7174, is below quality.radius_ratio = 0.8 (and 1 more); "
+        "try another size, or --force writes the mesh all the same\n"
+    )
+    assert "not written" in refused.output
+    assert list(tmp_path.iterdir()) == [block]
+    forced = command("mesh", block, "-o", tmp_path / "body", "--force")
+    assert forced.code == 0
+    assert "warning: elements across walls, 1, is below quality.elements_across_walls = 2" in forced.output
+    assert len(json.loads((tmp_path / "body" / "mesh.json").read_text())["problems"]) == 2
+
+
+def test_a_mesh_that_is_not_the_body_is_refused(command, block: Path, tmp_path: Path) -> None:
+    refused = command("mesh", block, "-o", tmp_path / "body.msh", "--set", "turned=true")
+    assert "surface 'cavity' is inside out: it encloses -27000 mm^3" in refused.error
+    assert not (tmp_path / "body.msh").exists()
+
+
+def test_what_was_warned_of_while_meshing_is_said(command, block: Path, tmp_path: Path) -> None:
+    result = command("mesh", block, "-o", tmp_path / "body.vtu", "--set", "remark=the surface was mended")
+    assert "warning: the surface was mended\n" in result.output
+    assert result.error == ""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["--size", "0"], "--size 0: must be a positive, finite number of millimetres"),
+        (["--size", "-3"], "--size -3: must be a positive, finite number of millimetres"),
+        (["--size", "nan"], "--size nan: must be a positive, finite number of millimetres"),
+        (["--nodes", "3"], "--nodes 3: must be at least 4"),
+        (["--size", "3", "--preset", "fine"], "--size and --preset: only one of them can be given"),
+        (["--preset", "finest"], "preset 'finest': unknown; did you mean 'fine'?"),
+        (["--set", "stretch"], "--set stretch: must look like body.width=21"),
+        (["--set", "stretch.x=3"], "stretch = {'x': 3}"),
+        (["--set", "stetch=3"], "stetch: unknown key"),
+        (["--set", "quality.radius_ratio=2"], "quality.radius_ratio = 2: input should be less than or equal to 1"),
+        (["--keep-surface"], "--keep-surface: goes with --surfaces"),
+        (["--step", "--surfaces"], "--step and --surfaces: only one of them can be given"),
+        (["second.toml"], "second.toml: one file is meshed at a time; several need --surfaces"),
+    ],
+)
+def test_options_that_are_wrong_are_named(
+    command, block: Path, tmp_path: Path, arguments: list[str], problem: str
+) -> None:
+    if "stretch.x=3" in arguments:
+        problem = "Block failed in mesh(): TypeError"
+    result = command("mesh", block, "-o", tmp_path / "body", *arguments)
+    assert result.code == 2
+    assert problem in result.error
+    assert list(tmp_path.iterdir()) == [block]
+
+
+def test_what_cannot_be_meshed_leaves_the_old_file_alone(command, tmp_path: Path) -> None:
     output = tmp_path / "finger.msh"
     output.write_text("the mesh of yesterday")
     finger = tmp_path / "finger.toml"
     finger.write_text("[slots]\ndepth = 25.0\n")
-    message = fail(application, str(finger), "-o", str(output))
-    assert message.startswith(f"{finger}: slots.depth = 25: must be at most 19.4")
-    assert "none of the shipped fingers: tutorial" in fail(application, "thumb", "-o", str(output))
-    assert "--size 0: must be a positive, finite number of millimetres" in fail(
-        application, "tutorial", "-o", str(output), "--size", "0"
-    )
+    assert command("mesh", finger, "-o", output).error.startswith(f"taichisoft: {finger}: slots.depth = 25: must be ")
+    assert "none of the shipped fingers: " in command("mesh", "thumb", "-o", output).error
     assert output.read_text() == "the mesh of yesterday"
 
 
-def test_an_output_that_cannot_be_written_is_refused(application: typer.Typer, tmp_path: Path) -> None:
-    assert "is not a kind of volume mesh file" in fail(application, "tutorial", "-o", str(tmp_path / "finger.stl"))
+def test_an_output_that_cannot_be_written_is_refused_before_the_work(command, tmp_path: Path) -> None:
+    assert "is not a kind of volume mesh file" in command("mesh", "tutorial", "-o", tmp_path / "finger.stl").error
     (tmp_path / "file").touch()
     below_a_file = tmp_path / "file" / "finger.msh"
-    assert f"--output {below_a_file}: its folder cannot be made" in fail(
-        application, "tutorial", "-o", str(below_a_file)
+    assert (
+        f"--output {below_a_file}: its folder cannot be made" in command("mesh", "tutorial", "-o", below_a_file).error
+    )
+    assert (
+        f"--output {tmp_path / 'file'}: is a file; a folder"
+        in command("mesh", "tutorial", "-o", tmp_path / "file").error
     )
 
 
-def test_the_folder_of_the_output_is_made(application: typer.Typer, tmp_path: Path) -> None:
-    output = tmp_path / "new" / "folder" / "finger.msh"
-    result = CliRunner().invoke(application, ["mesh", "tutorial", "-o", str(output), "--size", "14"])
-    assert result.exit_code == 0, result.output
-    assert len(read_volume_mesh(output).elements) > 100
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_nobody_may_write_to_is_refused(command, tmp_path: Path) -> None:
+    closed = tmp_path / "closed"
+    closed.mkdir(mode=0o500)
+    assert "no permission to write" in command("mesh", "tutorial", "-o", closed / "finger.msh").error

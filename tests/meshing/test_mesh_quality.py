@@ -54,7 +54,7 @@ def test_surfaces_without_names_are_told_by_which_way_they_face() -> None:
 
 def test_a_wall_of_one_element_is_warned_of() -> None:
     (caution,) = cautions(measure(hollow()))
-    assert caution.startswith("walls between cavity and outer are one element thick on 100% of their area")
+    assert caution.endswith(": cavity to outer (100% of the area); try a smaller size")
     assert cautions(measure(make_block((2, 2, 2), (1.0, 1.0, 1.0)))) == []
 
 

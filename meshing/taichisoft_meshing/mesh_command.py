@@ -1,0 +1,79 @@
+"""`taichisoft mesh`: from a geometry file, a STEP file or surfaces to a mesh."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from taichisoft.errors import MeshError
+from taichisoft_meshing import mesh_options as options
+
+if TYPE_CHECKING:
+    from taichisoft_meshing.mesh_job import MeshJob
+
+
+def mesh(
+    files: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FILE...", help="Geometry file (TOML), or the name of a shipped finger such as tutorial."
+        ),
+    ],
+    output: Annotated[
+        Path,
+        typer.Option(
+            "--output",
+            "-o",
+            help="Folder for the whole set: meshes (.msh, .vtu, .vtk), surfaces (.stl), mesh.json and mesh-report.png; "
+            "or one mesh file of those kinds.",
+        ),
+    ],
+    step: Annotated[bool, typer.Option("--step", help="FILE is a STEP body; its inner voids are cavities.")] = False,
+    surfaces: Annotated[
+        bool, typer.Option("--surfaces", help="FILEs are surfaces (STL, OBJ, PLY): the outer one, then cavities.")
+    ] = False,
+    keep_surface: Annotated[
+        bool, typer.Option("--keep-surface", help="With --surfaces: keep their triangles instead of meshing them anew.")
+    ] = False,
+    size: options.Size = None,
+    nodes: options.Nodes = None,
+    preset: options.Preset = None,
+    set_: options.Set = None,
+    force: options.Force = False,
+) -> None:
+    """Mesh a finger, a body from CAD, or what a plug-in knows of another kind, with tetrahedra."""
+    from rich.console import Console  # --help need not wait for any of these
+    from rich.text import Text
+
+    from taichisoft_meshing.mesh_display import print_remark, stages_bar
+    from taichisoft_meshing.mesh_job import make_mesh, require_fit
+    from taichisoft_meshing.mesh_set import prepare, write_output
+    from taichisoft_meshing.mesh_table import mesh_tables
+
+    how_fine = size, nodes, preset
+    if step and surfaces:
+        raise MeshError("--step and --surfaces: only one of them can be given")
+    if keep_surface and not surfaces:
+        raise MeshError("--keep-surface: goes with --surfaces")
+    if len(files) > 1 and not surfaces:
+        raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
+    job: MeshJob
+    if surfaces:
+        job = options.surfaces_job(files, keep_surface, set_ or [], *how_fine)
+    elif step:
+        job = options.step_job(files[0], set_ or [], *how_fine)
+    else:
+        job = options.finger_job(files[0], set_ or [], *how_fine)
+    prepare(output)
+    console = Console()
+    with stages_bar(console, job.file.name) as stage:
+        made = make_mesh(job, stage)
+        if not made.problems or force:
+            stage("writing")
+            write_output(made, output)
+    console.print(mesh_tables(str(output), made.quality, made.limits, made.seconds))
+    console.print(Text(f"written to {output}" if not made.problems or force else "not written"), soft_wrap=True)
+    for remark in (*made.remarks, *(made.problems if force else ())):
+        print_remark(console, remark)
+    if not force:
+        require_fit(made)

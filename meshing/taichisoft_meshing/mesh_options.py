@@ -1,0 +1,107 @@
+"""The options that say what is meshed and how fine, as all commands of the mesher take them."""
+
+import math
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from taichisoft.errors import MeshError, SceneError
+
+if TYPE_CHECKING:
+    from taichisoft_meshing.mesh_job import MeshJob
+
+Size = Annotated[
+    float | None, typer.Option(metavar="MM", help="Largest element size, instead of the file's mesh.largest.")
+]
+Nodes = Annotated[
+    int | None, typer.Option(metavar="N", help="Choose the size so that there are about so many nodes (within 15 %).")
+]
+Preset = Annotated[str | None, typer.Option(metavar="NAME", help="A size by name: coarse, medium or fine.")]
+Set = Annotated[
+    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the file (repeatable).")
+]
+Force = Annotated[bool, typer.Option("--force", help="Write a mesh that misses a limit of [quality], too.")]
+
+
+def finger_job(
+    name: str, overrides: Sequence[str], size: float | None, nodes: int | None, preset: str | None
+) -> "MeshJob":
+    """What a geometry file, or a shipped finger, asks for.
+
+    Raises:
+        MeshError: there is no such file, or an option is not valid.
+    """
+    from taichisoft.shipped import find_file
+    from taichisoft_meshing.geometry_file import read_tables
+    from taichisoft_meshing.mesh_job import MeshJob
+
+    asked = asked_size(size, nodes, preset)
+    file = find_file(name, "fingers", (".toml",), error=MeshError)
+    kind, tables = read_tables(file)
+    return MeshJob(kind, overridden(tables, overrides), file, asked)
+
+
+def step_job(
+    file: str, overrides: Sequence[str], size: float | None, nodes: int | None, preset: str | None
+) -> "MeshJob":
+    """What a STEP file asks for, as a geometry file of kind "step" would."""
+    from taichisoft_meshing.mesh_job import MeshJob
+
+    path = Path(file).expanduser()
+    tables = overridden({"file": path.name}, overrides)
+    return MeshJob("step", tables, path, asked_size(size, nodes, preset))
+
+
+def surfaces_job(
+    files: Sequence[str],
+    keep_surface: bool,
+    overrides: Sequence[str],
+    size: float | None,
+    nodes: int | None,
+    preset: str | None,
+) -> "MeshJob":
+    """What an outer surface and cavities ask for, as a geometry file of kind "surfaces" would."""
+    from taichisoft_meshing.mesh_job import MeshJob
+
+    outer = Path(files[0]).expanduser()
+    cavities = [os.path.relpath(Path(file).expanduser(), outer.parent) for file in files[1:]]
+    tables = {"outer": outer.name, "cavity": cavities, "keep_surface": keep_surface}
+    return MeshJob("surfaces", overridden(tables, overrides), outer, asked_size(size, nodes, preset))
+
+
+def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dict[str, Any]:
+    """The one of the three that was given.
+
+    Raises:
+        MeshError: it is out of range, or there are two.
+    """
+    asked = {name: value for name, value in (("size", size), ("nodes", nodes), ("preset", preset)) if value is not None}
+    if len(asked) > 1:
+        raise MeshError(f"{' and '.join(f'--{name}' for name in asked)}: only one of them can be given")
+    if size is not None and not 0.0 < size < math.inf:
+        raise MeshError(f"--size {size:g}: must be a positive, finite number of millimetres")
+    if nodes is not None and nodes < 4:
+        raise MeshError(f"--nodes {nodes}: must be at least 4, the corners of one tetrahedron")
+    return asked
+
+
+def overridden(tables: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
+    """The tables with the values of "key=value" in their places.
+
+    Raises:
+        MeshError: one has no "=", or leads to no place.
+    """
+    import copy
+
+    from taichisoft.overrides import apply_override
+
+    changed = copy.deepcopy(dict(tables))
+    for override in overrides:
+        try:
+            apply_override(changed, override, "body.width=21", "the file")
+        except SceneError as error:
+            raise MeshError(str(error)) from error
+    return changed

@@ -1,0 +1,139 @@
+"""Where a mesh is written: to one file, or to a folder with everything that programs and people want of it."""
+
+import json
+import os
+import re
+import shutil
+from pathlib import Path
+from typing import Any
+
+from taichisoft.errors import MeshError
+from taichisoft.file_kind import require_suffix
+from taichisoft.interruption import held_back
+from taichisoft.mesh_files import VOLUME_SUFFIXES, write_volume_mesh
+from taichisoft.surface_files import write_stl
+from taichisoft_meshing.mesh_job import MadeMesh
+from taichisoft_meshing.mesh_picture import draw_report
+from taichisoft_meshing.mesh_record import mesh_record
+
+RECORD = "mesh.json"
+PICTURE = "mesh-report.png"
+
+
+def is_file(output: Path) -> bool:
+    """Whether an output is one file: it ends like one (.msh), and not like a number (wall-1.5), and is no folder.
+
+    Raises:
+        MeshError: it ends like another kind of file.
+    """
+    if output.is_dir() or not re.fullmatch(r"\.[A-Za-z]\w*", output.suffix):
+        return False
+    require_suffix(output, "volume mesh", VOLUME_SUFFIXES)
+    return True
+
+
+def prepare(output: Path) -> None:
+    """Make the folder that an output comes into: what cannot be written is better known before the work.
+
+    Raises:
+        MeshError: it cannot be made, nobody may write to it, or a file stands where a folder is to be.
+    """
+    if not is_file(output) and output.exists() and not output.is_dir():
+        raise MeshError(f"--output {output}: is a file; a folder, or a file ({', '.join(VOLUME_SUFFIXES)}) is needed")
+    for folder in (output.parent, *([output] if output.is_dir() else [])):
+        prepare_folder(folder, output)
+
+
+def prepare_folder(folder: Path, output: Path | None = None) -> None:
+    """Make a folder unless it is there; `output` is what the user called it, or something in it.
+
+    Raises:
+        MeshError: it cannot be made, or nobody may write to it.
+    """
+    output = folder if output is None else output
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise MeshError(f"--output {output}: its folder cannot be made: {error.strerror or error}") from error
+    if not os.access(folder, os.W_OK):
+        raise MeshError(f"--output {output}: no permission to write in {folder}")
+
+
+def write_output(made: MadeMesh, output: Path) -> None:
+    """Write a mesh to a file or folder, as `is_file` says; nothing stops it half-way but a second signal.
+
+    Raises:
+        MeshError: something cannot be written.
+    """
+    with held_back() as stop_if_asked:
+        if is_file(output):
+            write_volume_mesh(made.mesh, output)
+        else:
+            write_set(made, output)
+        stop_if_asked()
+
+
+def write_set(made: MadeMesh, folder: Path) -> None:
+    """Write all files of a mesh, called like the folder, to a folder beside it, and move them when all are whole.
+
+    Raises:
+        MeshError: something cannot be written; the old set is as it was, unless the disk failed while files were moved.
+    """
+    folder = folder.resolve()
+    partial = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
+    try:
+        partial.mkdir()
+        write_files(made, partial, folder.name)
+        move_set(partial, folder)
+    except OSError as error:
+        raise MeshError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def write_files(made: MadeMesh, folder: Path, name: str) -> None:
+    """Write all files of a mesh to an empty folder.
+
+    Raises:
+        MeshError: a mesh or a surface cannot be written.
+        OSError: the record cannot be.
+    """
+    mesh, quality = made.mesh, made.quality
+    for suffix in VOLUME_SUFFIXES:
+        write_volume_mesh(mesh, folder / f"{name}{suffix}")
+    for surface in quality.surfaces:
+        if surface.closed_by_name:
+            write_stl(mesh.nodes, surface.triangles, folder / f"{name}-{surface.name}.stl")
+    draw_report(mesh, quality, made.limits, name, folder / PICTURE)
+    record = mesh_record(made, sorted(folder.iterdir()))
+    text = json.dumps(record, indent=2, allow_nan=False, default=list)
+    (folder / RECORD).write_text(text + "\n", encoding="utf-8")
+
+
+def move_set(partial: Path, folder: Path) -> None:
+    """Move all files of one folder to another, which may have an older set.
+
+    What the older set has and this one has not is removed: its record says what that is. The record is moved last, so
+    that it never stands beside files that it does not describe.
+
+    Raises:
+        OSError: a file cannot be moved.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    outdated = _recorded_files(folder / RECORD)
+    (folder / RECORD).unlink(missing_ok=True)
+    files = sorted(partial.iterdir(), key=lambda file: file.name == RECORD)
+    for file in files:
+        file.replace(folder / file.name)
+    for name in outdated - {file.name for file in files}:
+        (folder / name).unlink(missing_ok=True)
+
+
+def _recorded_files(record: Path) -> set[str]:
+    """Names of the files of the set that was written before; none where there is no record of ours."""
+    try:
+        content: Any = json.loads(record.read_text(encoding="utf-8"))
+        names = set(content["files_sha256"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return set()
+    return {name for name in names if Path(name).name == name}

@@ -1,0 +1,98 @@
+"""The variants of a sweep: every combination of the values that keys of a geometry file are given."""
+
+import itertools
+import tomllib
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from taichisoft.errors import MeshError
+from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.mesh_options import overridden
+
+MOST = 10_000
+"""Variants in a sweep: more are a slip of the keyboard."""
+
+
+@dataclass(frozen=True)
+class Variant:
+    """One mesh of a sweep.
+
+    Attributes:
+        values: what it has in place of the file's, as text, by key.
+        job: how it is made.
+    """
+
+    values: dict[str, str]
+    job: MeshJob
+
+    @property
+    def name(self) -> str:
+        """Of its folder, for example "wall-1.5_body.width-20"."""
+        return "_".join(f"{key}-{_for_a_file(value)}" for key, value in self.values.items())
+
+
+def plan(job: MeshJob, varied: Sequence[str]) -> list[Variant]:
+    """All combinations of "key=value,value,...", the last key's values changing fastest.
+
+    Raises:
+        MeshError: one does not look like that, a key or a value is there twice, or there are too many.
+    """
+    keys = [_key_and_values(text) for text in varied]
+    names = [key for key, _ in keys]
+    twice = next((name for name in names if names.count(name) > 1), None)
+    if twice is not None:
+        raise MeshError(f"--vary {twice}: is given twice; put its values into one list")
+    count = 1
+    for _, values in keys:
+        count *= len(values)
+    if count > MOST:
+        raise MeshError(f"--vary: {count} combinations are more than the {MOST} that a sweep may have")
+    variants = []
+    for combination in itertools.product(*(values for _, values in keys)):
+        chosen = dict(zip(names, combination, strict=True))
+        tables = overridden(job.tables, [f"{name}={value}" for name, value in chosen.items()])
+        variants.append(Variant(chosen, replace(job, tables=tables)))
+    folders = [variant.name for variant in variants]
+    if len(set(folders)) < len(folders):
+        clash = next(name for name in folders if folders.count(name) > 1)
+        raise MeshError(f"--vary: two variants would both be called '{clash}'")
+    return variants
+
+
+def _key_and_values(text: str) -> tuple[str, list[str]]:
+    key, separator, values = text.partition("=")
+    split = _split(values)
+    if not separator or not key.strip() or not all(split):
+        raise MeshError(f"--vary {text}: must look like body.width=20,22,25")
+    if len(set(split)) < len(split):
+        raise MeshError(f"--vary {text}: the value {next(v for v in split if split.count(v) > 1)} is there twice")
+    return key.strip(), split
+
+
+def _split(values: str) -> list[str]:
+    """At the commas, but not at those inside the brackets of a TOML value."""
+    try:
+        parsed: list[Any] = tomllib.loads(f"values = [{values}]")["values"]
+    except tomllib.TOMLDecodeError:
+        return [value.strip() for value in values.split(",")]
+    if any(isinstance(value, list | dict | str) for value in parsed):
+        return [part.strip() for part in _top_level_parts(values)]
+    return [value.strip() for value in values.split(",")]
+
+
+def _top_level_parts(values: str) -> list[str]:
+    parts, depth, quoted = [""], 0, False
+    for letter in values:
+        quoted ^= letter == '"'
+        depth += (letter in "[{") - (letter in "]}") if not quoted else 0
+        if letter == "," and not depth and not quoted:
+            parts.append("")
+        else:
+            parts[-1] += letter
+    return parts
+
+
+def _for_a_file(value: str) -> str:
+    """Letters, digits, points and signs; a folder's name can hold no slash, and a shell no bracket."""
+    return "".join(letter if letter.isalnum() or letter in ".+-" else "_" for letter in value).strip("_")

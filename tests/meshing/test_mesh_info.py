@@ -1,0 +1,102 @@
+"""`taichisoft mesh-info`: the figures of anything that can be read."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import make_block
+
+from taichisoft.command_line import main
+from taichisoft.mesh import VolumeMesh
+from taichisoft.mesh_files import write_volume_mesh
+from taichisoft.surface_files import write_stl
+
+
+@pytest.fixture
+def info(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
+    """Exit code, standard output and error of the command on a file."""
+
+    def run(file: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["taichisoft", "mesh-info", str(file)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        return int(left.value.code or 0), *capfd.readouterr()
+
+    return run
+
+
+def hollow() -> VolumeMesh:
+    return make_block((5, 5, 5), (50.0, 50.0, 50.0), hollow=True)
+
+
+@pytest.mark.parametrize("suffix", [".msh", ".vtk", ".vtu"])
+def test_every_mesh_format(info, tmp_path: Path, suffix: str) -> None:
+    write_volume_mesh(hollow(), tmp_path / f"hollow{suffix}")
+    code, output, _ = info(tmp_path / f"hollow{suffix}")
+    assert code == 0
+    for figure in ("208", "588", "98000.0", "27000.0", "closed, faces the silicone, inside", "cavity to outer"):
+        assert figure in output
+    assert "warning: walls of one element" in output
+
+
+def test_a_shipped_mesh_by_its_name(info) -> None:
+    code, output, _ = info("tutorial-coarse")
+    assert code == 0
+    assert "51162.5" in output
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".obj", ".ply"])
+def test_every_surface_format(info, tmp_path: Path, suffix: str) -> None:
+    import trimesh
+
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / f"box{suffix}")
+    code, output, _ = info(tmp_path / f"box{suffix}")
+    assert code == 0
+    for figure in ("22.0", "1 × 2 × 3", "6.0", "outward", "closed"):
+        assert figure in output
+
+
+def test_a_surface_with_a_hole_or_inside_out(info, tmp_path: Path) -> None:
+    mesh = hollow()
+    cavity = mesh.surface_groups["cavity"]
+    write_stl(mesh.nodes, cavity[1:], tmp_path / "open.stl")
+    code, output, error = info(tmp_path / "open.stl")
+    assert (code, "none" in output) == (1, True)
+    assert error == f"taichisoft: {tmp_path / 'open.stl'}: is not closed: 3 edges do not join two triangles\n"
+    write_stl(mesh.nodes, cavity[:, ::-1], tmp_path / "turned.stl")
+    code, output, _ = info(tmp_path / "turned.stl")
+    assert (code, "inward" in output) == (0, True)
+
+
+def test_a_mesh_that_is_not_fit_is_shown_all_the_same(info, tmp_path: Path) -> None:
+    mesh = hollow()
+    turned = mesh.elements.copy()
+    turned[7] = turned[7][[0, 1, 3, 2]]
+    write_volume_mesh(VolumeMesh("hollow", mesh.nodes, turned), tmp_path / "turned.vtk")
+    code, output, error = info(tmp_path / "turned.vtk")
+    assert code == 1
+    assert "inverted tetrahedra" in output
+    assert "turned.vtk: element 7 is inverted" in error
+
+
+def test_what_cannot_be_measured_or_read_is_refused(info, tmp_path: Path) -> None:
+    nodes = hollow().nodes.copy()
+    nodes[3, 1] = np.nan
+    write_volume_mesh(VolumeMesh("hollow", nodes, hollow().elements), tmp_path / "nan.msh")
+    code, output, error = info(tmp_path / "nan.msh")
+    assert (code, output) == (2, "")
+    assert "nan.msh: node 3 has a coordinate that is not finite" in error
+    for name in ("empty.msh", "empty.stl", "empty.vtu", "empty.ply"):
+        (tmp_path / name).touch()
+        code, _, error = info(tmp_path / name)
+        assert code == 2
+        assert f"{name}: is empty; a " in error
+    code, _, error = info(tmp_path / "absent.msh")
+    assert code == 2
+    assert "absent.msh: no such file, and none of the shipped meshes: tutorial-coarse" in error
+    (tmp_path / "notes.txt").touch()
+    assert (
+        "'.txt' is not a kind of mesh or surface file; valid: .msh, .vtk, .vtu, .stl, .obj, .ply"
+        in info(tmp_path / "notes.txt")[2]
+    )

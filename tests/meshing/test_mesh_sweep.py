@@ -1,0 +1,132 @@
+"""`taichisoft mesh-sweep`: every variant a mesh, in processes of their own; what fails stops nothing else."""
+
+import csv
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from taichisoft.errors import MeshError
+from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.sweep_plan import MOST, plan
+
+PLUGIN = Path(__file__).with_name("block_kind.py")
+JOB = MeshJob("block", {"stretch": 1.0}, Path("block.toml"), {})
+
+
+def sweep_process(file: Path, output: Path, *arguments: str) -> subprocess.Popen[str]:
+    code = "from taichisoft.command_line import main; main()"
+    options = ["-o", str(output), "--plugin", str(PLUGIN), *arguments]
+    return subprocess.Popen(
+        [sys.executable, "-c", code, "mesh-sweep", str(file), *options],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        start_new_session=True,
+    )
+
+
+@pytest.fixture
+def block(tmp_path: Path) -> Path:
+    path = tmp_path / "block.toml"
+    path.write_text('kind = "block"\nsolid = true\n')
+    return path
+
+
+def test_variants_are_all_combinations_with_their_tables() -> None:
+    variants = plan(JOB, ["stretch=1,2.5", "quality.radius_ratio=0.1,0.2"])
+    assert [variant.name for variant in variants] == [
+        "stretch-1_quality.radius_ratio-0.1",
+        "stretch-1_quality.radius_ratio-0.2",
+        "stretch-2.5_quality.radius_ratio-0.1",
+        "stretch-2.5_quality.radius_ratio-0.2",
+    ]
+    assert variants[2].job.tables == {"stretch": 2.5, "quality": {"radius_ratio": 0.1}}
+    assert JOB.tables == {"stretch": 1.0}
+
+
+def test_values_may_be_any_toml() -> None:
+    tables = [variant.job.tables["stretch"] for variant in plan(JOB, ['stretch=[1, 2], [3, 4] ,"a,b"'])]
+    assert tables == [[1, 2], [3, 4], "a,b"]
+    assert [variant.job.tables["stretch"] for variant in plan(JOB, ["stretch=true,round"])] == [True, "round"]
+
+
+@pytest.mark.parametrize(
+    ("varied", "problem"),
+    [
+        (["stretch"], "--vary stretch: must look like body.width=20,22,25"),
+        (["stretch="], "--vary stretch=: must look like"),
+        (["stretch=1,,2"], "--vary stretch=1,,2: must look like"),
+        (["=1,2"], "--vary =1,2: must look like"),
+        (["stretch=1,2,1"], "--vary stretch=1,2,1: the value 1 is there twice"),
+        (["stretch=1,2", "stretch=3"], "--vary stretch: is given twice; put its values into one list"),
+        (["stretch.x=1"], "--set stretch.x=1: stretch is no table: it has no 'x'"),
+        (["stretch=" + ",".join(map(str, range(MOST + 1)))], "combinations are more than the 10000"),
+        (["stretch=a/b,a:b"], "--vary: two variants would both be called 'stretch-a_b'"),
+    ],
+)
+def test_what_cannot_be_varied_is_refused(varied: list[str], problem: str) -> None:
+    with pytest.raises(MeshError) as refused:
+        plan(JOB, varied)
+    assert problem in str(refused.value)
+
+
+def test_what_fails_is_reported_and_the_rest_go_on(block: Path, tmp_path: Path) -> None:
+    """Two are not valid, one misses a limit; the kind is a plug-in's."""
+    output = tmp_path / "out"
+    process = sweep_process(
+        block, output, "--vary", "stretch=1.5,0", "--vary", "quality.radius_ratio=0.3,0.99", "--jobs", "2"
+    )
+    shown, error = process.communicate(timeout=120)
+    assert process.returncode == 1, error
+    assert error == f"taichisoft: {output}: 3 of 4 variants failed\n"
+    name = "stretch-1.5_quality.radius_ratio-0.3"
+    assert sorted(file.name for file in output.iterdir()) == [name, "summary.csv"]
+    with (output / "summary.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert [row["stretch"] for row in rows] == ["1.5", "1.5", "0", "0"]
+    assert [float(row["silicone_mm3"] or 0) for row in rows] == [187500, 0, 0, 0]
+    assert [row["folder"] for row in rows] == [name, "", "", ""]
+    assert rows[1]["problem"].startswith(f"{block}: the smallest radius ratio, 0.6609, is below quality.radius_ratio")
+    assert rows[2]["problem"] == f"{block}: stretch = 0: must be positive"
+    assert f"failed: {block}: stretch = 0: must be positive" in shown
+    assert (output / name / f"{name}.msh").is_file()
+
+
+def test_a_process_that_dies_is_a_variant_that_failed(block: Path, tmp_path: Path) -> None:
+    process = sweep_process(block, tmp_path / "out", "--vary", "end=7", "--force")
+    shown, _ = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert "its process ended without a mesh (exit code 7)" in shown
+    assert [file.name for file in (tmp_path / "out").iterdir()] == ["summary.csv"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_ends_everything_and_leaves_what_was_complete(block: Path, tmp_path: Path) -> None:
+    """A terminal sends the signal to the whole group of processes."""
+    output = tmp_path / "out"
+    process = sweep_process(block, output, "--vary", "after=0,300", "--jobs", "2")
+    complete = output / "after-0" / "mesh.json"
+    while not complete.exists() and process.poll() is None:
+        time.sleep(0.05)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in error
+    assert [file.name for file in output.iterdir()] == ["after-0"]
+    assert len(list((output / "after-0").iterdir())) == 6
+    with pytest.raises(ProcessLookupError):  # no process of its own is left
+        while True:
+            os.killpg(process.pid, 0)
+            time.sleep(0.05)
+
+
+def test_options_that_are_wrong_are_named(block: Path, tmp_path: Path) -> None:
+    process = sweep_process(block, tmp_path / "out", "--vary", "stretch=1", "--jobs", "0")
+    _, error = process.communicate(timeout=60)
+    assert (process.returncode, error) == (2, "taichisoft: --jobs 0: must be at least 1\n")
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,62 @@
+"""mesh-report.png: the mesh cut open."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import make_block
+
+from taichisoft.mesh import VolumeMesh
+from taichisoft_meshing.mesh_picture import draw_report
+from taichisoft_meshing.mesh_quality import measure
+from taichisoft_meshing.open_view import TILT, Side, open_view
+from taichisoft_meshing.quality_limits import QualityLimits
+
+
+def hollow() -> VolumeMesh:
+    """Wall of 10 mm around a hollow of 80 x 30 x 10 mm."""
+    return make_block((10, 5, 3), (100.0, 50.0, 30.0), hollow=True)
+
+
+def test_the_cut_shows_the_silicone_and_the_wall_of_the_cavity() -> None:
+    mesh = hollow()
+    view = open_view(mesh, measure(mesh).surfaces)
+    sides = view.corners[:, 1:] - view.corners[:, :1]
+    areas = np.linalg.det(sides) / 2
+    assert (areas > 0).all()  # what faces the eye, the right way round
+    seen = {side: areas[view.side == side].sum() for side in Side}
+    tilt = np.cos(TILT)
+    # The boxes of the middle layer are cut where the means of their tetrahedra lie: rough, but about the outline.
+    assert seen[Side.CUT] == pytest.approx((100 * 50 - 80 * 30) * tilt, rel=0.35)
+    assert seen[Side.CAVITY] > 80 * 30 * tilt
+    assert (view.facing > 0).all()
+    assert view.corners.min(axis=(0, 1))[0] == pytest.approx(-50)
+    assert view.corners.max(axis=(0, 1))[0] == pytest.approx(50)
+
+
+def test_near_faces_are_painted_over_far_ones() -> None:
+    mesh = hollow()
+    view = open_view(mesh, measure(mesh).surfaces)
+    towards_the_eye = np.array([0.0, np.sin(TILT), np.cos(TILT)])
+    near = mesh.nodes[mesh.elements[view.element]].mean(axis=1) @ towards_the_eye
+    assert np.corrcoef(np.arange(len(near)), near)[0, 1] > 0.9
+
+
+@pytest.mark.parametrize(
+    "mesh", [hollow(), make_block((1, 1, 1), (1e-2, 1e-2, 1e-2)), make_block((9, 1, 1), (900, 9, 9))]
+)
+def test_the_picture_is_neither_empty_nor_black(mesh: VolumeMesh, tmp_path: Path) -> None:
+    from matplotlib.image import imread
+
+    path = tmp_path / "mesh-report.png"
+    draw_report(mesh, measure(mesh), QualityLimits(), "a $name$ with_signs", path)
+    picture = imread(path)[..., :3]
+    assert picture.shape[:2] == (880, 1210)
+    assert picture[[0, -1]].min() == picture[:, [0, -1]].min() == 1.0  # nothing is cut off at the border
+    drawn = (picture < 0.99).any(axis=-1)
+    assert 0.05 < drawn.mean() < 0.6
+    assert (picture.max(axis=-1) < 0.1).mean() < 0.05
+    upper, lower = drawn[:480], drawn[520:]
+    assert upper.mean() > 0.03
+    assert lower[:, :600].mean() > 0.01 < lower[:, 600:].mean()
+    assert list(tmp_path.iterdir()) == [path]
