@@ -1,12 +1,21 @@
-"""What tests share: meshes made in code, the reference data beside the project, and figures for docs/validation.md."""
+"""What tests share: meshes made in code, plug-ins, reference data beside the project, figures for docs/validation.md.
 
-from collections.abc import Callable
+There is no second conftest.py: tests import from this one by its name.
+"""
+
+import sys
+from collections.abc import Callable, Iterator
+from importlib.metadata import EntryPoint
 from itertools import permutations
 from pathlib import Path
+from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
 
+from taichisoft import plugin_sources, plugins
+from taichisoft.hookspecs import PROJECT, hookimpl
 from taichisoft.mesh import VolumeMesh, boundary_triangles
 from taichisoft.mesh_files import write_volume_mesh
 
@@ -51,6 +60,27 @@ def block(tmp_path: Path) -> Callable[..., str]:
         return str(path)
 
     return write
+
+
+@pytest.fixture
+def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
+    """Makes a plug-in of the functions given, under a name, beside those installed before it in the test.
+
+    No other plug-in is there, the built-in ones included; those that are loaded in the test are gone after it.
+    """
+    found: list[EntryPoint] = []
+
+    def add(name: str, module: str | None = None, **functions: Any) -> None:
+        made = ModuleType(module or f"plugin_{name}")
+        for hook, function in functions.items():
+            setattr(made, hook, hookimpl(function))
+        monkeypatch.setitem(sys.modules, made.__name__, made)
+        found.append(EntryPoint(name, made.__name__, PROJECT))
+        plugins._loaded = None
+
+    monkeypatch.setattr(plugin_sources, "entry_points", lambda group: found)
+    with plugins.separate_registry():
+        yield add
 
 
 @pytest.fixture(scope="session")
