@@ -1,5 +1,6 @@
 """Surfaces in files: triangles as STL, OBJ and PLY."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,8 @@ def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
 
     path = existing_file(path, "surface", SURFACE_SUFFIXES)
     try:
+        if path.suffix.lower() == ".ply":
+            _refuse_truncated_ply(path.read_bytes())
         surface = trimesh.load_mesh(path, process=False)
         if not isinstance(surface, trimesh.Trimesh):
             raise ValueError("no faces")
@@ -67,6 +70,16 @@ def write_stl(vertices: np.ndarray, triangles: np.ndarray, path: Path) -> None:
                 file.write("  vertex {!r} {!r} {!r}\n".format(*corner))
             file.write(" endloop\nendfacet\n")
         file.write(f"endsolid {path.stem}\n")
+
+
+def _refuse_truncated_ply(content: bytes) -> None:
+    """trimesh leaves out, without a word, what is missing at the end of a PLY file in text."""
+    head, _, body = content.partition(b"end_header")
+    if b"format ascii" in head:
+        announced = sum(map(int, re.findall(rb"^element\s+\S+\s+(\d+)", head, re.MULTILINE)))
+        there = sum(bool(line.strip()) for line in body.splitlines())
+        if there < announced:
+            raise ValueError(f"it says that it has {announced} vertices and faces, but only {there} are there")
 
 
 def _merge_equal_vertices(vertices: np.ndarray, triangles: np.ndarray, path: Path) -> tuple[np.ndarray, np.ndarray]:

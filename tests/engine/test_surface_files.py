@@ -1,12 +1,14 @@
 """Surfaces in files: equal vertices are merged, polygons triangulated, broken files refused in one line."""
 
+from collections.abc import Callable
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from taichisoft.errors import MeshError
 from taichisoft.mapped_surface import enclosed_volume
-from taichisoft.mesh_files import read_surface
+from taichisoft.surface_files import read_surface, write_stl
 
 TUTORIAL = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"
 
@@ -99,4 +101,26 @@ def test_a_surface_that_cannot_be_used_is_refused(tmp_path: Path) -> None:
 def test_a_broken_file_is_refused(tmp_path: Path, suffix: str, content: bytes) -> None:
     path = tmp_path / f"broken{suffix}"
     path.write_bytes(content)
-    assert "no faces" in refusal(path) or "not readable as" in refusal(path)
+    assert any(why in refusal(path) for why in ("no faces", "not readable as", "is empty"))
+
+
+@pytest.mark.parametrize("make", [stl, ply])
+def test_a_file_that_stops_early_is_refused(tmp_path: Path, make: Callable[[Path], Path]) -> None:
+    """OBJ has neither an end nor a count, so that nobody can tell."""
+    path = make(tmp_path / f"box.{make.__name__}")
+    lines = path.read_text().splitlines(keepends=True)
+    for count in range(1, len(lines)):
+        path.write_text("".join(lines[:count]))
+        refusal(path)
+
+
+def test_what_is_written_as_stl_is_read_again_bit_for_bit(tmp_path: Path) -> None:
+    """Thirds and roots have no short decimal form: a format that rounds shows."""
+    vertices = np.array(CORNERS) / 3 + np.sqrt(2)
+    triangles = np.array([(a, b, c) for a, b, c, _ in SIDES] + [(a, c, d) for a, _, c, d in SIDES])
+    write_stl(vertices, triangles, tmp_path / "box.stl")
+    read, corners = read_surface(tmp_path / "box.stl")
+    np.testing.assert_array_equal(read[corners], vertices[triangles])
+    assert [file.name for file in tmp_path.iterdir()] == ["box.stl"]
+    with pytest.raises(MeshError, match=r"box\.stl: cannot be written: No such file or directory"):
+        write_stl(vertices, triangles, tmp_path / "absent" / "box.stl")
