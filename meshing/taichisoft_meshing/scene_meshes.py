@@ -8,11 +8,12 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
 from taichisoft_meshing.fingerprint import fingerprint
-from taichisoft_meshing.geometry_file import find_kind, make_geometry, read_tables
+from taichisoft_meshing.geometry_file import find_kind, read_tables
 from taichisoft_meshing.mesh_cache import cache_folder, not_kept, read_entry, write_entry
-from taichisoft_meshing.mesh_request import mesh_as_asked
+from taichisoft_meshing.mesh_job import MeshJob, make_mesh
 
 LOGGER = logging.getLogger("taichisoft.meshing")
 DIGITS = 16  # of the hash, in the name of what is kept
@@ -50,8 +51,8 @@ def mesh_for_scene(
     else:
         LOGGER.info("meshing %s%s", file, wish)
         start = time.perf_counter()
-        mesh = mesh_as_asked(make_geometry(kind, tables, file), file, **asked)
-        mesh = write_entry(mesh, entry) if entry is not None else not_kept(mesh)
+        made = _fit_mesh(MeshJob(kind, tables, file, asked))
+        mesh = write_entry(made, entry) if entry is not None else not_kept(made)
         LOGGER.info("meshed %s%s: %d nodes in %.1f s", file, wish, len(mesh.nodes), time.perf_counter() - start)
     return replace(mesh, source=str(file))
 
@@ -63,6 +64,22 @@ def laid_over(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
         below = merged.get(key)
         merged[key] = laid_over(below, value) if isinstance(below, Mapping) and isinstance(value, Mapping) else value
     return merged
+
+
+def _fit_mesh(job: MeshJob) -> VolumeMesh:
+    """Make a mesh that meets the limits of its file, and warn of what a user should know about it.
+
+    Raises:
+        MeshError: it cannot be made, or is not fit to simulate.
+        PluginError: the plug-in of its kind failed.
+    """
+    made = make_mesh(job)
+    if made.problems:
+        more = f" (and {len(made.problems) - 1} more)" if len(made.problems) > 1 else ""
+        raise MeshError(f"{job.file}: {made.problems[0]}{more}; try another size, or other limits in its [quality]")
+    for remark in made.remarks:
+        warnings.warn(f"mesh of {job.file}: {remark}", stacklevel=3)
+    return made.mesh
 
 
 def _entry(kind: Any, tables: Mapping[str, Any], file: Path, asked: Mapping[str, Any]) -> Path | None:

@@ -188,6 +188,16 @@ def test_a_wrong_request_leaves_nothing(file: Path, request_: dict[str, Any], pr
     assert not cache_folder().exists()
 
 
+def test_a_mesh_that_misses_a_limit_of_its_file_is_refused(file: Path) -> None:
+    file.write_text('kind = "wedge"\n[quality]\nradius_ratio = 0.99\n')
+    with pytest.raises(
+        MeshError, match=rf"^{file}: the smallest radius ratio, 0.\d+, is below quality.radius_ratio = 0."
+    ):
+        mesh_for_scene(file)
+    assert not cache_folder().exists()
+    assert mesh_for_scene(file, set={"quality": {"radius_ratio": 0.1}}).nodes.max() == 1.0
+
+
 def test_tables_are_laid_over_each_other() -> None:
     tables = {"a": 1, "b": {"c": 2, "d": {"e": 3}}}
     assert laid_over(tables, {"b": {"d": {"e": 4, "f": 5}}, "g": 6}) == {
