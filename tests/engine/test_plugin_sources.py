@@ -220,6 +220,14 @@ def test_every_call_of_a_hook_is_traced_when_asked_for(
     ]
 
 
+def test_a_separate_registry_leaves_the_other_one_as_it_was(install: Install) -> None:
+    plugins.register_plugin(Watcher(), "outer")
+    with plugins.separate_registry() as registry:
+        plugins.register_plugin(Watcher(), "inner")
+        assert list(registry.origins) == ["inner"]
+    assert list(plugins.plugin_registry().origins) == ["outer"]
+
+
 @pytest.mark.parametrize("value", ["", "0"])
 def test_nothing_is_traced_otherwise(
     install: Install, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], value: str
