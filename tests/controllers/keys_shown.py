@@ -1,10 +1,14 @@
-"""A program for the tests of the terminal: shows every key that it gets; some end it in one way or another."""
+"""A program for the tests of the terminal: shows every key that it gets; some end it in one way or another.
+
+With the argument "alone" it has no child that watches.
+"""
 
 import os
 import sys
 from pathlib import Path
 
 from taichisoft.keys import KeyStream
+from taichisoft_controllers import terminal_mode
 from taichisoft_controllers.terminal_keys import TerminalKeys
 
 
@@ -40,6 +44,8 @@ def show_keys(run: Run) -> None:
 
 
 if __name__ == "__main__":
+    if "alone" in sys.argv:
+        terminal_mode._start_guardian = lambda *_: None
     shown = Run()
     source = TerminalKeys(shown, sys.stdin.fileno())
     try:

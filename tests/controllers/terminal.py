@@ -4,6 +4,7 @@ import contextlib
 import os
 import re
 import shlex
+import signal
 import sys
 import termios
 import time
@@ -32,6 +33,7 @@ class Terminal:
 
     def __init__(self, child: pexpect.spawn):
         self._child = child
+        self._is_closed = False
         self.own_mode = self.mode()
         self.before = self.after = ""
 
@@ -64,8 +66,10 @@ class Terminal:
         deadline = time.monotonic() + PATIENCE
         while not condition():
             assert time.monotonic() < deadline, f"waited in vain; after the last words there is: {self._child.buffer}"
-            if self._child.expect([pexpect.TIMEOUT, pexpect.EOF], timeout=0.05):
+            if self._is_closed:
                 time.sleep(0.05)
+            else:
+                self._child.expect([pexpect.TIMEOUT, pexpect.EOF], timeout=0.05)
 
     def shell_sees(self, setting: str) -> bool:
         """Whether `stty` has a setting ("echo", "-echo"), asked for in a shell that waits for a command."""
@@ -75,25 +79,29 @@ class Terminal:
 
     def close(self) -> None:
         """As when the window is closed."""
+        self._is_closed = True
         nothing = os.open(os.devnull, os.O_RDWR)
         os.dup2(nothing, self._child.child_fd)
         os.close(nothing)
 
 
 @contextlib.contextmanager
-def terminal(*command: str, folder: Path, script: str = SCRIPT) -> Iterator[Terminal]:
+def terminal(*command: str, folder: Path, script: str = SCRIPT, shell: str = "sh") -> Iterator[Terminal]:
     """Start a command under a shell in a terminal, or a shell that asks for commands; all is gone afterwards.
 
     The first process of a terminal must stay: when it ends, the terminal is closed for all others.
     """
     environment = {**os.environ, "TERM": "xterm-256color", "PYTHONUNBUFFERED": "1", "PS1": "$ "}
-    arguments = ["-c", script, "sh", *command] if command else ["-i"]
-    child = pexpect.spawn("sh", arguments, cwd=str(folder), env=environment, encoding="utf-8", dimensions=(40, 100))
+    interactive = ["--norc", "-i"] if shell == "bash" else ["-i"]
+    arguments = ["-c", script, "sh", *command] if command else interactive
+    child = pexpect.spawn(shell, arguments, cwd=str(folder), env=environment, encoding="utf-8", dimensions=(40, 100))
     child.delaybeforesend = None
     try:
         yield Terminal(child)
     finally:
-        child.close(force=True)
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(child.pid, signal.SIGKILL)  # it closes the terminal for all that runs in it
+        child.close()
 
 
 def python(program: Path) -> tuple[str, ...]:

@@ -2,6 +2,7 @@
 
 import os
 import pty
+import shutil
 import signal
 import subprocess
 import sys
@@ -65,6 +66,16 @@ def test_the_terminal_is_put_back_after_every_end(tmp_path: Path, typed: str, co
         screen.wait_until(lambda: screen.is_as_before)
 
 
+@pytest.mark.parametrize(("typed", "code"), [("\x1b", 0), ("f", 1)])
+def test_without_the_watching_child_the_process_does_it_alone(tmp_path: Path, typed: str, code: int) -> None:
+    """A machine may have no room for another process."""
+    with terminal(*PROGRAM, "alone", folder=tmp_path) as screen:
+        started(screen)
+        screen.type(typed)
+        screen.wait_for(f"shell: exit code {code}")
+        assert screen.is_as_before
+
+
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGKILL, signal.SIGSEGV])
 def test_the_terminal_is_put_back_when_the_process_is_killed(tmp_path: Path, number: signal.Signals) -> None:
     """The program handles none of these signals; the watching child is what remains."""
@@ -103,9 +114,10 @@ def test_a_hang_up_ends_the_run_cleanly(tmp_path: Path) -> None:
         assert (tmp_path / "stopped").exists()
 
 
-def test_a_terminal_that_is_gone_ends_the_run_cleanly(tmp_path: Path) -> None:
-    """Without a hang-up signal: the run notices that no key can ever come."""
-    with terminal(*PROGRAM, folder=tmp_path, script="trap '' HUP; exec \"$@\"") as screen:
+@pytest.mark.parametrize("ignored", ["HUP", "HUP CONT"])
+def test_a_terminal_that_is_gone_ends_the_run_cleanly(tmp_path: Path, ignored: str) -> None:
+    """Without a signal: the run notices that no key can ever come."""
+    with terminal(*PROGRAM, folder=tmp_path, script=f"trap '' {ignored}; exec \"$@\"") as screen:
         started(screen)
         screen.close()
         screen.wait_until((tmp_path / "stopped").exists)
@@ -143,8 +155,12 @@ def test_a_run_that_stood_still_takes_the_terminal_again(tmp_path: Path) -> None
         shell.wait_for("<escape>")
 
 
-def test_in_the_background_the_keys_are_left_to_the_shell(tmp_path: Path) -> None:
-    with terminal(folder=tmp_path) as shell:
+@pytest.mark.parametrize("name", ["sh", "bash"])
+def test_in_the_background_the_keys_are_left_to_the_shell(tmp_path: Path, name: str) -> None:
+    """bash says nothing to a job that it brings to the foreground if it runs already."""
+    if shutil.which(name) is None:
+        pytest.skip(f"there is no {name}")
+    with terminal(folder=tmp_path, shell=name) as shell:
         shell.type(line(*PROGRAM).replace("\r", " &\r"))
         shell.wait_for(r"process (\d+) runs")
         shell.type("\r")
