@@ -129,7 +129,15 @@ class MeshingCase(Case):
     """gmsh on the tutorial's finger."""
 
     kind: Literal["meshing"]
-    element_size: Positive
+    element_size: Positive | None = None
+    """[mm]; either this or `preset`."""
+    preset: str | None = None
+    """Name of one of the finger's sizes."""
+
+    @model_validator(mode="after")
+    def _check_size(self) -> "MeshingCase":
+        self.require_one_of("element_size", "preset")
+        return self
 
 
 class RenderingCase(SceneCase):

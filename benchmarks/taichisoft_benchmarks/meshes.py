@@ -16,17 +16,6 @@ FOOT_DEPTH = 1.0
 """How far the foot stands out of the mat [mm]: the vertices beside it are beyond the reach of contacts."""
 
 
-def finger_of_size(size: float, folder: Path) -> Path:
-    """The tutorial's finger with elements of `size` [mm], meshed once."""
-    from taichisoft_meshing.finger import ElementSizes, FingerParameters
-    from taichisoft_meshing.gmsh_mesher import mesh_finger
-
-    path = folder / f"finger-{size:g}mm.msh"
-    if not path.exists():
-        _write(mesh_finger(FingerParameters(mesh=ElementSizes(largest=size, smallest=size))), path)
-    return path
-
-
 def mat_with_foot(foot: int, folder: Path) -> Path:
     """A mat of 28 x 28 x 3 nodes, `foot` x `foot` of which stand out of its underside down to z = 0."""
     path = folder / f"mat-on-{foot}.msh"

@@ -8,13 +8,18 @@ from typing import Any
 from taichisoft.errors import SceneError
 from taichisoft.scene import Scene
 from taichisoft.scene_file import load_scene, scene_from_dict
+from taichisoft.shipped import find_file
 from taichisoft_benchmarks.descriptors import Case, ContactsCase, Fingers, FingersCase, SceneCase
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.meshes import finger_of_size, mat_with_foot
+from taichisoft_benchmarks.meshes import mat_with_foot
+from taichisoft_meshing.scene_meshes import mesh_for_scene
 
 # Of SOFA's tutorial: the skin with the cavity's wall, and that wall.
 TUTORIAL_SURFACE = "pneunetCut.stl"
 TUTORIAL_CAVITY = "pneunetCavityCut.stl"
+
+FINGER = "tutorial.toml"
+"""Geometry of the fingers whose elements a case gives a size."""
 
 CIRCLE = 140.0
 """Radius on which the fingers stand [mm]: twelve of them, 20 mm wide, do not touch when they bend inwards."""
@@ -58,7 +63,8 @@ def finger_files(case: Fingers, meshes: Meshes) -> dict[str, Any]:
         BenchmarkError: the folder of tutorial meshes lacks a file.
     """
     if case.element_size is not None:
-        return {"mesh": str(finger_of_size(case.element_size, meshes.made))}
+        mesh_for_scene(find_file(FINGER, "fingers", ()), size=case.element_size)  # now, before any clock runs
+        return {"mesh": {"file": FINGER, "size": case.element_size}}
     if meshes.tutorial is None or case.tutorial_mesh is None:
         return {"mesh": case.mesh}
     folder = meshes.tutorial.resolve()
@@ -75,7 +81,7 @@ def finger_files(case: Fingers, meshes: Meshes) -> dict[str, Any]:
 def _as_toml(value: Any) -> str:
     if isinstance(value, dict):
         return "{" + ", ".join(f"{key} = {_as_toml(inner)}" for key, inner in value.items()) + "}"
-    return "'" + str(value) + "'"
+    return f"'{value}'" if isinstance(value, str) else str(value)
 
 
 def _circle_of_fingers(case: FingersCase, meshes: Meshes) -> Scene:

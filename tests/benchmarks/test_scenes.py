@@ -42,12 +42,12 @@ def test_a_folder_that_lacks_a_file_is_refused(tmp_path):
         scene({**FINGER, "tutorial_mesh": "fine.vtk"}, tmp_path, tmp_path)
 
 
-def test_a_finger_of_a_size_is_meshed_once(tmp_path):
-    made = scene({**FINGER, "element_size": 16.0}, tmp_path)
-    path = Path(made.soft_bodies["finger"].mesh.file)
-    written = path.stat().st_mtime_ns
-    assert scene({**FINGER, "element_size": 16.0}, tmp_path) == made
-    assert path.stat().st_mtime_ns == written
+def test_a_finger_of_a_size_is_meshed_before_it_is_measured(tmp_path, monkeypatch):
+    monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path))
+    made = scene({**FINGER, "element_size": 16.0}, tmp_path).soft_bodies["finger"].mesh
+    assert (Path(made.file).name, made.size) == ("tutorial.toml", 16.0)
+    (kept,) = (tmp_path / "meshes").iterdir()
+    assert kept.name.startswith("tutorial-")
 
 
 def test_fingers_stand_on_a_circle_and_bend_inwards(tmp_path):

@@ -2,6 +2,7 @@
 
 import time
 
+from taichisoft.shipped import find_file
 from taichisoft_benchmarks.descriptors import MeshingCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 
@@ -10,13 +11,13 @@ def measure_meshing(case: MeshingCase) -> Measured:
     """One mesh; loading gmsh is not counted."""
     import gmsh  # noqa: F401
 
-    from taichisoft_meshing.finger import ElementSizes, FingerParameters
-    from taichisoft_meshing.gmsh_mesher import mesh_finger
+    from taichisoft_meshing.geometry_file import read_geometry
+    from taichisoft_meshing.mesh_request import mesh_as_asked
     from taichisoft_meshing.quality import radius_ratios
 
-    size = case.element_size
+    file = find_file("tutorial", "fingers", (".toml",))
     started = time.perf_counter()
-    mesh = mesh_finger(FingerParameters(mesh=ElementSizes(largest=size, smallest=size)))
+    mesh = mesh_as_asked(read_geometry(file), file, size=case.element_size, preset=case.preset)
     seconds = time.perf_counter() - started
     worst = radius_ratios(mesh.nodes, mesh.elements).min()
     return Measured(
