@@ -81,13 +81,14 @@ def _neighbours(vertices: np.ndarray, triangles: np.ndarray, source: str) -> tup
     """
     edges, edge, counts = np.unique(undirected_sides(triangles), axis=0, return_inverse=True, return_counts=True)
     for wrong, what, remedy in (
-        (counts > 2, "edges join more than two triangles", "remove double triangles and walls inside"),
-        (counts < 2, "open edges", "fill the hole"),
+        (counts > 2, "edges of more than two triangles", "remove double triangles and walls inside"),
+        (counts < 2, "edges of one triangle only", "fill the hole"),
     ):
         if wrong.any():
             begin, end = np.round(vertices[edges[np.argmax(wrong)]], 3).tolist()
             raise MeshError(
-                f"{source}: is not a closed surface: {wrong.sum()} {what}, the first from {begin} to {end} mm; {remedy}"
+                f"{source}: is not a closed surface: it has {what} ({wrong.sum()}), the first from {begin} to {end} mm; "
+                f"{remedy}"
             )
     owners = np.argsort(edge.ravel(), kind="stable") // 3
     return owners[::2], owners[1::2]

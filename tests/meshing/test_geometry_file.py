@@ -83,7 +83,7 @@ def test_a_finger_is_the_kind_of_a_file_that_names_none(tmp_path: Path) -> None:
     ("text", "error", "problem"),
     [
         ('kind = "wegde"', MeshError, r"^{file}: kind = 'wegde': unknown; did you mean 'wedge'\?$"),
-        ("kind = [3]", MeshError, r"^{file}: kind = \[3\]: unknown; there are: nothing, pneunet_finger, wedge$"),
+        ("kind = [3]", MeshError, r"^{file}: kind = \[3\]: unknown; there are: nothing, pneunet_finger, .*wedge$"),
         ('kind = "wedge"\nsides = 3', MeshError, r"^{file}: sides: unknown key; valid keys: edge$"),
         (
             'kind = "wedge"',

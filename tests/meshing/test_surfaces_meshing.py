@@ -1,0 +1,232 @@
+"""Bodies between closed surfaces, meshed anew or with the given triangles."""
+
+import warnings
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from solid_shapes import Surface, ball, box, save, together, turned_round
+
+from taichisoft.errors import MeshError
+from taichisoft.mapped_surface import enclosed_volume
+from taichisoft.mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
+from taichisoft.surface import count_open_edges
+from taichisoft_meshing import surface_mesher
+from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
+from taichisoft_meshing.gmsh_session import GmshFailure
+from taichisoft_meshing.surfaces_kind import SurfacesBody
+
+# Flat faces: the volumes are those of the drawing, but for the single precision of STL.
+FLAT = 1e-6
+
+
+def body(folder: Path, outer: Surface, *cavities: Surface, **tables: Any) -> SurfacesBody:
+    names = [save(cavity, folder / f"cavity{number}.stl").name for number, cavity in enumerate(cavities)]
+    save(outer, folder / "body.stl")
+    return SurfacesBody({"outer": "body.stl", "cavity": names, **tables}, folder / "body.toml")
+
+
+def silicone(mesh: VolumeMesh) -> float:
+    volumes = tetrahedron_volumes(mesh.nodes, mesh.elements)
+    assert volumes.min() > 0
+    return float(volumes.sum())
+
+
+def assert_skins_are_the_boundary(mesh: VolumeMesh) -> None:
+    """Closed, a cavity facing into the silicone, and all together exactly the boundary of the tetrahedra."""
+    skins = {name: triangles for name, triangles in mesh.surface_groups.items() if name != "base"}
+    assert all(count_open_edges(triangles) == 0 for triangles in skins.values())
+    assert all(enclosed_volume(mesh.nodes, triangles) > 0 for triangles in skins.values())
+    boundary = {tuple(sorted(triangle)) for triangle in boundary_triangles(mesh.elements).tolist()}
+    assert {tuple(sorted(triangle)) for triangles in skins.values() for triangle in triangles.tolist()} == boundary
+    assert sum(map(len, skins.values())) == len(boundary)
+
+
+def test_flat_faces_keep_their_volume(tmp_path: Path) -> None:
+    """A long box whose side has two cavities in it, one of them with a corner that points inward."""
+    bent = trimesh.creation.extrude_triangulation(
+        np.array([[0, 0], [8, 0], [8, 8], [4, 8], [4, 4], [0, 4.0]]),
+        np.array([[0, 1, 4], [0, 4, 5], [1, 2, 4], [2, 3, 4]]),
+        4.0,
+    )
+    bent.apply_translation([-10, -4, -2])
+    geometry = body(tmp_path, box((30, 20, 20)), bent, box((5, 5, 5), (8, 0, 0)), mesh={"largest": 6})
+    mesh = geometry.mesh()
+    assert list(mesh.surface_groups) == ["outer", "cavity_0", "cavity_1"]
+    assert silicone(mesh) == pytest.approx(12000 - 192 - 125, rel=FLAT)
+    assert enclosed_volume(mesh.nodes, mesh.surface_groups["cavity_0"]) == pytest.approx(192, rel=FLAT)
+    assert enclosed_volume(mesh.nodes, mesh.surface_groups["cavity_1"]) == pytest.approx(125, rel=FLAT)
+    assert_skins_are_the_boundary(mesh)
+    assert len(mesh.element_groups["silicone"]) == len(mesh.elements)
+    finer = geometry.mesh(3.0)
+    assert len(finer.nodes) > 2 * len(mesh.nodes)
+    again = geometry.mesh()
+    assert np.array_equal(again.nodes, mesh.nodes) and np.array_equal(again.elements, mesh.elements)
+
+
+@pytest.mark.parametrize(
+    "cavity", [ball(6, parts=3), trimesh.creation.torus(5, 3, 16, 16), trimesh.creation.cylinder(5, 10)]
+)
+def test_curved_surfaces_are_meshed_as_fine_as_their_curvature(tmp_path: Path, cavity: Surface) -> None:
+    """Chords of a twentieth turn cut off about 4 %, and the outside, which is flat, stays coarse."""
+    mesh = body(tmp_path, box((30, 20, 20), parts=2), cavity, mesh={"largest": 7}).mesh()
+    wall = enclosed_volume(mesh.nodes, mesh.surface_groups["cavity"])
+    assert 0.95 * cavity.volume < wall < cavity.volume
+    assert silicone(mesh) == pytest.approx(12000 - wall, rel=1e-9)
+    assert_skins_are_the_boundary(mesh)
+    assert len(mesh.surface_groups["outer"]) < 500
+    coarse = len(mesh.surface_groups["cavity"])
+    with pytest.warns(UserWarning, match="meshed coarsely"):
+        rough = body(tmp_path, box((30, 20, 20), parts=2), cavity, mesh={"largest": 7, "curvature": 8}).mesh()
+    assert len(rough.surface_groups["cavity"]) < 0.6 * coarse
+
+
+def test_a_coarse_mesh_of_a_curved_cavity_is_said(tmp_path: Path) -> None:
+    geometry = body(tmp_path, box((30, 20, 20)), ball(6, parts=3), mesh={"largest": 7, "curvature": 10})
+    with pytest.warns(UserWarning, match=r"body.toml: cavity has \d+.* instead of 896.\d+ \(.* % off\): the curved"):
+        geometry.mesh()
+
+
+def test_the_given_triangles_can_be_kept(tmp_path: Path) -> None:
+    """Node for node and triangle for triangle, in the files' order."""
+    cavity = ball(6, parts=2)
+    geometry = body(tmp_path, together(box((30, 20, 20), parts=2), turned_round(cavity)), keep_surface=True, cavities=1)
+    mesh = geometry.mesh(5.0)
+    shells = (geometry.body.outer, *geometry.body.cavities)
+    given = np.vstack([shell.vertices for shell in shells])
+    assert np.array_equal(mesh.nodes[: len(given)], given)
+    assert len(mesh.nodes) > len(given)
+    start = 0
+    for name, shell in zip(("outer", "cavity"), shells, strict=True):
+        wanted = {tuple(np.roll(triangle, -triangle.argmin())) for triangle in shell.triangles + start}
+        assert {tuple(np.roll(triangle, -triangle.argmin())) for triangle in mesh.surface_groups[name]} == wanted
+        start += len(shell.vertices)
+    assert silicone(mesh) == pytest.approx(12000 - cavity.volume, rel=1e-6)
+    assert silicone(mesh) == pytest.approx(geometry.body.volume, rel=1e-9)
+    assert_skins_are_the_boundary(mesh)
+
+
+half_sides = st.tuples(*[st.floats(1.0, 4.0)] * 3)
+places = st.tuples(*[st.floats(-0.9, 0.9)] * 3)
+
+
+@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(half_sides, places, st.booleans())
+def test_any_box_in_a_box(tmp_path: Path, half: tuple, place: tuple, keep: bool) -> None:
+    """With walls of at least 0.3 mm: exact volumes and a closed cavity."""
+    outer = np.array([30.0, 14.0, 12.0])
+    at = np.array(place) * (outer / 2 - half - 0.3)
+    geometry = body(tmp_path, box(outer), box(2 * np.array(half), at), keep_surface=keep, mesh={"largest": 6})
+    mesh = geometry.mesh()
+    wall = 8 * np.prod(half)
+    assert silicone(mesh) == pytest.approx(np.prod(outer) - wall, rel=FLAT)
+    assert enclosed_volume(mesh.nodes, mesh.surface_groups["cavity"]) == pytest.approx(wall, rel=2 * FLAT)
+    assert_skins_are_the_boundary(mesh)
+
+
+def test_smaller_elements_at_the_cavity(tmp_path: Path) -> None:
+    tables = {"largest": 8}
+    even = body(tmp_path, box((60, 20, 20)), box((6, 6, 6), (20, 0, 0)), mesh=tables).mesh()
+    graded = body(tmp_path, box((60, 20, 20)), box((6, 6, 6), (20, 0, 0)), mesh={**tables, "smallest": 2}).mesh()
+    assert len(graded.surface_groups["cavity"]) > 5 * len(even.surface_groups["cavity"])
+
+    def far(mesh: VolumeMesh) -> int:
+        return int((mesh.nodes[np.unique(mesh.surface_groups["outer"]), 0] < -10).sum())
+
+    assert far(graded) < 1.5 * far(even)
+
+
+def test_the_base_is_chosen_by_a_plane_or_a_box(tmp_path: Path) -> None:
+    for base in (
+        {"point": [-15, 3, 4], "normal": [-2, 0, 0]},
+        {"box": [[-16, -10, -10], [-15, 10, 10]]},
+    ):
+        mesh = body(tmp_path, box((30, 20, 20)), base=base, mesh={"largest": 10}).mesh()
+        a, b, c = np.moveaxis(mesh.nodes[mesh.surface_groups["base"]], 1, 0)
+        assert np.cross(b - a, c - a).sum(axis=0) / 2 == pytest.approx([-400, 0, 0], abs=1e-3)
+    assert list(mesh.surface_groups) == ["outer", "base"]
+
+
+def test_another_way_is_tried_when_one_fails(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    tried: list[tuple[bool, int]] = []
+    classify = surface_mesher._classify
+
+    def failing(gmsh: Any, shells: Any, angle: float, cut: bool) -> Any:
+        tried.append((cut, len(shells)))
+        if len(tried) < 3:
+            raise GmshFailure("no luck")
+        return classify(gmsh, shells, angle, cut)
+
+    monkeypatch.setattr(surface_mesher, "_classify", failing)
+    mesh = body(tmp_path, box((30, 20, 20)), box((4, 4, 4)), mesh={"largest": 10}).mesh()
+    assert tried == [(False, 2), (True, 2), (True, 2)]
+    assert silicone(mesh) == pytest.approx(12000 - 64, rel=FLAT)
+    monkeypatch.setattr(surface_mesher, "_classify", lambda *_: (_ for _ in ()).throw(GmshFailure("no luck")))
+    with pytest.raises(MeshError, match=r"^gmsh cannot mesh .*body.toml: no luck; gmsh's log is .*log$"):
+        body(tmp_path, box((30, 20, 20))).mesh()
+
+
+@pytest.mark.parametrize(
+    ("tables", "problem"),
+    [
+        ({}, "outer: this key is missing"),
+        ({"outer": "body.stl", "cavities": 2}, "cavities = 2: the files have 1 cavity"),
+        ({"outer": "body.stl", "cavty": "x.stl"}, "cavty: unknown key; did you mean 'cavity'"),
+        ({"outer": "body.stl", "scale": 0}, "scale = 0: input should be greater than 0"),
+        ({"outer": "body.stl", "cavity": 3}, "cavity = 3: must be a list"),
+        ({"outer": "body.stl", "keep_surface": "yes"}, "keep_surface = 'yes': input should be a valid boolean"),
+        ({"outer": "body.stl", "feature_angle": 200}, "feature_angle = 200: input should be less than 180"),
+        (
+            {"outer": "body.stl", "mesh": {"largest": float("nan")}},
+            "mesh.largest = nan: input should be a finite number",
+        ),
+        ({"outer": "body.stl", "mesh": {"largest": -1}}, "mesh.largest = -1: input should be greater than 0"),
+        (
+            {"outer": "body.stl", "mesh": {"largest": 2, "smallest": 3}},
+            "mesh: smallest = 3: must be at most largest, 2",
+        ),
+        ({"outer": "body.stl", "mesh": {"smallest": 3}}, "mesh: smallest = 3: needs largest beside it"),
+        ({"outer": "body.stl", "mesh": {"largest": 31}}, "size 31: is larger than the body; must be at most 30 mm"),
+        (
+            {"outer": "body.stl", "mesh": {"largest": 0.01}},
+            "size 0.01: must be at least 0.27 mm, or the mesh would not",
+        ),
+        ({"outer": "body.stl", "base": {}}, "base: exactly one of point, box is needed"),
+        ({"outer": "body.stl", "base": {"point": [0, 0, 0]}}, "base: a plane needs both, point and normal"),
+        (
+            {"outer": "body.stl", "base": {"point": [0, 0, 0], "normal": [0, 0, 0]}},
+            r"base: normal = \[0, 0, 0\]: has no d",
+        ),
+        (
+            {"outer": "body.stl", "base": {"point": [0, 0, 0], "normal": [1, 0, 0]}, "mesh": {"largest": 10}},
+            r"base: no triangle of the outer surface lies in this plane; it spans \[-15.0, -10.0, -10.0\] to",
+        ),
+        (
+            {"outer": "body.stl", "base": {"box": [[1, 0, 0], [0, 1, 1]]}},
+            "base: the first corner of a box must be below the second",
+        ),
+    ],
+)
+def test_what_is_wrong_in_the_tables_is_told(tmp_path: Path, tables: dict, problem: str) -> None:
+    save(together(box((30, 20, 20)), turned_round(box((4, 4, 4)))), tmp_path / "body.stl")
+    with pytest.raises(MeshError, match=f"^{tmp_path}/body.toml: {problem}"):
+        SurfacesBody(tables, tmp_path / "body.toml").mesh()
+
+
+def test_a_file_names_its_surfaces_beside_it(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "parts").mkdir()
+    save(box((30, 20, 20)), tmp_path / "parts" / "body.stl")
+    save(box((4, 4, 4)), tmp_path / "parts" / "cavity.ply")
+    file = tmp_path / "finger.toml"
+    file.write_text('kind = "surfaces"\nouter = "parts/body.stl"\ncavity = "parts/cavity.ply"\nmesh.largest = 10\n')
+    geometry = read_geometry(file)
+    assert geometry.presets == {"coarse": 3.44, "medium": 1.72, "fine": 1.03}  # type: ignore[attr-defined]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        mesh = mesh_geometry(geometry, None, file)
+    assert silicone(mesh) == pytest.approx(12000 - 64, rel=FLAT)
+    assert mesh.source == str(file)
