@@ -83,11 +83,13 @@ class Registry(pluggy.PluginManager):
         self.origins[name] = replace(origin, version=version)
 
     def remove(self, name: str) -> None:
-        """Forget a plug-in.
+        """Forget a plug-in; one that is blocked was never there.
 
         Raises:
             PluginError: there is none of that name.
         """
+        if name in self.left_out:
+            return
         if name not in self.origins:
             raise PluginError(f"no plug-in is called '{name}'; {nearest(name, list(self.origins), 'there are')}")
         self.unregister(name=name)
@@ -120,7 +122,10 @@ def _check_hooks(registry: Registry, plugin: Any) -> None:
     names = hook_names()
     implemented = False
     for attribute, function, options in _implementations(registry, plugin):
+        implemented = True
         name = options.get("specname") or attribute
+        if name not in names and options.get("optionalhook"):
+            continue  # of another version of taichisoft, says its author
         if name not in names:
             raise ValueError(f"{name}() is no hook; {nearest(name, names, 'there are')}")
         if options.get("wrapper") or options.get("hookwrapper"):
@@ -131,7 +136,6 @@ def _check_hooks(registry: Registry, plugin: Any) -> None:
                 raise ValueError(
                     f"{name}() has no argument '{argument.name}'; {nearest(argument.name, known, 'there are')}"
                 )
-        implemented = True
     for name in names:
         if inspect.isroutine(getattr(plugin, name, None)) and registry.parse_hookimpl_opts(plugin, name) is None:
             raise ValueError(f"{name}() is not marked with @hookimpl")

@@ -191,7 +191,7 @@ def test_blocked_plugins_are_not_loaded_and_names_that_nothing_has_are_told_once
     install("one", taichisoft_outputs=lambda: {"movie": object})
     install("two", taichisoft_outputs=lambda: {"film": object})
     plugins.load_plugin(bad)
-    plugins.register_plugin(Watcher())
+    plugins.unregister_plugin(plugins.register_plugin(Watcher()))
     registry = plugins.plugin_registry()
     assert list(registry.origins) == ["two"]
     told = "TAICHISOFT_DISABLE_PLUGINS names 'tow', which no plug-in is called; did you mean 'two'?"

@@ -59,6 +59,13 @@ def test_a_hook_or_an_argument_that_does_not_exist_is_an_error_with_the_nearest_
         plugins.plugin_registry()
 
 
+def test_a_hook_of_another_version_may_be_marked_as_optional(install: Install) -> None:
+    install("one")
+    hook = hookimpl(lambda weather: None, optionalhook=True)
+    sys.modules["plugin_one"].taichisoft_rain_begins = hook  # type: ignore[attr-defined]
+    assert list(plugins.plugin_registry().origins) == ["one"]
+
+
 def test_a_hook_that_wraps_others_is_refused(install: Install) -> None:
     def around() -> Any:
         yield
