@@ -73,7 +73,7 @@ def run_command(
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="Override a value: --set contact.friction=0.3 (repeatable).")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="Simulated time [s]; the scene's otherwise.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated time \\[s]; the scene's otherwise.")] = None,
     outputs: Annotated[str, typer.Option(help="Outputs by name, separated by commas.")] = "recording,metrics",
     speed: Annotated[
         float | None,

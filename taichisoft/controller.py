@@ -98,6 +98,7 @@ class Controller(Protocol):
     - `bindings: dict[str, str]`: what its keys do, for the help that `?` shows;
     - `interactive = True`: a run goes at the speed of real time and until somebody ends it, unless the user says
       otherwise;
+    - `status: str`: what the live status of such a run shows of it, such as which finger is selected;
     - `summary() -> dict[str, str]`: rows for the table that closes a run.
 
     A controller that cannot do its job raises `taichisoft.errors.ControllerFailed`: the run ends with its outputs

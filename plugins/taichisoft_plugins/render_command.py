@@ -13,10 +13,10 @@ from taichisoft_plugins.rendering import render_pictures
 
 def render(
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
-    output: Annotated[Path | None, typer.Option(help="Folder of the pictures  [default: RUN's]")] = None,
+    output: Annotated[Path | None, typer.Option(help="Folder of the pictures  \\[default: RUN's]")] = None,
     time: Annotated[
         list[float] | None,
-        typer.Option(help="Moment [s]; may be repeated  [default: before, grasped, lifted]"),
+        typer.Option(help="Moment \\[s]; may be repeated  \\[default: before, grasped, lifted]"),
     ] = None,
     view: Annotated[str, typer.Option(help=f"Where the camera stands: {', '.join(VIEWS)}.")] = "iso",
     size: Annotated[str, typer.Option(help="Width and height in pixels.")] = "1280x720",
