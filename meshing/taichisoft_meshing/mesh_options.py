@@ -23,7 +23,7 @@ Preset = Annotated[str | None, typer.Option(metavar="NAME", help="A size by name
 Set = Annotated[
     list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the file (repeatable).")
 ]
-Force = Annotated[bool, typer.Option("--force", help="Write a mesh that misses a limit of [quality], too.")]
+Force = Annotated[bool, typer.Option("--force", help="Write a mesh that misses a limit of \\[quality], too.")]
 
 
 def finger_job(
