@@ -87,8 +87,8 @@ def _neighbours(vertices: np.ndarray, triangles: np.ndarray, source: str) -> tup
         if wrong.any():
             begin, end = np.round(vertices[edges[np.argmax(wrong)]], 3).tolist()
             raise MeshError(
-                f"{source}: is not a closed surface: it has {what} ({wrong.sum()}), the first from {begin} to {end} mm; "
-                f"{remedy}"
+                f"{source}: is not a closed surface: it has {what} ({wrong.sum()}), "
+                f"the first from {begin} to {end} mm; {remedy}"
             )
     owners = np.argsort(edge.ravel(), kind="stable") // 3
     return owners[::2], owners[1::2]

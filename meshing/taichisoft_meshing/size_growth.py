@@ -21,6 +21,7 @@ def set_sizes(gmsh: Any, sizes: FittedSizes, cavity_surfaces: Sequence[int]) -> 
     largest, smallest = sizes.largest, sizes.smallest
     gmsh.option.setNumber("Mesh.MeshSizeMax", largest)
     gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", sizes.curvature)
     if smallest < largest and cavity_surfaces:
         field = gmsh.model.mesh.field
         distance, growing = field.add("Distance"), field.add("Threshold")
@@ -38,15 +39,16 @@ def set_sizes(gmsh: Any, sizes: FittedSizes, cavity_surfaces: Sequence[int]) -> 
 
 
 def follow_curvature(gmsh: Any, sizes: FittedSizes, shells: Sequence[Shell], feature_angle: float) -> None:
-    """Smaller sizes where given triangles are curved; gmsh itself finds flat ones curved, once it has unrolled them.
+    """Smaller sizes where given triangles are curved, in place of gmsh's own: it finds unrolled flat ones curved.
 
     Args:
         gmsh: the module, after `set_sizes`.
         sizes: of its elements.
-        shells: the given triangles.
+        shells: the given triangles; none when all of them are flat.
         feature_angle: above which edges are no curved surface [rad].
     """
-    if sizes.curvature == 0:
+    gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 0)
+    if sizes.curvature == 0 or not shells:
         return
     view = gmsh.view.add("sizes")
     for shell in shells:

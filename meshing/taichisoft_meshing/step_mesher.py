@@ -9,9 +9,10 @@ import numpy as np
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
 from taichisoft_meshing.body_tables import Base, FittedSizes
-from taichisoft_meshing.gmsh_session import GmshFailure, gmsh_session
+from taichisoft_meshing.gmsh_session import gmsh_session
 from taichisoft_meshing.meshed_body import compare_volumes, meshed_body, with_base
 from taichisoft_meshing.size_growth import set_sizes
+from taichisoft_meshing.solid_shells import shells_of_solid
 from taichisoft_meshing.step_text import refuse_broken_step
 
 FLAT_TOLERANCE = 1e-6
@@ -50,7 +51,7 @@ def read_step(path: Path) -> StepSolid:
         volume = occ.getMass(3, solid)
         lower, upper = np.reshape(gmsh.model.getBoundingBox(3, solid), (2, 3))
         flat = all(gmsh.model.getType(*face) == "Plane" for face in gmsh.model.getEntities(2))
-        shells = _shells(occ, solid)
+        shells = shells_of_solid(occ, solid)
         enclosed = [occ.getMass(3, occ.addVolume([occ.addSurfaceLoop(shell)])) for shell in shells]
     if not volume > 0:
         raise MeshError(f"{path}: the volume of its body is {volume:.4g} mm^3; is it inside out?")
@@ -70,9 +71,8 @@ def mesh_step(solid: StepSolid, sizes: FittedSizes, source: str, base: Base | No
         MeshError: gmsh fails, or a volume comes out wrong.
     """
     with gmsh_session(str(solid.path)) as gmsh:
-        shells = _shells(gmsh.model.occ, _import_solid(gmsh, solid.path))
+        shells = shells_of_solid(gmsh.model.occ, _import_solid(gmsh, solid.path))
         set_sizes(gmsh, sizes, [face for shell in shells[1:] for face in shell])
-        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", sizes.curvature)
         gmsh.model.mesh.generate(3)
         mesh = meshed_body(gmsh, shells, source)
     compare_volumes(mesh, solid.volume, solid.cavity_volumes, FLAT_TOLERANCE if solid.flat else None)
@@ -99,17 +99,3 @@ def _import_solid(gmsh: Any, path: Path) -> int:
             f"{path}: has {len(solids)} bodies, of {volumes} mm^3, where one is expected; join them or keep one of them"
         )
     return solids[0]
-
-
-def _shells(occ: Any, solid: int) -> list[list[int]]:
-    """Faces of the outside, then those of each void."""
-    shells = [faces.tolist() for faces in occ.getSurfaceLoops(solid)[1]]
-
-    def extent(faces: list[int]) -> float:
-        boxes = np.array([occ.getBoundingBox(2, face) for face in faces])
-        return float(np.linalg.norm(boxes[:, 3:].max(axis=0) - boxes[:, :3].min(axis=0)))
-
-    if not shells:
-        raise GmshFailure("the body has no closed surface")
-    outside = max(range(len(shells)), key=lambda number: extent(shells[number]))
-    return [shells.pop(outside), *shells]

@@ -81,8 +81,7 @@ def remesh_surfaces(
                 gmsh.option.setNumber("Mesh.Algorithm", algorithm)
                 gmsh.option.setNumber("Mesh.MinimumCurveNodes", 1 if flat else 3)
                 set_sizes(gmsh, sizes, [surface for wall in surfaces[1:] for surface in wall])
-                if not flat:
-                    follow_curvature(gmsh, sizes, shells, math.radians(feature_angle))
+                follow_curvature(gmsh, sizes, [] if flat else shells, math.radians(feature_angle))
                 gmsh.model.mesh.generate(3)
                 mesh = meshed_body(gmsh, surfaces, source)
                 compare_volumes(mesh, body.volume, [c.volume for c in body.cavities], FLAT_TOLERANCE if flat else None)

@@ -71,7 +71,7 @@ class SurfacesBody:
         body = read_hollow_body(folder / table.outer, [folder / name for name in table.cavity], table.scale)
         found = len(body.cavities)
         if table.cavities is not None and found != table.cavities:
-            raise MeshError(f"{self.file}: cavities = {table.cavities}: the files have {found} {'cavity' if found == 1 else 'cavities'}")
+            raise MeshError(f"{self.file}: cavities = {table.cavities}: the files have {found}")
         return body
 
     @property

@@ -174,7 +174,7 @@ def test_another_way_is_tried_when_one_fails(tmp_path: Path, monkeypatch: pytest
     ("tables", "problem"),
     [
         ({}, "outer: this key is missing"),
-        ({"outer": "body.stl", "cavities": 2}, "cavities = 2: the files have 1 cavity"),
+        ({"outer": "body.stl", "cavities": 2}, "cavities = 2: the files have 1$"),
         ({"outer": "body.stl", "cavty": "x.stl"}, "cavty: unknown key; did you mean 'cavity'"),
         ({"outer": "body.stl", "scale": 0}, "scale = 0: input should be greater than 0"),
         ({"outer": "body.stl", "cavity": 3}, "cavity = 3: must be a list"),

@@ -1,0 +1,68 @@
+"""A plug-in with a geometry kind of its own: a tube, closed at both ends, which grows longer under pressure.
+
+taichisoft mesh tube.toml --plugin tube.py -o out/tube
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pydantic import model_validator
+
+from taichisoft.hookspecs import hookimpl
+from taichisoft.mesh import VolumeMesh
+from taichisoft.scene import Positive, Table
+from taichisoft_meshing.body_tables import Base, FittedSizes, checked
+from taichisoft_meshing.gmsh_session import gmsh_session
+from taichisoft_meshing.meshed_body import meshed_body, with_base
+from taichisoft_meshing.size_growth import set_sizes
+from taichisoft_meshing.solid_shells import shells_of_solid
+
+
+class TubeTable(Table):
+    """What a file of the kind `tube` may hold; a wrong or unknown key is told with the file and what would be valid."""
+
+    length: Positive = 60.0
+    """[mm] along x, from the base at x = 0 to -length, both ends included."""
+    radius: Positive = 10.0
+    """[mm] of the outside."""
+    wall: Positive = 3.0
+    """[mm] thick, at the ends too."""
+    size: Positive = 4.0
+    """[mm] of the largest elements."""
+
+    @model_validator(mode="after")
+    def _check_wall(self) -> "TubeTable":
+        thickest = min(self.radius, self.length / 2)
+        if self.wall >= thickest:
+            raise ValueError(f"wall = {self.wall:g}: leaves no air; must be below {thickest:g}")
+        return self
+
+
+class Tube:
+    """The geometry kind: made from a file's tables without `kind`, and from its path; asked for a mesh later."""
+
+    presets: Mapping[str, float] = {"coarse": 6.0, "medium": 4.0, "fine": 2.5}  # for --preset
+
+    def __init__(self, tables: Mapping[str, Any], file: Path):
+        self.table, self.file = checked(TubeTable, tables, file), file
+
+    def mesh(self, size: float | None = None) -> VolumeMesh:
+        """The tube in tetrahedra; `size` [mm] is that of --size, or one of those that --nodes tries."""
+        tube, largest = self.table, size or self.table.size
+        with gmsh_session(str(self.file)) as gmsh:  # silent, reproducible, and its log is kept when it fails
+            occ = gmsh.model.occ
+            outside = occ.addCylinder(0, 0, 0, -tube.length, 0, 0, tube.radius)
+            air = occ.addCylinder(-tube.wall, 0, 0, 2 * tube.wall - tube.length, 0, 0, tube.radius - tube.wall)
+            ((_, solid),), _ = occ.cut([(3, outside)], [(3, air)])
+            occ.synchronize()
+            set_sizes(gmsh, FittedSizes(largest, smallest=largest, curvature=24), [])
+            gmsh.model.mesh.generate(3)
+            mesh = meshed_body(gmsh, shells_of_solid(occ, solid), str(self.file))  # names "outer" and "cavity"
+        return with_base(mesh, Base(point=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0)))
+
+
+@hookimpl
+def taichisoft_geometry_kinds() -> Mapping[str, Any]:
+    """Called when `taichisoft mesh`, or a scene, has read a geometry file, whose `kind` names one of these."""
+    return {"tube": Tube}
