@@ -42,7 +42,7 @@ class TubeTable(Table):
 class Tube:
     """The geometry kind: made from a file's tables without `kind`, and from its path; asked for a mesh later."""
 
-    presets: Mapping[str, float] = {"coarse": 6.0, "medium": 4.0, "fine": 2.5}  # for --preset
+    presets: Mapping[str, float] = {"coarse": 4.0, "medium": 2.5, "fine": 1.5}  # for --preset
 
     def __init__(self, tables: Mapping[str, Any], file: Path):
         self.table, self.file = checked(TubeTable, tables, file), file
@@ -56,7 +56,7 @@ class Tube:
             air = occ.addCylinder(-tube.wall, 0, 0, 2 * tube.wall - tube.length, 0, 0, tube.radius - tube.wall)
             ((_, solid),), _ = occ.cut([(3, outside)], [(3, air)])
             occ.synchronize()
-            set_sizes(gmsh, FittedSizes(largest, smallest=largest, curvature=24), [])
+            set_sizes(gmsh, FittedSizes(largest, smallest=largest, curvature=16), [])
             gmsh.model.mesh.generate(3)
             mesh = meshed_body(gmsh, shells_of_solid(occ, solid), str(self.file))  # names "outer" and "cavity"
         return with_base(mesh, Base(point=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0)))
