@@ -26,6 +26,10 @@ Set = Annotated[
 Force = Annotated[bool, typer.Option("--force", help="Write a mesh that misses a limit of \\[quality], too.")]
 
 
+# For files of these suffixes.
+OPTIONS = {".step": "--step", ".stp": "--step", ".stl": "--surfaces", ".obj": "--surfaces", ".ply": "--surfaces"}
+
+
 def finger_job(
     name: str, overrides: Sequence[str], size: float | None, nodes: int | None, preset: str | None
 ) -> "MeshJob":
@@ -40,6 +44,9 @@ def finger_job(
 
     asked = asked_size(size, nodes, preset)
     file = find_file(name, "fingers", (".toml",), error=MeshError)
+    option = OPTIONS.get(file.suffix.lower())
+    if option is not None:
+        raise MeshError(f"{name}: is no geometry file (.toml); {option} meshes it as it is")
     kind, tables = read_tables(file)
     return MeshJob(kind, overridden(tables, overrides), file, asked)
 

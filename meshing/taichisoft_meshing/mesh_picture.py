@@ -1,5 +1,6 @@
 """`mesh-report.png`: the mesh cut open, and how its elements are shaped."""
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -60,9 +61,10 @@ def _draw_mesh(figure: Any, mesh: VolumeMesh, quality: MeshQuality, title: str) 
     axes.set(xlim=(low[0] - margin, high[0] + margin), ylim=(low[1] - 3 * margin, high[1] + margin), aspect="equal")
     axes.set_axis_off()
     across = quality.elements_across_walls
-    walls = "" if across is None else f", walls at least {across} thick"
-    figures = f"{len(mesh.nodes)} nodes, {len(mesh.elements)} tetrahedra{walls}"
-    axes.set_title(f"{title}, cut open: {figures}", fontsize=12, wrap=True, parse_math=False)
+    walls = "" if across is None else f", walls at least {across} of them thick"
+    figures = f"cut open; {len(mesh.nodes)} nodes, {len(mesh.elements)} tetrahedra{walls}"
+    name = textwrap.fill(title, 90).replace("$", r"\$")  # between two of which matplotlib reads formulas
+    figure.suptitle(f"{name}\n{figures}", fontsize=12)
     _draw_scale(axes, low, high, margin)
     figure.colorbar(shapes, ax=axes, label="radius ratio on the cut", shrink=0.8, pad=0.01)
     names = {Side.OUTER: "outer skin", Side.CAVITY: "wall of a cavity"}

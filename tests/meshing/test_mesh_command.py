@@ -5,9 +5,11 @@ import os
 import sys
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from solid_shapes import box, save, write_step
 
 from taichisoft import plugins
 from taichisoft.command_line import main
@@ -153,6 +155,24 @@ def test_a_set_that_cannot_be_written_leaves_the_old_one(
     assert {file.name: file.read_bytes() for file in folder.iterdir()} == before
 
 
+def test_a_record_never_stands_beside_files_of_another_mesh(
+    command, block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The disk fails while the files are moved: without its record nobody takes them for one set."""
+    folder = tmp_path / "body"
+    assert command("mesh", block, "-o", folder).code == 0
+    replace = Path.replace
+
+    def fail_at_the_picture(self: Path, target: Path) -> Path:
+        if target == folder / "mesh-report.png":
+            raise OSError(5, "Input/output error")
+        return replace(self, target)
+
+    monkeypatch.setattr(Path, "replace", fail_at_the_picture)
+    assert command("mesh", block, "-o", folder, "--size", 5).error.endswith("cannot be written: Input/output error\n")
+    assert not (folder / "mesh.json").exists()
+
+
 def test_a_name_that_ends_in_a_number_is_a_folder(command, block: Path, tmp_path: Path) -> None:
     assert command("mesh", block, "-o", tmp_path / "wall-1.5").code == 0
     assert (tmp_path / "wall-1.5" / "wall-1.5.msh").is_file()
@@ -213,6 +233,37 @@ def test_options_that_are_wrong_are_named(
     assert result.code == 2
     assert problem in result.error
     assert list(tmp_path.iterdir()) == [block]
+
+
+def test_surfaces_and_step_files_are_meshed_as_they_are(command, tmp_path: Path) -> None:
+    """A box of 30 mm with two cavities, the files in different folders; the same from CAD, with one cavity."""
+    (tmp_path / "air").mkdir()
+    outer = save(box((30, 30, 30), parts=2), tmp_path / "outer.stl")
+    cavities = [save(box((8, 8, 8), at=(x, 0, 0), parts=1), tmp_path / "air" / f"{x}.ply") for x in (-8, 8)]
+    kept = command("mesh", "--surfaces", outer, *cavities, "--keep-surface", "-o", tmp_path / "kept.msh", "--size", 9)
+    assert kept.code == 0, kept.error
+    assert kept.figures["cavity_0"] == kept.figures["cavity_1"] == "512.0"
+    groups = read_volume_mesh(tmp_path / "kept.msh").surface_groups
+    assert (len(groups["outer"]), len(groups["cavity_0"])) == (12 * 16, 12 * 4)
+    meshed = command("mesh", "--surfaces", outer, *cavities, "-o", tmp_path / "meshed.msh", "--set", "cavities=2")
+    assert meshed.code == 0, meshed.error
+    assert len(read_volume_mesh(tmp_path / "meshed.msh").surface_groups["outer"]) != 12 * 16
+
+    def draw(occ: Any) -> object:
+        return occ.cut([(3, occ.addBox(0, 0, 0, 30, 30, 30))], [(3, occ.addBox(10, 10, 10, 10, 10, 10))])
+
+    body = write_step(tmp_path / "body.step", draw)
+    from_cad = command("mesh", "--step", body, "-o", tmp_path / "cad.vtu", "--preset", "coarse")
+    assert from_cad.code == 0, from_cad.error
+    assert from_cad.figures["silicone"] == "26000.0"
+    assert "cavities = 3" in command("mesh", "--step", body, "-o", tmp_path / "x.msh", "--set", "cavities=3").error
+
+
+@pytest.mark.parametrize(("name", "option"), [("body.STEP", "--step"), ("skin.stl", "--surfaces")])
+def test_a_file_from_cad_names_the_option_that_it_needs(command, tmp_path: Path, name: str, option: str) -> None:
+    (tmp_path / name).write_text("something")
+    error = command("mesh", tmp_path / name, "-o", tmp_path / "body").error
+    assert error == f"taichisoft: {tmp_path / name}: is no geometry file (.toml); {option} meshes it as it is\n"
 
 
 def test_what_cannot_be_meshed_leaves_the_old_file_alone(command, tmp_path: Path) -> None:

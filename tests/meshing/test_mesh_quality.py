@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import make_block
 
-from taichisoft.mesh import VolumeMesh
+from taichisoft.mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.mesh_quality import measure
 from taichisoft_meshing.quality_check import cautions, faults, missed_limits
 from taichisoft_meshing.quality_limits import QualityLimits
@@ -101,8 +101,19 @@ def test_a_cavity_must_lie_inside() -> None:
     shifted = hollow().surface_groups["cavity"] + len(hollow().nodes)
     groups = {"outer": outer, "cavity_0": hollow().surface_groups["cavity"], "cavity_1": shifted}
     assert measure(replace(both, surface_groups=groups)).outside == ("cavity_1",)
-    touching = measure(replace(hollow(), surface_groups={"outer": outer, "cavity": outer}))
-    assert "'cavity' is not fully inside the outer skin" in faults(touching)
+
+
+def test_a_cavity_that_touches_the_skin_is_not_inside() -> None:
+    """At an inner edge of the skin, where half of what is around a node and more is silicone."""
+    block = make_block((4, 4, 3), (4.0, 4.0, 3.0))
+    means = block.nodes[block.elements].mean(axis=1)
+    angle = VolumeMesh("angle", block.nodes, block.elements[(means[:, 0] < 0) | (means[:, 1] < 0)])
+    edge = np.flatnonzero(np.isclose(block.nodes, [0.0, 0.0, 0.5]).all(axis=1))
+    inner = (np.abs(block.nodes) < [1.5, 1.5, 1.0]).all(axis=1)
+    corners = np.isin(angle.elements, edge) | inner[angle.elements]
+    tip = angle.elements[corners.all(axis=1) & np.isin(angle.elements, edge).any(axis=1)][0]
+    surface = boundary_triangles(tip.reshape(1, 4))
+    assert measure(replace(angle, surface_groups={"cavity": surface})).outside == ("cavity",)
 
 
 def test_winding_numbers_tell_inside_from_outside() -> None:

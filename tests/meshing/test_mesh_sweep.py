@@ -119,9 +119,28 @@ def test_ctrl_c_ends_everything_and_leaves_what_was_complete(block: Path, tmp_pa
     assert "Traceback" not in error
     assert [file.name for file in output.iterdir()] == ["after-0"]
     assert len(list((output / "after-0").iterdir())) == 6
-    with pytest.raises(ProcessLookupError):  # no process of its own is left
+    wait_for_the_end_of_group(process.pid)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+def test_ctrl_c_while_processes_start_is_as_quiet(block: Path, tmp_path: Path) -> None:
+    output = tmp_path / "out"
+    process = sweep_process(block, output, "--vary", "after=300,301", "--jobs", "2")
+    while not list(output.glob(".sweep.*.partial/after-301")) and process.poll() is None:
+        time.sleep(0.01)
+    os.killpg(process.pid, signal.SIGINT)
+    _, error = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert "Traceback" not in error
+    assert list(output.iterdir()) == []
+    wait_for_the_end_of_group(process.pid)
+
+
+def wait_for_the_end_of_group(leader: int) -> None:
+    """Returns when no process of the group is left; a test that waits for ever has failed."""
+    with pytest.raises(ProcessLookupError):
         while True:
-            os.killpg(process.pid, 0)
+            os.killpg(leader, 0)
             time.sleep(0.05)
 
 

@@ -49,7 +49,7 @@ def test_the_picture_is_neither_empty_nor_black(mesh: VolumeMesh, tmp_path: Path
     from matplotlib.image import imread
 
     path = tmp_path / "mesh-report.png"
-    draw_report(mesh, measure(mesh), QualityLimits(), "a $name$ with_signs", path)
+    draw_report(mesh, measure(mesh), QualityLimits(), r"a $\name$ with_signs", path)
     picture = imread(path)[..., :3]
     assert picture.shape[:2] == (880, 1210)
     assert picture[[0, -1]].min() == picture[:, [0, -1]].min() == 1.0  # nothing is cut off at the border

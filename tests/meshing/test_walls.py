@@ -32,15 +32,33 @@ def test_rays_through_nodes_and_edges_are_not_lost() -> None:
         assert walls.thickness == pytest.approx(np.full(len(walls.areas), 4.0))
 
 
+def wedge(degrees: float) -> VolumeMesh:
+    """A prism of 80 mm between two faces that meet at an angle, sharp: a block whose nodes at one end are made one."""
+    block = make_block((8, 4, 4), (80.0, 40.0, 2.0))
+    nodes = block.nodes + np.array([40.0, 0.0, 0.0])
+    nodes[:, 2] *= nodes[:, 0] * np.tan(np.radians(degrees / 2))
+    nodes, merged = np.unique(nodes.round(9), axis=0, return_inverse=True)
+    elements = merged[block.elements]
+    whole = (np.diff(np.sort(elements, axis=1), axis=1) > 0).all(axis=1)
+    return VolumeMesh("wedge", nodes, elements[whole]).check()
+
+
 def test_the_edge_of_a_wedge_is_no_wall() -> None:
-    """A prism whose two large faces meet at 10 degrees: near their edge triangles of both share nodes."""
-    wedge = make_block((8, 2, 1), (80.0, 10.0, 10.0))
-    nodes = wedge.nodes.copy()
-    nodes[:, 2] *= (nodes[:, 0] + 41.0) / 41.0 * np.tan(np.radians(10.0))
-    walls = find_walls(nodes, wedge.elements)
+    """At 10 degrees its faces are a wall, but where triangles of both share a node there is nothing between them."""
+    mesh = wedge(10.0)
+    walls = find_walls(mesh.nodes, mesh.elements)
     assert (walls.elements_across >= 1).all()
+    assert walls.thickness.min() > 0.5
     corner = find_walls(np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))
     assert len(corner.areas) == 0
+
+
+def test_faces_that_are_not_parallel_are_no_wall() -> None:
+    """At 60 degrees the two faces are none: what is left are the parallel ends of the prism."""
+    mesh = wedge(60.0)
+    walls = find_walls(mesh.nodes, mesh.elements)
+    assert walls.areas.sum() == pytest.approx(2 * 80 * 80 * np.tan(np.radians(30)))
+    assert walls.thickness == pytest.approx(np.full(len(walls.areas), 40.0))
 
 
 def of_block(mesh: VolumeMesh) -> dict[tuple[str, str], tuple[float, int, float]]:
