@@ -16,7 +16,7 @@ def mesh(
     files: Annotated[
         list[str],
         typer.Argument(
-            metavar="FILE...", help="Geometry file (TOML), or the name of a shipped finger such as tutorial."
+            metavar="FILE", help="Geometry file (TOML), or the name of a shipped finger such as tutorial."
         ),
     ],
     output: Annotated[

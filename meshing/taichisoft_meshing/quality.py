@@ -54,8 +54,3 @@ def edge_lengths(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     starts, ends = np.array(EDGES)[:, 0], np.array(EDGES)[:, 1]
     lengths = np.linalg.norm(corners[:, ends] - corners[:, starts], axis=-1)
     return np.column_stack([lengths.min(axis=1), lengths.max(axis=1)])
-
-
-def longest_edges(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
-    """Longest edge of each tetrahedron [mm], shape (element_count,)."""
-    return edge_lengths(nodes, elements)[:, 1]
