@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from taichisoft.plugins import load_plugins_folder as load_plugins_folder
     from taichisoft.plugins import register_plugin as register_plugin
     from taichisoft.plugins import unregister_plugin as unregister_plugin
-    from taichisoft.run import run as run
+    from taichisoft.run_loop import run as run
     from taichisoft.scene import Scene as Scene
     from taichisoft.scene_file import load_scene as load_scene
     from taichisoft.scene_file import scene_from_dict as scene_from_dict
@@ -36,7 +36,7 @@ _WHERE = {
     "load_plugins_folder": "plugins",
     "load_scene": "scene_file",
     "register_plugin": "plugins",
-    "run": "run",
+    "run": "run_loop",
     "scene_from_dict": "scene_file",
     "unregister_plugin": "plugins",
 }

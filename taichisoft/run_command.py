@@ -17,8 +17,8 @@ from taichisoft.live_status import live_status
 from taichisoft.log_display import logged_to
 from taichisoft.output import OutputFactory
 from taichisoft.profile import Profile, profiled
-from taichisoft.run import INTERRUPTED, run_session
 from taichisoft.run_display import print_profile, print_summary, print_warning, progress_bar, warn_if_slow
+from taichisoft.run_loop import INTERRUPTED, run_session
 from taichisoft.scene import Scene
 from taichisoft.scene_file import load_scene, scene_to_toml
 from taichisoft.session import Session

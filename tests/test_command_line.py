@@ -139,7 +139,7 @@ def test_overrides_are_in_the_resolved_scene(command: Command, tmp_path: Path) -
         ),
         ("soft_bodies.finger.regions.0.box=[[9.0,0.0,0.0],[10.0,1.0,1.0]]", "regions.0.box = [[9.0, 0.0, 0.0]"),
         ("rigid_bodies.cube.position=[-60.0,10.0,0.0]", "scene.toml: bodies 'finger' and 'cube' overlap at the start"),
-        ("controller.name='scriptd'", "no controller is called 'scriptd'; there are: scripted"),
+        ("controller.name='scriptd'", "no controller is called 'scriptd'; there are: "),
         ("controller.settings.scrpt='rest'", "controller.settings.scrpt: unknown key; did you mean 'script'?"),
         ("controller.settings={}", "scene.toml: controller.settings.script: this key is missing"),
         (
@@ -172,7 +172,7 @@ def test_a_wrong_value_is_one_line(command: Command, tmp_path: Path, override: s
         (["scene.toml", "--duration", "0"], "duration = 0: must be a positive number of seconds"),
         (["scene.toml", "--duration", "-1"], "duration = -1: must be a positive number of seconds"),
         (["scene.toml", "--duration", "nan"], "duration = nan: must be a positive number of seconds"),
-        (["scene.toml", "--controller", "piano"], "no controller is called 'piano'; there are: scripted"),
+        (["scene.toml", "--controller", "piano"], "no controller is called 'piano'; there are: "),
         (["scene.toml", "--outputs", "film"], "no output is called 'film'; there are: "),
         (["scene.toml", "--output", "scene.toml"], "--output scene.toml: cannot be written: File exists"),
         (["scene.toml", "--output", "scene.toml/x"], "--output scene.toml/x: cannot be written: Not a directory"),

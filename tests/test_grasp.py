@@ -8,10 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichisoft import run
 from taichisoft.command_line import main
 from taichisoft.controller_factory import make_controller
 from taichisoft.errors import GoalMissed
-from taichisoft.run import run
 from taichisoft.scene_file import load_scene
 from taichisoft.simulation import Simulation
 from taichisoft_plugins.metrics import MetricsOutput

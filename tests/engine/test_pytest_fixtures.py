@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from taichisoft import run
 from taichisoft.controller import Control, Observation
 from taichisoft.model import Model
 from taichisoft.plugin_registry import Registry
 from taichisoft.plugins import plugin_registry
-from taichisoft.run import run
 from taichisoft.scene import Scene
 from taichisoft.simulation import Simulation
 

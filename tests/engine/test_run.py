@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichisoft import run
 from taichisoft.controller import Control
 from taichisoft.errors import ControlError, GoalMissed, PluginError, SimulationDiverged, TaichisoftError
-from taichisoft.run import run
 from taichisoft.scene_file import scene_from_dict
 from taichisoft.session import count_steps
 from taichisoft.simulation import Simulation
@@ -224,3 +224,10 @@ def test_a_body_that_is_thrown_out_of_a_step_has_exploded(simulation: Simulation
 def test_an_output_may_be_anything_with_the_three_methods(simulation: Simulation) -> None:
     output: Any = SimpleNamespace(begin=lambda *_: None, record=lambda *_: None, end=lambda *_: None)
     assert run(simulation, Rest(), [output]) == "completed"
+
+
+def test_run_stays_a_function_of_the_package() -> None:
+    """A module of the same name would take its place on its first import."""
+    import taichisoft
+
+    assert callable(taichisoft.run) and callable(taichisoft.run)

@@ -14,7 +14,7 @@ from taichisoft.hookspecs import hookimpl
 from taichisoft.key_log import KeyReplay
 from taichisoft.keys import KeyEvent
 from taichisoft.plugins import register_plugin, unregister_plugin
-from taichisoft.run import run_session
+from taichisoft.run_loop import run_session
 from taichisoft.scene_file import scene_from_dict
 from taichisoft.session import Session
 from taichisoft.simulation import Simulation, StepReport
