@@ -2,7 +2,9 @@
 
 import json
 import os
+import signal
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -171,6 +173,27 @@ def test_a_record_never_stands_beside_files_of_another_mesh(
     monkeypatch.setattr(Path, "replace", fail_at_the_picture)
     assert command("mesh", block, "-o", folder, "--size", 5).error.endswith("cannot be written: Input/output error\n")
     assert not (folder / "mesh.json").exists()
+
+
+def test_ctrl_c_while_a_set_is_written_comes_when_it_is_whole(
+    command, block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    draw = mesh_set.draw_report
+
+    def interrupt(*arguments: Any) -> None:
+        signal.raise_signal(signal.SIGINT)
+        draw(*arguments)
+
+    monkeypatch.setattr(mesh_set, "draw_report", interrupt)
+    assert command("mesh", block, "-o", tmp_path / "body").code == 130
+    assert len(json.loads((tmp_path / "body" / "mesh.json").read_text())["files_sha256"]) == 6
+    assert len(list((tmp_path / "body").iterdir())) == 7
+
+
+def test_ctrl_c_before_leaves_nothing(command, block: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(time, "sleep", lambda seconds: signal.raise_signal(signal.SIGINT))
+    assert command("mesh", block, "-o", tmp_path / "body").code == 130
+    assert list(tmp_path.iterdir()) == [block]
 
 
 def test_a_name_that_ends_in_a_number_is_a_folder(command, block: Path, tmp_path: Path) -> None:

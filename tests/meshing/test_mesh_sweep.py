@@ -8,17 +8,20 @@ import sys
 import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft.mesh_files import read_volume_mesh
+from taichisoft_meshing.mesh_job import MeshJob, make_mesh
+from taichisoft_meshing.mesh_options import finger_job
 from taichisoft_meshing.sweep_plan import MOST, plan
 
 PLUGIN = Path(__file__).with_name("block_kind.py")
 JOB = MeshJob("block", {"stretch": 1.0}, Path("block.toml"), {})
 
 
-def sweep_process(file: Path, output: Path, *arguments: str) -> subprocess.Popen[str]:
+def sweep_process(file: Path | str, output: Path, *arguments: str) -> subprocess.Popen[str]:
     code = "from taichisoft.command_line import main; main()"
     options = ["-o", str(output), "--plugin", str(PLUGIN), *arguments]
     return subprocess.Popen(
@@ -95,6 +98,19 @@ def test_what_fails_is_reported_and_the_rest_go_on(block: Path, tmp_path: Path) 
     assert rows[2]["problem"] == f"{block}: stretch = 0: must be positive"
     assert f"failed: {block}: stretch = 0: must be positive" in shown
     assert (output / name / f"{name}.msh").is_file()
+
+
+def test_parallel_processes_give_the_meshes_of_one_process_node_for_node(tmp_path: Path) -> None:
+    """gmsh in two processes at a time, and twice in this one, one after the other."""
+    process = sweep_process("tutorial", tmp_path, "--vary", "body.width=20,22", "--size", "14", "--jobs", "2")
+    shown, error = process.communicate(timeout=120)
+    assert process.returncode == 0, error
+    for variant in plan(finger_job("tutorial", [], 14.0, None, None), ["body.width=20,22"]):
+        made, written = make_mesh(variant.job).mesh, read_volume_mesh(tmp_path / variant.name / f"{variant.name}.msh")
+        np.testing.assert_array_equal(written.nodes, made.nodes)
+        np.testing.assert_array_equal(written.elements, made.elements)
+        assert written.surface_groups.keys() == made.surface_groups.keys()
+        assert f"{variant.name}: {len(made.nodes)} nodes" in shown
 
 
 def test_a_process_that_dies_is_a_variant_that_failed(block: Path, tmp_path: Path) -> None:
