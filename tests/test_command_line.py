@@ -123,11 +123,11 @@ def test_overrides_are_in_the_resolved_scene(command: Command, tmp_path: Path) -
         ("contact.frction=1", "contact.frction: unknown key; did you mean 'friction'?"),
         ("time.step=-1", "time.step = -1: input should be greater than 0"),
         ("soft_bodies.finger.mesh='fingr.msh'", "soft_bodies.finger.mesh: fingr.msh: no such file"),
-        ("soft_bodies.finger.mesh='empty.msh'", "empty.msh: not readable as MSH"),
+        ("soft_bodies.finger.mesh='empty.msh'", "empty.msh: is empty"),
         ("soft_bodies.finger.mesh='ball.stl'", "ball.stl: '.stl' is not a kind of volume mesh file; valid: .msh"),
         ("soft_bodies.finger.cavities.cavity={surface='open.stl'}", "open.stl: is not closed: 3 edges"),
         ("soft_bodies.finger.cavities.cavity={surface='far.stl'}", "far.stl: vertex 0 at [500."),
-        ("soft_bodies.finger.cavities.cavity={surface='empty.stl'}", "empty.stl: has no faces"),
+        ("soft_bodies.finger.cavities.cavity={surface='empty.stl'}", "empty.stl: is empty"),
         (
             "soft_bodies.finger.cavities.cavity.group='cav'",
             "scene.toml: soft_bodies.finger.cavities.cavity.group = 'cav'",
