@@ -41,7 +41,8 @@ class Cavities:
         self.entry_start = np.cumsum([0, *(len(used) for used in entries)]).astype(np.int32)
         self.gradient = np.zeros((entry_count, 3))
         self.entry_node = np.concatenate([*entries, np.zeros(0)]).astype(np.int32)
-        self._volume = np.zeros(len(found))
+        self._volume, self._flow = np.zeros(len(found)), np.zeros(len(found))
+        self._entry_velocity = np.zeros((entry_count, 3))
         self._node_position = np.full((sum(len(body.rest_position) for body in bodies), 3), np.nan)
         if not found:
             return
@@ -87,8 +88,9 @@ class Cavities:
         if not self.names:
             return np.zeros(0)
         self.update(node_position)
-        rates = np.einsum("ed,ed->e", self.gradient, node_velocity[self.entry_node])
-        return np.add.reduceat(rates, self.entry_start[:-1])
+        np.take(node_velocity, self.entry_node, axis=0, out=self._entry_velocity, mode="clip")  # "raise" would copy once more
+        kernels.flows(self.entry_start, self.gradient, self._entry_velocity, self._flow)
+        return self._flow.copy()
 
 
 def _padded(table: np.ndarray, columns: int) -> np.ndarray:

@@ -3,8 +3,10 @@
 import numpy as np
 
 from taichisoft.errors import SceneError
+from taichisoft.kernels.fingertips import observe_tips
 from taichisoft.placement import rotation_from_vector
 from taichisoft.soft_body import SoftBody
+from taichisoft.state import State
 
 # Of a finger without a `tip` in the scene: free nodes this far from the farthest one, as a share of its distance
 # from the anchors, but at least so many that they can show a rotation.
@@ -28,8 +30,7 @@ class Fingertips:
         fingers = [body for body in soft_bodies if body.tip_nodes is not None or body.anchor_stiffness.any()]
         self.names = tuple(body.name for body in fingers)
         chosen = [body.tip_nodes if body.tip_nodes is not None else _farthest_nodes(body) for body in fingers]
-        self._count = np.array([len(nodes) for nodes in chosen])
-        self._start = np.cumsum(self._count) - self._count
+        self._start = np.cumsum([0, *(len(nodes) for nodes in chosen)]).astype(np.int32)
         self._nodes = np.concatenate(
             [nodes + body.nodes.start for nodes, body in zip(chosen, fingers, strict=True)] or [np.zeros(0)]
         ).astype(np.intp)
@@ -37,33 +38,33 @@ class Fingertips:
             [_centred(body.rest_position[nodes], body.name) for nodes, body in zip(chosen, fingers, strict=True)]
             or [np.zeros((0, 3))]
         )
+        self._position, self._velocity = np.empty_like(self._rest), np.empty_like(self._rest)
+        self._base_turn = np.empty((1, 3, 3))
+        self._mean_position, self._mean_velocity = np.empty((len(fingers), 3)), np.empty((len(fingers), 3))
+        self._bending_angle = np.empty(len(fingers))
 
-    def means(self, node_values: np.ndarray) -> np.ndarray:
-        """Mean of each tip's nodes, shape (finger_count, 3), of values (node_count, 3)."""
-        if not self.names:
-            return np.zeros((0, 3))
-        return np.add.reduceat(node_values[self._nodes], self._start) / self._count[:, None]
+    def observe(self, state: State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Positions [mm] and velocities [mm/s] of the tips, each (finger_count, 3), and bending angles [rad].
 
-    def bending_angles(self, node_position: np.ndarray, base_rotation: np.ndarray) -> np.ndarray:
-        """By how much each tip has turned against the base since the start [rad], from 0 to pi, (finger_count,).
-
-        The tip's rotation is the best fit to its nodes in the sense of least squares (Kabsch 1976, A solution for the
-        best rotation to relate two sets of vectors).
-
-        Args:
-            node_position: of all soft nodes [mm], shape (node_count, 3).
-            base_rotation: rotation vector of the base [rad], shape (3,).
+        A position or velocity is the mean of the tip's nodes. The bending angle, from 0 to pi, is by how much the tip
+        has turned against the base since the start; the tip's rotation is the best fit to its nodes in the sense of
+        least squares (Kabsch 1976, A solution for the best rotation to relate two sets of vectors).
         """
-        if not self.names:
-            return np.zeros(0)
-        position = node_position[self._nodes]
-        position -= np.repeat(np.add.reduceat(position, self._start) / self._count[:, None], self._count, axis=0)
-        products = position[:, :, None] * self._rest[:, None, :]
-        left, _, right = np.linalg.svd(np.add.reduceat(products, self._start))
-        left[:, :, 2] *= np.linalg.det(left @ right)[:, None]  # a rotation, not a reflection
-        turn = rotation_from_vector(base_rotation).T @ left @ right
-        sine = np.stack([turn[:, 2, 1] - turn[:, 1, 2], turn[:, 0, 2] - turn[:, 2, 0], turn[:, 1, 0] - turn[:, 0, 1]])
-        return np.arctan2(np.linalg.norm(sine, axis=0), np.trace(turn, axis1=1, axis2=2) - 1.0)
+        if self.names:
+            np.take(state.position, self._nodes, axis=0, out=self._position, mode="clip")
+            np.take(state.velocity, self._nodes, axis=0, out=self._velocity, mode="clip")
+            self._base_turn[0] = rotation_from_vector(state.base_rotation)
+            observe_tips(
+                self._start,
+                self._rest,
+                self._position,
+                self._velocity,
+                self._base_turn,
+                self._mean_position,
+                self._mean_velocity,
+                self._bending_angle,
+            )
+        return self._mean_position.copy(), self._mean_velocity.copy(), self._bending_angle.copy()
 
 
 def _farthest_nodes(body: SoftBody) -> np.ndarray:

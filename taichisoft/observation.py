@@ -38,15 +38,16 @@ class Observer:
         """What a controller sees before the step that follows `state`."""
         model, tips, contacts = self._model, self._fingertips, self.contacts(state)
         cavities = model.cavities
+        tip_positions, tip_velocities, bending_angles = tips.observe(state)
         return Observation(
             time=state.time,
             step=state.step,
             pressures=_numbers(cavities.names, state.cavity_impulse / model.scene.time.step),
             volumes=_numbers(cavities.names, state.cavity_volume),
             flows=_numbers(cavities.names, cavities.flows(state.position, state.velocity)),
-            tip_positions=_by_name(tips.names, tips.means(state.position)),
-            tip_velocities=_by_name(tips.names, tips.means(state.velocity)),
-            bending_angles=_numbers(tips.names, tips.bending_angles(state.position, state.base_rotation)),
+            tip_positions=_by_name(tips.names, tip_positions),
+            tip_velocities=_by_name(tips.names, tip_velocities),
+            bending_angles=_numbers(tips.names, bending_angles),
             base_translation=_read_only(state.base_translation),
             base_rotation=_read_only(state.base_rotation),
             object_positions=_by_name(self._object_names, state.rigid_position),

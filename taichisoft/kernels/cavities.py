@@ -49,3 +49,14 @@ def volumes_and_gradients(
         for k in range(part_start[i], part_start[i + 1]):
             total += part_weight[k] * area_vector[part_vertex[k]]
         gradient[i] = total
+
+
+@kernel
+def flows(entry_start: Integers, gradient: Vectors, velocity: Vectors, rate: Scalars):
+    """Rate of each cavity's volume, from the velocities of the nodes that its entries stand for."""
+    ti.loop_config(serialize=True)
+    for cavity in range(rate.shape[0]):
+        total = 0.0
+        for entry in range(entry_start[cavity], entry_start[cavity + 1]):
+            total += gradient[entry].dot(velocity[entry])
+        rate[cavity] = total
