@@ -11,14 +11,17 @@ new state is checked with numpy's isfinite on the host before it is accepted (di
 NaN inside kernels do no more than end loops.
 """
 
+import ast
 import contextlib
 import io
 import os
+from typing import Any
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")  # a simulation asks nothing of the network
 
 import taichi as ti
+from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 from taichisoft.errors import TaichisoftError
 
@@ -40,6 +43,17 @@ def available_cores() -> int:
     """Cores that this process may use: threads wait for one another busily, so more of them than cores are slow."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
+
+def _short_position(context: Any, node: ast.AST) -> str:
+    """File and line of a node of a kernel.
+
+    Taichi prepares the source text of every node, wrapped and underlined, in case of an error. Without it the gripper
+    takes 7.1 instead of 8.8 s of processor time up to its first step, with a filled cache.
+    """
+    return f'File "{context.file}", line {node.lineno + context.lineno_offset}\n'
+
+
+ASTTransformerContext.get_pos_info = _short_position
 
 THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or "0")
 
