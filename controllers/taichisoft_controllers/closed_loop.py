@@ -69,6 +69,7 @@ class ClosedLoopController:
                 "set_point": sequence.set_point.force,
                 "force": grasp.force,
                 "slip_speed": grasp.slip_speed,
+                "height": sequence.height,
                 "sunk": sequence.sunk,
             },
         )

@@ -12,6 +12,8 @@ from taichisoft_controllers.model_names import cavities_called, fingers_called, 
 if TYPE_CHECKING:
     from taichisoft.model import Model
 
+SLIDING = 0.95  # of the largest friction over normal force that was seen: from there a finger slides as a whole
+
 
 @dataclass(frozen=True)
 class Grasp:
@@ -22,7 +24,8 @@ class Grasp:
         pressure: mean of the cavities, as it was applied [kPa].
         force: sum of the normal forces of the fingers on the object [mN].
         missing: fingers that do not touch the object.
-        slip_speed: of the finger that slides fastest on the object [mm/s].
+        slip_speed: of the fingers on the object, mean weighted by their forces [mm/s]; a finger counts when it slides
+            as a whole, not when it rolls or sways and slides at an edge.
         base_height: upwards, from where the anchors are at rest [mm].
         base_held_back: whether the scene's limits keep the base from where it was asked to be.
         offset: height of the object's centre of mass less that of the base [mm]; falls when the object slips out.
@@ -65,24 +68,35 @@ class GraspSensing:
         self.object = object_called(None, model)
         self.cavities = cavities_called(None, model.cavities.names)
         self.up = -model.gravity / strength
-        self._fingers = fingers_called(None, model)
+        self._pairs = {finger: f"{finger}|{self.object}" for finger in fingers_called(None, model)}
+        self._most_used = dict.fromkeys(self._pairs, 0.0)
         self._touch_force = touch_force
 
     def sense(self, observation: Observation) -> Grasp:
         """The grasp of an observation."""
-        pairs = {finger: f"{finger}|{self.object}" for finger in self._fingers}
         # Bodies that are far apart are not in an observation: nothing presses, nothing slides.
-        forces = {finger: observation.normal_forces.get(pair, 0.0) for finger, pair in pairs.items()}
+        forces = {finger: observation.normal_forces.get(pair, 0.0) for finger, pair in self._pairs.items()}
+        touching = [finger for finger, force in forces.items() if force >= self._touch_force]
+        sliding = sum(forces[finger] * self._slip_speed(finger, observation) for finger in touching)
         base_height = float(observation.base_translation @ self.up)
         return Grasp(
             time=observation.time,
             pressure=sum(observation.pressures[name] for name in self.cavities) / len(self.cavities),
             force=sum(forces.values()),
-            missing=tuple(finger for finger, force in forces.items() if force < self._touch_force),
-            slip_speed=sum(force * observation.slip_speeds.get(pairs[finger], 0.0) for finger, force in forces.items())
-            / max(sum(forces.values()), 1e-9),
+            missing=tuple(finger for finger in self._pairs if finger not in touching),
+            slip_speed=sliding / sum(forces.values()) if touching else 0.0,
             base_height=base_height,
             base_held_back="base_translation" in observation.clipped,
             offset=float(observation.object_positions[self.object] @ self.up) - base_height,
             object_speed=float(np.linalg.norm(observation.object_velocities[self.object])),
         )
+
+    def _slip_speed(self, finger: str, observation: Observation) -> float:
+        """Speed of a finger that slides as a whole [mm/s], else 0.
+
+        Friction over normal force is largest where all contacts slide; each finger does as it closes on the object.
+        """
+        pair = self._pairs[finger]
+        used = observation.friction_forces[pair] / observation.normal_forces[pair]
+        self._most_used[finger] = max(self._most_used[finger], used)
+        return observation.slip_speeds[pair] if used > SLIDING * self._most_used[finger] else 0.0
