@@ -81,7 +81,7 @@ class Sizes(Table):
     """[mm] edge length far from the cavities; a twelfth of the body's diagonal when it is not given."""
     smallest: Positive | None = None
     """[mm] edge length at the cavities; the largest when it is not given."""
-    curvature: Count = 20
+    curvature: Count = 16
     """Edges around a full turn of a curved surface; 0: no finer where it is curved."""
 
     @model_validator(mode="after")

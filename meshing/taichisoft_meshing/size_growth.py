@@ -13,6 +13,9 @@ from taichisoft_meshing.surface_curvature import vertex_curvatures
 GROWTH = 0.5
 """How much larger elements may be for each millimetre that they are farther away [-]."""
 
+FINEST = 0.25
+"""Of the smallest size: no curve, such as that of a tiny fillet, is meshed finer [-]."""
+
 SAMPLES = 20  # points along each curve and surface that distances are measured to
 
 
@@ -20,6 +23,7 @@ def set_sizes(gmsh: Any, sizes: FittedSizes, cavity_surfaces: Sequence[int]) -> 
     """Tell gmsh the sizes; `cavity_surfaces` are its numbers of the cavities' surfaces."""
     largest, smallest = sizes.largest, sizes.smallest
     gmsh.option.setNumber("Mesh.MeshSizeMax", largest)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", FINEST * smallest)
     gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", sizes.curvature)
     if smallest < largest and cavity_surfaces:
@@ -50,15 +54,16 @@ def follow_curvature(gmsh: Any, sizes: FittedSizes, shells: Sequence[Shell], fea
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 0)
     if sizes.curvature == 0 or not shells:
         return
-    view = gmsh.view.add("sizes")
+    rows = []
     for shell in shells:
         curvatures = vertex_curvatures(shell.vertices, shell.triangles, feature_angle)
         with np.errstate(divide="ignore"):
             wanted = np.minimum(2 * math.pi / (sizes.curvature * curvatures), sizes.largest)
         wanted = _growing(wanted, shell)
         corners = shell.vertices[shell.triangles]
-        rows = np.concatenate([corners.transpose(0, 2, 1).reshape(-1, 9), wanted[shell.triangles]], axis=1)
-        gmsh.view.addListData(view, "ST", len(rows), rows.ravel())
+        rows.append(np.concatenate([corners.transpose(0, 2, 1).reshape(-1, 9), wanted[shell.triangles]], axis=1))
+    view = gmsh.view.add("sizes")
+    gmsh.view.addListData(view, "ST", sum(map(len, rows)), np.vstack(rows).ravel())  # a second call would replace it
     field = gmsh.model.mesh.field
     curved = field.add("PostView")
     field.setNumber(curved, "ViewTag", view)

@@ -10,6 +10,7 @@ from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
 from taichisoft_meshing.body_tables import Base, FittedSizes
 from taichisoft_meshing.gmsh_session import gmsh_session
+from taichisoft_meshing.mesh_ways import SURFACE_ALGORITHMS, mesh_in_some_way
 from taichisoft_meshing.meshed_body import compare_volumes, meshed_body, with_base
 from taichisoft_meshing.size_growth import set_sizes
 from taichisoft_meshing.solid_shells import shells_of_solid
@@ -70,12 +71,17 @@ def mesh_step(solid: StepSolid, sizes: FittedSizes, source: str, base: Base | No
     Raises:
         MeshError: gmsh fails, or a volume comes out wrong.
     """
-    with gmsh_session(str(solid.path)) as gmsh:
+
+    def make(gmsh: Any, algorithm: int) -> VolumeMesh:
+        gmsh.option.setNumber("Mesh.Algorithm", algorithm)
         shells = shells_of_solid(gmsh.model.occ, _import_solid(gmsh, solid.path))
         set_sizes(gmsh, sizes, [face for shell in shells[1:] for face in shell])
         gmsh.model.mesh.generate(3)
         mesh = meshed_body(gmsh, shells, source)
-    compare_volumes(mesh, solid.volume, solid.cavity_volumes, FLAT_TOLERANCE if solid.flat else None)
+        compare_volumes(mesh, solid.volume, solid.cavity_volumes, FLAT_TOLERANCE if solid.flat else None)
+        return mesh
+
+    mesh = mesh_in_some_way(str(solid.path), SURFACE_ALGORITHMS, make)
     return with_base(mesh, base)
 
 

@@ -12,8 +12,9 @@ from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
 from taichisoft_meshing.body_tables import Base, FittedSizes
 from taichisoft_meshing.closed_shells import Shell, undirected_sides
-from taichisoft_meshing.gmsh_session import GmshFailure, gmsh_session
+from taichisoft_meshing.gmsh_session import gmsh_session
 from taichisoft_meshing.hollow_body import HollowBody
+from taichisoft_meshing.mesh_ways import SURFACE_ALGORITHMS, mesh_in_some_way
 from taichisoft_meshing.meshed_body import TRIANGLE, compare_volumes, meshed_body, with_base
 from taichisoft_meshing.size_growth import follow_curvature, set_sizes
 from taichisoft_meshing.surface_repair import NEAR, diagonal
@@ -23,8 +24,6 @@ KEPT_TOLERANCE = 1e-9
 
 FLAT_TOLERANCE = 1e-6
 """Of a volume between flat faces, whose corners have the rounding of single precision."""
-
-FRONTAL, MESH_ADAPT, DELAUNAY = 6, 1, 5  # gmsh's algorithms for surfaces, in the order in which they are tried
 
 
 def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str, base: Base | None = None) -> VolumeMesh:
@@ -70,27 +69,33 @@ def remesh_surfaces(
     Raises:
         MeshError: gmsh fails, or a volume comes out wrong.
     """
-    shells = (body.outer, *body.cavities)
-    flat = all(_flat_faced(shell, math.radians(feature_angle)) for shell in shells)
+    angle = math.radians(feature_angle)
+    flat = all(_flat_faced(shell, angle) for shell in (body.outer, *body.cavities))
     # gmsh cuts surfaces in parts that it can unroll, which flat faces need not be; the cuts stay edges of the mesh.
-    ways = [(False, FRONTAL)] * flat + [(True, FRONTAL), (True, MESH_ADAPT), (True, DELAUNAY)]
-    with gmsh_session(source) as gmsh:
-        for number, (cut, algorithm) in enumerate(ways, 1):
-            try:
-                surfaces = _classify(gmsh, shells, math.radians(feature_angle), cut)
-                gmsh.option.setNumber("Mesh.Algorithm", algorithm)
-                gmsh.option.setNumber("Mesh.MinimumCurveNodes", 1 if flat else 3)
-                set_sizes(gmsh, sizes, [surface for wall in surfaces[1:] for surface in wall])
-                follow_curvature(gmsh, sizes, [] if flat else shells, math.radians(feature_angle))
-                gmsh.model.mesh.generate(3)
-                mesh = meshed_body(gmsh, surfaces, source)
-                compare_volumes(mesh, body.volume, [c.volume for c in body.cavities], FLAT_TOLERANCE if flat else None)
-                return with_base(mesh, base)
-            except Exception as error:
-                if type(error) not in (Exception, GmshFailure, MeshError) or number == len(ways):
-                    raise
-                gmsh.clear()
-    raise AssertionError  # the last way returns or raises
+    ways = [(False, algorithm) for algorithm in SURFACE_ALGORITHMS[:1] if flat]
+    ways += [(True, algorithm) for algorithm in SURFACE_ALGORITHMS]
+
+    def make(gmsh: Any, way: tuple[bool, int]) -> VolumeMesh:
+        cut, algorithm = way
+        gmsh.option.setNumber("Mesh.Algorithm", algorithm)
+        return _remesh(gmsh, body, sizes, angle, cut, flat, source)
+
+    mesh = mesh_in_some_way(source, ways, make)
+    return with_base(mesh, base)
+
+
+def _remesh(
+    gmsh: Any, body: HollowBody, sizes: FittedSizes, angle: float, cut: bool, flat: bool, source: str
+) -> VolumeMesh:
+    shells = (body.outer, *body.cavities)
+    surfaces = _classify(gmsh.model, shells, angle, cut)
+    gmsh.option.setNumber("Mesh.MinimumCurveNodes", 1 if flat else 3)
+    set_sizes(gmsh, sizes, [surface for wall in surfaces[1:] for surface in wall])
+    follow_curvature(gmsh, sizes, [] if flat else shells, angle)
+    gmsh.model.mesh.generate(3)
+    mesh = meshed_body(gmsh, surfaces, source)
+    compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], FLAT_TOLERANCE if flat else None)
+    return mesh
 
 
 def _add_surfaces(model: Any, shells: Sequence[Shell]) -> list[int]:
@@ -113,9 +118,8 @@ def _add_volume(model: Any, shells: Sequence[Sequence[int]]) -> None:
     model.geo.synchronize()
 
 
-def _classify(gmsh: Any, shells: Sequence[Shell], angle: float, cut: bool) -> list[list[int]]:
+def _classify(model: Any, shells: Sequence[Shell], angle: float, cut: bool) -> list[list[int]]:
     """Part the shells into faces at sharp edges, and make geometry of them; gmsh's surfaces of each shell."""
-    model = gmsh.model
     _add_surfaces(model, shells)
     model.mesh.classifySurfaces(angle, True, cut, math.pi)
     model.mesh.createGeometry()

@@ -1,5 +1,6 @@
 """The geometry kind `surfaces`: a body between closed surfaces of triangles."""
 
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -72,6 +73,8 @@ class SurfacesBody:
         found = len(body.cavities)
         if table.cavities is not None and found != table.cavities:
             raise MeshError(f"{self.file}: cavities = {table.cavities}: the files have {found}")
+        if table.cavities is None and found == 0:
+            warnings.warn(f"{folder / table.outer}: the body has no cavity", stacklevel=2)
         return body
 
     @property

@@ -52,17 +52,15 @@ def test_flat_faces_keep_their_volume(folder: Path) -> None:
 
 
 def test_curved_faces_are_meshed_as_fine_as_their_curvature(folder: Path) -> None:
-    """The ball with edges of a twentieth turn, within 4 %, and each cavity in its own group."""
+    """The ball with edges of a sixteenth turn, within 6 %, and each cavity in its own group."""
     mesh = body(folder, "voids.step", cavities=2, mesh={"largest": 7}).mesh()
     ball = 4 / 3 * np.pi * 125
     walls = sorted(enclosed_volume(mesh.nodes, mesh.surface_groups[name]) for name in ("cavity_0", "cavity_1"))
     assert walls[0] == pytest.approx(64, rel=1e-9)
-    assert 0.96 * ball < walls[1] < ball
+    assert 0.94 * ball < walls[1] < ball
     silicone = tetrahedron_volumes(mesh.nodes, mesh.elements).sum()
     assert silicone == pytest.approx(12000 - sum(walls), rel=1e-9)
-    with pytest.warns(
-        UserWarning, match=r"body.toml: cavity_\d has .* mm\^3 in the mesh instead of 523.599 \(.* % off"
-    ):
+    with pytest.warns(UserWarning, match=r"body.toml: cavity_\d has .* mm\^3 in the mesh instead of 523.599, .*% off"):
         rough = body(folder, "voids.step", mesh={"largest": 7, "curvature": 8}).mesh()
     assert len(rough.nodes) < len(mesh.nodes)
 
