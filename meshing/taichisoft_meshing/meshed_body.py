@@ -86,7 +86,8 @@ def compare_volumes(mesh: VolumeMesh, silicone: float, cavities: Sequence[float]
     for refused in (True, False):  # all are looked at before any is only said
         for name, got, wanted in zip(names, meshed, [silicone, *cavities], strict=True):
             off = abs(got - wanted) / wanted
-            what = f"{mesh.source}: {name} has {got:.6g} mm^3 in the mesh instead of {wanted:.6g}, {off:.1%} off"
+            amount = f"{got:.6g} mm^3 in the mesh instead of {wanted:.6g}, {100 * off:.2g} % off"
+            what = f"{mesh.source}: {name} has {amount}"
             if refused and off > (REFUSED if tolerance is None else tolerance):
                 raise MeshError(f"{what}; choose a smaller size")
             if not refused and tolerance is None and off > SAID:
