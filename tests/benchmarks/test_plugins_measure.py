@@ -18,7 +18,7 @@ def test_hooks_and_observation_are_measured_together_and_by_part(tmp_path: Path)
     before = list(plugin_registry().origins)
     measured = measure_plugins(named.case, scene_of(named.case, Meshes(None, tmp_path)))
     figures = measured.figures
-    parts = [figures[f"{part}_ms"] for part in ("contact_summary", "observation", "hook")]
+    parts = [figures[f"{part}_ms"] for part in ("observation", "hook")]
     assert min(parts) > 0.0
     assert figures["hooks_and_observation_ms"] == pytest.approx(sum(parts))  # of the one step of the window
     assert figures["hook_nobody_ms"] > 0.0
