@@ -22,33 +22,36 @@ def check_walls(finger: "FingerParameters") -> None:
     _check_chambers(finger)
     _check_slots(finger)
     _check_slots_miss_chambers(finger)
+    _check_fillets(finger)
+    _check_base(finger)
+    _check_stiff_layer(finger)
     _check_sizes(finger)
 
 
 def _check_taper(finger: "FingerParameters") -> None:
     body = finger.body
-    _at_most("body.tip_height", body.tip_height, body.height - THINNEST_WALL, "below body.height")
-    _at_most("body.taper_length", body.taper_length, body.length - THINNEST_WALL, "below body.length")
+    at_most("body.tip_height", body.tip_height, body.height - THINNEST_WALL, "below body.height")
+    at_most("body.taper_length", body.taper_length, body.length - THINNEST_WALL, "below body.length")
 
 
 def _check_channel(finger: "FingerParameters") -> None:
     body, channel = finger.body, finger.channel
-    _at_least("channel.start", channel.start, THINNEST_WALL, "to leave a wall at the base")
-    _at_least("channel.end", channel.end, channel.start + THINNEST_WALL, "beyond channel.start")
-    _at_most("channel.end", channel.end, body.length - THINNEST_WALL, "to leave a wall at the tip")
-    _at_least("channel.top", channel.top, channel.bottom + THINNEST_WALL, "above channel.bottom")
-    _at_most("channel.top", channel.top, body.height - THINNEST_WALL, "to leave a wall at the back")
-    _at_most("channel.width", channel.width, body.width - 2 * THINNEST_WALL, "to leave walls at its sides")
-    lowest = _underside(finger, channel.end) + THINNEST_WALL
-    _at_least("channel.bottom", channel.bottom, lowest, "to leave a wall above the underside at channel.end")
+    at_least("channel.start", channel.start, THINNEST_WALL, "to leave a wall at the base")
+    at_least("channel.end", channel.end, channel.start + THINNEST_WALL, "beyond channel.start")
+    at_most("channel.end", channel.end, body.length - THINNEST_WALL, "to leave a wall at the tip")
+    at_least("channel.top", channel.top, channel.bottom + THINNEST_WALL, "above channel.bottom")
+    at_most("channel.top", channel.top, body.height - THINNEST_WALL, "to leave a wall at the back")
+    at_most("channel.width", channel.width, body.width - 2 * THINNEST_WALL, "to leave walls at its sides")
+    lowest = finger.underside(channel.end) + THINNEST_WALL
+    at_least("channel.bottom", channel.bottom, lowest, "to leave a wall above the underside at channel.end")
 
 
 def _check_chambers(finger: "FingerParameters") -> None:
     channel, chambers = finger.channel, finger.chambers
     last_end = chambers.first + (chambers.count - 1) * chambers.pitch + chambers.width
     if chambers.count > 1:
-        _at_least("chambers.pitch", chambers.pitch, chambers.width + THINNEST_WALL, "beyond chambers.width")
-    _at_least("chambers.first", chambers.first, channel.start, "channel.start")
+        at_least("chambers.pitch", chambers.pitch, chambers.width + THINNEST_WALL, "beyond chambers.width")
+    at_least("chambers.first", chambers.first, channel.start, "channel.start")
     most = (channel.end - chambers.first - chambers.width) / chambers.pitch + 1
     if last_end > channel.end + ROUNDING:
         raise ValueError(
@@ -56,18 +59,18 @@ def _check_chambers(finger: "FingerParameters") -> None:
             f"beyond channel.end = {channel.end:g}; must be at most {max(int(most + ROUNDING), 0)}"
         )
     widest = finger.body.width - 2 * THINNEST_WALL
-    _at_most("chambers.depth", chambers.depth, widest, "to leave walls at their sides")
-    highest = channel.bottom - _underside(finger, last_end) - THINNEST_WALL
-    _at_most("chambers.height", chambers.height, highest, "to leave a wall above the underside")
+    at_most("chambers.depth", chambers.depth, widest, "to leave walls at their sides")
+    highest = channel.bottom - finger.underside(last_end) - THINNEST_WALL
+    at_most("chambers.height", chambers.height, highest, "to leave a wall above the underside")
 
 
 def _check_slots(finger: "FingerParameters") -> None:
     body, slots = finger.body, finger.slots
     if slots.count == 0:
         return
-    _at_least("slots.first", slots.first, THINNEST_WALL, "to leave a wall at the base")
+    at_least("slots.first", slots.first, THINNEST_WALL, "to leave a wall at the base")
     if slots.count > 1:
-        _at_least("slots.pitch", slots.pitch, slots.width + THINNEST_WALL, "beyond slots.width")
+        at_least("slots.pitch", slots.pitch, slots.width + THINNEST_WALL, "beyond slots.width")
     last_end = slots.first + (slots.count - 1) * slots.pitch + slots.width
     flat = body.length - body.taper_length
     if last_end > flat + ROUNDING:
@@ -76,7 +79,7 @@ def _check_slots(finger: "FingerParameters") -> None:
             f"must end before the taper, which begins at {flat:g}"
         )
     above = finger.channel.bottom - THINNEST_WALL
-    _at_most("slots.depth", slots.depth, above, "to leave a wall below the channel")
+    at_most("slots.depth", slots.depth, above, "to leave a wall below the channel")
 
 
 def _check_slots_miss_chambers(finger: "FingerParameters") -> None:
@@ -98,26 +101,59 @@ def _check_slots_miss_chambers(finger: "FingerParameters") -> None:
                 )
 
 
+def _check_fillets(finger: "FingerParameters") -> None:
+    """Between two fillets a flat face must remain, as between a fillet and the next edge."""
+    slots, chambers = finger.slots, finger.chambers
+    if slots.count:
+        widest = (slots.width - THINNEST_WALL) / 2
+        at_most("slots.fillet_radius", slots.fillet_radius, widest, "below half of slots.width")
+        at_most("slots.fillet_radius", slots.fillet_radius, slots.depth - THINNEST_WALL, "below slots.depth")
+    widest = (chambers.width - THINNEST_WALL) / 2
+    at_most("chambers.fillet_radius", chambers.fillet_radius, widest, "below half of chambers.width")
+    at_most("chambers.fillet_radius", chambers.fillet_radius, chambers.height - THINNEST_WALL, "below chambers.height")
+
+
+def _check_base(finger: "FingerParameters") -> None:
+    body, channel, inlet = finger.body, finger.channel, finger.inlet
+    at_most("body.base_length", body.base_length, channel.start - THINNEST_WALL, "to end before the channel")
+    if finger.slots.count:
+        at_most("body.base_length", body.base_length, finger.slots.first - THINNEST_WALL, "to end before the slots")
+    flat = body.length - body.taper_length
+    at_most("body.base_length", body.base_length, flat - THINNEST_WALL, "to end before the taper")
+    if inlet.diameter:
+        room = min(channel.top - channel.bottom, channel.width) - 2 * THINNEST_WALL
+        at_most("inlet.diameter", inlet.diameter, room, "to open into the near end of the channel")
+        at_least("inlet.plug", inlet.plug, THINNEST_WALL, "to close the bore at the base")
+        at_most("inlet.plug", inlet.plug, channel.start - THINNEST_WALL, "to leave a bore before channel.start")
+
+
+def _check_stiff_layer(finger: "FingerParameters") -> None:
+    body, layer = finger.body, finger.stiff_layer
+    if layer.thickness == 0:
+        return
+    at_least("stiff_layer.end", layer.end, layer.start + THINNEST_WALL, "beyond stiff_layer.start")
+    at_most("stiff_layer.end", layer.end, body.length, "body.length")
+    at_most("stiff_layer.bottom", layer.bottom, body.height - THINNEST_WALL, "below body.height")
+    at_most("stiff_layer.thickness", layer.thickness, body.height - layer.bottom, "body.height - stiff_layer.bottom")
+    at_most("stiff_layer.width", layer.width, body.width, "body.width")
+
+
 def _check_sizes(finger: "FingerParameters") -> None:
     sizes = finger.mesh
-    _at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
+    at_most("mesh.largest", sizes.largest, finger.body.length, "body.length: elements larger than the body")
+    at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
     # A regular tetrahedron of edge s has the volume s^3 / (6 sqrt 2).
     regular = 8.5 * (finger.solid_volume - finger.cavity_volume)
-    _at_least("mesh.largest", sizes.largest, (regular / MOST_ELEMENTS) ** (1 / 3), "or the mesh would not end")
+    at_least("mesh.largest", sizes.largest, (regular / MOST_ELEMENTS) ** (1 / 3), "or the mesh would not end")
 
 
-def _underside(finger: "FingerParameters", distance: float) -> float:
-    """The y [mm] of the underside, slots apart, at a distance [mm] from the base."""
-    body = finger.body
-    beyond = max(distance - (body.length - body.taper_length), 0.0)
-    return (body.height - body.tip_height) * beyond / body.taper_length
-
-
-def _at_least(key: str, value: float, low: float, why: str) -> None:
+def at_least(key: str, value: float, low: float, why: str) -> None:
+    """Raise ValueError, "key = value: must be at least low (why)", for a value below `low`."""
     if value < low - ROUNDING:
         raise ValueError(f"{key} = {value:g}: must be at least {low:g} ({why})")
 
 
-def _at_most(key: str, value: float, high: float, why: str) -> None:
+def at_most(key: str, value: float, high: float, why: str) -> None:
+    """Raise ValueError, "key = value: must be at most high (why)", for a value above `high`."""
     if value > high + ROUNDING:
         raise ValueError(f"{key} = {value:g}: must be at most {high:g} ({why})")

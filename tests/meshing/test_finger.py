@@ -56,7 +56,10 @@ def test_a_wrong_value_is_named_with_its_key(tables: dict[str, Any], message: st
     [
         ({"slots": {"dept": 16.5}}, "slots.dept: unknown key; did you mean 'depth'?"),
         ({"chamber": {}}, "chamber: unknown key; did you mean 'chambers'?"),
-        ({"zzz": 1}, "zzz: unknown key; valid keys: body, slots, channel, chambers, mesh"),
+        (
+            {"zzz": 1},
+            "zzz: unknown key; valid keys: wall, walls, body, slots, channel, chambers, inlet, stiff_layer, mesh",
+        ),
     ],
 )
 def test_an_unknown_key_names_the_nearest_right_one(tables: dict[str, Any], message: str) -> None:
@@ -108,7 +111,7 @@ def test_an_unknown_key_names_the_nearest_right_one(tables: dict[str, Any], mess
             "slots.depth = 16.5: slot 1 (21.05 to 23.55 mm from the base) cuts into chamber 1, "
             "which begins at 16; must be at most 8.4, or the slots must pass between the chambers",
         ),
-        ({"mesh": {"smallest": 11.0}}, "mesh.smallest = 11: must be at most 10 (mesh.largest)"),
+        ({"mesh": {"smallest": 19.0}}, "mesh.smallest = 19: must be at most 18 (mesh.largest)"),
         ({"mesh": {"largest": 0.1, "smallest": 0.1}}, "mesh.largest = 0.1: must be at least 0.44"),
     ],
 )
@@ -132,7 +135,7 @@ def test_a_size_replaces_the_largest_and_scales_the_smallest(tmp_path) -> None:
 
 def test_a_file_that_is_absent_or_no_toml_is_refused_in_one_line(tmp_path) -> None:
     path = tmp_path / "finger.toml"
-    with pytest.raises(MeshError, match=r"finger\.toml: no such file; a finger file \(\.toml\) is needed$"):
+    with pytest.raises(MeshError, match=r"finger\.toml: no such file; a geometry file \(\.toml\) is needed$"):
         read_finger(path)
     for content in (b"length = \n", b"\xff\xfe"):
         path.write_bytes(content)
