@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import numpy as np
 from pydantic import Field, ValidationError, model_validator
@@ -17,7 +17,7 @@ AnyTable = TypeVar("AnyTable", bound=Table)
 Count = Annotated[int, Field(strict=True, ge=0)]
 
 # The diagonal of the body over the size of the elements: nodes of the tutorial's finger 600, 2000 and 6000.
-PRESETS = {"coarse": 12.0, "medium": 24.0, "fine": 40.0}
+PRESETS = {"coarse": 12.0, "medium": 24.0, "fine": 48.0}
 
 # More elements than any machine meshes and simulates in a sensible time.
 MOST_ELEMENTS = 5_000_000
@@ -72,6 +72,7 @@ class FittedSizes:
     largest: float
     smallest: float
     curvature: int
+    elements_across_walls: int = 1
 
 
 class Sizes(Table):
@@ -83,6 +84,8 @@ class Sizes(Table):
     """[mm] edge length at the cavities; the largest when it is not given."""
     curvature: Count = 16
     """Edges around a full turn of a curved surface; 0: no finer where it is curved."""
+    elements_across_walls: Literal[1, 2] = 1
+    """At least; with 2, edges from one side of a wall to the other are cut, which about doubles the nodes."""
 
     @model_validator(mode="after")
     def _check_order(self) -> "Sizes":
@@ -111,7 +114,7 @@ class Sizes(Table):
         least = (8.5 * volume / MOST_ELEMENTS) ** (1 / 3)
         if largest < least:
             raise ValueError(f"size {largest:g}: must be at least {least:.2g} mm, or the mesh would not end")
-        return FittedSizes(largest, smallest, self.curvature)
+        return FittedSizes(largest, smallest, self.curvature, self.elements_across_walls)
 
 
 def preset_sizes(extent: np.ndarray) -> dict[str, float]:

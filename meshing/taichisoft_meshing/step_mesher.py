@@ -15,6 +15,7 @@ from taichisoft_meshing.meshed_body import compare_volumes, meshed_body, with_ba
 from taichisoft_meshing.size_growth import set_sizes
 from taichisoft_meshing.solid_shells import shells_of_solid
 from taichisoft_meshing.step_text import refuse_broken_step
+from taichisoft_meshing.wall_splitting import with_elements_across
 
 FLAT_TOLERANCE = 1e-6
 """Of a volume between flat faces: only rounding may be missing."""
@@ -82,7 +83,7 @@ def mesh_step(solid: StepSolid, sizes: FittedSizes, source: str, base: Base | No
         return mesh
 
     mesh = mesh_in_some_way(str(solid.path), SURFACE_ALGORITHMS, make)
-    return with_base(mesh, base)
+    return with_base(with_elements_across(mesh, sizes), base)
 
 
 def _import_solid(gmsh: Any, path: Path) -> int:

@@ -18,6 +18,7 @@ from taichisoft_meshing.mesh_ways import SURFACE_ALGORITHMS, mesh_in_some_way
 from taichisoft_meshing.meshed_body import TRIANGLE, compare_volumes, meshed_body, with_base
 from taichisoft_meshing.size_growth import follow_curvature, set_sizes
 from taichisoft_meshing.surface_repair import NEAR, diagonal
+from taichisoft_meshing.wall_splitting import with_elements_across
 
 KEPT_TOLERANCE = 1e-9
 """Of a volume: the surfaces are the given ones, so only rounding may be missing."""
@@ -51,7 +52,7 @@ def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str, base: Base 
     if on_surfaces != faces or not np.array_equal(mesh.nodes[: len(given)], given):
         raise MeshError(f"{source}: gmsh cannot fill the body without changing its surface; remove keep_surface")
     compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], KEPT_TOLERANCE)
-    return with_base(mesh, base)
+    return with_base(with_elements_across(mesh, sizes), base)
 
 
 def remesh_surfaces(
@@ -81,7 +82,7 @@ def remesh_surfaces(
         return _remesh(gmsh, body, sizes, angle, cut, flat, source)
 
     mesh = mesh_in_some_way(source, ways, make)
-    return with_base(mesh, base)
+    return with_base(with_elements_across(mesh, sizes), base)
 
 
 def _remesh(

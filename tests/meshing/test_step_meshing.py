@@ -15,6 +15,7 @@ from taichisoft.mesh import tetrahedron_volumes
 from taichisoft.surface import count_open_edges
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 from taichisoft_meshing.step_kind import StepBody
+from taichisoft_meshing.wall_splitting import through_edges
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +72,15 @@ def test_smaller_elements_at_the_cavity(folder: Path) -> None:
     assert len(graded.surface_groups["cavity"]) > 2 * len(even.surface_groups["cavity"])
 
 
+def test_walls_of_two_elements(folder: Path) -> None:
+    plain, split = (
+        body(folder, "flat.step", mesh={"largest": 10, "elements_across_walls": across}).mesh() for across in (1, 2)
+    )
+    assert np.array_equal(split.surface_groups["cavity"], plain.surface_groups["cavity"])
+    assert len(through_edges(plain.elements)) > 0
+    assert len(through_edges(split.elements)) == 0
+
+
 def test_a_body_without_a_void_is_meshed_and_said(folder: Path) -> None:
     with pytest.warns(UserWarning, match="full.step: the body has no cavity; a cavity is a void without an opening$"):
         mesh = body(folder, "full.step", mesh={"largest": 10}).mesh()
@@ -107,7 +117,7 @@ def test_a_file_names_its_step_file_beside_it(folder: Path) -> None:
     file = folder / "finger.toml"
     file.write_text('kind = "step"\nfile = "flat.step"\n')
     geometry = read_geometry(file)
-    assert geometry.presets == {"coarse": 3.44, "medium": 1.72, "fine": 1.03}  # type: ignore[attr-defined]
+    assert geometry.presets == {"coarse": 3.44, "medium": 1.72, "fine": 0.859}  # type: ignore[attr-defined]
     mesh = mesh_geometry(geometry, 8.0, file)
     assert mesh.source == str(file)
     assert list(mesh.surface_groups) == ["outer", "cavity"]

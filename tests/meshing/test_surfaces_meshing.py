@@ -236,7 +236,7 @@ def test_a_file_names_its_surfaces_beside_it(tmp_path: Path, monkeypatch: pytest
     file = tmp_path / "finger.toml"
     file.write_text('kind = "surfaces"\nouter = "parts/body.stl"\ncavity = "parts/cavity.ply"\nmesh.largest = 10\n')
     geometry = read_geometry(file)
-    assert geometry.presets == {"coarse": 3.44, "medium": 1.72, "fine": 1.03}  # type: ignore[attr-defined]
+    assert geometry.presets == {"coarse": 3.44, "medium": 1.72, "fine": 0.859}  # type: ignore[attr-defined]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         mesh = mesh_geometry(geometry, None, file)

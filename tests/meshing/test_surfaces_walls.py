@@ -1,0 +1,73 @@
+"""Walls of two elements, whose surfaces stay as they are."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from conftest import make_block
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from solid_shapes import box, save
+
+from taichisoft.errors import MeshError
+from taichisoft.mesh import boundary_triangles, tetrahedron_volumes
+from taichisoft_meshing.mesh_quality import measure
+from taichisoft_meshing.surfaces_kind import SurfacesBody
+from taichisoft_meshing.wall_splitting import cut_edges, through_edges
+
+
+@settings(max_examples=20, deadline=None)
+@given(st.tuples(*[st.integers(1, 4)] * 3), st.integers(0, 1000))
+def test_cut_edges_keep_the_volume_and_the_boundary(cells: tuple[int, int, int], seed: int) -> None:
+    """Of a block whose nodes are shaken: every part is positive, and all meet face to face."""
+    block = make_block(cells, (3.0, 4.0, 5.0))
+    nodes = block.nodes + np.random.default_rng(seed).uniform(-0.1, 0.1, block.nodes.shape)
+    through = through_edges(block.elements)
+    cut_nodes, cut = cut_edges(nodes, block.elements, through)
+    assert len(cut_nodes) == len(nodes) + len(through)
+    assert np.array_equal(cut_nodes[: len(nodes)], nodes)
+    volumes = tetrahedron_volumes(cut_nodes, cut)
+    assert volumes.min() > 0
+    assert volumes.sum() == pytest.approx(tetrahedron_volumes(nodes, block.elements).sum(), rel=1e-12)
+    before, after = (np.sort(boundary_triangles(elements), axis=1) for elements in (block.elements, cut))
+    assert np.array_equal(np.unique(before, axis=0), np.unique(after, axis=0))
+    assert len(through_edges(cut)) == 0
+
+
+def test_an_edge_between_the_inside_and_the_boundary_stays() -> None:
+    """Of 2 x 2 x 2 boxes only edges around the node in the middle are inside, or cut corners off."""
+    block = make_block((2, 2, 2), (2.0, 2.0, 2.0))
+    middle = int(np.argmin(np.linalg.norm(block.nodes, axis=1)))
+    through = through_edges(block.elements)
+    assert len(through) > 0
+    assert (through != middle).all()
+    assert (through[:, 0] < through[:, 1]).all()
+
+
+def test_a_kept_surface_gets_walls_of_two_elements(tmp_path: Path) -> None:
+    save(box((30, 20, 20), parts=2), tmp_path / "body.stl")
+    save(box((24, 14, 14), parts=2), tmp_path / "cavity.stl")
+    meshes = []
+    for across in (1, 2):
+        tables = {
+            "outer": "body.stl",
+            "cavity": "cavity.stl",
+            "keep_surface": True,
+            "mesh": {"elements_across_walls": across, "largest": 10},
+            "base": {"point": [15, 0, 0], "normal": [1, 0, 0]},
+        }
+        meshes.append(SurfacesBody(tables, tmp_path / "body.toml").mesh())
+    plain, split = meshes
+    assert measure(plain).elements_across_walls == 1
+    assert measure(split).elements_across_walls == 2
+    for name, triangles in plain.surface_groups.items():
+        assert np.array_equal(split.surface_groups[name], triangles)
+    on_surfaces = np.unique(boundary_triangles(plain.elements))
+    assert np.array_equal(split.nodes[on_surfaces], plain.nodes[on_surfaces])
+    assert tetrahedron_volumes(split.nodes, split.elements).sum() == pytest.approx(12000 - 24 * 14 * 14, rel=1e-9)
+    assert len(split.element_groups["silicone"]) == len(split.elements)
+
+
+def test_how_many_elements_are_one_or_two(tmp_path: Path) -> None:
+    with pytest.raises(MeshError, match=r"body.toml: mesh.elements_across_walls = 3: input should be 1 or 2$"):
+        SurfacesBody({"outer": "body.stl", "mesh": {"elements_across_walls": 3}}, tmp_path / "body.toml")
