@@ -12,7 +12,6 @@ from taichisoft.mesh_content import MeshContent
 from taichisoft.meshio_content import GROUP_PREFIX, read_with_meshio
 from taichisoft.msh_reader import is_msh41, read_msh41
 from taichisoft.msh_writer import write_msh
-from taichisoft.surface_files import read_surface  # noqa: F401
 from taichisoft.whole_file import whole_file
 
 VOLUME_SUFFIXES = (".msh", ".vtk", ".vtu")
