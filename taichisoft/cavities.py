@@ -88,7 +88,8 @@ class Cavities:
         if not self.names:
             return np.zeros(0)
         self.update(node_position)
-        np.take(node_velocity, self.entry_node, axis=0, out=self._entry_velocity, mode="clip")  # "raise" would copy once more
+        # mode="raise" would copy once more.
+        np.take(node_velocity, self.entry_node, axis=0, out=self._entry_velocity, mode="clip")
         kernels.flows(self.entry_start, self.gradient, self._entry_velocity, self._flow)
         return self._flow.copy()
 
