@@ -15,9 +15,7 @@ if TYPE_CHECKING:
 def mesh(
     files: Annotated[
         list[str],
-        typer.Argument(
-            metavar="FILE", help="Geometry file (TOML), or the name of a shipped finger such as tutorial."
-        ),
+        typer.Argument(metavar="FILE", help="Geometry file (TOML), or the name of a shipped finger such as tutorial."),
     ],
     output: Annotated[
         Path,

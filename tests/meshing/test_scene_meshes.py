@@ -190,9 +190,7 @@ def test_a_wrong_request_leaves_nothing(file: Path, request_: dict[str, Any], pr
 
 def test_a_mesh_that_misses_a_limit_of_its_file_is_refused(file: Path) -> None:
     file.write_text('kind = "wedge"\n[quality]\nradius_ratio = 0.99\n')
-    with pytest.raises(
-        MeshError, match=rf"^{file}: the smallest radius ratio, 0.\d+, is below quality.radius_r"
-    ):
+    with pytest.raises(MeshError, match=rf"^{file}: the smallest radius ratio, 0.\d+, is below quality.radius_r"):
         mesh_for_scene(file)
     assert not cache_folder().exists()
     assert mesh_for_scene(file, set={"quality": {"radius_ratio": 0.1}}).nodes.max() == 1.0
