@@ -29,7 +29,7 @@ def mesh_with_sizes(gmsh: Any, finger: FingerParameters) -> None:
         mesh.generate(3)
         return
     gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
-    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", int(finger.is_curved))
     walls = _walls(finger)
     growing = [_box_field(gmsh, box, sizes.smallest, sizes.largest, _distance(finger)) for box in walls]
     _use_smallest(gmsh, growing)

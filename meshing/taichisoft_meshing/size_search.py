@@ -36,6 +36,8 @@ def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
     Raises:
         MeshError: no size that was tried gives so many nodes, or the body cannot be meshed.
     """
+    if nodes < 4:
+        raise MeshError(f"nodes = {nodes}: must be at least 4, those of one tetrahedron")
     search = _Search(nodes)
     size: float | None = _first_size(geometry)
     while size is not None and len(search.counts) < MOST_MESHES and search.miss > NEAR_ENOUGH:
