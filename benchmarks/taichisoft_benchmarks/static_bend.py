@@ -11,6 +11,14 @@ MASS = 0.04
 SILICONE = 51162.5
 """[mm^3] in it."""
 
+SOFT, STIFF = 500.0, 1500.0
+"""[kPa] Young's modulus, and that of the stiff layer."""
+POISSON_RATIO = 0.3
+BASE = ((-10.0, 0.0, -20.0), (0.0, 30.0, 20.0))
+"""[mm] Box of the nodes that are held."""
+STIFF_LAYER = ((-100.0, 22.5, -8.0), (-19.0, 28.0, 8.0))
+"""[mm]"""
+
 STEP = 10.0
 """[s] So long a step of implicit Euler is nearly one of Newton's method for the state of rest."""
 DAMPING = 1.0
@@ -48,11 +56,11 @@ def bend(
     finger = {
         "mesh": mesh,
         **({"mass": MASS} if even_mass else {"density": MASS / SILICONE}),
-        "young_modulus": 500.0,
-        "poisson_ratio": 0.3,
+        "young_modulus": SOFT,
+        "poisson_ratio": POISSON_RATIO,
         "rayleigh_stiffness": damping,
-        "anchors": [{"box": [[-10.0, 0.0, -20.0], [0.0, 30.0, 20.0]]}],
-        "regions": [{"box": [[-100.0, 22.5, -8.0], [-19.0, 28.0, 8.0]], "young_modulus": 1500.0}],
+        "anchors": [{"box": BASE}],
+        "regions": [{"box": STIFF_LAYER, "young_modulus": STIFF}],
         "cavities": {"cavity": {"group": "cavity"}},
         **body,
     }

@@ -3,11 +3,12 @@
 import sys
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from taichisoft_benchmarks import convergence
+from taichisoft_benchmarks.convergence_page import Point, Study, is_fitted
 from taichisoft_benchmarks.errors import BenchmarkError
+from taichisoft_benchmarks.extrapolation import limit_of
 from taichisoft_benchmarks.static_bend import bend
 
 
@@ -15,8 +16,8 @@ from taichisoft_benchmarks.static_bend import bend
 def test_a_series_with_a_known_limit_is_extrapolated_to_it(order: float) -> None:
     """u = limit - factor h^order, with h = nodes^(-1/3); to the tolerance of the search for the order."""
     nodes = [2000, 4000, 9000, 20000]
-    found = convergence.limit_of(nodes, [59.0 - 700.0 * count ** (-order / 3) for count in nodes])
-    assert found.bend == pytest.approx(59.0, abs=1e-3)
+    found = limit_of(nodes, [59.0 - 700.0 * count ** (-order / 3) for count in nodes])
+    assert found.value == pytest.approx(59.0, abs=1e-3)
     assert found.order == pytest.approx(order, abs=1e-4)
     assert found.factor == pytest.approx(700.0, rel=1e-3)
     assert found.doubt < 1e-2
@@ -25,8 +26,8 @@ def test_a_series_with_a_known_limit_is_extrapolated_to_it(order: float) -> None
 def test_noise_shows_as_doubt() -> None:
     nodes, noises = [2000, 4000, 9000, 20000, 40000], [0.2, -0.2, 0.2, -0.2, 0.2]
     bends = [59.0 - 700.0 * count ** (-2 / 3) + noise for count, noise in zip(nodes, noises, strict=True)]
-    found = convergence.limit_of(nodes, bends)
-    assert abs(found.bend - 59.0) < 2 * found.doubt
+    found = limit_of(nodes, bends)
+    assert abs(found.value - 59.0) < 2 * found.doubt
 
 
 @pytest.mark.parametrize(
@@ -35,7 +36,7 @@ def test_noise_shows_as_doubt() -> None:
 )
 def test_a_series_without_limit_is_refused(bends: list[float], problem: str) -> None:
     with pytest.raises(BenchmarkError, match=problem):
-        convergence.limit_of([1000 * 8**index for index in range(len(bends))], bends)
+        limit_of([1000 * 8**index for index in range(len(bends))], bends)
 
 
 def test_the_state_of_rest_does_not_depend_on_the_steps_that_led_to_it() -> None:
@@ -56,18 +57,19 @@ def test_the_tutorials_own_meshes_bend_as_is_known(shared: Path, name: str, expe
     assert bend(str(folder / name), even_mass=True, **body)[2] == pytest.approx(expected, abs=0.05)
 
 
+def point(name: str, nodes: int, across: int | None) -> Point:
+    return Point(name, nodes, 5 * nodes, across, 59.0 - 700.0 * nodes ** (-2 / 3), 57.0)
+
+
 def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With made-up figures: measuring takes minutes."""
 
-    def measured(sizes, tutorial_meshes):
-        counts = [int(50000 / size**2) for size in sizes]
-        ours = [
-            convergence.Point(f"{size:g} mm", count, 5 * count, 59.0 - 700.0 * count ** (-2 / 3), 57.0)
-            for size, count in zip(sizes, counts, strict=True)
-        ]
-        return ours, [convergence.Point("coarse.vtk", 376, 1195, 12.0, 12.3)]
+    def measured(sizes, even_sizes, tutorial_meshes):
+        graded = [point(f"{size:g}", int(50000 / size**2), 1 + (size < 5)) for size in sizes]
+        limit = limit_of([p.nodes for p in graded], [p.bend for p in graded])
+        return Study(graded, [point("5 mm", 1860, None)], [point("coarse.vtk", 376, None)], {376: (0.7, 2.0)}, limit)
 
-    monkeypatch.setattr(convergence, "measure", measured)
+    monkeypatch.setattr(convergence, "measure_all", measured)
     page = tmp_path / "page.md"
     monkeypatch.setattr(sys, "argv", ["convergence", str(page), "--sizes", "2", "8", "4", "3"])
     page.write_text("no marks")
@@ -76,9 +78,15 @@ def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     page.write_text("before\n<!-- convergence -->\nold\n<!-- end -->\nafter\n")
     convergence.main()
     once, plot = page.read_text(), (tmp_path / convergence.PLOT).read_bytes()
-    assert once.startswith("before\n<!-- convergence -->\n| mesh |")
-    assert once.endswith("order 2.0.\n<!-- end -->\nafter\n")
-    assert once.index("| 8 mm | 781 |") < once.index("| 2 mm | 12500 |") < once.index("| coarse.vtk | 376 |")
+    assert once.startswith(
+        "before\n<!-- convergence -->\nLimit: 59.0 mm, ± 0.0 mm when one mesh is left out; order 2.0."
+    )
+    assert once.endswith("| 376 | 0.70 | 2.00 |\n<!-- end -->\nafter\n")
+    assert once.index("| 8 | 781 |") < once.index("| 2 | 12500 |") < once.index("| 5 mm | 1860 | 9300 | 57.0 | 34.9 |")
     convergence.main()
     assert (page.read_text(), (tmp_path / convergence.PLOT).read_bytes()) == (once, plot)
-    assert np.char.count(plot.decode(), "largest displacement at 30 kPa") == 1
+    assert "largest displacement at 30 kPa" in plot.decode()
+
+
+def test_a_mesh_is_fitted_when_its_walls_are_two_elements_thick() -> None:
+    assert [is_fitted(point("", 500, across)) for across in (None, 1, 2, 3)] == [False, False, True, True]

@@ -1,0 +1,127 @@
+"""The convergence study as tables and as a plot."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from taichisoft_benchmarks.extrapolation import Limit
+
+TRIAL = {531: 19.5, 987: 26.9, 1860: 34.9, 3325: 46.8, 6106: 51.3, 10464: 53.6}
+"""Displacement [mm] by nodes of a first calculation, on meshes of one size all over, before the finger was at rest."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One mesh.
+
+    Attributes:
+        name: what it is called in the table.
+        nodes, elements: how many.
+        across: elements across the walls of the cavity, where it was measured.
+        bend: displacement of the node that moves farthest, mass by volume [mm].
+        even_bend: the same with the mass spread evenly over the nodes [mm].
+    """
+
+    name: str
+    nodes: int
+    elements: int
+    across: int | None
+    bend: float
+    even_bend: float
+
+
+@dataclass(frozen=True)
+class Study:
+    """What was measured.
+
+    Attributes:
+        graded: meshes as `taichisoft mesh` makes them.
+        even: meshes of one size all over.
+        tutorial: those of SOFA's tutorial, where they are.
+        compliances: displacement for a small pressure [mm/kPa] with linear and quadratic elements, by nodes.
+        limit: where the graded meshes lead whose walls are two elements thick.
+    """
+
+    graded: Sequence[Point]
+    even: Sequence[Point]
+    tutorial: Sequence[Point]
+    compliances: Mapping[int, tuple[float, float]]
+    limit: Limit
+
+
+def page_section(study: Study) -> str:
+    """Markdown."""
+    limit = study.limit
+    parts = [
+        f"Limit: {limit.value:.1f} mm, ± {limit.doubt:.1f} mm when one mesh is left out; order {limit.order:.1f}.",
+        _graded_table(study),
+        "Meshes of one size all over, and SOFA's, with the mass spread evenly over the nodes as in its tutorial:",
+        _other_table(study),
+        "A small pressure without gravity, on meshes of the first table, with linear and with quadratic elements:",
+        _compliance_table(study),
+    ]
+    return "\n\n".join(parts)
+
+
+def _graded_table(study: Study) -> str:
+    rows = ["| size, mm | nodes | tetrahedra | elements across | displacement, mm | of the limit | mass even, mm |"]
+    rows.append("|---|---|---|---|---|---|---|")
+    rows += [
+        f"| {point.name} | {point.nodes} | {point.elements} | {point.across} | {point.bend:.1f} "
+        f"| {point.bend / study.limit.value:.0%} | {point.even_bend:.1f} |"
+        for point in study.graded
+    ]
+    return "\n".join(rows)
+
+
+def _other_table(study: Study) -> str:
+    rows = ["| mesh | nodes | tetrahedra | displacement, mm | first calculation, mm |", "|---|---|---|---|---|"]
+    rows += [
+        f"| {point.name} | {point.nodes} | {point.elements} | {point.even_bend:.1f} | {TRIAL.get(point.nodes, '')} |"
+        for point in (*study.even, *study.tutorial)
+    ]
+    return "\n".join(rows)
+
+
+def _compliance_table(study: Study) -> str:
+    rows = ["| nodes | linear, mm/kPa | quadratic, mm/kPa |", "|---|---|---|"]
+    rows += [f"| {nodes} | {linear:.2f} | {curved:.2f} |" for nodes, (linear, curved) in study.compliances.items()]
+    return "\n".join(rows)
+
+
+def draw(study: Study, path: Path) -> None:
+    """Displacement against nodes, as a small SVG that changes only with the figures."""
+    import matplotlib
+    from matplotlib.figure import Figure
+
+    limit = study.limit
+    with matplotlib.rc_context({"svg.fonttype": "none", "svg.hashsalt": "taichisoft", "font.size": 9.0}):
+        figure = Figure(figsize=(5.6, 3.6), layout="constrained")
+        axes = figure.add_subplot()
+        axes.axhspan(limit.value - limit.doubt, limit.value + limit.doubt, color="0.9")
+        axes.axhline(limit.value, color="0.5", linewidth=1, label=f"limit, {limit.value:.1f} ± {limit.doubt:.1f} mm")
+        fitted = [point.nodes for point in study.graded if is_fitted(point)]
+        nodes = np.geomspace(fitted[0], 2.5 * fitted[-1], 50)
+        axes.plot(nodes, limit.value - limit.factor * nodes ** (-limit.order / 3), ":", color="tab:blue", linewidth=1)
+        for points, style, label in (
+            ([(point.nodes, point.bend) for point in study.graded], "o-", "taichisoft mesh"),
+            ([(point.nodes, point.even_bend) for point in study.even], "s-", "one size all over"),
+            (list(TRIAL.items()), "x:", "first calculation, not at rest"),
+            ([(point.nodes, point.even_bend) for point in study.tutorial], "^", "SOFA's tutorial"),
+        ):
+            if points:
+                axes.plot(*zip(*points, strict=True), style, markersize=4, linewidth=1, label=label)
+        axes.set_xscale("log")
+        axes.set_ylim(bottom=0)
+        axes.set_xlabel("nodes of the finger")
+        axes.set_ylabel("largest displacement at 30 kPa [mm]")
+        axes.grid(which="major", alpha=0.3)
+        axes.legend(frameon=False, loc="lower right")
+        figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None})
+
+
+def is_fitted(point: Point) -> bool:
+    """Whether a mesh tells where the limit is: with walls of one element the error does not fall regularly."""
+    return point.across is not None and point.across >= 2
