@@ -1,0 +1,85 @@
+"""docs/meshing.md: its commands, options, files and links are there, and its drawing names every dimension."""
+
+import re
+import shlex
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+from pydantic import BaseModel
+
+from taichisoft.command_line import application
+from taichisoft.plugin_commands import with_plugin_commands
+from taichisoft_meshing.body_tables import checked
+from taichisoft_meshing.finger import FingerParameters
+from taichisoft_meshing.finger_drawing import draw_finger
+from taichisoft_meshing.quality_limits import quality_limits
+from taichisoft_meshing.step_kind import StepTable
+from taichisoft_meshing.surfaces_kind import SurfacesTable
+
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+PAGE = (DOCS / "meshing.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+
+
+def commands() -> list[list[str]]:
+    """Words of every command of taichisoft, in blocks and in the text."""
+    lines = "".join(blocks("sh")).splitlines() + re.findall(r"`(taichisoft [^`]*)`", PAGE)
+    return [shlex.split(line, comments=True)[1:] for line in lines if line.startswith("taichisoft ")]
+
+
+def test_every_command_and_option_exists() -> None:
+    known = with_plugin_commands(application).commands
+    assert {"mesh", "mesh-info", "mesh-sweep", "mesh-cache", "run"} <= {words[0] for words in commands()}
+    for words in commands():
+        assert words[0] in known, words
+        options = {option for parameter in known[words[0]].params for option in parameter.opts}
+        given = {word for word in words[1:] if word.startswith("-") and not word.startswith("--plugin")}
+        assert given <= options, words
+    in_text = set(re.findall(r"`(--[a-z-]+)", PAGE)) - {"--clear", "--plugin"}
+    assert in_text <= {option for name in ("mesh", "mesh-sweep") for part in known[name].params for option in part.opts}
+
+
+def test_every_file_of_the_page_is_valid() -> None:
+    """Geometries of STEP files and surfaces, limits of quality, scenes."""
+    tables = [tomllib.loads(block) for block in blocks("toml")]
+    seen = set()
+    for table in tables:
+        if "quality" in table:
+            assert quality_limits(table, DOCS).model_dump() == table["quality"]
+            seen.add("quality")
+        elif "kind" in table:
+            kinds = {"step": StepTable, "surfaces": SurfacesTable}
+            kind = table.pop("kind")
+            checked(kinds[kind], table, DOCS)
+            seen.add(kind)
+    assert seen == {"quality", "step", "surfaces"}
+
+
+def dimensions(table: type[BaseModel], prefix: str = "") -> Iterator[str]:
+    for name, field in table.model_fields.items():
+        inner = field.annotation
+        if isinstance(inner, type) and issubclass(inner, BaseModel):
+            yield from dimensions(inner, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}"
+
+
+def test_every_dimension_is_in_the_drawing(tmp_path: Path) -> None:
+    """Which is the one that the script draws, but for what matplotlib's version changes."""
+    draw_finger(FingerParameters(), tmp_path / "finger.svg")
+    drawn, shipped = [path.read_text(encoding="utf-8") for path in (tmp_path / "finger.svg", DOCS / "finger.svg")]
+    texts = [re.findall(r"<text[^>]*>(.*?)</text>", svg) for svg in (drawn, shipped)]
+    assert texts[0] == texts[1], "run: python -m taichisoft_meshing.finger_drawing docs/finger.svg"
+    for key in dimensions(FingerParameters):
+        if not key.startswith(("mesh.", "wall")):  # thicknesses of walls stand for positions that are drawn
+            assert any(text.startswith(f"{key} = ") for text in texts[1]), key
+
+
+@pytest.mark.parametrize("link", re.findall(r"\]\(([^)#:]+)\)", PAGE))
+def test_every_link_leads_somewhere(link: str) -> None:
+    assert (DOCS / link).exists()
