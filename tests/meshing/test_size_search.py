@@ -64,18 +64,18 @@ def test_a_jump_over_the_number_is_refused_with_what_came_nearest() -> None:
 
 def test_sizes_that_the_body_refuses_are_limits_of_the_search() -> None:
     def count(size: float) -> float:
-        if size > 20.0:
-            raise MeshError("body.toml: size = 21: must be at most 20")
+        if size > 5.0:
+            raise MeshError("body.toml: size = 6: must be at most 5")
         if size < 1.0:
             raise MeshError("body.toml: size = 0.5: must be at least 1")
-        return 10_000 * size**-2.0
+        return 10_000 * size**-3.0
 
-    for nodes, largest in ((27, 20.0), (9000, 1.1)):
-        size, mesh = size_for_nodes(Counted(count, coarse=10.0), nodes)
+    for nodes, largest in ((90, 5.0), (9000, 1.1)):
+        size, mesh = size_for_nodes(Counted(count, coarse=3.0), nodes)
         assert abs(len(mesh.nodes) / nodes - 1) <= WITHIN
         assert size <= largest
-    with pytest.raises(MeshError, match=r"nodes = 5: .* the nearest mesh has 2\d, .*; body.toml: size = 21: must be"):
-        size_for_nodes(Counted(count, coarse=10.0), 5)
+    with pytest.raises(MeshError, match=r"nodes = 60: .* the nearest mesh has \d+, .*; body.toml: size = 6: must be"):
+        size_for_nodes(Counted(count, coarse=3.0), 60)
 
 
 def test_a_body_that_cannot_be_meshed_is_no_matter_of_its_size() -> None:

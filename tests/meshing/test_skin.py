@@ -51,6 +51,7 @@ def test_the_only_cavity_has_no_number() -> None:
 
 def test_several_cavities_are_numbered_from_the_base_on() -> None:
     nodes, elements = block_with_holes((7, 1, 1), (1, 1, 1), (4, 1, 1), (5, 1, 1))
+    nodes, elements = nodes[::-1], len(nodes) - 1 - elements  # their order decides nothing
     surfaces = name_surfaces(nodes, elements)
     assert list(surfaces) == ["outer", "base", "cavity_0", "cavity_1", "cavity_2"]
     volumes = [enclosed_volume(nodes, surfaces[f"cavity_{number}"]) for number in range(3)]
