@@ -9,7 +9,7 @@
 
 grasp: system-libraries
 	mkdir -p out/grasp
-	.venv/bin/taichisoft mesh tutorial --output out/grasp/finger.msh
+	.venv/bin/taichisoft mesh tutorial --set mesh.largest=10 --set mesh.smallest=10 --output out/grasp/finger.msh
 	.venv/bin/taichisoft run gripper --controller scripted --outputs recording,metrics,pictures \
 	    --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
 
