@@ -41,19 +41,21 @@ class Study:
         even: meshes of one size all over.
         tutorial: those of SOFA's tutorial, where they are.
         compliances: displacement for a small pressure [mm/kPa] with linear and quadratic elements, by nodes.
-        limit: where the graded meshes lead whose walls are two elements thick.
+        compliance_limit: where the quadratic ones lead [mm/kPa].
+        limit: where the graded meshes lead whose walls are two elements thick [mm].
     """
 
     graded: Sequence[Point]
     even: Sequence[Point]
     tutorial: Sequence[Point]
-    compliances: Mapping[int, tuple[float, float]]
+    compliances: Mapping[int, tuple[float, float | None]]
+    compliance_limit: Limit
     limit: Limit
 
 
 def page_section(study: Study) -> str:
     """Markdown."""
-    limit = study.limit
+    limit, compliance = study.limit, study.compliance_limit
     parts = [
         f"Limit: {limit.value:.1f} mm, ± {limit.doubt:.1f} mm when one mesh is left out; order {limit.order:.1f}.",
         _graded_table(study),
@@ -61,6 +63,7 @@ def page_section(study: Study) -> str:
         _other_table(study),
         "A small pressure without gravity, on meshes of the first table, with linear and with quadratic elements:",
         _compliance_table(study),
+        f"The quadratic ones lead to {compliance.value:.2f} mm/kPa (± {compliance.doubt:.2f} when one mesh is left out).",
     ]
     return "\n\n".join(parts)
 
@@ -87,7 +90,10 @@ def _other_table(study: Study) -> str:
 
 def _compliance_table(study: Study) -> str:
     rows = ["| nodes | linear, mm/kPa | quadratic, mm/kPa |", "|---|---|---|"]
-    rows += [f"| {nodes} | {linear:.2f} | {curved:.2f} |" for nodes, (linear, curved) in study.compliances.items()]
+    rows += [
+        f"| {nodes} | {linear:.2f} | {'' if quadratic is None else f'{quadratic:.2f}'} |"
+        for nodes, (linear, quadratic) in study.compliances.items()
+    ]
     return "\n".join(rows)
 
 

@@ -41,17 +41,43 @@ def limit_of(nodes: Sequence[float], values: Sequence[float]) -> Limit:
     return Limit(*whole, max(abs(value - whole[0]) for value in left_out))
 
 
+def limit_at_order(nodes: Sequence[float], values: Sequence[float], order: float) -> Limit:
+    """The same with an order that is known from elsewhere: which a rough series cannot tell well by itself."""
+    counts, given = np.asarray(nodes, dtype=float), np.asarray(values, dtype=float)
+    limit, factor = _solve(counts, given, order)
+    left_out = [_solve(np.delete(counts, index), np.delete(given, index), order)[0] for index in range(len(counts))]
+    return Limit(limit, order, factor, max(abs(value - limit) for value in left_out))
+
+
+def order_towards(limit: float, nodes: Sequence[float], values: Sequence[float]) -> float:
+    """The order at which values converge to a limit that is known from elsewhere.
+
+    Raises:
+        BenchmarkError: a value is not below it.
+    """
+    errors = limit - np.asarray(values, dtype=float)
+    if (errors <= 0).any():
+        raise BenchmarkError(f"a mesh gives {max(values):.4g}, more than the limit that was found, {limit:.4g}")
+    return float(-3.0 * np.polyfit(np.log(nodes), np.log(errors), 1)[0])
+
+
 def _fit(nodes: np.ndarray, values: np.ndarray) -> tuple[float, float, float]:
     """Limit, order and factor: for a given order the other two are linear."""
     from scipy.optimize import minimize_scalar
 
-    def solved(order: float) -> tuple[np.ndarray, float]:
-        columns = np.stack([np.ones(len(nodes)), -(nodes ** (-order / 3.0))], axis=1)
-        answer = np.linalg.lstsq(columns, values, rcond=None)[0]
-        return answer, float(((columns @ answer - values) ** 2).sum())
+    def misfit(order: float) -> float:
+        limit, factor = _solve(nodes, values, order)
+        return float(((limit - factor * nodes ** (-order / 3.0) - values) ** 2).sum())
 
-    order = float(minimize_scalar(lambda order: solved(order)[1], bounds=ORDERS, method="bounded").x)
+    order = float(minimize_scalar(misfit, bounds=ORDERS, method="bounded").x)
     if min(abs(order - end) for end in ORDERS) < 0.01:
         raise BenchmarkError("the meshes do not converge to a limit; give finer ones")
-    (limit, factor), _ = solved(order)
-    return float(limit), order, float(factor)
+    limit, factor = _solve(nodes, values, order)
+    return limit, order, factor
+
+
+def _solve(nodes: np.ndarray, values: np.ndarray, order: float) -> tuple[float, float]:
+    """Limit and factor by least squares."""
+    columns = np.stack([np.ones(len(nodes)), -(nodes ** (-order / 3.0))], axis=1)
+    limit, factor = np.linalg.lstsq(columns, values, rcond=None)[0]
+    return float(limit), float(factor)
