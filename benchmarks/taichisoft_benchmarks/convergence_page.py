@@ -63,7 +63,7 @@ def page_section(study: Study) -> str:
         _other_table(study),
         "A small pressure without gravity, on meshes of the first table, with linear and with quadratic elements:",
         _compliance_table(study),
-        f"The quadratic ones lead to {compliance.value:.2f} mm/kPa (± {compliance.doubt:.2f} when one mesh is left out).",
+        f"The quadratic ones lead to {compliance.value:.2f} mm/kPa (± {compliance.doubt:.2f} without one mesh).",
     ]
     return "\n\n".join(parts)
 
