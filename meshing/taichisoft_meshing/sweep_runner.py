@@ -52,8 +52,10 @@ def run_sweep(
         while waiting or running:
             while waiting and len(running) < jobs:
                 number = waiting.pop()
-                answer, process = _start(variants[number], unfinished, force)
-                running[answer] = number, process
+                with held_back() as stop_if_asked:  # half a start would leave a process that nobody ends
+                    answer, process = _start(variants[number], unfinished, force)
+                    running[answer] = number, process
+                    stop_if_asked()
             ready = wait([*running])
             for answer in [answer for answer in running if answer in ready]:
                 number, process = running.pop(answer)
@@ -85,7 +87,7 @@ def _start(variant: Variant, unfinished: Path, force: bool) -> tuple[Connection,
 
 @contextmanager
 def _signals_blocked() -> Iterator[None]:
-    """What is started meanwhile never sees Ctrl and c, not even while it loads; here it comes a little later."""
+    """What is started meanwhile never sees Ctrl and c, not even while it loads."""
     if not hasattr(signal, "pthread_sigmask"):  # Windows
         yield
         return
