@@ -19,6 +19,7 @@ from taichisoft.errors import TaichisoftError
 from taichisoft_controllers.grasp_sequence import Phase
 
 MOST_POINTS = 1500  # of a line; of the steps between two points the one with the fastest slip is shown
+# Of the phases in which the object is off the ground.
 SHADES = {Phase.LIFT: "#dce9f5", Phase.HOLD: "#c6dbef", Phase.HELD: "#c6dbef", Phase.LOWER: "#dce9f5"}
 
 
@@ -51,13 +52,15 @@ def draw(table: Path, picture: Path) -> None:
         slip_axes.semilogy(time, np.maximum(columns["signal slip_speed"], 1e-3), linewidth=1)
         slip_axes.set_ylabel("slip [mm/s]")
         slip_axes.set_xlabel("time [s]")
+        pushes = _pushes(table.with_name("scene.toml"))
         for axes in (force_axes, pressure_axes, height_axes, slip_axes):
             _shade(axes, time, phase)
-            for start, end in _pushes(table.with_name("scene.toml")):
-                axes.axvspan(start, end, color="tab:red", alpha=0.6, linewidth=0)
+            for index, (start, end) in enumerate(pushes):
+                label = "push" if index == 0 and axes is force_axes else None
+                axes.axvspan(start, end, color="tab:red", alpha=0.6, linewidth=0, label=label)
             axes.margins(x=0)
-        force_axes.legend(loc="upper left", frameon=False)
-        height_axes.legend(loc="upper left", frameon=False)
+        for axes in (force_axes, height_axes):
+            axes.legend(loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=3, frameon=False)
         figure.savefig(picture, format="svg", metadata={"Date": None, "Creator": None})
 
 
@@ -83,7 +86,7 @@ def _thinned(columns: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
 
 
 def _shade(axes: Any, time: np.ndarray, phase: np.ndarray) -> None:
-    """Colour the phases in which the object is off the ground."""
+    """Colour the background."""
     changes = [0, *(np.flatnonzero(np.diff(phase)) + 1), len(time) - 1]
     for start, end in pairwise(changes):
         shade = SHADES.get(Phase(int(phase[start])))
@@ -99,4 +102,6 @@ def _pushes(scene: Path) -> list[tuple[float, float]]:
 
 
 if __name__ == "__main__":
+    if len(sys.argv) != 3:
+        sys.exit(__doc__)
     draw(Path(sys.argv[1]), Path(sys.argv[2]))
