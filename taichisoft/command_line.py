@@ -10,6 +10,7 @@ from taichisoft import __version__, plugins, plugins_command
 from taichisoft.errors import GoalMissed, TaichisoftError
 from taichisoft.plugin_commands import load_requested, with_plugin_commands
 from taichisoft.plugin_failure import plugin_traceback
+from taichisoft.run_option import requested
 
 application = typer.Typer(
     name="taichisoft",
@@ -67,6 +68,7 @@ def _options(
 
 @application.command("run")
 def run_command(
+    context: typer.Context,
     scene: Annotated[str, typer.Argument(help="Scene file (TOML), or the name of a shipped one, such as gripper.")],
     controller: Annotated[str | None, typer.Option(help="Name of a controller; the scene's own otherwise.")] = None,
     output: Annotated[Path | None, typer.Option(help="Folder for the results; out/SCENE otherwise.")] = None,
@@ -86,6 +88,8 @@ def run_command(
     from taichisoft.run_command import run_scene  # starts Taichi, which --help need not wait for
 
     names = [name.strip() for name in outputs.split(",") if name.strip()]
-    interrupted = run_scene(scene, controller, output, set_ or [], duration, names, speed, keys, profile)
+    asked = requested(context.meta, names)
+    driver = controller or asked.controller
+    interrupted = run_scene(scene, driver, output, set_ or [], duration, asked.outputs, speed, keys, profile)
     if interrupted:
         raise typer.Exit(EXIT_INTERRUPTED)

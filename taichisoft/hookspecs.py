@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from taichisoft.geometry import GeometryKind
     from taichisoft.mesh import VolumeMesh
     from taichisoft.output import OutputFactory
+    from taichisoft.run_option import RunOption
     from taichisoft.session import Session
     from taichisoft.simulation import StepReport
 
@@ -34,7 +35,17 @@ def taichisoft_controllers() -> "Mapping[str, Callable[..., Controller]]":  # ty
 def taichisoft_outputs() -> "Mapping[str, OutputFactory]":  # type: ignore[empty-body]
     """Outputs by name; called when a run looks for its outputs.
 
-    Each value makes an output from the folder into which it may write.
+    Each value makes an output from the folder into which it may write; its other arguments, with defaults, are what
+    `taichisoft_run_options` may set.
+    """
+
+
+@hookspec
+def taichisoft_run_options() -> "Mapping[str, RunOption]":  # type: ignore[empty-body]
+    """Options of `taichisoft run` by name ("--web"); called when the command line is read.
+
+    Each value is a `taichisoft.run_option.RunOption`: which output takes part in the run when the option is given, and
+    which argument of its factory gets the value.
     """
 
 

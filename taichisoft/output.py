@@ -1,7 +1,7 @@
 """What watches a run: the interface of an output."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 class Output(Protocol):
-    """Made as `factory(folder)` with the run's output folder; then called in this order.
+    """Made as `factory(folder, **settings)` with the run's output folder; then called in this order.
 
     An output may also have:
 
@@ -35,6 +35,6 @@ class Output(Protocol):
 
 
 class OutputFactory(Protocol):
-    """What `taichisoft_outputs` maps a name to."""
+    """What `taichisoft_outputs` maps a name to; the settings are those that options of `taichisoft run` gave."""
 
-    def __call__(self, folder: Path) -> Output: ...
+    def __call__(self, folder: Path, **settings: Any) -> Output: ...

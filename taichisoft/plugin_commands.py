@@ -10,6 +10,7 @@ import typer
 from taichisoft import plugins
 from taichisoft.errors import PluginError
 from taichisoft.plugin_registry import DISABLE
+from taichisoft.run_option import add_run_options
 
 FILE_OPTION = "--plugin"
 FOLDER_OPTION = "--plugins-dir"
@@ -52,7 +53,8 @@ def with_plugin_commands(application: typer.Typer) -> Any:
             claimed[name] = registry.described(plugin)
         whole.registered_commands += added.registered_commands
         whole.registered_groups += added.registered_groups
-    command = typer.main.get_command(whole)
+    command: Any = typer.main.get_command(whole)
+    add_run_options(command.commands["run"])
     _take(command, _loading_options())
     return command
 

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 from taichisoft import plugins
 from taichisoft.plugin_commands import command_names, commands_by_plugin
 from taichisoft.plugin_registry import Origin, hook_names
+from taichisoft.run_option import HOOK, options_by_plugin, run_options
 
-LIFE_CYCLE = [name for name in hook_names() if name not in (*plugins.KINDS.values(), "taichisoft_commands")]
+LIFE_CYCLE = [name for name in hook_names() if name not in (*plugins.KINDS.values(), "taichisoft_commands", HOOK)]
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,9 @@ def list_plugins() -> list[LoadedPlugin]:
             provides[name] += [f"{kind} {key}" for key in sorted(by_name)]
     for name, application in commands_by_plugin():
         provides[name] += [f"command {command}" for command in command_names(application)]
+    run_options()  # no option may be claimed twice
+    for name, options in options_by_plugin():
+        provides[name] += [f"option {option} of run" for option in options]
     for hook in LIFE_CYCLE:
         for implementation in plugins.implementations(hook):
             provides[implementation.plugin_name].append(f"{hook}()")

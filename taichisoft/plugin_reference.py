@@ -16,11 +16,15 @@ from taichisoft.geometry import Geometry, GeometryKind
 from taichisoft.keys import KeyEvent
 from taichisoft.output import Output, OutputFactory
 from taichisoft.plugin_registry import hook_names
+from taichisoft.run_option import RunOption
 from taichisoft.session import Session
 from taichisoft.simulation import StepReport
 
 MARK = "<!-- From here on written by `python -m taichisoft.plugin_reference docs/plugins.md`; a test compares. -->\n"
-INTERFACES = (Controller, Observation, Control, KeyEvent, Output, OutputFactory, Geometry, GeometryKind)
+INTERFACES = (
+    *(Controller, Observation, Control, KeyEvent),
+    *(Output, OutputFactory, RunOption, Geometry, GeometryKind),
+)
 RUN = (Session, StepReport)
 
 

@@ -2,7 +2,7 @@
 
 import math
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
@@ -31,12 +31,14 @@ def run_scene(
     folder: Path | None,
     overrides: Sequence[str],
     duration: float | None,
-    output_names: Sequence[str],
+    output_settings: Mapping[str, Mapping[str, Any]],
     speed: float | None = None,
     keys: Path | None = None,
     profile: bool = False,
 ) -> bool:
-    """Run a scene into a folder; returns whether it was interrupted. `profile` shows where the time of a step goes.
+    """Run a scene into a folder; returns whether it was interrupted.
+
+    `output_settings` has the outputs by name; `profile` shows where the time of a step goes.
 
     Raises:
         TaichisoftError: anything that is the user's to mend.
@@ -50,7 +52,7 @@ def run_scene(
         replay = KeyReplay(keys) if keys is not None else None
         with _errors_in(name):
             controller = make_controller(scene)
-        output_factories = {output: plugins.find("output", output) for output in output_names}
+        factories = {output: plugins.find("output", output) for output in output_settings}
         folder = folder if folder is not None else Path("out") / Path(name).stem
         status = "preparing the model; the first time on a machine Taichi compiles its kernels"
         with console.status(status), logged_to(console), _errors_in(name):
@@ -61,7 +63,7 @@ def run_scene(
         if speed is not None:
             with console.status(status):
                 _load_kernels(simulation)
-        outputs = [_make_output(output, make, folder) for output, make in output_factories.items()]
+        outputs = [_make_output(name, make, folder, output_settings[name]) for name, make in factories.items()]
         session = Session(simulation, controller, outputs, duration, folder, speed, replay)
         _write_scene(scene, folder)
         return _run(session, console, folder, scene.title or name, profile) == INTERRUPTED
@@ -100,9 +102,9 @@ def _load_kernels(simulation: Simulation) -> None:
     simulation.restore(state)
 
 
-def _make_output(name: str, make: OutputFactory, folder: Path) -> Any:
+def _make_output(name: str, make: OutputFactory, folder: Path, settings: Mapping[str, Any]) -> Any:
     try:
-        return make(folder)
+        return make(folder, **settings)
     except TaichisoftError:
         raise
     except Exception as error:
