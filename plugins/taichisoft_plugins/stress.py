@@ -1,0 +1,84 @@
+"""Stress of soft bodies from the positions of their nodes, by the law with which the engine moves them.
+
+With F the deformation gradient of an element, R its rotation and e = sym(R^T F) - I its strain,
+    s = R (lambda tr(e) I + 2 mu e) R^T,
+which is Hooke's law in the element's own axes, turned to those of the world. The nodal forces of the engine are
+f_a = -w s R g_a, with w the element's volume at rest and g_a the gradients of its shape functions.
+"""
+
+import numpy as np
+
+from taichisoft.elements import edge_frames, lame_parameters, linear_tetrahedra
+
+
+def element_stress(
+    rest_position: np.ndarray,
+    elements: np.ndarray,
+    young_modulus: np.ndarray,
+    poisson_ratio: np.ndarray,
+    position: np.ndarray,
+    polar: bool = False,
+) -> np.ndarray:
+    """Corotational stress of linear tetrahedra, constant in each, in the axes of the world.
+
+    Args:
+        rest_position: of the nodes [mm], shape (node_count, 3).
+        elements: node indices, shape (element_count, 4).
+        young_modulus: [kPa], shape (element_count,).
+        poisson_ratio: [-], shape (element_count,).
+        position: of the nodes [mm], shape (node_count, 3).
+        polar: rotations by the polar decomposition (a scene's `corotation = "polar"`) instead of the first two edges.
+
+    Returns:
+        [kPa], positive in tension, shape (element_count, 3, 3).
+    """
+    gradients, _ = linear_tetrahedra(rest_position, elements)
+    deformation = np.einsum("eai,eaj->eij", position[elements], gradients[:, 0])
+    rotation = _polar_rotations(deformation) if polar else _edge_rotations(rest_position, elements, position)
+    stretch = np.swapaxes(rotation, 1, 2) @ deformation
+    strain = 0.5 * (stretch + np.swapaxes(stretch, 1, 2)) - np.eye(3)
+    lame = lame_parameters(young_modulus, poisson_ratio)
+    volume_change = np.trace(strain, axis1=1, axis2=2)
+    stress = (lame[:, 0] * volume_change)[:, None, None] * np.eye(3) + 2.0 * lame[:, 1, None, None] * strain
+    return rotation @ stress @ np.swapaxes(rotation, 1, 2)
+
+
+def von_mises(stress: np.ndarray) -> np.ndarray:
+    """Equivalent stress [kPa], shape (count,), of stresses [kPa] of shape (count, 3, 3): that of a bar in tension."""
+    mean = np.trace(stress, axis1=1, axis2=2) / 3.0
+    deviator = stress - mean[:, None, None] * np.eye(3)
+    return np.sqrt(1.5 * np.einsum("eij,eij->e", deviator, deviator))
+
+
+def nodal_mean(values: np.ndarray, elements: np.ndarray, rest_position: np.ndarray) -> np.ndarray:
+    """Mean of the elements around each node, weighted with their volumes at rest.
+
+    Args:
+        values: of the elements, shape (element_count,).
+        elements: node indices, shape (element_count, 4); every node belongs to one.
+        rest_position: of the nodes [mm], shape (node_count, 3).
+
+    Returns:
+        Shape (node_count,), in the unit of `values`.
+    """
+    _, volumes = linear_tetrahedra(rest_position, elements)
+    corners, node_count = elements.ravel(), len(rest_position)
+    weights = np.repeat(volumes[:, 0], elements.shape[1])
+    total = np.bincount(corners, weights * np.repeat(values, elements.shape[1]), node_count)
+    return total / np.bincount(corners, weights, node_count)
+
+
+def _edge_rotations(rest_position: np.ndarray, elements: np.ndarray, position: np.ndarray) -> np.ndarray:
+    """From the frame of the first two edges at rest to the one that they span now."""
+    frames = []
+    for nodes in (rest_position, position):
+        corners = nodes[elements[:, :3]]
+        frames.append(edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
+    return frames[1] @ np.swapaxes(frames[0], 1, 2)
+
+
+def _polar_rotations(deformation: np.ndarray) -> np.ndarray:
+    """The rotation nearest to each deformation gradient, never a reflection: an inverted element keeps a rotation."""
+    left, _, right = np.linalg.svd(deformation)
+    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
+    return left @ right
