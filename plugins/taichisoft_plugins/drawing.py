@@ -1,5 +1,6 @@
 """Drawing frames of a recording: what stands on the stage, and one camera for all the frames."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -7,9 +8,41 @@ import numpy as np
 from taichisoft_plugins.camera import fit_camera, scene_axes
 from taichisoft_plugins.recording_reader import RecordedPlane, Recording
 from taichisoft_plugins.stage import Stage
+from taichisoft_plugins.style import Style
 
 SQUARE, HORIZON = 2.2, 40.0
 """Half widths of the drawn parts of a plane, in radii of what stands on it [-]."""
+
+
+class Drawer:
+    """Draws frames of a recording as its style says; a process can have only one.
+
+    Args:
+        recording: stays open as long as frames are drawn.
+        style: what the user chose.
+        frames: all frames that will be drawn, in order: the camera and the ranges of the colours suit them all.
+    """
+
+    def __init__(self, recording: Recording, style: Style, frames: Sequence[int]):
+        self._recording = recording
+        self._points = np.concatenate(
+            [s.vertices(frame) for s in recording.surfaces if s.kind in ("soft", "rigid") for frame in frames]
+        )
+        self._camera = fit_camera(self._points, recording.up, style.view, style.size[0] / style.size[1])
+        self._stage = Stage(style.size, recording.up)
+
+    def image(self, frame: int) -> np.ndarray:
+        """The picture of one of the frames: red, green and blue, shape (height, width, 3), dtype uint8."""
+        recording, stage = self._recording, self._stage
+        stage.clear()
+        for plane in recording.planes:
+            vertices, square, ring = floor_and_horizon(plane, self._points, recording.up)
+            stage.add(plane.name, vertices, square, "floor")
+            if len(ring):
+                stage.add(f"{plane.name} to the horizon", vertices, ring, "horizon")
+        for surface in recording.surfaces:
+            stage.add(surface.name, surface.vertices(frame), surface.triangles, surface.kind)
+        return stage.image(self._camera)
 
 
 def draw_frames(recording: Recording, frames: dict[str, int], folder: Path, size: tuple[int, int], view: str) -> None:

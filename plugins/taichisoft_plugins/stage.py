@@ -70,13 +70,20 @@ class Stage:
         casts, receives = SHADOWS.get(look, (True, True))
         self._scene.scene.geometry_shadows(name, casts, receives)
 
+    def image(self, camera: Camera) -> np.ndarray:
+        """The picture, shape (height, width, 3), dtype uint8."""
+        return np.array(self._rendered(camera))
+
     def draw(self, camera: Camera, path: Path) -> None:
         """Write the picture as a PNG file."""
+        if not self._open3d.io.write_image(str(path), self._rendered(camera)):
+            raise OSError(f"{path}: cannot be written")
+
+    def _rendered(self, camera: Camera) -> Any:
         # The near and far planes are taken from what stands on the stage now.
         eye, target, up = (np.asarray(v, np.float32) for v in (camera.eye, camera.target, camera.up))
         self._renderer.setup_camera(VERTICAL_ANGLE, target, eye, up)
-        if not self._open3d.io.write_image(str(path), self._renderer.render_to_image()):
-            raise OSError(f"{path}: cannot be written")
+        return self._renderer.render_to_image()
 
     def _set_light(self, rendering: Any, axes: np.ndarray) -> None:
         right, front, up = axes

@@ -1,0 +1,120 @@
+"""What a user can choose about pictures: their size, where the camera stands, and what is shown how."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from taichisoft.errors import TaichisoftError
+
+VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
+COLOURINGS = ("none", "displacement", "stress")
+SMALLEST, LARGEST = 16, 8192
+"""Widths and heights that can be drawn [pixels]."""
+
+
+class StyleError(TaichisoftError):
+    """Pictures cannot be drawn as asked."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """How frames are drawn.
+
+    Attributes:
+        size: width and height [pixels].
+        view: "iso", "front" or "top" (each stands still), "orbit" (from iso once around the scene, over all frames), or
+            "follow:BODY" (from iso, moving with that body).
+        eye: where the camera stands [mm]; takes the place of `view`.
+        target: what it looks at from there [mm]; None for the middle of the scene.
+        opacity: of soft bodies [-], above 0, at most 1; with 1 the cavities are hidden.
+        background: red, green and blue [-], each from 0 to 1; or "#rrggbb".
+        colour_by: what the colours of soft bodies mean: "none", "displacement" [mm] or "stress" (von Mises) [kPa].
+        cavity_pressure: cavities have the colour of their pressure.
+        arrows: contact forces are drawn as arrows.
+        axes: the scene's axes stand in a corner of the picture.
+        caption: time, pressures and the height of the rigid bodies are written in the picture.
+        surface: file of a surface that is drawn for every soft body instead of its mesh's own: STL, OBJ or PLY, in the
+            coordinates of the body's mesh file [mm]; usually finer.
+
+    Raises:
+        StyleError: a value is impossible; says what would be valid.
+    """
+
+    size: tuple[int, int] = (1280, 720)
+    view: str = "iso"
+    eye: tuple[float, float, float] | None = None
+    target: tuple[float, float, float] | None = None
+    opacity: float = 0.6
+    background: tuple[float, float, float] | str = (0.86, 0.90, 0.94)
+    colour_by: str = "none"
+    cavity_pressure: bool = True
+    arrows: bool = True
+    axes: bool = True
+    caption: bool = True
+    surface: Path | None = None
+
+    def __post_init__(self) -> None:
+        self._set("size", tuple(_whole(value) for value in _numbers("size", self.size, 2)))
+        if not all(SMALLEST <= side <= LARGEST for side in self.size):
+            raise StyleError(
+                f"size {self.size[0]}x{self.size[1]}: width and height must be from {SMALLEST} to {LARGEST} pixels"
+            )
+        if self.view not in VIEWS[:-1] and not (self.view.startswith("follow:") and len(self.view) > len("follow:")):
+            raise StyleError(f"no view is called '{self.view}'; there are: {', '.join(VIEWS)}")
+        if not 0.0 < self.opacity <= 1.0:
+            raise StyleError(f"opacity {self.opacity:g} must be above 0 and at most 1")
+        if self.colour_by not in COLOURINGS:
+            raise StyleError(
+                f"soft bodies cannot be coloured by '{self.colour_by}'; there are: {', '.join(COLOURINGS)}"
+            )
+        self._set("background", _colour(self.background))
+        for name in ("eye", "target"):
+            if getattr(self, name) is not None:
+                self._set(name, _numbers(name, getattr(self, name), 3))
+        if self.eye is None and self.target is not None:
+            raise StyleError("target needs an eye: the views look at the middle of the scene")
+        if self.eye is not None and self.eye == self.target:
+            raise StyleError(f"eye and target are one point, {self.eye}: the camera would look nowhere")
+        if self.surface is not None:
+            self._set("surface", Path(self.surface))
+
+    @property
+    def followed(self) -> str | None:
+        """Name of the body that the camera moves with."""
+        return self.view.removeprefix("follow:") if self.view.startswith("follow:") and self.eye is None else None
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)  # the class is frozen for everybody else
+
+
+def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != count or not all(abs(number) < 1e9 for number in numbers):
+        raise StyleError(f"{name} {values!r} must be {count} numbers")
+    return numbers
+
+
+def _whole(value: float) -> int:
+    if value != int(value):
+        raise StyleError(f"size: {value:g} is no whole number of pixels")
+    return int(value)
+
+
+def _colour(value: Sequence[float] | str) -> tuple[float, ...]:
+    if isinstance(value, str):
+        digits = value.removeprefix("#")
+        try:
+            colour = tuple(byte / 255 for byte in bytes.fromhex(digits))
+        except ValueError:
+            colour = ()
+        if len(colour) != 3 or len(digits) != 6:
+            raise StyleError(f"background '{value}' must be written #rrggbb in hexadecimal digits, as #dbe6f0")
+        return colour
+    colour = _numbers("background", value, 3)
+    if not all(0.0 <= part <= 1.0 for part in colour):
+        raise StyleError(f"background {value!r}: red, green and blue must each be from 0 to 1")
+    return colour
