@@ -72,7 +72,7 @@ class FittedSizes:
     largest: float
     smallest: float
     curvature: int
-    elements_across_walls: int = 1
+    elements_across_walls: int = 2
 
 
 class Sizes(Table):
@@ -84,8 +84,8 @@ class Sizes(Table):
     """[mm] edge length at the cavities; the largest when it is not given."""
     curvature: Count = 16
     """Edges around a full turn of a curved surface; 0: no finer where it is curved."""
-    elements_across_walls: Literal[1, 2] = 1
-    """At least; with 2, edges from one side of a wall to the other are cut, which about doubles the nodes."""
+    elements_across_walls: Literal[1, 2] = 2
+    """At least: with 2, edges from one side of a wall to the other are cut, which about doubles the nodes."""
 
     @model_validator(mode="after")
     def _check_order(self) -> "Sizes":

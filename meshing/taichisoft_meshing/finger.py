@@ -136,7 +136,7 @@ class ElementSizes(_Table):
     """[mm] edge length far from the cavity."""
     smallest: Length = 9.0
     """[mm] edge length at the cavity and in the thin walls around it."""
-    elements_across: Count = 2
+    elements_across_walls: Count = 2
     """Layers of elements in the thin walls of the cavity, once `smallest` is small enough for them not to be flat."""
     curvature: CountOrNone = 8
     """Edges around a full turn of a fillet or bore; 0: no finer where the surface is curved."""

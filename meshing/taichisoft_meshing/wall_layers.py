@@ -23,7 +23,7 @@ def layer_count(finger: "FingerParameters") -> int:
     if sizes.smallest == sizes.largest:
         return 1
     affordable = int(FLATTEST * thin_walls(finger)[0] / sizes.smallest)
-    return max(1, min(sizes.elements_across, affordable))
+    return max(1, min(sizes.elements_across_walls, affordable))
 
 
 def layer_boxes(finger: "FingerParameters", part: float) -> "list[Box]":

@@ -126,9 +126,9 @@ def test_slots_below_the_chambers_may_stand_anywhere() -> None:
 
 def test_a_size_replaces_the_largest_and_scales_the_smallest(tmp_path) -> None:
     path = tmp_path / "finger.toml"
-    path.write_text("[mesh]\nlargest = 8.0\nsmallest = 4.0\nelements_across = 3\ncurvature = 12\n")
+    path.write_text("[mesh]\nlargest = 8.0\nsmallest = 4.0\nelements_across_walls = 3\ncurvature = 12\n")
     sizes = read_finger(path, size=6.0).mesh
-    assert sizes == ElementSizes(largest=6.0, smallest=3.0, elements_across=3, curvature=12)
+    assert sizes == ElementSizes(largest=6.0, smallest=3.0, elements_across_walls=3, curvature=12)
     with pytest.raises(MeshError, match=r"mesh\.largest = -1\.0: input should be greater than 0"):
         read_finger(path, size=-1.0)
 

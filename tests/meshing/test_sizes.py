@@ -61,7 +61,7 @@ def test_elements_are_small_at_the_cavity_and_grow_away_from_it() -> None:
 )
 def test_layers_come_when_their_elements_are_not_too_flat(smallest: float, wanted: int, layers: int) -> None:
     """Up to 2.4 times as long as thick: 2.4 * 2.5 mm / 2 = 3 mm for two layers, 2 mm for three."""
-    sizes = ElementSizes(largest=2 * smallest, smallest=smallest, elements_across=wanted)
+    sizes = ElementSizes(largest=2 * smallest, smallest=smallest, elements_across_walls=wanted)
     assert layer_count(FingerParameters(mesh=sizes)) == layers
 
 
@@ -109,7 +109,7 @@ def test_every_thin_wall_has_the_layers(layers: int) -> None:
             "chambers": {"count": 3, "width": 4.0, "pitch": 9.0, "first": 8.0, "height": 5.0, "depth": 8.0},
             "slots": {"count": 1, "first": 14.0, "width": 1.0, "depth": 8.0},
             "stiff_layer": {"thickness": 0.0},
-            "mesh": {"largest": 6.0, "smallest": 4.8 / layers, "elements_across": layers},
+            "mesh": {"largest": 6.0, "smallest": 4.8 / layers, "elements_across_walls": layers},
         }
     )  # fmt: skip
     assert layer_count(finger) == layers

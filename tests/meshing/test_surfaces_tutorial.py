@@ -23,6 +23,7 @@ pytestmark = pytest.mark.skipif(
 def test_the_tutorials_finger(keep: bool, cavity: list[str]) -> None:
     """The first file has both surfaces; the cavity that the second one repeats is still one."""
     tables = {"outer": OUTER, "cavity": cavity, "keep_surface": keep, "cavities": 1, "base": BASE}
+    tables["mesh"] = {"elements_across_walls": 1}
     mesh = SurfacesBody(tables, MESHES / "finger.toml").mesh(10.0)
     assert tetrahedron_volumes(mesh.nodes, mesh.elements).sum() == pytest.approx(51162.5, rel=1e-8)
     assert enclosed_volume(mesh.nodes, mesh.surface_groups["cavity"]) == pytest.approx(8887.5, rel=1e-9)
