@@ -96,6 +96,8 @@ class Controller(Protocol):
 
     - `key(event: KeyEvent) -> None`: called for every key that the run does not use itself, before `control`;
     - `bindings: dict[str, str]`: what its keys do, for the help that `?` shows;
+    - `sliders: dict[str, Slider]`: numbers that its user may set, by name, for displays that can show them (see
+      `taichisoft.slider.Slider`); one that was moved comes as a `KeyEvent` with that name and its `value`;
     - `interactive = True`: a run goes at the speed of real time and until somebody ends it, unless the user says
       otherwise;
     - `status: str`: what the live status of such a run shows of it, such as which finger is selected;

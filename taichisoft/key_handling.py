@@ -39,7 +39,7 @@ class KeyHandling:
         """Heed the keys that came since the last call."""
         for event in self._new_events():
             self._session.recent_keys.append(event)
-            action = self._actions.get(event.key)
+            action = self._actions.get(event.key) if event.value is None else None
             if action is not None:
                 action()
             else:
@@ -61,9 +61,9 @@ class KeyHandling:
             return
         for event in session.replay.take(session.steps_made):
             self._write(event)
-            if event.key not in WAITING_KEYS:
+            if event.value is not None or event.key not in WAITING_KEYS:
                 yield event
-        yield from (event for event in pressed if event.key in BINDINGS and event.key != "r")
+        yield from (event for event in pressed if event.value is None and event.key in BINDINGS and event.key != "r")
 
     def _write(self, event: KeyEvent) -> None:
         if self._log is None:

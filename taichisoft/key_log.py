@@ -1,6 +1,7 @@
 """The keys of a session in a file: one JSON object a line, with the number of steps made before the key was taken."""
 
 import json
+import math
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +33,10 @@ class KeyLog:
 
     def add(self, step: int, event: KeyEvent) -> None:
         """A key that was taken after so many steps of the session."""
-        self._write({"step": step, "key": event.key, **({"ctrl": True} if event.ctrl else {})})
+        more: dict[str, Any] = {"ctrl": True} if event.ctrl else {}
+        if event.value is not None:
+            more["value"] = event.value
+        self._write({"step": step, "key": event.key, **more})
 
     def end(self, step: int) -> None:
         """The session made so many steps in all."""
@@ -96,4 +100,7 @@ def _parse(line: str, where: str) -> tuple[int, KeyEvent | None]:
         return content["step"], None
     if not isinstance(content.get("key"), str) or not isinstance(content.get("ctrl", False), bool):
         raise KeyLogError(f"{where}: {line.strip()}: {valid}")
-    return content["step"], KeyEvent(content["key"], content.get("ctrl", False))
+    value = content.get("value")
+    if value is not None and (type(value) not in (int, float) or not math.isfinite(value)):
+        raise KeyLogError(f"{where}: value = {value!r}: must be a finite number")
+    return content["step"], KeyEvent(content["key"], content.get("ctrl", False), value)

@@ -16,7 +16,8 @@ class Output(Protocol):
 
     - `restart(state)`: called when a user starts the run anew, with the state that it goes back to; without it the
       steps simply go on from an earlier time;
-    - `summary() -> dict[str, str]`: rows for the table that closes a run, called last.
+    - `summary() -> dict[str, str]`: rows for the table that closes a run, called last;
+    - `gives_keys = True`: it puts keys into the session, so a run without a terminal can be steered.
     """
 
     def begin(self, model: "Model", state: "State") -> None:

@@ -19,10 +19,11 @@ from taichisoft.plugin_registry import hook_names
 from taichisoft.run_option import RunOption
 from taichisoft.session import Session
 from taichisoft.simulation import StepReport
+from taichisoft.slider import Slider
 
 MARK = "<!-- From here on written by `python -m taichisoft.plugin_reference docs/plugins.md`; a test compares. -->\n"
 INTERFACES = (
-    *(Controller, Observation, Control, KeyEvent),
+    *(Controller, Observation, Control, KeyEvent, Slider),
     *(Output, OutputFactory, RunOption, Geometry, GeometryKind),
 )
 RUN = (Session, StepReport)

@@ -15,9 +15,10 @@ def begin_keys(session: "Session") -> None:
     if session.replaying or not getattr(session.controller, "interactive", False):
         return
     if sys.stdin is None or not sys.stdin.isatty():
-        warnings.warn(
-            "standard input is no terminal, so no keys come from there; Ctrl and c ends the run", stacklevel=2
-        )
+        if not any(getattr(output, "gives_keys", False) for output in session.outputs):
+            warnings.warn(
+                "standard input is no terminal, so no keys come from there; Ctrl and c ends the run", stacklevel=2
+            )
         return
     _sources[id(session)] = _source(session)
 

@@ -10,6 +10,7 @@ from taichisoft.controller import Control, Observation
 from taichisoft.errors import SceneError
 from taichisoft.keys import KeyEvent
 from taichisoft.scene import Positive, Table
+from taichisoft.slider import Slider
 from taichisoft.validation_errors import first_problem
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ class KeyboardController:
         interactive: a run goes on at the speed of real time until somebody ends it.
         bindings: what the keys do.
         status: which finger is selected, for displays.
+        sliders: pressures that can be set at once.
     """
 
     interactive = True
@@ -96,7 +98,11 @@ class KeyboardController:
         self._turns = 0
 
     def key(self, event: KeyEvent) -> None:
-        """Take a step; Ctrl or not is the same, and so is a letter with or without shift."""
+        """Take a step; Ctrl or not is the same, and so is a letter with or without shift. Or move a slider."""
+        if event.value is not None:
+            if event.key in self._pressure:
+                self._pressure[event.key] = self._within_limits(event.value)
+            return
         key = event.key.lower()
         if key in PRESSURE_KEYS:
             self._change_pressure(PRESSURE_KEYS[key] * self._pressure_step)
@@ -121,6 +127,12 @@ class KeyboardController:
     def status(self) -> str:
         """Which finger + and - act on."""
         return f"{self._selected or 'all fingers'} selected"
+
+    @property
+    def sliders(self) -> dict[str, Slider]:
+        """The pressure of every cavity, by its name."""
+        lowest, highest, step = self._lowest, self._highest, self._pressure_step
+        return {name: Slider(value, lowest, highest, step, "kPa") for name, value in self._pressure.items()}
 
     @property
     def _turn(self) -> float:

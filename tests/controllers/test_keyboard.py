@@ -13,6 +13,7 @@ from taichisoft.controller import Control, Observation
 from taichisoft.errors import SceneError
 from taichisoft.keys import KeyEvent
 from taichisoft.scene import Limits
+from taichisoft.slider import Slider
 from taichisoft_controllers.keyboard import KeyboardController
 
 CAVITIES = ("finger1.cavity", "finger2.front", "finger2.back", "finger3.cavity")
@@ -137,6 +138,18 @@ def test_pressure_steps_add_up(keys: list[str], step: float) -> None:
     for key in keys:
         expected = max(0.0, expected + (step if key == "+" else -step))
     assert press(ready(pressure_step=step), *keys).pressure["finger1.cavity"] == expected
+
+
+def test_a_slider_sets_the_pressure_of_one_cavity_and_follows_the_keys() -> None:
+    """Keys count on from where it stands; beyond the limits, and for a cavity that is not there, nothing happens."""
+    controller = KeyboardController(pressure_step=2.0)
+    controller.reset(model(highest_pressure=40.0))
+    controller.key(KeyEvent("finger2.back", value=12.3))
+    controller.key(KeyEvent("finger3.cavity", value=99.0))
+    controller.key(KeyEvent("finger4.cavity", value=5.0))
+    assert press(controller, "+").pressure == dict(zip(CAVITIES, [2.0, 2.0, 14.3, 40.0], strict=True))
+    assert list(controller.sliders) == list(CAVITIES)
+    assert controller.sliders["finger2.back"] == Slider(14.3, 0.0, 40.0, 2.0, "kPa")
 
 
 def test_what_was_asked_for_does_not_change_afterwards() -> None:

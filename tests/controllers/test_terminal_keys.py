@@ -7,6 +7,7 @@ import signal
 import subprocess
 import sys
 import termios
+import warnings
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -183,8 +184,9 @@ def sources(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     return happened
 
 
-def session(interactive: bool = True, replaying: bool = False) -> Any:
-    return SimpleNamespace(controller=SimpleNamespace(interactive=interactive), replaying=replaying)
+def session(interactive: bool = True, replaying: bool = False, outputs: Any = ()) -> Any:
+    controller = SimpleNamespace(interactive=interactive)
+    return SimpleNamespace(controller=controller, replaying=replaying, outputs=outputs)
 
 
 def test_an_interactive_run_has_the_terminal_from_its_beginning_to_its_end(sources: list[str]) -> None:
@@ -207,4 +209,12 @@ def test_where_there_is_no_terminal_it_says_so(sources: list[str], monkeypatch: 
     monkeypatch.setattr(sys, "stdin", stdin)
     with pytest.warns(UserWarning, match="standard input is no terminal"):
         key_source.begin_keys(session())
+    assert sources == []
+
+
+def test_it_says_nothing_where_keys_come_from_an_output(sources: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdin", None)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        key_source.begin_keys(session(outputs=(object(), SimpleNamespace(gives_keys=True))))
     assert sources == []

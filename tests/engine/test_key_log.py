@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from taichisoft.key_log import KeyLog, KeyLogError, KeyReplay
 from taichisoft.keys import KeyEvent, KeyStream
 
-events = st.builds(KeyEvent, st.text(min_size=1, max_size=8), st.booleans())
+values = st.none() | st.floats(allow_nan=False, allow_infinity=False)
+events = st.builds(KeyEvent, st.text(min_size=1, max_size=8), st.booleans(), values)
 
 
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture])
@@ -43,6 +44,8 @@ def test_a_killed_session_leaves_its_keys(tmp_path: Path) -> None:
         ('{"step": 1.5, "key": "a"}', 'must look like {"step": 12, '),
         ('{"step": 4, "key": 5}', 'must look like {"step": 12, '),
         ('{"step": 4, "key": "a", "ctrl": "yes"}', 'must look like {"step": 12, '),
+        ('{"step": 4, "key": "a", "value": NaN}', "line 2: value = nan: must be a finite number"),
+        ('{"step": 4, "key": "a", "value": true}', "line 2: value = True: must be a finite number"),
         ('{"step": 2, "key": "a"}', "line 2: step = 2: must not be below 3"),
     ],
 )
@@ -73,3 +76,4 @@ def test_a_stream_gives_each_key_once_and_in_order() -> None:
 
 def test_keys_are_written_as_people_write_them() -> None:
     assert [str(KeyEvent("up")), str(KeyEvent("+", ctrl=True))] == ["up", "Ctrl++"]
+    assert str(KeyEvent("left.air", value=12.5)) == "left.air=12.5"

@@ -24,7 +24,7 @@ STEP = 0.01
 
 
 class Pusher:
-    """Moves the base by 1 mm at every "+"; notes when it was asked."""
+    """Moves the base by 1 mm at every "+", or to where its slider "s" stands; notes when it was asked."""
 
     interactive = True
 
@@ -37,7 +37,7 @@ class Pusher:
         self.way = 0.0
 
     def key(self, event: KeyEvent) -> None:
-        self.way += {"+": 1.0}.get(event.key, 0.0)
+        self.way = event.value if event.value is not None else self.way + {"+": 1.0}.get(event.key, 0.0)
 
     def control(self, observation: Observation) -> Control:
         self.asked.append(observation.step)
@@ -95,6 +95,25 @@ def test_a_replay_gives_the_same_bits(block: Callable[..., str], tmp_path: Path)
     assert played(second, tmp_path / "b", {}, replay=replay)[0] == "stopped"
     assert second.state == first.state
     assert (tmp_path / "a" / "keys.jsonl").read_text() == (tmp_path / "b" / "keys.jsonl").read_text()
+
+
+def test_sliders_are_replayed_too_and_one_that_is_called_like_a_key_is_none(
+    block: Callable[..., str], tmp_path: Path
+) -> None:
+    """0.1 + 0.2 is a number that only all of its digits give back."""
+    first, second = make_simulation(block), make_simulation(block)
+    session = Session(first, Pusher(), folder=tmp_path, duration=0.07)
+    moves = {2: 0.1 + 0.2, 4: 1.0}
+
+    def on_step(report: StepReport) -> None:
+        if session.steps_made in moves:
+            session.keys.put(KeyEvent("s", value=moves[session.steps_made]))
+
+    run_session(session, on_step)
+    assert first.state.base_translation[0] == 1.0 and not session.paused
+    replay = KeyReplay(tmp_path / "keys.jsonl")
+    played(second, None, {}, replay=replay)
+    assert second.state == first.state
 
 
 def test_a_replay_of_a_run_that_ended_by_itself_ends_there(block: Callable[..., str], tmp_path: Path) -> None:
