@@ -103,14 +103,14 @@ def test_sliders_are_replayed_too_and_one_that_is_called_like_a_key_is_none(
     """0.1 + 0.2 is a number that only all of its digits give back."""
     first, second = make_simulation(block), make_simulation(block)
     session = Session(first, Pusher(), folder=tmp_path, duration=0.07)
-    moves = {2: 0.1 + 0.2, 4: 1.0}
+    moves = {2: 1.0, 4: 0.1 + 0.2}
 
     def on_step(report: StepReport) -> None:
         if session.steps_made in moves:
             session.keys.put(KeyEvent("s", value=moves[session.steps_made]))
 
     run_session(session, on_step)
-    assert first.state.base_translation[0] == 1.0 and not session.paused
+    assert first.state.base_translation[0] == 0.1 + 0.2 and not session.paused
     replay = KeyReplay(tmp_path / "keys.jsonl")
     played(second, None, {}, replay=replay)
     assert second.state == first.state
