@@ -45,6 +45,7 @@ class SoftBody:
     Attributes:
         name: the body's name in the scene.
         settings: its table in the scene.
+        mesh: what it was made of, not placed yet.
         nodes: where its nodes stand in the arrays of the model.
         rest_position: placed nodes [mm], shape (node_count, 3).
         elements: shape (element_count, nodes_per_element).
@@ -58,6 +59,7 @@ class SoftBody:
 
     name: str
     settings: settings.SoftBody
+    mesh: VolumeMesh
     nodes: slice
     rest_position: np.ndarray
     elements: np.ndarray
@@ -86,6 +88,7 @@ def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_n
     return SoftBody(
         name=name,
         settings=body,
+        mesh=mesh,
         nodes=slice(first_node, first_node + node_count),
         rest_position=rest_position,
         elements=mesh.elements,

@@ -1,46 +1,25 @@
-"""Reading a recording: what was simulated, and where every surface was in every frame."""
+"""Reading a recording: what was simulated, and what was in every frame."""
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 import numpy as np
 
-from taichisoft.mapped_surface import MappedSurface
-from taichisoft_plugins.recording_layout import RecordingError
+from taichisoft.state import State
+from taichisoft_plugins.recorded_bodies import (
+    RecordedPlane,
+    RecordedRigidBody,
+    RecordedSoftBody,
+    RecordedSurface,
+    numbered,
+    read_rigid_body,
+    read_soft_body,
+)
+from taichisoft_plugins.recorded_surfaces import read_planes, read_surfaces
+from taichisoft_plugins.recording_layout import CONTACT_QUANTITIES, FIELDS, LAYOUT, STEP_QUANTITIES, RecordingError
 
-
-@dataclass(frozen=True)
-class RecordedSurface:
-    """A surface that can be drawn.
-
-    Attributes:
-        name: of the body, or of the cavity ("finger1.cavity").
-        kind: what it belongs to.
-        triangles: vertex indices, outward, shape (triangle_count, 3).
-        vertices: gives the vertex positions [mm], shape (vertex_count, 3), in a frame.
-    """
-
-    name: str
-    kind: Literal["soft", "cavity", "rigid", "obstacle"]
-    triangles: np.ndarray
-    vertices: Callable[[int], np.ndarray]
-
-
-@dataclass(frozen=True)
-class RecordedPlane:
-    """An infinite plane.
-
-    Attributes:
-        name: of the obstacle.
-        point: a point of it [mm], shape (3,).
-        normal: unit normal [-], shape (3,).
-    """
-
-    name: str
-    point: np.ndarray
-    normal: np.ndarray
+__all__ = ["RecordedPlane", "RecordedRigidBody", "RecordedSoftBody", "RecordedSurface", "Recording", "read_recording"]
 
 
 class Recording:
@@ -51,10 +30,12 @@ class Recording:
         scene: the resolved scene as TOML text.
         outcome: how the run ended; "unfinished" while it runs and when it was killed.
         step_size: [s].
+        every: steps from frame to frame.
+        fields: what was recorded, see `recording_layout.FIELDS`.
         gravity: [mm/s^2], shape (3,).
         frame_count: frames that were written whole; frame 0 is the state before the first step.
         cavities: names of the columns of `column("pressure")` and `column("volume")`.
-        pairs: names of the columns of `column("normal_force")` and `column("friction_force")`.
+        pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
         surfaces: everything with triangles.
         planes: the infinite obstacles.
     """
@@ -63,20 +44,18 @@ class Recording:
         self.path = path
         self._file = file
         self._steps = file["steps"]
-        self.scene: str = file.attrs["scene"]
-        self.outcome: str = file.attrs["outcome"]
-        self.step_size = float(file.attrs["step_size"])
-        self.gravity: np.ndarray = file.attrs["gravity"]
-        # A writer that was killed may have extended some datasets and not yet the others.
-        self.frame_count = min(len(dataset) for dataset in self._steps.values())
+        attributes = file.attrs
+        self.scene: str = attributes["scene"]
+        self.outcome: str = attributes["outcome"]
+        self.step_size = float(attributes["step_size"])
+        self.every = int(attributes.get("every", 1))
+        self.fields: tuple[str, ...] = tuple(attributes.get("fields", FIELDS))
+        self.gravity: np.ndarray = attributes["gravity"]
+        self.frame_count = self._count_frames()
         self.cavities: list[str] = list(self._steps.attrs["cavities"])
         self.pairs: list[str] = list(self._steps.attrs["pairs"])
-        self.surfaces = tuple(self._surfaces())
-        self.planes = tuple(
-            RecordedPlane(group.attrs["name"], group.attrs["point"], group.attrs["normal"])
-            for group in _numbered(file, "obstacles")
-            if "point" in group.attrs
-        )
+        self.surfaces = tuple(read_surfaces(file, self.row))
+        self.planes = tuple(read_planes(file))
 
     def __enter__(self) -> Self:
         return self
@@ -95,19 +74,64 @@ class Recording:
         strength = np.linalg.norm(self.gravity)
         return -self.gravity / strength if strength > 0 else np.array([0.0, 0.0, 1.0])
 
+    @cached_property
+    def soft_bodies(self) -> tuple[RecordedSoftBody, ...]:
+        """Meshes and materials.
+
+        Raises:
+            RecordingError: an older version wrote the file, without them.
+        """
+        try:
+            return tuple(map(read_soft_body, numbered(self._file, "soft_bodies")))
+        except KeyError as error:
+            raise self._lacks("meshes and materials of the soft bodies", None) from error
+
+    @cached_property
+    def rigid_bodies(self) -> tuple[RecordedRigidBody, ...]:
+        """Surfaces in the body frames."""
+        return tuple(map(read_rigid_body, numbered(self._file, "rigid_bodies")))
+
+    def has(self, name: str) -> bool:
+        """Whether a quantity was recorded; `recording_layout` has names and units."""
+        return name in self._steps
+
     def column(self, name: str) -> np.ndarray:
-        """One quantity in all frames, shape (frame_count, ...); `recording_layout` has names and units."""
-        return self._steps[name][: self.frame_count]
+        """One quantity in all frames, shape (frame_count, ...).
+
+        Raises:
+            RecordingError: it was not recorded.
+        """
+        return self._dataset("steps", name)[: self.frame_count]
 
     def row(self, name: str, frame: int) -> np.ndarray:
-        """One quantity in one frame."""
-        return self._steps[name][range(self.frame_count)[frame]]
+        """One quantity in one frame.
+
+        Raises:
+            RecordingError: it was not recorded.
+        """
+        return self._dataset("steps", name)[range(self.frame_count)[frame]]
 
     def contacts(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Points [mm] and forces [mN] on the second body, each of shape (contact_count, 3)."""
-        start = int(self.row("contact_offset", frame))
-        rows = slice(start, start + int(self.row("contact_count", frame)))
-        return self._file["contacts"]["point"][rows], self._file["contacts"]["force"][rows]
+        """Points [mm] and forces [mN] on the second body, each of shape (contact_count, 3).
+
+        Raises:
+            RecordingError: they were not recorded.
+        """
+        return self._contact_rows("point", frame), self._contact_rows("impulse", frame) / self.step_size
+
+    def state(self, frame: int) -> State:
+        """The state in a frame, bit for bit: a run that goes on from it is the one that was recorded.
+
+        Raises:
+            RecordingError: something of it was not recorded.
+        """
+        values: dict[str, Any] = {}
+        for name, quantity in STEP_QUANTITIES.items():
+            if quantity.of_state:
+                values[quantity.of_state] = self.row(name, frame)
+        for name, quantity in CONTACT_QUANTITIES.items():
+            values[quantity.of_state] = self._contact_rows(name, frame)
+        return State(**{**values, "time": float(values["time"]), "step": int(values["step"])})
 
     @property
     def last_start(self) -> int:
@@ -127,34 +151,38 @@ class Recording:
             raise RecordingError(f"{self.path}: nothing at {time:g} s; the recording has {reach}")
         return first + int(np.argmin(np.abs(times - time)))
 
-    def _surfaces(self) -> list[RecordedSurface]:
-        surfaces = []
-        for group in _numbered(self._file, "soft_bodies"):
-            nodes = slice(*map(int, group.attrs["nodes"]))
-            surfaces.append(self._soft_surface(group.attrs["name"], "soft", nodes, group["surface"]))
-            for cavity in _numbered(group, "cavities"):
-                surfaces.append(self._soft_surface(cavity.attrs["name"], "cavity", nodes, cavity))
-        for body, group in enumerate(_numbered(self._file, "rigid_bodies")):
-            surfaces.append(self._rigid_surface(group, body))
-        for group in _numbered(self._file, "obstacles"):
-            if "vertices" in group:
-                surfaces.append(_obstacle_surface(group))
-        return surfaces
+    def refresh(self) -> None:
+        """See the frames that a run in progress has written since, and `outcome` when it has ended."""
+        for dataset in (*self._steps.values(), *self._file["contacts"].values(), self._file["frames"]):
+            dataset.refresh()
+        self.frame_count = self._count_frames()
 
-    def _soft_surface(self, name: str, kind: Literal["soft", "cavity"], nodes: slice, group: Any) -> RecordedSurface:
-        surface = MappedSurface(group["nodes"][:], group["weights"][:], group["triangles"][:])
-        return RecordedSurface(
-            name, kind, surface.triangles, lambda frame: surface.positions(self.row("position", frame)[nodes])
-        )
+    def _count_frames(self) -> int:
+        if "frames" in self._file:
+            return int(self._file["frames"][0])
+        # Of an older version; if it was killed, some datasets are longer than others.
+        return min(len(dataset) for dataset in self._steps.values())
 
-    def _rigid_surface(self, group: Any, body: int) -> RecordedSurface:
-        in_body_frame = group["vertices"][:]
+    def _contact_rows(self, name: str, frame: int) -> np.ndarray:
+        start = int(self.row("contact_offset", frame))
+        return self._dataset("contacts", name)[start : start + int(self.row("contact_count", frame))]
 
-        def vertices(frame: int) -> np.ndarray:
-            rotation = rotation_matrix(self.row("rigid_rotation", frame)[body])
-            return in_body_frame @ rotation.T + self.row("rigid_position", frame)[body]
+    def _dataset(self, group: str, name: str) -> Any:
+        if name in self._file[group]:
+            return self._file[group][name]
+        quantities = STEP_QUANTITIES if group == "steps" else CONTACT_QUANTITIES
+        if name not in quantities:
+            raise RecordingError(f"{self.path}: {group} have no '{name}'; there are: {', '.join(self._file[group])}")
+        raise self._lacks(f"{group}/{name}", quantities[name].field)
 
-        return RecordedSurface(group.attrs["name"], "rigid", group["triangles"][:], vertices)
+    def _lacks(self, what: str, field: str | None) -> RecordingError:
+        if field is not None and field not in self.fields:
+            why = f"--fields {','.join(self.fields)} left it out; record it with '{field}'"
+        else:
+            version = self._file.attrs["taichisoft_version"]
+            layout = self._file.attrs.get("layout", 1)
+            why = f"taichisoft {version} wrote it in layout {layout}, this version reads {LAYOUT}; run the scene again"
+        return RecordingError(f"{self.path}: has no {what}: {why}")
 
 
 def read_recording(path: str | Path) -> Recording:
@@ -177,25 +205,3 @@ def read_recording(path: str | Path) -> Recording:
     except (KeyError, ValueError, OSError) as error:
         file.close()
         raise RecordingError(f"{path}: not a recording of taichisoft: {error}") from error
-
-
-def rotation_matrix(quaternion: np.ndarray) -> np.ndarray:
-    """Rotation matrix, shape (3, 3), of a unit quaternion (w, x, y, z)."""
-    w, x, y, z = quaternion
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
-
-
-def _obstacle_surface(group: Any) -> RecordedSurface:
-    vertices = group["vertices"][:]
-    return RecordedSurface(group.attrs["name"], "obstacle", group["triangles"][:], lambda frame: vertices)
-
-
-def _numbered(file: Any, name: str) -> list[Any]:
-    """The groups "0", "1", ... of a group, in this order; HDF5 lists them as words ("10" before "2")."""
-    return [file[name][key] for key in sorted(file[name], key=int)] if name in file else []

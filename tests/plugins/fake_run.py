@@ -10,7 +10,9 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from taichisoft.elements import lame_parameters
 from taichisoft.mapped_surface import MappedSurface
+from taichisoft.mesh import VolumeMesh
 from taichisoft.scene import Scene
 from taichisoft_plugins.recording import RecordingOutput
 
@@ -43,7 +45,9 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
     cavity = MappedSurface(np.tile(np.arange(4), (4, 1)), inner, FACES)
     finger = SimpleNamespace(
         name="finger",
+        mesh=VolumeMesh("a", REST, np.array([[0, 1, 2, 3]]), {"outer": FACES}, {"tip": np.array([0])}),
         nodes=slice(0, 4),
+        lame=lame_parameters(np.array([500.0]), np.array([0.3])),
         rest_position=REST,
         elements=np.array([[0, 1, 2, 3]]),
         surface=MappedSurface.of_nodes(FACES),
@@ -65,9 +69,10 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
 
 
 def fake_state(step: int) -> SimpleNamespace:
-    """The state after `step` steps: every number depends on it."""
+    """The state after `step` steps, with step % 3 contacts: every number depends on it."""
     lift = max(step - RISE_AFTER, 0) * 1.0
     turn = 0.01 * step
+    contacts = step % 3
     return SimpleNamespace(
         time=step * STEP,
         step=step,
@@ -79,11 +84,23 @@ def fake_state(step: int) -> SimpleNamespace:
         rigid_angular_velocity=np.zeros((1, 3)),
         base_translation=np.array([lift, 0.0, 0.0]),
         base_rotation=np.zeros(3),
+        base_request=np.full((2, 3), 0.1 * step),
+        base_velocity=np.full((2, 3), 0.2 * step),
+        cavity_volume_imposed=np.array([step % 2 == 0]),
+        cavity_request=np.array([3.0 * step]),
+        cavity_target=np.array([2.5 * step]),
+        cavity_impulse=np.array([2.0 * step * STEP]),
+        cavity_volume=np.array([100.0 + step]),
+        contact_key=np.full(contacts, 1, dtype=np.int32),
+        contact_point=np.full((contacts, 3), float(step)),
+        contact_normal=np.tile([0.0, 0.0, 1.0], (contacts, 1)),
+        contact_impulse=np.full((contacts, 3), -STEP * step),
+        contact_slip=np.full(contacts, 0.5 * step),
     )
 
 
 def fake_report(step: int) -> SimpleNamespace:
-    """The report of the step that led to `fake_state(step)`, with step % 3 contacts."""
+    """The report of the step that led to `fake_state(step)`."""
     contacts = step % 3
     return SimpleNamespace(
         step=step,
@@ -95,7 +112,7 @@ def fake_report(step: int) -> SimpleNamespace:
         slip_speeds={"finger|cube": 0.5 * step},
         contact_count=contacts,
         contact_points=np.full((contacts, 3), float(step)),
-        contact_forces=np.full((contacts, 3), -float(step)),
+        contact_forces=np.full((contacts, 3), -STEP * step) / STEP,
         max_penetration=0.1,
         iterations=step,
         residual=1e-6,
