@@ -22,7 +22,7 @@ from taichisoft_benchmarks.quadratic_tetrahedra import compliance
 from taichisoft_benchmarks.scenes import FINGER, TUTORIAL_CAVITY, TUTORIAL_SURFACE
 from taichisoft_benchmarks.static_bend import bend
 from taichisoft_meshing.geometry_file import read_geometry
-from taichisoft_meshing.mesh_quality import measure
+from taichisoft_meshing.quality.mesh_quality import measure
 from taichisoft_meshing.scene_meshes import mesh_for_scene
 
 SIZES = (18.0, 12.0, 10.0, 7.75, 6.0, 5.0, 4.0, 3.5, 3.0, 2.6, 2.2)

@@ -12,11 +12,11 @@ from pydantic import model_validator
 from taichisoft.hookspecs import hookimpl
 from taichisoft.mesh import VolumeMesh
 from taichisoft.scene import Positive, Table
-from taichisoft_meshing.body_tables import Base, FittedSizes, checked
+from taichisoft_meshing.bodies.meshed_body import meshed_body, with_base
+from taichisoft_meshing.bodies.size_growth import set_sizes
+from taichisoft_meshing.bodies.solid_shells import shells_of_solid
+from taichisoft_meshing.bodies.tables import Base, FittedSizes, checked
 from taichisoft_meshing.gmsh_session import gmsh_session
-from taichisoft_meshing.meshed_body import meshed_body, with_base
-from taichisoft_meshing.size_growth import set_sizes
-from taichisoft_meshing.solid_shells import shells_of_solid
 
 
 class TubeTable(Table):

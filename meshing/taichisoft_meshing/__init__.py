@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 @hookimpl
 def taichisoft_geometry_kinds() -> "Mapping[str, GeometryKind]":
     """The built-in kinds of bodies."""
-    from taichisoft_meshing.finger_file import PneunetFinger
-    from taichisoft_meshing.step_kind import StepBody
-    from taichisoft_meshing.surfaces_kind import SurfacesBody
+    from taichisoft_meshing.bodies.step_kind import StepBody
+    from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
+    from taichisoft_meshing.finger.kind import PneunetFinger
 
     return {"pneunet_finger": PneunetFinger, "step": StepBody, "surfaces": SurfacesBody}
 
@@ -36,7 +36,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     from taichisoft_meshing.mesh_cache import mesh_cache
     from taichisoft_meshing.mesh_command import mesh
     from taichisoft_meshing.mesh_info_command import mesh_info
-    from taichisoft_meshing.sweep_command import mesh_sweep
+    from taichisoft_meshing.sweep.command import mesh_sweep
 
     application.command("mesh")(mesh)
     application.command("mesh-info")(mesh_info)

@@ -11,7 +11,7 @@ from taichisoft.geometry import Geometry, GeometryKind
 from taichisoft.mesh import VolumeMesh
 from taichisoft.plugin_failure import failures_of
 from taichisoft.validation_errors import nearest
-from taichisoft_meshing.quality_limits import QUALITY, quality_limits
+from taichisoft_meshing.quality.limits import QUALITY, quality_limits
 
 DEFAULT_KIND = "pneunet_finger"
 

@@ -46,7 +46,7 @@ def mesh(
     from taichisoft_meshing.mesh_display import print_remark, stages_bar
     from taichisoft_meshing.mesh_job import make_mesh, require_fit
     from taichisoft_meshing.mesh_set import prepare, write_output
-    from taichisoft_meshing.mesh_table import mesh_tables
+    from taichisoft_meshing.quality.table import mesh_tables
 
     how_fine = size, nodes, preset
     if step and surfaces:

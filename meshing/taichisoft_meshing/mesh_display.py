@@ -9,8 +9,8 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from taichisoft_meshing.sweep_plan import Variant
-    from taichisoft_meshing.sweep_process import Outcome
+    from taichisoft_meshing.sweep.plan import Variant
+    from taichisoft_meshing.sweep.process import Outcome
 
 STAGES = ("meshing", "measuring", "writing")
 

@@ -44,10 +44,10 @@ def _show_mesh(console: "Console", path: Path) -> list[str]:
     from taichisoft.errors import MeshError
     from taichisoft.mesh_files import read_unchecked_mesh
     from taichisoft_meshing.mesh_display import print_remark
-    from taichisoft_meshing.mesh_quality import measure
-    from taichisoft_meshing.mesh_table import mesh_tables
-    from taichisoft_meshing.quality_check import cautions, faults, missed_limits
-    from taichisoft_meshing.quality_limits import QualityLimits
+    from taichisoft_meshing.quality.check import cautions, faults, missed_limits
+    from taichisoft_meshing.quality.limits import QualityLimits
+    from taichisoft_meshing.quality.mesh_quality import measure
+    from taichisoft_meshing.quality.table import mesh_tables
 
     mesh = read_unchecked_mesh(path)
     refused = []
@@ -76,9 +76,9 @@ def _show_surface(console: "Console", path: Path) -> list[str]:
     import numpy as np
 
     from taichisoft.surface_files import read_surface
-    from taichisoft_meshing.mesh_table import surface_table
-    from taichisoft_meshing.shells import connected_triangles
-    from taichisoft_meshing.surface_quality import measure_surface
+    from taichisoft_meshing.quality.shells import connected_triangles
+    from taichisoft_meshing.quality.surfaces import measure_surface
+    from taichisoft_meshing.quality.table import surface_table
 
     vertices, triangles = read_surface(path)
     surface = measure_surface(path.stem, vertices, triangles)

@@ -11,10 +11,10 @@ from taichisoft.errors import MeshError
 from taichisoft.geometry import Geometry
 from taichisoft.mesh import VolumeMesh
 from taichisoft_meshing.geometry_file import make_geometry
-from taichisoft_meshing.mesh_quality import MeshQuality, measure
 from taichisoft_meshing.mesh_request import mesh_as_asked
-from taichisoft_meshing.quality_check import cautions, faults, missed_limits
-from taichisoft_meshing.quality_limits import QualityLimits, quality_limits
+from taichisoft_meshing.quality.check import cautions, faults, missed_limits
+from taichisoft_meshing.quality.limits import QualityLimits, quality_limits
+from taichisoft_meshing.quality.mesh_quality import MeshQuality, measure
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ import taichisoft
 from taichisoft_meshing.fingerprint import fingerprint
 from taichisoft_meshing.geometry_file import find_kind
 from taichisoft_meshing.mesh_job import MadeMesh, MeshJob
-from taichisoft_meshing.mesh_quality import MeshQuality
+from taichisoft_meshing.quality.mesh_quality import MeshQuality
 
 
 def mesh_record(made: MadeMesh, files: Iterable[Path]) -> dict[str, Any]:

@@ -13,8 +13,8 @@ from taichisoft.interruption import held_back
 from taichisoft.mesh_files import VOLUME_SUFFIXES, write_volume_mesh
 from taichisoft.surface_files import write_stl
 from taichisoft_meshing.mesh_job import MadeMesh
-from taichisoft_meshing.mesh_picture import draw_report
 from taichisoft_meshing.mesh_record import mesh_record
+from taichisoft_meshing.quality.picture import draw_report
 
 RECORD = "mesh.json"
 PICTURE = "mesh-report.png"

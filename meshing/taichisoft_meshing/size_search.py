@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from taichisoft.errors import MeshError
 from taichisoft.geometry import Geometry
 from taichisoft.mesh import VolumeMesh
-from taichisoft_meshing.quality import edge_lengths
+from taichisoft_meshing.quality.tetrahedra import edge_lengths
 
 WITHIN = 0.15
 """Of the number of nodes asked for: how far off a mesh may be."""

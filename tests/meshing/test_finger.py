@@ -7,8 +7,8 @@ import pytest
 
 from taichisoft.errors import MeshError
 from taichisoft.shipped import data_folder
-from taichisoft_meshing.finger import ElementSizes, FingerParameters
-from taichisoft_meshing.finger_file import finger_from_dict, read_finger
+from taichisoft_meshing.finger.kind import finger_from_dict, read_finger
+from taichisoft_meshing.finger.parameters import ElementSizes, FingerParameters
 
 TUTORIAL = data_folder() / "fingers" / "tutorial.toml"
 

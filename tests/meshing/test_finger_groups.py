@@ -7,9 +7,9 @@ from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
 from taichisoft.scene import Selection
 from taichisoft.selection import select_elements, select_nodes
-from taichisoft_meshing.finger import ElementSizes, FingerParameters
-from taichisoft_meshing.finger_file import finger_from_dict
-from taichisoft_meshing.gmsh_mesher import mesh_finger
+from taichisoft_meshing.finger.kind import finger_from_dict
+from taichisoft_meshing.finger.mesher import mesh_finger
+from taichisoft_meshing.finger.parameters import ElementSizes, FingerParameters
 
 BASE = Selection(box=((-10.0, 0.0, -20.0), (0.0, 30.0, 20.0)))
 STIFF_LAYER = Selection(box=((-100.0, 22.5, -8.0), (-19.0, 28.0, 8.0)))

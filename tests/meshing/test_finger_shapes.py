@@ -12,10 +12,10 @@ from hypothesis import HealthCheck, given, settings
 from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.shipped import data_folder
-from taichisoft_meshing.finger import FingerParameters
-from taichisoft_meshing.finger_file import finger_from_dict, read_finger
-from taichisoft_meshing.gmsh_mesher import mesh_finger
-from taichisoft_meshing.quality import radius_ratios
+from taichisoft_meshing.finger.kind import finger_from_dict, read_finger
+from taichisoft_meshing.finger.mesher import mesh_finger
+from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.quality.tetrahedra import radius_ratios
 
 FLAT = 1e-6
 """Of a volume between flat faces; what is missing is rounding, some 1e-14."""

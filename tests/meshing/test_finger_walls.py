@@ -5,9 +5,9 @@ from typing import Any
 import pytest
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.cavity_walls import thin_walls
-from taichisoft_meshing.finger import FingerParameters
-from taichisoft_meshing.finger_file import finger_from_dict
+from taichisoft_meshing.finger.cavity_walls import thin_walls
+from taichisoft_meshing.finger.kind import finger_from_dict
+from taichisoft_meshing.finger.parameters import FingerParameters
 
 
 def refusal(tables: dict[str, Any]) -> str:
@@ -86,7 +86,10 @@ def test_each_thickness_decides_its_positions() -> None:
         ({"mesh": {"largest": -4.0}}, "mesh.largest = -4.0: input should be greater than 0"),
         ({"mesh": {"smallest": float("nan")}}, "mesh.smallest = nan: input should be a finite number"),
         ({"mesh": {"largest": 116.0}}, "mesh.largest = 116: must be at most 115 (body.length: elements larger th"),
-        ({"mesh": {"elements_across_walls": 0}}, "mesh.elements_across_walls = 0: input should be greater than or equal to 1"),
+        (
+            {"mesh": {"elements_across_walls": 0}},
+            "mesh.elements_across_walls = 0: input should be greater than or equal to 1",
+        ),
     ],
 )
 def test_what_leaves_no_room_is_named_with_what_would_be_valid(tables: dict[str, Any], message: str) -> None:

@@ -11,11 +11,11 @@ from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.mesh_files import read_volume_mesh
 from taichisoft.shipped import data_folder
-from taichisoft_meshing import finger_solid
-from taichisoft_meshing.finger import ElementSizes, FingerParameters
-from taichisoft_meshing.finger_file import finger_from_dict, read_finger
-from taichisoft_meshing.gmsh_mesher import mesh_finger
-from taichisoft_meshing.quality import radius_ratios
+from taichisoft_meshing.finger import solid as finger_solid
+from taichisoft_meshing.finger.kind import finger_from_dict, read_finger
+from taichisoft_meshing.finger.mesher import mesh_finger
+from taichisoft_meshing.finger.parameters import ElementSizes, FingerParameters
+from taichisoft_meshing.quality.tetrahedra import radius_ratios
 
 # All faces are flat, so the volumes are those of the drawing up to the rounding of some thousand terms.
 VOLUME_TOLERANCE = 1e-9

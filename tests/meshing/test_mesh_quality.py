@@ -7,10 +7,10 @@ import pytest
 from conftest import make_block
 
 from taichisoft.mesh import VolumeMesh, boundary_triangles
-from taichisoft_meshing.mesh_quality import measure
-from taichisoft_meshing.quality_check import cautions, faults, missed_limits
-from taichisoft_meshing.quality_limits import QualityLimits
-from taichisoft_meshing.surface_quality import winding_numbers
+from taichisoft_meshing.quality.check import cautions, faults, missed_limits
+from taichisoft_meshing.quality.limits import QualityLimits
+from taichisoft_meshing.quality.mesh_quality import measure
+from taichisoft_meshing.quality.surfaces import winding_numbers
 
 
 def hollow() -> VolumeMesh:

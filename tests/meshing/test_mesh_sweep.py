@@ -15,7 +15,7 @@ from taichisoft.errors import MeshError
 from taichisoft.mesh_files import read_volume_mesh
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
 from taichisoft_meshing.mesh_options import finger_job
-from taichisoft_meshing.sweep_plan import MOST, plan
+from taichisoft_meshing.sweep.plan import MOST, plan
 
 PLUGIN = Path(__file__).with_name("block_kind.py")
 JOB = MeshJob("block", {"stretch": 1.0}, Path("block.toml"), {})

@@ -11,12 +11,12 @@ from pydantic import BaseModel
 
 from taichisoft.command_line import application
 from taichisoft.plugin_commands import with_plugin_commands
-from taichisoft_meshing.body_tables import checked
-from taichisoft_meshing.finger import FingerParameters
-from taichisoft_meshing.finger_drawing import draw_finger
-from taichisoft_meshing.quality_limits import quality_limits
-from taichisoft_meshing.step_kind import StepTable
-from taichisoft_meshing.surfaces_kind import SurfacesTable
+from taichisoft_meshing.bodies.step_kind import StepTable
+from taichisoft_meshing.bodies.surfaces_kind import SurfacesTable
+from taichisoft_meshing.bodies.tables import checked
+from taichisoft_meshing.finger.drawing import draw_finger
+from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.quality.limits import quality_limits
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "meshing.md").read_text(encoding="utf-8")
@@ -74,7 +74,7 @@ def test_every_dimension_is_in_the_drawing(tmp_path: Path) -> None:
     draw_finger(FingerParameters(), tmp_path / "finger.svg")
     drawn, shipped = [path.read_text(encoding="utf-8") for path in (tmp_path / "finger.svg", DOCS / "finger.svg")]
     texts = [re.findall(r"<text[^>]*>(.*?)</text>", svg) for svg in (drawn, shipped)]
-    assert texts[0] == texts[1], "run: python -m taichisoft_meshing.finger_drawing docs/finger.svg"
+    assert texts[0] == texts[1], "run: python -m taichisoft_meshing.finger.drawing docs/finger.svg"
     for key in dimensions(FingerParameters):
         if not key.startswith(("mesh.", "wall")):  # thicknesses of walls stand for positions that are drawn
             assert any(text.startswith(f"{key} = ") for text in texts[1]), key

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft_meshing.quality import dihedral_angles, edge_lengths, radius_ratios
+from taichisoft_meshing.quality.tetrahedra import dihedral_angles, edge_lengths, radius_ratios
 
 ORDER = np.array([[0, 1, 2, 3]])
 REGULAR = np.array([[1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]], dtype=float)

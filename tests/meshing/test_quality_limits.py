@@ -6,7 +6,7 @@ import pytest
 
 from taichisoft.errors import MeshError
 from taichisoft_meshing.geometry_file import make_geometry
-from taichisoft_meshing.quality_limits import QualityLimits, quality_limits
+from taichisoft_meshing.quality.limits import QualityLimits, quality_limits
 
 FILE = Path("finger.toml")
 

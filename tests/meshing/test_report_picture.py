@@ -7,10 +7,10 @@ import pytest
 from conftest import make_block
 
 from taichisoft.mesh import VolumeMesh
-from taichisoft_meshing.mesh_picture import draw_report
-from taichisoft_meshing.mesh_quality import measure
-from taichisoft_meshing.open_view import TILT, Side, open_view
-from taichisoft_meshing.quality_limits import QualityLimits
+from taichisoft_meshing.quality.limits import QualityLimits
+from taichisoft_meshing.quality.mesh_quality import measure
+from taichisoft_meshing.quality.open_view import TILT, Side, open_view
+from taichisoft_meshing.quality.picture import draw_report
 
 
 def hollow() -> VolumeMesh:

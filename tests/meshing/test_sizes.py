@@ -10,14 +10,14 @@ from fingers import sharp_fingers
 from hypothesis import given, settings
 
 from taichisoft.mesh import VolumeMesh
-from taichisoft_meshing.cavity_walls import thin_walls, walled_boxes
-from taichisoft_meshing.finger import ElementSizes, FingerParameters
-from taichisoft_meshing.finger_boxes import slot_boxes
-from taichisoft_meshing.finger_file import PneunetFinger, finger_from_dict
-from taichisoft_meshing.gmsh_mesher import mesh_finger
-from taichisoft_meshing.quality import radius_ratios
-from taichisoft_meshing.wall_layers import layer_boxes, layer_count
-from taichisoft_meshing.wall_rays import find_walls
+from taichisoft_meshing.finger.boxes import slot_boxes
+from taichisoft_meshing.finger.cavity_walls import thin_walls, walled_boxes
+from taichisoft_meshing.finger.kind import PneunetFinger, finger_from_dict
+from taichisoft_meshing.finger.layers import layer_boxes, layer_count
+from taichisoft_meshing.finger.mesher import mesh_finger
+from taichisoft_meshing.finger.parameters import ElementSizes, FingerParameters
+from taichisoft_meshing.quality.tetrahedra import radius_ratios
+from taichisoft_meshing.quality.wall_rays import find_walls
 
 TUTORIAL = PneunetFinger({}, Path("tutorial.toml"))
 

@@ -7,7 +7,7 @@ import pytest
 
 from taichisoft.errors import MeshError
 from taichisoft.mapped_surface import enclosed_volume
-from taichisoft_meshing.skin import name_surfaces
+from taichisoft_meshing.finger.skin import name_surfaces
 
 
 def voxels(solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

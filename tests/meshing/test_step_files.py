@@ -9,7 +9,7 @@ import pytest
 from solid_shapes import write_step
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.step_mesher import read_step
+from taichisoft_meshing.bodies.step_mesher import read_step
 
 
 def two_voids(occ: Any) -> None:

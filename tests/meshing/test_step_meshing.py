@@ -13,9 +13,9 @@ from taichisoft.errors import MeshError
 from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import tetrahedron_volumes
 from taichisoft.surface import count_open_edges
+from taichisoft_meshing.bodies.step_kind import StepBody
+from taichisoft_meshing.bodies.wall_splitting import through_edges
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
-from taichisoft_meshing.step_kind import StepBody
-from taichisoft_meshing.wall_splitting import through_edges
 
 
 @pytest.fixture(scope="module")

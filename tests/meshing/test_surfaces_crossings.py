@@ -7,7 +7,7 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from solid_shapes import Surface, arrays, ball, box, moved, surface_of
 
-from taichisoft_meshing.surface_crossings import Crossings, _common_point, find_crossings
+from taichisoft_meshing.bodies.surface_crossings import Crossings, _common_point, find_crossings
 
 
 def crossings(*surfaces: Surface) -> Crossings:

@@ -11,10 +11,10 @@ from solid_shapes import box, save
 from taichisoft.errors import MeshError
 from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import VolumeMesh, boundary_triangles
-from taichisoft_meshing import surface_mesher
+from taichisoft_meshing.bodies import surface_mesher
+from taichisoft_meshing.bodies.meshed_body import _surfaces, compare_volumes
+from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
 from taichisoft_meshing.gmsh_session import GmshFailure
-from taichisoft_meshing.meshed_body import _surfaces, compare_volumes
-from taichisoft_meshing.surfaces_kind import SurfacesBody
 
 
 @pytest.fixture

@@ -15,10 +15,10 @@ from taichisoft.errors import MeshError
 from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.surface import count_open_edges
-from taichisoft_meshing import surface_mesher
+from taichisoft_meshing.bodies import surface_mesher
+from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 from taichisoft_meshing.gmsh_session import GmshFailure
-from taichisoft_meshing.surfaces_kind import SurfacesBody
 
 # Flat faces: the volumes are those of the drawing, but for the single precision of STL.
 FLAT = 1e-6

@@ -11,9 +11,9 @@ from solid_shapes import box, save
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import boundary_triangles, tetrahedron_volumes
-from taichisoft_meshing.mesh_quality import measure
-from taichisoft_meshing.surfaces_kind import SurfacesBody
-from taichisoft_meshing.wall_splitting import cut_edges, through_edges
+from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
+from taichisoft_meshing.bodies.wall_splitting import cut_edges, through_edges
+from taichisoft_meshing.quality.mesh_quality import measure
 
 
 @settings(max_examples=20, deadline=None)

@@ -5,10 +5,10 @@ import pytest
 from conftest import make_block
 
 from taichisoft.mesh import VolumeMesh
-from taichisoft_meshing import wall_quality
-from taichisoft_meshing.surface_quality import measure_surfaces
-from taichisoft_meshing.wall_quality import measure_walls
-from taichisoft_meshing.wall_rays import MANY, Walls, find_walls
+from taichisoft_meshing.quality import walls as wall_quality
+from taichisoft_meshing.quality.surfaces import measure_surfaces
+from taichisoft_meshing.quality.wall_rays import MANY, Walls, find_walls
+from taichisoft_meshing.quality.walls import measure_walls
 
 
 @pytest.mark.parametrize("layers", [1, 2, 3, 4, 6])

@@ -1,0 +1,1 @@
+"""The kinds `step` and `surfaces`: bodies that come from elsewhere, checked, mended and meshed."""

@@ -1,0 +1,144 @@
+"""One outer surface and the cavities in it, told apart and checked: silicone must remain between any two of them."""
+
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from taichisoft.errors import MeshError
+from taichisoft_meshing.bodies.closed_shells import Shell, read_shells
+from taichisoft_meshing.bodies.surface_crossings import find_crossings
+from taichisoft_meshing.bodies.surface_repair import NEAR, diagonal
+from taichisoft_meshing.quality.surfaces import winding_numbers
+
+
+@dataclass(frozen=True)
+class HollowBody:
+    """A body of silicone between closed surfaces.
+
+    Attributes:
+        outer: its outside.
+        cavities: the walls of its air chambers, in the order of the files; may be empty.
+    """
+
+    outer: Shell
+    cavities: tuple[Shell, ...]
+
+    @property
+    def volume(self) -> float:
+        """Of the silicone [mm^3]."""
+        return self.outer.volume - sum(cavity.volume for cavity in self.cavities)
+
+
+def read_hollow_body(outer: Path, cavities: Sequence[Path] = (), scale: float = 1.0) -> HollowBody:
+    """Read a body from surface files; what can be mended is, with a warning.
+
+    Args:
+        outer: the file with the outside, and perhaps with cavities.
+        cavities: files of cavities; one that `outer` has too counts once.
+        scale: millimetres in one unit of the files.
+
+    Raises:
+        MeshError: a file or a surface in it is not valid, there are several bodies, or surfaces cross or touch.
+    """
+    return hollow_body(read_shells(outer, scale), [shell for path in cavities for shell in read_shells(path, scale)])
+
+
+def hollow_body(shells: Sequence[Shell], cavities: Sequence[Shell] = ()) -> HollowBody:
+    """Make a body of shells that lie inside one of them.
+
+    Args:
+        shells: the outside and perhaps cavities, in any order.
+        cavities: further cavities; those that are among `shells` too count once.
+
+    Raises:
+        MeshError: there are several bodies, a cavity is not inside, or surfaces cross or touch.
+    """
+    outermost = max(shells, key=lambda shell: shell.volume)
+    known = [shell for shell in shells if shell is not outermost]
+    cavities = [cavity for cavity in cavities if not any(_same(cavity, shell) for shell in known)]
+    every = [*shells, *cavities]
+    _refuse_crossings(every, outermost)
+    depth = np.sum(_is_inside(every), axis=1)
+    for cavity, around in zip(cavities, depth[len(shells) :], strict=True):
+        if around == 0:
+            raise MeshError(
+                f"{cavity.source}: the cavity is not inside {outermost.source}: it spans {_extent(cavity)}, "
+                f"the body {_extent(outermost)}; both files must have the same axes and unit"
+            )
+    outside = [shell for shell, around in zip(every, depth, strict=True) if around == 0]
+    if len(outside) != 1:
+        raise _several_bodies(outside)
+    for shell, around in zip(every, depth, strict=True):
+        if around > 1:
+            raise MeshError(f"{shell.source}: lies inside a cavity (it spans {_extent(shell)}); remove it")
+    (outer,) = outside
+    inner = [shell for shell in every if shell is not outer]
+    for shell in inner:
+        if shell not in cavities and shell.was_inward == outer.was_inward:
+            warnings.warn(f"{shell.source}: faces the same way as the outer surface; taken for a cavity", stacklevel=2)
+    if outer.was_inward:
+        warnings.warn(f"{outer.source}: is inside out; its triangles are turned round", stacklevel=2)
+    return HollowBody(outer, tuple(inner))
+
+
+def _same(one: Shell, other: Shell) -> bool:
+    """Whether two shells have the same vertices, up to the rounding of single precision, and the same volume."""
+    if len(one.vertices) != len(other.vertices) or abs(one.volume - other.volume) > 1e-5 * one.volume:
+        return False
+    near = NEAR * diagonal(one.vertices)
+    distances, partners = cKDTree(one.vertices).query(other.vertices)
+    return bool(distances.max() <= near) and len(np.unique(partners)) == len(partners)
+
+
+def _refuse_crossings(shells: Sequence[Shell], outermost: Shell) -> None:
+    starts = np.cumsum([0, *(len(shell.vertices) for shell in shells)])
+    triangle_starts = np.cumsum([0, *(len(shell.triangles) for shell in shells)])
+    owner = np.repeat(np.arange(len(shells)), np.diff(triangle_starts))
+    crossings = find_crossings(
+        np.vstack([shell.vertices for shell in shells]),
+        np.vstack([shell.triangles + start for shell, start in zip(shells, starts, strict=False)]),
+        owner,
+    )
+    if not len(crossings.triangles):
+        return
+    involved = owner[crossings.triangles]
+    one, other = involved[0].tolist()
+    count = (involved == involved[0]).all(axis=1).sum()
+    numbers = " and ".join(map(str, (crossings.triangles[0] - triangle_starts[involved[0]]).tolist()))
+    pairs = f"{count} pair{'' if count == 1 else 's'} of triangles"
+    where = f"{pairs}, the first ({numbers}) at {_rounded(crossings.places[0])} mm"
+    if one == other:
+        raise MeshError(f"{shells[one].source}: cuts through itself: {where}")
+    if shells[other] is outermost:
+        one, other = other, one
+    crossed = "the outer surface" if shells[one] is outermost else "another cavity"
+    raise MeshError(
+        f"{shells[other].source}: crosses or touches {crossed}, {shells[one].source}: {where}; "
+        "silicone must remain between them"
+    )
+
+
+def _is_inside(shells: Sequence[Shell]) -> np.ndarray:
+    """Whether shell i lies inside shell j, shape (shell_count, shell_count), for shells that do not cross."""
+    points = np.array([shell.vertices[0] for shell in shells])
+    inside = np.column_stack([winding_numbers(points, shell.vertices[shell.triangles]) > 0.5 for shell in shells])
+    np.fill_diagonal(inside, False)
+    return inside
+
+
+def _several_bodies(bodies: Sequence[Shell]) -> MeshError:
+    volumes = ", ".join(f"{body.volume:.4g}" for body in bodies)
+    source = bodies[0].source.partition(", shell ")[0]
+    return MeshError(f"{source}: has {len(bodies)} bodies, of {volumes} mm^3, where one is expected; keep one of them")
+
+
+def _extent(shell: Shell) -> str:
+    return f"{_rounded(shell.vertices.min(axis=0))} to {_rounded(shell.vertices.max(axis=0))} mm"
+
+
+def _rounded(point: np.ndarray) -> list[float]:
+    return [float(value) for value in np.round(point, 3)]

@@ -1,0 +1,154 @@
+"""From closed surfaces of triangles to tetrahedra: surfaces meshed anew by gmsh, or kept triangle by triangle."""
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from taichisoft.errors import MeshError
+from taichisoft.mesh import VolumeMesh
+from taichisoft_meshing.bodies.closed_shells import Shell, undirected_sides
+from taichisoft_meshing.bodies.hollow_body import HollowBody
+from taichisoft_meshing.bodies.meshed_body import TRIANGLE, compare_volumes, meshed_body, with_base
+from taichisoft_meshing.bodies.size_growth import follow_curvature, set_sizes
+from taichisoft_meshing.bodies.surface_repair import NEAR, diagonal
+from taichisoft_meshing.bodies.tables import Base, FittedSizes
+from taichisoft_meshing.bodies.wall_splitting import with_elements_across
+from taichisoft_meshing.gmsh_session import gmsh_session
+from taichisoft_meshing.mesh_ways import SURFACE_ALGORITHMS, mesh_in_some_way
+
+KEPT_TOLERANCE = 1e-9
+"""Of a volume: the surfaces are the given ones, so only rounding may be missing."""
+
+FLAT_TOLERANCE = 1e-6
+"""Of a volume between flat faces, whose corners have the rounding of single precision."""
+
+
+def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str, base: Base | None = None) -> VolumeMesh:
+    """Fill a body whose surfaces stay as they are: vertices of the outside, then of each cavity, are the first nodes.
+
+    Args:
+        body: what is filled.
+        sizes: the largest rules inside only.
+        source: begins every error.
+        base: selects triangles of the outside.
+
+    Raises:
+        MeshError: gmsh fails, or cannot fill it without changing a surface.
+    """
+    shells = (body.outer, *body.cavities)
+    with gmsh_session(source) as gmsh:
+        surfaces = _add_surfaces(gmsh.model, shells)
+        _add_volume(gmsh.model, [[surface] for surface in surfaces])
+        gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.largest)
+        gmsh.model.mesh.generate(3)
+        mesh = meshed_body(gmsh, [[surface] for surface in surfaces], source)
+    given = np.vstack([shell.vertices for shell in shells])
+    faces = sum(len(shell.triangles) for shell in shells)
+    on_surfaces = sum(len(triangles) for triangles in mesh.surface_groups.values())
+    if on_surfaces != faces or not np.array_equal(mesh.nodes[: len(given)], given):
+        raise MeshError(f"{source}: gmsh cannot fill the body without changing its surface; remove keep_surface")
+    compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], KEPT_TOLERANCE)
+    return with_base(with_elements_across(mesh, sizes), base)
+
+
+def remesh_surfaces(
+    body: HollowBody, sizes: FittedSizes, feature_angle: float, source: str, base: Base | None = None
+) -> VolumeMesh:
+    """Mesh a body with surface triangles of the size asked for, which lie on the given ones.
+
+    Args:
+        body: what is meshed.
+        sizes: of its elements.
+        feature_angle: edges with more than this between their two triangles [degrees] stay edges.
+        source: begins every error.
+        base: selects triangles of the outside.
+
+    Raises:
+        MeshError: gmsh fails, or a volume comes out wrong.
+    """
+    angle = math.radians(feature_angle)
+    flat = all(_flat_faced(shell, angle) for shell in (body.outer, *body.cavities))
+    # gmsh cuts surfaces in parts that it can unroll, which flat faces need not be; the cuts stay edges of the mesh.
+    ways = [(False, algorithm) for algorithm in SURFACE_ALGORITHMS[:1] if flat]
+    ways += [(True, algorithm) for algorithm in SURFACE_ALGORITHMS]
+
+    def make(gmsh: Any, way: tuple[bool, int]) -> VolumeMesh:
+        cut, algorithm = way
+        gmsh.option.setNumber("Mesh.Algorithm", algorithm)
+        return _remesh(gmsh, body, sizes, angle, cut, flat, source)
+
+    mesh = mesh_in_some_way(source, ways, make)
+    return with_base(with_elements_across(mesh, sizes), base)
+
+
+def _remesh(
+    gmsh: Any, body: HollowBody, sizes: FittedSizes, angle: float, cut: bool, flat: bool, source: str
+) -> VolumeMesh:
+    shells = (body.outer, *body.cavities)
+    surfaces = _classify(gmsh.model, shells, angle, cut)
+    gmsh.option.setNumber("Mesh.MinimumCurveNodes", 1 if flat else 3)
+    set_sizes(gmsh, sizes, [surface for wall in surfaces[1:] for surface in wall])
+    follow_curvature(gmsh, sizes, [] if flat else shells, angle)
+    gmsh.model.mesh.generate(3)
+    mesh = meshed_body(gmsh, surfaces, source)
+    compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], FLAT_TOLERANCE if flat else None)
+    return mesh
+
+
+def _add_surfaces(model: Any, shells: Sequence[Shell]) -> list[int]:
+    """Give gmsh each shell as a surface of triangles."""
+    surfaces, first_node, first_triangle = [], 1, 1
+    for shell in shells:
+        surface = model.addDiscreteEntity(2)
+        node_tags = np.arange(first_node, first_node + len(shell.vertices))
+        triangle_tags = np.arange(first_triangle, first_triangle + len(shell.triangles))
+        model.mesh.addNodes(2, surface, node_tags, shell.vertices.ravel())
+        model.mesh.addElementsByType(surface, TRIANGLE, triangle_tags, (shell.triangles + first_node).ravel())
+        surfaces.append(surface)
+        first_node += len(node_tags)
+        first_triangle += len(triangle_tags)
+    return surfaces
+
+
+def _add_volume(model: Any, shells: Sequence[Sequence[int]]) -> None:
+    model.geo.addVolume([model.geo.addSurfaceLoop(list(shell)) for shell in shells])
+    model.geo.synchronize()
+
+
+def _classify(model: Any, shells: Sequence[Shell], angle: float, cut: bool) -> list[list[int]]:
+    """Part the shells into faces at sharp edges, and make geometry of them; gmsh's surfaces of each shell."""
+    _add_surfaces(model, shells)
+    model.mesh.classifySurfaces(angle, True, cut, math.pi)
+    model.mesh.createGeometry()
+    last_nodes = np.cumsum([len(shell.vertices) for shell in shells])
+    surfaces: list[list[int]] = [[] for _ in shells]
+    for _, surface in model.getEntities(2):
+        node = model.mesh.getElementsByType(TRIANGLE, surface)[1][0]
+        surfaces[int(np.searchsorted(last_nodes, node))].append(surface)
+    _add_volume(model, surfaces)
+    return surfaces
+
+
+def _flat_faced(shell: Shell, angle: float) -> bool:
+    """Whether all faces between sharp edges are flat."""
+    corners = shell.vertices[shell.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    edge = np.unique(undirected_sides(shell.triangles), axis=0, return_inverse=True)[1].ravel()
+    one, other = (np.argsort(edge, kind="stable").reshape(-1, 2) // 3).T
+    across = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
+    smooth = np.arctan2(across, np.einsum("nd,nd->n", normals[one], normals[other])) < angle
+    graph = coo_matrix((np.ones(smooth.sum()), (one[smooth], other[smooth])), shape=(len(normals), len(normals)))
+    count, face = connected_components(graph, directed=False)
+    mean_normal = np.column_stack([np.bincount(face, normals[:, axis], count) for axis in range(3)])
+    lengths = np.linalg.norm(mean_normal, axis=1, keepdims=True)
+    if (lengths == 0).any():
+        return False
+    mean_normal = mean_normal / lengths
+    middles = np.einsum("tcd,td->t", corners, mean_normal[face]) / 3
+    offset = np.bincount(face, middles, count) / np.bincount(face, minlength=count)
+    heights = np.einsum("tcd,td->tc", corners, mean_normal[face]) - offset[face, None]
+    return bool((np.abs(heights) <= 10 * NEAR * diagonal(shell.vertices)).all())

@@ -1,0 +1,100 @@
+"""Two elements across every wall, of a mesh whose surfaces stay as they are.
+
+An edge that leads through the silicone from one point of the boundary to another makes a wall one element thick there,
+which bends much too stiffly. gmsh puts no node into a thin wall, however small the size asked for; so such edges are
+cut in the middle, and all tetrahedra around them with them.
+"""
+
+from collections import defaultdict
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+
+from taichisoft.mesh import VolumeMesh, boundary_triangles
+from taichisoft_meshing.bodies.closed_shells import undirected_sides
+from taichisoft_meshing.bodies.meshed_body import TETRAHEDRON, TRIANGLE
+from taichisoft_meshing.bodies.tables import FittedSizes
+from taichisoft_meshing.gmsh_session import gmsh_session
+
+Edge = tuple[int, int]
+
+
+def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
+    """The mesh itself, or, where two elements across walls are asked for, one with no edge through a wall.
+
+    Nodes and triangles of its surfaces keep their numbers and places.
+
+    Raises:
+        MeshError: gmsh, which then moves the new nodes to better places, fails.
+    """
+    if sizes.elements_across_walls == 1:
+        return mesh
+    nodes, elements = cut_edges(mesh.nodes, mesh.elements, through_edges(mesh.elements))
+    boundary = boundary_triangles(mesh.elements)
+    nodes = _relocated(nodes, elements, boundary, mesh.source)
+    silicone = {"silicone": np.arange(len(elements), dtype=np.int32)}
+    return replace(mesh, nodes=nodes, elements=elements, element_groups=silicone).check()
+
+
+def through_edges(elements: np.ndarray) -> np.ndarray:
+    """Edges inside a body between two nodes of its boundary, shape (count, 2)."""
+    sides = np.unique(undirected_sides(boundary_triangles(elements)), axis=0)
+    pairs = np.sort(elements[:, list(combinations(range(4), 2))].reshape(-1, 2), axis=1)
+    between = np.unique(pairs[np.isin(pairs, sides).all(axis=1)], axis=0)
+    both = np.vstack([sides, between])
+    _, first, counts = np.unique(both, axis=0, return_index=True, return_counts=True)
+    inside: np.ndarray = both[np.sort(first[(counts == 1) & (first >= len(sides))])]
+    return inside
+
+
+def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Put a node in the middle of each edge, the longest first, and halve the tetrahedra around it.
+
+    Args:
+        nodes: [mm], shape (node_count, 3).
+        elements: tetrahedra, shape (element_count, 4).
+        edges: each between two nodes, the lower first, shape (edge_count, 2).
+
+    Returns:
+        Nodes, the new ones last, and tetrahedra.
+    """
+    tetrahedra = dict(enumerate(elements.tolist()))
+    around: dict[Edge, set[int]] = defaultdict(set)
+    for number, corners in tetrahedra.items():
+        for edge in combinations(sorted(corners), 2):
+            around[edge].add(number)
+    lengths = np.linalg.norm(np.subtract(*nodes[edges.T]), axis=1)
+    ordered = edges[np.lexsort((edges[:, 1], edges[:, 0], -lengths))]
+    following = len(elements)
+    for middle, (begin, end) in enumerate(ordered.tolist(), len(nodes)):
+        for number in sorted(around.pop((begin, end))):
+            corners = tetrahedra.pop(number)
+            for edge in combinations(sorted(corners), 2):
+                around[edge].discard(number)
+            for left_out in (begin, end):
+                half = [middle if corner == left_out else corner for corner in corners]
+                tetrahedra[following] = half
+                for edge in combinations(sorted(half), 2):
+                    around[edge].add(following)
+                following += 1
+    return np.vstack([nodes, nodes[ordered].mean(axis=1)]), np.array(list(tetrahedra.values()), dtype=np.int32)
+
+
+def _relocated(nodes: np.ndarray, elements: np.ndarray, boundary: np.ndarray, source: str) -> np.ndarray:
+    """Nodes of which those inside are where the worst tetrahedra around them are better."""
+    on_boundary = np.unique(boundary)
+    inside = np.setdiff1d(np.arange(len(nodes)), on_boundary)
+    with gmsh_session(source) as gmsh:
+        mesh = gmsh.model.mesh
+        surface = gmsh.model.addDiscreteEntity(2)
+        volume = gmsh.model.addDiscreteEntity(3, -1, [surface])
+        for dimension, entity, some in ((2, surface, on_boundary), (3, volume, inside)):
+            mesh.addNodes(dimension, entity, some + 1, nodes[some].ravel())
+        mesh.addElementsByType(surface, TRIANGLE, [], (boundary + 1).ravel())
+        mesh.addElementsByType(volume, TETRAHEDRON, [], (elements + 1).ravel())
+        mesh.optimize("Relocate3D")
+        tags, coordinates, _ = mesh.getNodes()
+    moved = nodes.copy()
+    moved[tags.astype(int) - 1] = coordinates.reshape(-1, 3)
+    return moved

@@ -1,0 +1,1 @@
+"""The kind `pneunet_finger`: from its dimensions to a solid, and to tetrahedra."""

@@ -1,0 +1,81 @@
+"""The boxes that a finger is made of, in the axes of the mesh."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from taichisoft_meshing.finger.parameters import FingerParameters
+
+Vector = tuple[float, float, float]
+
+
+@dataclass(frozen=True)
+class Box:
+    """Faces across x, y and z.
+
+    Attributes:
+        corner: with the smallest coordinates [mm].
+        size: along x, y and z [mm].
+    """
+
+    corner: Vector
+    size: Vector
+
+    @property
+    def lower(self) -> np.ndarray:
+        """Smallest coordinates [mm], shape (3,)."""
+        return np.array(self.corner)
+
+    @property
+    def upper(self) -> np.ndarray:
+        """Largest coordinates [mm], shape (3,)."""
+        return np.array(self.corner) + np.array(self.size)
+
+    def grown(self, below: np.ndarray, above: np.ndarray) -> "Box":
+        """Moved outward: the faces at `lower` by `below`, those at `upper` by `above` [mm], shape (3,) each."""
+        lower, upper = self.lower - below, self.upper + above
+        x, y, z = lower.tolist()
+        length, height, width = (upper - lower).tolist()
+        return Box((x, y, z), (length, height, width))
+
+    def holds(self, points: np.ndarray) -> np.ndarray:
+        """Whether points of shape (count, 3) [mm] lie inside or on a face, shape (count,)."""
+        inside: np.ndarray = np.all((points >= self.lower - TOUCH) & (points <= self.upper + TOUCH), axis=1)
+        return inside
+
+
+TOUCH = 1e-9
+"""A point this near to a face of a box lies on it [mm]; selection in scenes has the same rule."""
+
+
+def slot_boxes(finger: "FingerParameters") -> list[Box]:
+    """The cuts across the underside, from the base on."""
+    slots, width = finger.slots, finger.body.width
+    nearest = [-(slots.first + number * slots.pitch + slots.width) for number in range(slots.count)]
+    return [Box((x, 0.0, -width / 2), (slots.width, slots.depth, width)) for x in nearest]
+
+
+def channel_box(finger: "FingerParameters") -> Box:
+    """The air duct."""
+    channel = finger.channel
+    size = (channel.end - channel.start, channel.top - channel.bottom, channel.width)
+    return Box((-channel.end, channel.bottom, -channel.width / 2), size)
+
+
+def chamber_boxes(finger: "FingerParameters") -> list[Box]:
+    """The air chambers below the channel, from the base on."""
+    chambers = finger.chambers
+    y = finger.channel.bottom - chambers.height
+    nearest = [-(chambers.first + number * chambers.pitch + chambers.width) for number in range(chambers.count)]
+    size = (chambers.width, chambers.height, chambers.depth)
+    return [Box((x, y, -chambers.depth / 2), size) for x in nearest]
+
+
+def stiff_layer_box(finger: "FingerParameters") -> Box | None:
+    """The layer of stiffer silicone; None when there is none."""
+    layer = finger.stiff_layer
+    if layer.thickness == 0:
+        return None
+    return Box((-layer.end, layer.bottom, -layer.width / 2), (layer.end - layer.start, layer.thickness, layer.width))

@@ -1,0 +1,1 @@
+"""How good a mesh is: measured, held against limits, and shown."""

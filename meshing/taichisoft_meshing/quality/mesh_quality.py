@@ -1,0 +1,79 @@
+"""How fit a mesh is to be simulated: its elements, its surfaces and its walls, in figures."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft_meshing.quality.surfaces import SurfaceQuality, cavities_outside, measure_surfaces
+from taichisoft_meshing.quality.tetrahedra import dihedral_angles, edge_lengths, radius_ratios
+from taichisoft_meshing.quality.walls import WallQuality, measure_walls
+
+
+@dataclass(frozen=True)
+class MeshQuality:
+    """Figures of a mesh.
+
+    Attributes:
+        node_count: how many nodes there are.
+        volumes: signed, of each element [mm^3], shape (element_count,).
+        radius_ratios: of each element [-], shape (element_count,); 1 for a regular one.
+        dihedral_angles: between the faces of each element [degrees], shape (element_count, 6).
+        edges: shortest and longest of each element [mm], shape (element_count, 2).
+        duplicate_nodes: how many nodes stand where another one stands.
+        components: how many pieces the mesh is in, counted by shared faces.
+        surfaces: closed ones: the outer skin and every cavity, then the other surface groups.
+        outside: names of cavities that are not fully inside the outer skin.
+        walls: between each two surfaces that have one; none when elements are inverted.
+    """
+
+    node_count: int
+    volumes: np.ndarray
+    radius_ratios: np.ndarray
+    dihedral_angles: np.ndarray
+    edges: np.ndarray
+    duplicate_nodes: int
+    components: int
+    surfaces: tuple[SurfaceQuality, ...]
+    outside: tuple[str, ...]
+    walls: tuple[WallQuality, ...]
+
+    @property
+    def inverted(self) -> int:
+        """How many elements have no positive volume."""
+        return int((self.volumes <= 0).sum())
+
+    @property
+    def elements_across_walls(self) -> int | None:
+        """Of the thinnest-meshed wall of a cavity, or of the whole body when it has none; None without any wall."""
+        of_cavities = [wall for wall in self.walls if wall.of_cavity]
+        return min((wall.elements_across for wall in of_cavities or self.walls), default=None)
+
+
+def measure(mesh: VolumeMesh) -> MeshQuality:
+    """Measure a mesh, which may be one that is not fit to simulate."""
+    volumes = tetrahedron_volumes(mesh.nodes, mesh.elements)
+    surfaces = measure_surfaces(mesh)
+    return MeshQuality(
+        len(mesh.nodes),
+        volumes,
+        radius_ratios(mesh.nodes, mesh.elements),
+        dihedral_angles(mesh.nodes, mesh.elements),
+        edge_lengths(mesh.nodes, mesh.elements),
+        len(mesh.nodes) - len(np.unique(mesh.nodes, axis=0)),
+        _component_count(mesh.elements),
+        surfaces,
+        cavities_outside(mesh.nodes, surfaces),
+        measure_walls(mesh, surfaces) if (volumes > 0).all() else (),
+    )
+
+
+def _component_count(elements: np.ndarray) -> int:
+    faces = np.sort(elements[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
+    order = np.lexsort(faces.T)
+    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
+    first, second = order[:-1][same] // 4, order[1:][same] // 4
+    graph = coo_matrix((np.ones(len(first)), (first, second)), shape=(len(elements), len(elements)))
+    return int(connected_components(graph, directed=False)[0])

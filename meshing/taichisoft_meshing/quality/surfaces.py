@@ -1,0 +1,105 @@
+"""The surfaces of a mesh: are they closed, which way do they face, what do they enclose."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichisoft.mapped_surface import enclosed_volume
+from taichisoft.mesh import VolumeMesh, boundary_triangles
+from taichisoft.surface import count_open_edges
+from taichisoft_meshing.quality.shells import connected_triangles
+
+OUTER = "outer"
+CAVITY = "cavity"
+
+# Of a cavity's vertices, so many are looked up: if one is inside and its surface does not cross the skin, all are.
+SAMPLE = 50
+
+
+@dataclass(frozen=True)
+class SurfaceQuality:
+    """One surface.
+
+    Attributes:
+        name: of the group; "outer", "cavity" or "cavity_N" too where the mesh has no groups.
+        triangles: node indices, shape (triangle_count, 3).
+        area: [mm^2].
+        volume: that it encloses [mm^3], positive where it faces away from what is inside; 0 if it is not closed.
+        open_edges: directed edges that have not exactly one opposite.
+    """
+
+    name: str
+    triangles: np.ndarray
+    area: float
+    volume: float
+    open_edges: int
+
+    @property
+    def of_cavity(self) -> bool:
+        """Whether it is the wall of an air chamber, which its name says."""
+        return self.name.startswith(CAVITY)
+
+    @property
+    def closed_by_name(self) -> bool:
+        """Whether its name says that it is closed."""
+        return self.name == OUTER or self.of_cavity
+
+
+def measure_surface(name: str, nodes: np.ndarray, triangles: np.ndarray) -> SurfaceQuality:
+    """Measure one surface; node positions in [mm]."""
+    a, b, c = np.moveaxis(nodes[triangles], 1, 0)
+    area = float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2)
+    open_edges = count_open_edges(triangles)
+    volume = 0.0 if open_edges or not len(triangles) else enclosed_volume(nodes, triangles)
+    return SurfaceQuality(name, triangles, area, volume, open_edges)
+
+
+def measure_surfaces(mesh: VolumeMesh) -> tuple[SurfaceQuality, ...]:
+    """Those that the mesh names; where it names no outer skin, the pieces of its boundary."""
+    named = dict(mesh.surface_groups)
+    if OUTER not in named:
+        named = {**_boundary_pieces(mesh), **named}
+    return tuple(measure_surface(name, mesh.nodes, triangles) for name, triangles in named.items() if len(triangles))
+
+
+def cavities_outside(nodes: np.ndarray, surfaces: tuple[SurfaceQuality, ...]) -> tuple[str, ...]:
+    """Names of cavities that touch the outer skin, or lie outside of it."""
+    skin = np.concatenate(
+        [np.empty((0, 3), dtype=np.int32), *(surface.triangles for surface in surfaces if surface.name == OUTER)]
+    )
+    outside = []
+    for surface in surfaces:
+        if surface.of_cavity:
+            vertices = np.unique(surface.triangles)
+            sample = vertices[:: max(len(vertices) // SAMPLE, 1)]
+            if np.isin(vertices, skin).any() or not (winding_numbers(nodes[sample], nodes[skin]) > 0.5).all():
+                outside.append(surface.name)
+    return tuple(outside)
+
+
+def winding_numbers(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """How often a closed surface winds round each point: 1 inside of it, 0 outside (van Oosterom and Strackee 1983).
+
+    Args:
+        points: [mm], shape (point_count, 3).
+        triangles: corners, outward [mm], shape (triangle_count, 3, 3).
+    """
+    a, b, c = np.moveaxis(triangles[None] - points[:, None, None], 2, 0)
+    la, lb, lc = (np.linalg.norm(corner, axis=-1) for corner in (a, b, c))
+    triple = _dot(a, np.cross(b, c))
+    spread = la * lb * lc + _dot(a, b) * lc + _dot(b, c) * la + _dot(c, a) * lb
+    return np.arctan2(triple, spread).sum(axis=1) / (2 * np.pi)
+
+
+def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    return np.einsum("ptd,ptd->pt", first, second)
+
+
+def _boundary_pieces(mesh: VolumeMesh) -> dict[str, np.ndarray]:
+    """Skins and cavities of a mesh that does not name them; a cavity faces into the silicone, as named ones do."""
+    outward = connected_triangles(boundary_triangles(mesh.elements), len(mesh.nodes))
+    skins = [piece for piece in outward if enclosed_volume(mesh.nodes, piece) > 0]
+    cavities = [piece[:, ::-1] for piece in outward if enclosed_volume(mesh.nodes, piece) <= 0]
+    pieces = {OUTER: np.concatenate(skins)} if skins else {}
+    names = [CAVITY] if len(cavities) == 1 else [f"{CAVITY}_{number}" for number in range(len(cavities))]
+    return pieces | dict(zip(names, cavities, strict=True))

@@ -1,0 +1,1 @@
+"""Many meshes of one geometry, each in a process of its own."""
