@@ -1,6 +1,7 @@
-"""The outputs that come with taichisoft: recording, metrics, pictures and csv, and the commands that go with them."""
+"""The outputs that come with taichisoft, the options that ask for them, and the commands that go with them."""
 
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from taichisoft.hookspecs import hookimpl
@@ -8,6 +9,7 @@ from taichisoft.hookspecs import hookimpl
 if TYPE_CHECKING:
     import typer
 
+    from taichisoft.run_option import RunOption
     from taichisoft.session import Session
 
 
@@ -18,8 +20,41 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
     from taichisoft_plugins.metrics import MetricsOutput
     from taichisoft_plugins.pictures import PicturesOutput
     from taichisoft_plugins.recording import RecordingOutput
+    from taichisoft_plugins.video_output import VideoOutput
 
-    return {"recording": RecordingOutput, "metrics": MetricsOutput, "pictures": PicturesOutput, "csv": CsvOutput}
+    return {
+        "recording": RecordingOutput,
+        "metrics": MetricsOutput,
+        "pictures": PicturesOutput,
+        "video": VideoOutput,
+        "csv": CsvOutput,
+    }
+
+
+@hookimpl
+def taichisoft_run_options() -> "Mapping[str, RunOption]":
+    """Options of `taichisoft run` that bring these outputs."""
+    from taichisoft.run_option import RunOption
+
+    return {
+        "--every": RunOption("recording", "Record every N-th step and the last one.", "every", int, "N"),
+        "--fields": RunOption("recording", "What to record, such as positions,forces; everything otherwise.", "fields"),
+        "--compress": RunOption("recording", "Pack the recording: a fifth smaller, but slower.", "compress", bool),
+        "--image": RunOption("pictures", "Draw pictures of the key moments at the end."),
+        "--video": RunOption("video", "Draw a video at the end: .mp4, .gif, or a folder.", "file", Path, "FILE"),
+        "--fps": RunOption("video", "Frames per second of the video.", "fps", float),
+        "--slow-motion": RunOption("video", "How many times slower things move in it.", "slow_motion", float),
+        "--size": RunOption("video", "Width and height of the video in pixels.", "size", str, "1280x720"),
+        "--view": RunOption("video", "Camera of the video: iso, front, top, orbit, follow:BODY.", "view"),
+    }
+
+
+@hookimpl
+def taichisoft_run_begins(session: "Session") -> None:
+    """See that outputs which are made of the recording will have one."""
+    from taichisoft_plugins.recording_needed import check_recording
+
+    check_recording(session.outputs)
 
 
 @hookimpl

@@ -1,53 +1,24 @@
 """The output "pictures": the key moments of a run as PNG files, drawn from its recording at the end."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft_plugins.recording_layout import FILE_NAME
+from taichisoft_plugins.drawn_at_end import DrawnAtEnd
 from taichisoft_plugins.recording_reader import Recording, read_recording
-from taichisoft_plugins.rendering import RenderError, render_pictures
-
-if TYPE_CHECKING:
-    from taichisoft.model import Model
-    from taichisoft.simulation import StepReport
-    from taichisoft.state import State
+from taichisoft_plugins.rendering import render_pictures
 
 
-class PicturesOutput:
+class PicturesOutput(DrawnAtEnd):
     """Draws nothing while the simulation runs; the recording stays whatever happens to the pictures."""
 
-    def __init__(self, folder: Path):
-        self.folder = Path(folder)
-        self._last_time = 0.0
+    what = "pictures"
 
-    def begin(self, model: "Model", state: "State") -> None:
-        """Nothing is needed yet."""
-        self._last_time = state.time
-
-    def record(self, state: "State", report: "StepReport") -> None:
-        """Remember how far the recording must reach."""
-        self._last_time = state.time
-
-    def end(self, outcome: str) -> None:
-        """Draw; not after an interruption, where nobody wants to wait.
-
-        Raises:
-            RenderError: this run has no recording, or drawing is not possible on this machine.
-        """
-        if outcome == "interrupted":
-            return
-        path = self.folder / FILE_NAME
-        if not path.is_file():
-            raise RenderError(f"{path}: no recording; the output 'pictures' needs the output 'recording'")
-        with read_recording(path) as recording:
-            if recording.frame_count == 0 or recording.times[-1] != self._last_time:
-                raise RenderError(
-                    f"{path}: does not end with this run; the output 'recording' must stand before 'pictures'"
-                )
-            moments = key_moments(recording)
-        render_pictures(path, moments, self.folder)
+    def draw(self, recording: Path) -> None:
+        """Draw the key moments."""
+        with read_recording(recording) as opened:
+            moments = key_moments(opened)
+        render_pictures(recording, moments, self.folder)
 
 
 def key_moments(recording: Recording) -> dict[str, float]:

@@ -18,6 +18,7 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
     from taichisoft.simulation import Simulation
     from taichisoft_plugins.recording import RecordingOutput
     from taichisoft_plugins.rendering import render_pictures
+    from taichisoft_plugins.style import Style
 
     with TemporaryDirectory() as name:
         folder = Path(name)
@@ -30,7 +31,7 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
         recording.end("completed")
         times = {f"picture{index}": index * scene.time.step for index in range(case.pictures + 1)}
         started = time.time()
-        paths = render_pictures(recording.path, times, folder, SIZE)
+        paths = render_pictures(recording.path, times, folder, Style(size=SIZE))
         written = np.array([path.stat().st_mtime for path in paths])
     figures = {"picture_ms": 1e3 * float(np.median(np.diff(written))), "first_picture_s": float(written[0] - started)}
     return Measured(figures, {"nodes": simulation.model.node_count})
