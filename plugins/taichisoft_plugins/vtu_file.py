@@ -1,0 +1,136 @@
+"""Writing VTK's XML files for ParaView: unstructured grids (.vtu) and lists of such files with times (.pvd).
+
+Arrays are compressed with zlib and stand raw behind the XML (https://docs.vtk.org, "XML File Formats"): about four
+times smaller and ten times faster than text.
+"""
+
+import zlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from taichisoft.whole_file import whole_file
+
+VERTEX, TRIANGLE, TETRAHEDRON = 1, 5, 10
+"""VTK's numbers of the types of cells."""
+
+BLOCK_BYTES = 1 << 20
+"""VTK packs arrays in blocks of this size before compression."""
+
+COMPONENTS = {3: ("X", "Y", "Z"), 6: ("XX", "YY", "ZZ", "XY", "YZ", "XZ")}
+"""Names in ParaView of the components of vectors and symmetric tensors."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Points and cells of one type with data on them.
+
+    Attributes:
+        points: shape (point_count, 3).
+        cells: point indices, shape (cell_count, points_per_cell).
+        cell_type: VTK's number of it.
+        point_data: arrays by name, each (point_count,) or (point_count, components).
+        cell_data: arrays by name, each (cell_count,) or (cell_count, components).
+        field_data: arrays by name that belong to the whole grid.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    cell_type: int
+    point_data: Mapping[str, np.ndarray] = field(default_factory=dict)
+    cell_data: Mapping[str, np.ndarray] = field(default_factory=dict)
+    field_data: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def write_vtu(path: Path, grid: Grid) -> None:
+    """Write a grid; real numbers on points and cells get single precision, all others keep their type.
+
+    Raises:
+        TaichisoftError: the file cannot be written.
+    """
+    appended = _AppendedArrays()
+    offsets = grid.cells.shape[1] * np.arange(1, len(grid.cells) + 1, dtype=np.int64)
+    types = np.full(len(grid.cells), grid.cell_type, dtype=np.uint8)
+    cells = {"connectivity": grid.cells.astype(np.int64).ravel(), "offsets": offsets, "types": types}
+    lines = [
+        '<?xml version="1.0"?>',
+        '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
+        'compressor="vtkZLibDataCompressor">',
+        "<UnstructuredGrid>",
+        *appended.section("FieldData", grid.field_data),
+        f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(grid.cells)}">',
+        *appended.section("PointData", grid.point_data),
+        *appended.section("CellData", grid.cell_data),
+        *appended.section("Points", {"Points": grid.points}),
+        *appended.section("Cells", cells),
+        "</Piece>",
+        "</UnstructuredGrid>",
+        '<AppendedData encoding="raw">',
+    ]
+    with whole_file(path) as partial:
+        partial.write_bytes(
+            "\n".join(lines).encode() + b"\n_" + appended.content() + b"\n</AppendedData>\n</VTKFile>\n"
+        )
+
+
+def write_pvd(path: Path, files: Sequence[tuple[float, Path]]) -> None:
+    """Write the list that ParaView opens: times [s] and files, which are named relative to the list's folder.
+
+    Raises:
+        TaichisoftError: the file cannot be written.
+    """
+    lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">']
+    lines.append("<Collection>")
+    for time, file in files:
+        name = quoteattr(file.relative_to(path.parent).as_posix())
+        lines.append(f'<DataSet timestep="{time:.12g}" part="0" file={name}/>')
+    lines += ["</Collection>", "</VTKFile>", ""]
+    with whole_file(path) as partial:
+        partial.write_text("\n".join(lines), encoding="utf-8")
+
+
+class _AppendedArrays:
+    """Arrays one behind the other, and the XML elements that say where each begins."""
+
+    def __init__(self) -> None:
+        self._packed: list[bytes] = []
+        self._length = 0
+
+    def section(self, tag: str, arrays: Mapping[str, np.ndarray]) -> list[str]:
+        """The element `tag` with its arrays."""
+        of_grid = tag == "FieldData"
+        return [f"<{tag}>", *(self._element(name, values, of_grid) for name, values in arrays.items()), f"</{tag}>"]
+
+    def content(self) -> bytes:
+        """All arrays, packed."""
+        return b"".join(self._packed)
+
+    def _element(self, name: str, values: np.ndarray, of_grid: bool) -> str:
+        """Those of a whole grid say how many entries they have, which is not known otherwise."""
+        if values.dtype.kind == "b":
+            values = values.astype(np.uint8)
+        elif values.dtype.kind == "f" and not of_grid:
+            values = values.astype(np.float32)
+        type_name = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind] + str(8 * values.dtype.itemsize)
+        attributes = [f'type="{type_name}"', f"Name={quoteattr(name)}"]
+        if of_grid:
+            attributes.append(f'NumberOfTuples="{len(values)}"')
+        if values.ndim == 2:
+            components = enumerate(COMPONENTS[values.shape[1]])
+            attributes.append(f'NumberOfComponents="{values.shape[1]}"')
+            attributes += [f'ComponentName{index}="{component}"' for index, component in components]
+        attributes.append(f'format="appended" offset="{self._length}"')
+        packed = _packed(values.astype(values.dtype.newbyteorder("<")).tobytes())
+        self._packed.append(packed)
+        self._length += len(packed)
+        return f"<DataArray {' '.join(attributes)}/>"
+
+
+def _packed(content: bytes) -> bytes:
+    """Number of blocks, their size, size of the last one if it is smaller, compressed sizes; then the blocks."""
+    blocks = [zlib.compress(content[start : start + BLOCK_BYTES], 1) for start in range(0, len(content), BLOCK_BYTES)]
+    header = [len(blocks), BLOCK_BYTES, len(content) % BLOCK_BYTES, *map(len, blocks)]
+    return np.array(header, dtype="<u8").tobytes() + b"".join(blocks)
