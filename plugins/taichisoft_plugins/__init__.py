@@ -21,6 +21,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
     from taichisoft_plugins.pictures import PicturesOutput
     from taichisoft_plugins.recording import RecordingOutput
     from taichisoft_plugins.video_output import VideoOutput
+    from taichisoft_plugins.web.output import WebOutput
 
     return {
         "recording": RecordingOutput,
@@ -28,6 +29,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
         "pictures": PicturesOutput,
         "video": VideoOutput,
         "csv": CsvOutput,
+        "web": WebOutput,
     }
 
 
@@ -38,7 +40,7 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
 
     return {
         "--every": RunOption("recording", "Record every N-th step and the last one.", "every", int, "N"),
-        "--fields": RunOption("recording", "What to record, such as positions,forces; everything otherwise.", "fields"),
+        "--fields": RunOption("recording", "What to record: positions,forces,...; all if not given.", "fields", str, "NAMES"),
         "--compress": RunOption("recording", "Pack the recording: a fifth smaller, but slower.", "compress", bool),
         "--image": RunOption("pictures", "Draw pictures of the key moments at the end."),
         "--video": RunOption("video", "Draw a video at the end: .mp4, .gif, or a folder.", "file", Path, "FILE"),
@@ -46,24 +48,30 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
         "--slow-motion": RunOption("video", "How many times slower things move in it.", "slow_motion", float),
         "--size": RunOption("video", "Width and height of the video in pixels.", "size", str, "1280x720"),
         "--view": RunOption("video", "Camera of the video: iso, front, top, orbit, follow:BODY.", "view"),
+        "--web": RunOption("web", "Serve a live page to watch and steer the run in a browser.", controller="keyboard"),
+        "--web-address": RunOption("web", "Where the page listens.", "address", str, "HOST:PORT", "keyboard"),
     }
 
 
 @hookimpl
 def taichisoft_run_begins(session: "Session") -> None:
-    """See that outputs which are made of the recording will have one."""
+    """See that outputs which are made of the recording will have one; serve the web page."""
     from taichisoft_plugins.recording_needed import check_recording
+    from taichisoft_plugins.web.output import begin_pages
 
     check_recording(session.outputs)
+    begin_pages(session)
 
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
     """`taichisoft render` and `taichisoft doctor`."""
     from taichisoft_plugins.doctor_command import doctor
+    from taichisoft_plugins.export_command import export
     from taichisoft_plugins.render_command import render
 
     application.command()(render)
+    application.command()(export)
     application.command()(doctor)
 
 

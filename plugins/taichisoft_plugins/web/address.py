@@ -1,0 +1,84 @@
+"""Where a page is served: reading HOST:PORT, finding a free port, and who can reach it."""
+
+import ipaddress
+import secrets
+import socket
+from dataclasses import dataclass, replace
+
+from taichisoft_plugins.web.errors import WebError
+
+HOST, PORT = "127.0.0.1", 8080
+PORTS_TRIED = 100
+"""From the usual one on, where the user named none."""
+VALID = "must look like 127.0.0.1:8080 or [::1]:8080, with a port from 0 to 65535 (0 takes any that is free)"
+
+
+@dataclass(frozen=True)
+class Address:
+    """A place to listen at.
+
+    Attributes:
+        host: name or number of a network interface of this machine.
+        port: free when it was looked for.
+        token: what somebody must enter to control a run; empty where only this machine reaches the page.
+    """
+
+    host: str
+    port: int
+    token: str
+
+    @property
+    def url(self) -> str:
+        """What to open in a browser; for an address that stands for all interfaces, with the machine's name."""
+        named = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(self.host, self.host)
+        return f"http://{f'[{named}]' if ':' in named else named}:{self.port}"
+
+    def at(self, port: int) -> "Address":
+        """The same with the port that was really taken."""
+        return replace(self, port=port)
+
+
+def find_address(text: str | None) -> Address:
+    """The address of a command line; without one, a free port that only this machine reaches.
+
+    Raises:
+        WebError: the text is no address, or nothing can listen there.
+    """
+    if text is None:
+        for port in range(PORT, PORT + PORTS_TRIED):
+            if not _problem(HOST, port):
+                return Address(HOST, port, "")
+        raise WebError(f"no page: the ports {PORT} to {PORT + PORTS_TRIED - 1} of {HOST} are all taken")
+    host, port = _parse(text)
+    problem = _problem(host, port)
+    if problem:
+        raise WebError(f"address {text}: cannot be listened at: {problem}")
+    return Address(host, port, "" if _is_loopback(host) else secrets.token_urlsafe(12))
+
+
+def _parse(text: str) -> tuple[str, int]:
+    host, colon, number = text.rpartition(":")
+    bracketed = host.startswith("[") and host.endswith("]")
+    host = host[1:-1] if bracketed else host
+    valid_host = bool(host) and (bracketed or ":" not in host)
+    if not (colon and valid_host and number.isascii() and number.isdecimal() and int(number) <= 65535):
+        raise WebError(f"address {text}: {VALID}")
+    return host, int(number)
+
+
+def _problem(host: str, port: int) -> str:
+    """Why nothing can listen there; empty when it can."""
+    try:
+        family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(family, kind, protocol) as tried:
+            tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            tried.bind(place)
+            tried.listen()
+    except OSError as error:
+        return error.strerror or str(error)
+    return ""
+
+
+def _is_loopback(host: str) -> bool:
+    places = socket.getaddrinfo(host, None, type=socket.SOCK_STREAM)
+    return all(ipaddress.ip_address(str(place[4][0]).partition("%")[0]).is_loopback for place in places)

@@ -1,0 +1,167 @@
+"""What one viewer may do: sliders, buttons and hotkeys, all of which become key events of the run."""
+
+import hmac
+import math
+import time
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from taichisoft.keys import KeyEvent
+from taichisoft.slider import Slider
+from taichisoft_plugins.web.messages import Opening, Snapshot, SpeedWanted
+
+SPEEDS = (0.05, 4.0)
+"""That the slider reaches [-]."""
+
+# A slider that a viewer has just moved is not set back to what the run has not heard of yet [s].
+MOVED_BY_VIEWER = 0.5
+
+LABELS = {"up": "↑ up", "down": "↓ down", "left": "← left", "right": "→ right"}
+
+HOTKEYS = {
+    "up": "arrowup",
+    "down": "arrowdown",
+    "left": "arrowleft",
+    "right": "arrowright",
+    "+": "pageup",
+    "-": "pagedown",
+    **{key: key for key in ("space", "enter", "escape", "tab", "backspace")},
+}
+"""What browsers call them. They keep + and - for themselves; letters and digits are called what they are."""
+
+
+class Controls:
+    """The controls of one viewer; without the token, if the page has one, only a field to enter it."""
+
+    def __init__(self, gui: Any, opening: Opening, first: Snapshot, send: Callable[[Any], None]):
+        """Put them into the viewer's own panel; `send` takes key events and speeds."""
+        self._gui, self._opening, self._send = gui, opening, send
+        self._sliders: dict[str, tuple[Any, list[float]]] = {}
+        self._speed: tuple[Any, Any] | None = None
+        if opening.token:
+            self._ask_for_token(first)
+        else:
+            self._add_all(first)
+
+    def follow(self, snapshot: Snapshot) -> None:
+        """Let sliders follow changes that somebody else made, by keys or on another page."""
+        for name, (handle, moved) in list(self._sliders.items()):
+            slider = snapshot.sliders.get(name)
+            if slider is not None and time.monotonic() - moved[0] > MOVED_BY_VIEWER:
+                handle.value = _within(slider)
+        if self._speed is not None:
+            number, unlimited = self._speed
+            unlimited.value = snapshot.speed is None
+            if snapshot.speed is not None:
+                number.value = min(max(snapshot.speed, SPEEDS[0]), SPEEDS[1])
+
+    def _ask_for_token(self, first: Snapshot) -> None:
+        with self._gui.add_folder("control", order=1.0) as folder:
+            self._gui.add_markdown("You are watching. To control the run, enter the token that it printed.")
+            field = self._gui.add_text("token", "")
+
+        @field.on_update
+        async def _(event: Any) -> None:
+            if hmac.compare_digest(field.value.strip().encode(), self._opening.token.encode()):
+                folder.remove()
+                self._add_all(first)
+
+    def _add_all(self, first: Snapshot) -> None:
+        opening = self._opening
+        if first.sliders:
+            with self._gui.add_folder("pressures", order=1.0):
+                for name, slider in first.sliders.items():
+                    self._add_slider(name, slider)
+        if opening.controller_bindings:
+            with self._gui.add_folder("gripper", order=2.0):
+                for keys, effect in opening.controller_bindings.items():
+                    self._add_group(effect, [key for key in keys.split() if key != "..."])
+                    self._add_hotkeys(effect, _all_keys(keys))
+        with self._gui.add_folder("run", order=3.0):
+            self._add_speed(first)
+            for key, effect in opening.run_bindings.items():
+                if key in HOTKEYS or key.isalnum():  # "?" is for terminals, which have no buttons
+                    self._add_button(effect, key)
+                    self._add_hotkeys(effect, [key])
+
+    def _add_slider(self, name: str, slider: Slider) -> None:
+        label = f"{name.removesuffix('.cavity')} [{slider.unit}]"
+        handle = self._gui.add_slider(
+            label,
+            min=float(slider.lowest),
+            max=float(slider.highest),
+            step=float(slider.step),
+            initial_value=_within(slider),
+            disabled=not self._opening.sliders_move,
+        )
+        moved = [-math.inf]
+        self._sliders[name] = handle, moved
+        if not self._opening.sliders_move:
+            return
+
+        @handle.on_update
+        async def _(event: Any) -> None:
+            if event.client is not None and math.isfinite(handle.value):  # else it was `follow`
+                moved[0] = time.monotonic()
+                self._send(KeyEvent(name, value=float(handle.value)))
+
+    def _add_group(self, effect: str, keys: list[str]) -> None:
+        labels = {LABELS.get(key, key): key for key in keys}
+        handle = self._gui.add_button_group(effect, tuple(labels))
+
+        @handle.on_click
+        async def _(event: Any) -> None:
+            if event.client is not None and handle.value in labels:
+                self._send(KeyEvent(labels[handle.value]))
+
+    def _add_button(self, effect: str, key: str) -> None:
+        handle = self._gui.add_button(effect, hint=f"key: {key}")
+
+        @handle.on_click
+        async def _(event: Any) -> None:
+            self._send(KeyEvent(key))
+
+    def _add_hotkeys(self, effect: str, keys: Iterable[str]) -> None:
+        for key in keys:
+            hotkey = HOTKEYS.get(key, key.upper() if len(key) == 1 and key.isascii() and key.isalnum() else None)
+            if hotkey is not None:
+                self._add_hotkey(f"{key}: {effect}", hotkey, key)
+
+    def _add_hotkey(self, label: str, hotkey: Any, key: str) -> None:
+        handle = self._gui.add_command(label, hotkey=hotkey)
+
+        @handle.on_trigger
+        async def _(event: Any) -> None:
+            self._send(KeyEvent(key))
+
+    def _add_speed(self, first: Snapshot) -> None:
+        speed = 1.0 if first.speed is None else min(max(first.speed, SPEEDS[0]), SPEEDS[1])
+        number = self._gui.add_slider("speed [x real time]", *SPEEDS, step=0.05, initial_value=speed)
+        unlimited = self._gui.add_checkbox("as fast as it goes", first.speed is None)
+        self._speed = number, unlimited
+
+        async def changed(event: Any) -> None:
+            if event.client is not None and math.isfinite(number.value):
+                wanted = min(max(number.value, SPEEDS[0]), SPEEDS[1])
+                self._send(SpeedWanted(None if unlimited.value else wanted))
+
+        async def limited(event: Any) -> None:
+            if event.client is not None:
+                unlimited.value = False
+            await changed(event)
+
+        number.on_update(limited)
+        unlimited.on_update(changed)
+
+
+def _all_keys(keys: str) -> list[str]:
+    """ "1 2 3 ..." stands for all further digits, too."""
+    named = keys.split()
+    if named[-1] != "...":
+        return named
+    return [*named[:-1], *map(str, range(int(named[-2]) + 1, 10))]
+
+
+def _within(slider: Slider) -> float:
+    """A controller that only shows its pressure may have it anywhere."""
+    return float(min(max(slider.value, slider.lowest), slider.highest))

@@ -1,0 +1,80 @@
+"""The output "web": a live page of a run, and what is done on it."""
+
+import warnings
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from taichisoft_plugins.web.address import find_address
+from taichisoft_plugins.web.errors import require_viser
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+    from taichisoft.session import Session
+    from taichisoft.simulation import StepReport
+    from taichisoft.state import State
+    from taichisoft_plugins.web.page_link import PageLink
+
+
+class WebOutput:
+    """Serves a page as long as the run lasts, from a process of its own: viewers can neither slow nor change the run.
+
+    Attributes:
+        gives_keys: what viewers do becomes keys of the run.
+    """
+
+    gives_keys = True
+
+    def __init__(self, folder: Path, address: str | None = None):
+        """Find a place for the page.
+
+        Args:
+            folder: of the run; nothing is written there.
+            address: "HOST:PORT"; 127.0.0.1 and a free port from 8080 on where it is not given.
+
+        Raises:
+            WebError: viser is not installed, or nothing can listen at the address.
+        """
+        require_viser()
+        self._address = find_address(address)
+        self._link: PageLink | None = None
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """The page needs the whole session: see `follow`."""
+
+    def follow(self, session: "Session") -> None:
+        """Serve the page, and print where.
+
+        Raises:
+            WebError: it cannot be served.
+        """
+        from taichisoft_plugins.web.page_link import PageLink
+
+        self._link = PageLink(session, self._address)
+        print(f"web page: {self._address.at(self._link.port).url}", flush=True)
+        if self._address.token:
+            warnings.warn(
+                f"whoever reaches {self._address.host} can watch, and what passes is not encrypted", stacklevel=2
+            )
+            print(f"to control the run, enter this token on the page: {self._address.token}", flush=True)
+
+    def record(self, state: "State", report: "StepReport") -> None:
+        """A step is done: the page will look at it when it has time, unless there is a newer one by then."""
+        if self._link is not None:
+            self._link.newest = state, report
+
+    def restart(self, state: "State") -> None:
+        """Show the first state again."""
+        if self._link is not None:
+            self._link.newest = state, None
+
+    def end(self, outcome: str) -> None:
+        """Tell the viewers, and close the page."""
+        if self._link is not None:
+            self._link.end(outcome)
+
+
+def begin_pages(session: "Session") -> None:
+    """Serve the pages of a run that has any."""
+    for output in session.outputs:
+        if isinstance(output, WebOutput):
+            output.follow(session)

@@ -1,0 +1,112 @@
+"""The three-dimensional part of a page: bodies, cavities inside them, floor, and arrows for contact forces."""
+
+from typing import Any
+
+import numpy as np
+
+from taichisoft_plugins.camera import VERTICAL_ANGLE, fit_camera, scene_axes
+from taichisoft_plugins.web.creases import split_creases
+from taichisoft_plugins.web.frame import Cast, Frame, PagePlane
+
+LENGTH_UNIT = 0.01
+"""Of what the page calls 1, per mm: its lights, shadows and camera are made for things of the size of a few units."""
+
+ASPECT = 1.3
+"""Width / height of the part of a window that the panel leaves free."""
+
+BACKWARD = 1.35
+"""How much further off than for the first frame the camera begins, since everything is going to move [-]."""
+
+COLOURS: dict[str, tuple[int, int, int]] = {
+    "soft": (237, 229, 216),
+    "cavity": (0, 118, 128),
+    "rigid": (33, 62, 128),
+    "obstacle": (140, 148, 158),
+    "floor": (173, 190, 208),
+    "force": (204, 51, 17),
+}
+SILICONE_OPACITY = 0.55
+FLOOR_HALF_WIDTH = 2.2
+"""Of the drawn part of a plane, in radii of what stands on it [-]."""
+
+ARROW_LENGTH = 0.35
+"""Of the largest force so far, in radii of the scene [-]; the other forces are in proportion."""
+SMALLEST_ARROW = 0.03
+"""Forces below this part of the largest one so far are not drawn [-]."""
+
+
+class SceneView:
+    """Draws frames into the scene of a viser server; what did not move is not sent again."""
+
+    def __init__(self, server: Any, cast: Cast, first: Frame):
+        """Put everything where the first frame has it, and the camera where it sees that."""
+        self._server = server
+        self._largest_force = 0.0
+        bodies = [v for s, v in zip(cast.surfaces, first.vertices, strict=True) if s.kind in ("soft", "rigid")]
+        points = np.vstack(bodies) if bodies else np.vstack([np.zeros((1, 3)), *first.vertices])
+        self._radius = max(float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()), 1.0)
+        server.scene.set_up_direction(cast.up)
+        server.scene.configure_default_lights(enabled=True, cast_shadow=True)
+        self._set_camera(points, cast.up)
+        self._sources, self._meshes = [], []
+        for surface, vertices in zip(cast.surfaces, first.vertices, strict=True):
+            source, triangles = split_creases(vertices, surface.triangles)
+            self._sources.append(source)
+            self._meshes.append(self._add(surface.name, vertices[source], triangles, surface.kind))
+        for plane in cast.planes:
+            self._add(plane.name, *_square(plane, points, self._radius), "floor")
+        self._arrows = server.scene.add_arrows(
+            "/contact forces",
+            np.zeros((1, 2, 3)),
+            COLOURS["force"],
+            shaft_radius=0.009 * self._radius * LENGTH_UNIT,
+            head_radius=0.024 * self._radius * LENGTH_UNIT,
+            head_length=0.06 * self._radius * LENGTH_UNIT,
+            visible=False,
+        )
+
+    def show(self, frame: Frame) -> None:
+        """Move everything to where a frame has it."""
+        with self._server.atomic():
+            for mesh, source, vertices in zip(self._meshes, self._sources, frame.vertices, strict=True):
+                mesh.vertices = (vertices[source] * LENGTH_UNIT).astype(np.float32)
+            self._show_forces(frame.contact_points, frame.contact_forces)
+
+    def _show_forces(self, points: np.ndarray, forces: np.ndarray) -> None:
+        """Each arrow ends where its force acts: its shaft stands in the first body, which is translucent if soft."""
+        strength = np.linalg.norm(forces, axis=1)
+        self._largest_force = max(self._largest_force, strength.max(initial=0.0))
+        drawn = strength > SMALLEST_ARROW * self._largest_force
+        self._arrows.visible = bool(drawn.any())
+        if drawn.any():
+            shafts = forces[drawn] * (ARROW_LENGTH * self._radius / self._largest_force)
+            ends = np.stack([points[drawn] - shafts, points[drawn]], axis=1)
+            self._arrows.points = (ends * LENGTH_UNIT).astype(np.float32)
+
+    def _add(self, name: str, vertices: np.ndarray, triangles: np.ndarray, kind: str) -> Any:
+        return self._server.scene.add_mesh_simple(
+            f"/{name}",
+            vertices * LENGTH_UNIT,
+            triangles,
+            color=COLOURS[kind],
+            opacity=SILICONE_OPACITY if kind == "soft" else None,
+            cast_shadow=kind in ("soft", "rigid"),
+            receive_shadow=kind in ("floor", "obstacle"),
+        )
+
+    def _set_camera(self, points: np.ndarray, up: np.ndarray) -> None:
+        camera = fit_camera(points, up, "iso", ASPECT)
+        initial = self._server.initial_camera
+        initial.position = (camera.target + BACKWARD * (camera.eye - camera.target)) * LENGTH_UNIT
+        initial.look_at = camera.target * LENGTH_UNIT
+        initial.up = camera.up
+        initial.fov = float(np.radians(VERTICAL_ANGLE))
+
+
+def _square(plane: PagePlane, points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+    """The part of a plane under what stands on it: vertices [mm], (4, 3), and triangles, (2, 3)."""
+    middle = points.mean(axis=0)
+    centre = middle - plane.normal * ((middle - plane.point) @ plane.normal)
+    right, front, _ = scene_axes(plane.normal)
+    corners = np.array([right - front, -right - front, front - right, right + front])
+    return centre + FLOOR_HALF_WIDTH * radius * corners, np.array([[0, 1, 2], [0, 2, 3]])
