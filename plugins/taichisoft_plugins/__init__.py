@@ -65,12 +65,14 @@ def taichisoft_run_begins(session: "Session") -> None:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """`taichisoft render` and `taichisoft doctor`."""
+    """`taichisoft render`, `export` and `doctor`."""
     from taichisoft_plugins.doctor_command import doctor
+    from taichisoft_plugins.export_command import export
     from taichisoft_plugins.export_command import export
     from taichisoft_plugins.render_command import render
 
     application.command()(render)
+    application.command()(export)
     application.command()(export)
     application.command()(doctor)
 
