@@ -19,6 +19,7 @@ from taichisoft_benchmarks.descriptors import (
     MeshingCase,
     PeerCase,
     PluginsCase,
+    RecordingCase,
     RenderingCase,
     Simulated,
     StartCase,
@@ -72,6 +73,10 @@ def measure(case: Case, meshes: Meshes) -> Measured:
         from taichisoft_benchmarks.measures.rendering import measure_rendering
 
         return measure_rendering(case, scene)
+    if isinstance(case, RecordingCase):
+        from taichisoft_benchmarks.measures.recording import measure_recording
+
+        return measure_recording(case, scene)
     if isinstance(case, PluginsCase):
         from taichisoft_benchmarks.measures.plugins import measure_plugins
 

@@ -147,6 +147,18 @@ class RenderingCase(SceneCase):
     pictures: Count
 
 
+class RecordingCase(SceneCase):
+    """What recording a scene adds to its steps; steps without and with it in turns."""
+
+    kind: Literal["recording"]
+    steps: Count
+    pairs: Count
+
+    def shortened(self) -> "RecordingCase":
+        """A single pair of a few steps."""
+        return self.model_copy(update={"steps": min(self.steps, QUICK_STEPS), "pairs": 1})
+
+
 KINDS: dict[str, type[Case]] = {
     "steps": StepsCase,
     "plugins": PluginsCase,
@@ -156,4 +168,5 @@ KINDS: dict[str, type[Case]] = {
     "start": StartCase,
     "meshing": MeshingCase,
     "rendering": RenderingCase,
+    "recording": RecordingCase,
 }

@@ -39,7 +39,7 @@ class RecordingOutput:
             raise RecordingError(f"--every {every}: must be at least 1, the number of steps from frame to frame")
         self.path = Path(folder) / FILE_NAME
         self._every, self._compress = every, compress
-        self._fields = tuple(FIELDS) if fields is None else parse_fields(fields)
+        self.fields = tuple(FIELDS) if fields is None else parse_fields(fields)
         self._file: RecordingFile | None = None
         self._frames: list[Frame] = []
         self._skipped: Frame | None = None
@@ -52,7 +52,7 @@ class RecordingOutput:
             RecordingError: the file cannot be written.
         """
         self._model = model
-        self._rows = RowMaker(model, self._fields)
+        self._rows = RowMaker(model, self.fields)
         self._keep(Frame(state, None, self._solver))
         rows, contacts = self._rows.rows(self._frames, 0), self._rows.contacts(self._frames)
         self._file = RecordingFile(self.path, self._describe, rows, contacts, self._compress)
@@ -70,7 +70,7 @@ class RecordingOutput:
             self._skipped = frame
             return
         self._keep(frame)
-        if len(self._frames) >= BUFFERED_FRAMES or time.monotonic() - self._written_at > LONGEST_BUFFERED:
+        if self._bundle_is_full() or time.monotonic() - self._written_at > LONGEST_BUFFERED:
             self._write()
 
     def restart(self, state: "State") -> None:
@@ -102,8 +102,13 @@ class RecordingOutput:
         if self._skipped is not None:
             self._keep(self._skipped)
 
+    def _bundle_is_full(self) -> bool:
+        """Bundles end where chunks do, so that none of these is written twice."""
+        written = self._file.frame_count if self._file is not None else 0
+        return (written + len(self._frames)) % BUFFERED_FRAMES == 0
+
     def _describe(self, root: Any) -> None:
-        write_header(root, self._model, self._every, self._fields)
+        write_header(root, self._model, self._every, self.fields)
         write_bodies(root, self._model)
         write_columns(root, self._rows.cavities, self._rows.pairs)
 

@@ -83,9 +83,7 @@ class RecordingFile:
             raise RecordingError(f"{self.path}: cannot be written: {_reason(error)}") from error
         for path, values in _paths(rows, contacts).items():
             before = self.frame_count if path.startswith("steps") else self.contact_count
-            dataset = self._datasets[path]
-            dataset.resize(before + len(values), axis=0)
-            dataset[before:] = values
+            _extend(self._datasets[path], before, values)
         self._root.flush()
         self.frame_count += len(next(iter(rows.values())))
         self.contact_count += len(next(iter(contacts.values()), ()))
@@ -133,6 +131,17 @@ def _create(file: Any, path: str, rows: np.ndarray, packing: Mapping[str, Any]) 
         path, (0, *shape), rows.dtype, maxshape=maximum, chunks=chunks, **(packing if large else {})
     )
     dataset.attrs["unit"] = quantities[name].unit
+
+
+def _extend(dataset: Any, before: int, values: np.ndarray) -> None:
+    """Add rows to those `before`, by HDF5's own calls: h5py's slices take three times as long for small rows."""
+    from h5py import h5s
+
+    dataset.id.set_extent((before + len(values), *values.shape[1:]))
+    if values.size:
+        place = dataset.id.get_space()
+        place.select_hyperslab((before, *(0 for _ in values.shape[1:])), values.shape)
+        dataset.id.write(h5s.create_simple(values.shape), place, np.ascontiguousarray(values, dataset.dtype))
 
 
 def _paths(rows: Mapping[str, np.ndarray], contacts: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:

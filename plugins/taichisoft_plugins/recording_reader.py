@@ -152,10 +152,12 @@ class Recording:
         return first + int(np.argmin(np.abs(times - time)))
 
     def refresh(self) -> None:
-        """See the frames that a run in progress has written since, and `outcome` when it has ended."""
-        for dataset in (*self._steps.values(), *self._file["contacts"].values(), self._file["frames"]):
+        """See the frames that a run in progress has written since the file was opened, or since the last call."""
+        self._file["frames"].refresh()
+        frame_count = self._count_frames()  # before the others, which may go on growing
+        for dataset in (*self._steps.values(), *self._file["contacts"].values()):
             dataset.refresh()
-        self.frame_count = self._count_frames()
+        self.frame_count = frame_count
 
     def _count_frames(self) -> int:
         if "frames" in self._file:

@@ -4,6 +4,7 @@
 """
 
 import sys
+import time
 from itertools import count
 from pathlib import Path
 from types import SimpleNamespace
@@ -137,7 +138,8 @@ def fake_run(outputs: list, steps: int, outcome: str = "completed", floor: bool 
 if __name__ == "__main__":
     endless = RecordingOutput(Path(sys.argv[1]))
     endless.begin(fake_model(), fake_state(0))
+    print("begun", flush=True)
     for number in count(1):
         endless.record(fake_state(number), fake_report(number))
-        if number == 120:
-            print("120 steps", flush=True)
+        if number % 20 == 0:
+            time.sleep(0.002)  # so that whoever reads it can keep up

@@ -1,7 +1,5 @@
-"""A recording gives back what was computed, also when the process that wrote it was killed."""
+"""A recording gives back what was computed."""
 
-import subprocess
-import sys
 from pathlib import Path
 
 import fake_run
@@ -90,31 +88,6 @@ def test_a_moment_is_found_and_one_outside_the_run_is_an_error(recording):
     assert recording.frame_at(0.204) == 20
     with pytest.raises(RecordingError, match=r"nothing at 9 s; .* from 0 s to 0\.63 s"):
         recording.frame_at(9.0)
-
-
-def test_a_killed_writer_leaves_a_readable_file(tmp_path):
-    writer = subprocess.Popen([sys.executable, fake_run.__file__, str(tmp_path)], stdout=subprocess.PIPE, text=True)
-    assert writer.stdout.readline() == "120 steps\n"
-    writer.kill()
-    writer.wait()
-    writer.stdout.close()
-    with read_recording(tmp_path / "recording.h5") as killed:
-        assert killed.outcome == "unfinished"
-        assert killed.frame_count >= 1 + 2 * BUFFERED_FRAMES
-        for frame in range(killed.frame_count):
-            state = fake_run.fake_state(frame)
-            assert np.array_equal(killed.row("position", frame), state.position)
-            assert np.array_equal(killed.contacts(frame)[0], np.full((frame % 3, 3), float(frame)))
-
-
-def test_a_recording_can_be_read_while_it_is_written(tmp_path):
-    writer = RecordingOutput(tmp_path)
-    writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
-    with read_recording(tmp_path / "recording.h5") as running:
-        assert (running.frame_count, running.outcome) == (1, "unfinished")
-    writer.end("step 1: body 'finger' turned inside out")
-    with read_recording(tmp_path / "recording.h5") as ended:
-        assert ended.outcome == "step 1: body 'finger' turned inside out"
 
 
 def test_what_is_no_recording_is_an_error_of_one_line(tmp_path):
