@@ -65,14 +65,18 @@ def taichisoft_run_begins(session: "Session") -> None:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """`taichisoft render`, `export` and `doctor`."""
+    """`taichisoft render`, `plot`, `export` and `doctor`."""
     from taichisoft_plugins.doctor_command import doctor
     from taichisoft_plugins.export_command import export
+    from taichisoft_plugins.plot_command import plot
     from taichisoft_plugins.export_command import export
+    from taichisoft_plugins.plot_command import plot
     from taichisoft_plugins.render_command import render
 
     application.command()(render)
+    application.command()(plot)
     application.command()(export)
+    application.command()(plot)
     application.command()(export)
     application.command()(doctor)
 

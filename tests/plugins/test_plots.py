@@ -1,0 +1,175 @@
+"""`taichisoft plot`: the curves are what was observed in the run, and every panel can be read."""
+
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+import tiny_run
+
+from taichisoft.controller import Observation
+from taichisoft_plugins.plots import PlotError, draw_plots
+from taichisoft_plugins.plots_curve import Curve, Panel, pieces
+from taichisoft_plugins.plots_figure import draw_figure
+from taichisoft_plugins.plots_panels import PANELS, RunCurves
+from taichisoft_plugins.recording_layout import RecordingError
+from taichisoft_plugins.recording_reader import Recording, read_recording
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Observation]]:
+    """A run that was started anew after 20 of its steps, and its observations in every frame."""
+    folder = tmp_path_factory.mktemp("run")
+    observed = tiny_run.tiny_run(folder, restart_after=20)
+    return folder / "recording.h5", observed
+
+
+@pytest.fixture
+def recording(run: tuple[Path, list[Observation]]):
+    with read_recording(run[0]) as opened:
+        yield opened
+
+
+@pytest.fixture
+def observed(run: tuple[Path, list[Observation]]) -> list[Observation]:
+    return run[1]
+
+
+def curves(recording: Recording, panel: str) -> dict[str, Curve]:
+    return {curve.label: curve for curve in PANELS[panel](RunCurves(recording)).curves}
+
+
+def test_pressure_and_volume_are_those_observed(recording: Recording, observed: list[Observation]) -> None:
+    """In kPa and cm^3; before the first step of each start no pressure is known."""
+    pressure, volume = curves(recording, "pressure"), curves(recording, "volume")
+    assert list(pressure) == list(volume) == ["left.cavity", "right.cavity"]
+    for name in pressure:
+        known = np.isfinite(pressure[name].y)
+        assert np.flatnonzero(~known).tolist() == [0, 21]
+        expected = np.array([seen.pressures[name] for seen in observed])
+        np.testing.assert_allclose(pressure[name].y[known], expected[known], atol=1e-9)
+        np.testing.assert_allclose(
+            volume[name].y[known], [1e-3 * seen.volumes[name] for seen in np.array(observed)[known]], rtol=1e-9
+        )
+        np.testing.assert_allclose(volume[name].x, [seen.time for seen in observed])
+
+
+def test_tips_and_bending_are_those_that_a_controller_observes(
+    recording: Recording, observed: list[Observation]
+) -> None:
+    """Degrees of the bending angle; paths along two horizontal axes and upwards, which is z here."""
+    bending = curves(recording, "bending")
+    side, above = curves(recording, "tips-side"), curves(recording, "tips-above")
+    assert list(bending) == ["left", "right"]
+    for name in bending:
+        angles = [np.degrees(seen.bending_angles[name]) for seen in observed]
+        np.testing.assert_allclose(bending[name].y, angles, atol=1e-9)
+        positions = np.array([seen.tip_positions[name] for seen in observed])
+        np.testing.assert_allclose(np.column_stack([above[name].x, above[name].y]), positions[:, :2], atol=1e-9)
+        np.testing.assert_allclose(side[name].y, positions[:, 2], atol=1e-9)
+        assert np.ptp(positions[:, 2]) > 1.0, "the tips rise with the base"
+
+
+def test_height_counts_from_each_start(recording: Recording, observed: list[Observation]) -> None:
+    height = curves(recording, "height")
+    cube = np.array([seen.object_positions["cube"][2] for seen in observed])
+    base = np.array([seen.base_translation[2] for seen in observed])
+    np.testing.assert_allclose(height["cube"].y, cube - cube[0], atol=1e-12)
+    np.testing.assert_allclose(height["base"].y, base, atol=1e-12)
+    assert height["base"].y[-1] == pytest.approx(4.0), "0.1 s at 40 mm/s"
+
+
+def test_slip_is_what_the_object_stays_behind_since_the_base_moves(
+    recording: Recording, observed: list[Observation]
+) -> None:
+    """As metrics.json counts it; no slip where the base stood still, such as in the whole first start."""
+    slip = curves(recording, "slip")["cube"].y
+    before = 21 + tiny_run.LIFT_AFTER
+    assert np.isnan(slip[:before]).all()
+    rise = [
+        observed[k].object_positions["cube"][2] - observed[before].object_positions["cube"][2] for k in (before, -1)
+    ]
+    np.testing.assert_allclose(slip[[before, -1]], [0.0, 4.0 - rise[1]], atol=1e-12)
+
+
+def test_forces_of_pairs_that_touched(recording: Recording, observed: list[Observation]) -> None:
+    for panel, quantity in (("normal-force", "normal_forces"), ("friction-force", "friction_forces")):
+        found = curves(recording, panel)
+        assert set(found) == {"left|cube", "right|cube", "cube|floor"}
+        for pair, curve in found.items():
+            expected = [getattr(seen, quantity).get(pair, 0.0) for seen in observed]
+            np.testing.assert_allclose(curve.y, expected, rtol=1e-6, atol=1e-6)
+
+
+def test_step_time_has_no_value_where_no_step_was_made(recording: Recording) -> None:
+    panel = PANELS["step-time"](RunCurves(recording))
+    (curve,) = panel.curves
+    assert np.flatnonzero(np.isnan(curve.y)).tolist() == [0, 21]
+    np.testing.assert_allclose(curve.y[1], 1e3 * recording.column("step_time")[1])
+    assert panel.level == (10.0, "real time")
+
+
+def test_no_line_runs_back_in_time(recording: Recording) -> None:
+    """A run that was started anew is drawn start by start, the earlier one paler and not in the legend again."""
+    assert pieces(recording.times) == [(0, 21), (21, 62)]
+    axes = draw_figure([PANELS["height"](RunCurves(recording))], ["cube"]).axes[0]
+    for line in axes.lines:
+        assert (np.diff(line.get_xdata()) >= 0.0).all()
+    assert [line.get_alpha() for line in axes.lines] == [0.3, 1.0, 0.3, 1.0]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["cube", "base"]
+
+
+def test_curves_on_each_other_are_drawn_once_with_all_names() -> None:
+    """And with a width of each that lets those below be seen."""
+    time = np.linspace(0.0, 1.0, 5)
+    same, other = [Curve(name, name, time, time**2, time) for name in "ab"], Curve("c", "c", time, time, time)
+    axes = draw_figure([Panel("x", "y", [*same, other])], ["a", "b", "c"]).axes[0]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["a, b", "c"]
+    assert axes.lines[0].get_linewidth() > axes.lines[1].get_linewidth()
+
+
+def test_legends_hide_no_curve_and_axes_have_units(recording: Recording) -> None:
+    run = RunCurves(recording)
+    figure = draw_figure([make(run) for make in PANELS.values()], ["left", "right", "cube"])
+    figure.draw_without_rendering()
+    for axes in figure.axes:
+        assert "[" in axes.get_xlabel() and "[" in axes.get_ylabel()
+        legend = axes.get_legend().get_window_extent()
+        assert not any(legend.overlaps(others.get_window_extent()) for others in figure.axes)
+        assert figure.bbox.x0 <= legend.x0 and legend.x1 <= figure.bbox.x1 and legend.y1 <= figure.bbox.y1
+
+
+def test_a_body_has_one_colour_in_all_panels(recording: Recording) -> None:
+    run = RunCurves(recording)
+    bending, forces = draw_figure([PANELS[name](run) for name in ("bending", "normal-force")], ["left", "right"]).axes
+    colour = {line.get_label(): line.get_color() for line in (*bending.lines, *forces.lines)}
+    assert colour["left"] == colour["left|cube"] != colour["right"] == colour["right|cube"]
+
+
+def test_the_command_writes_png_and_svg(run: tuple[Path, list[Observation]], tmp_path: Path) -> None:
+    shown = tiny_run.command("plot", run[0], "-o", tmp_path)
+    assert shown.output.split() == [str(tmp_path / "plots.png")]
+    assert (tmp_path / "plots.png").read_bytes().startswith(b"\x89PNG")
+    tiny_run.command("plot", run[0], "-o", tmp_path, "--format", "svg", "--only", "pressure, slip")
+    svg = ElementTree.parse(tmp_path / "plots.svg").getroot()
+    words = {text for element in svg.iter() if (text := (element.text or "").strip())}
+    assert {"pressure [kPa]", "slip against the base [mm]"} <= words and "volume [cm³]" not in words
+
+
+def test_what_was_not_recorded_is_said_and_the_rest_drawn(tmp_path: Path) -> None:
+    tiny_run.tiny_run(tmp_path, fields="cavities")
+    with read_recording(tmp_path / "recording.h5") as recording:
+        plots = draw_plots(recording, "svg")
+        assert plots.shown == ("pressure", "volume", "height", "slip")
+        assert "--fields cavities left it out; record it with 'forces'" in plots.left_out["normal-force"]
+        with pytest.raises(RecordingError, match="has no steps/normal_force"):
+            draw_plots(recording, "svg", ["normal-force"])
+    shown = tiny_run.command("plot", tmp_path / "recording.h5")
+    assert "no plot of bending: " in shown.output
+
+
+def test_unknown_names_are_refused_with_the_known_ones(recording: Recording) -> None:
+    with pytest.raises(PlotError, match="--only pressures: there are: pressure, volume, bending"):
+        draw_plots(recording, "png", ["pressures"])
+    with pytest.raises(PlotError, match="--format pdf: there are: png, svg"):
+        draw_plots(recording, "pdf")
