@@ -18,7 +18,7 @@ VIEWS = {
 }
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)  # arrays have no single answer to ==: a camera equals only itself
 class Camera:
     """A perspective camera.
 
@@ -31,6 +31,15 @@ class Camera:
     eye: np.ndarray
     target: np.ndarray
     up: np.ndarray
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Orthonormal rows right, up and backward of the picture, shape (3, 3)."""
+        backward = self.eye - self.target
+        backward = backward / np.linalg.norm(backward)
+        right = np.cross(self.up, backward)
+        right /= np.linalg.norm(right)
+        return np.array([right, np.cross(backward, right), backward])
 
 
 def scene_axes(up: np.ndarray) -> np.ndarray:
@@ -76,3 +85,40 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
     eye = np.array([*centres, max(*distances, depth.max() + radius / 2)]) @ frame
     middle = np.array([*centres, depth.mean()]) @ frame
     return Camera(eye, middle, picture_up)
+
+
+def pixel_matrix(camera: Camera, origin: np.ndarray, directions: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """From coordinates on a plane, or in space, to pixels.
+
+    Args:
+        camera: sees them.
+        origin: where the coordinates are 0 [mm], shape (3,).
+        directions: where they lead, shape (count, 3).
+        size: width and height of the picture [pixels].
+
+    Returns:
+        Shape (3, count + 1): times (coordinates..., 1) it gives (w x, w y, w) with the pixel (x, y), to the right of
+        the left edge and below the upper edge, and the distance w in front of the camera [mm].
+    """
+    vectors = np.concatenate([directions, [origin - camera.eye]]) @ camera.axes.T
+    scale = size[1] / 2 / np.tan(np.radians(VERTICAL_ANGLE / 2))
+    depth = -vectors[:, 2]
+    return np.array([size[0] / 2 * depth + scale * vectors[:, 0], size[1] / 2 * depth - scale * vectors[:, 1], depth])
+
+
+def project(camera: Camera, points: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Where the camera sees points.
+
+    Args:
+        camera: sees them.
+        points: [mm], shape (point_count, 3).
+        size: width and height of the picture [pixels].
+
+    Returns:
+        Pixels to the right of the left edge and below the upper edge, shape (point_count, 2), and distances in front of
+        the camera [mm], shape (point_count,); what is beside or behind the camera is said to be just before it.
+    """
+    matrix = pixel_matrix(camera, np.zeros(3), np.eye(3), size)
+    x, y, depth = matrix[:, :3] @ points.T + matrix[:, 3:]
+    depth = np.maximum(depth, 1e-6)
+    return np.stack([x / depth, y / depth], axis=1), depth

@@ -1,17 +1,32 @@
-"""Drawing frames of a recording: what stands on the stage, and one camera for all the frames."""
+"""Drawing the frames of a recording."""
 
 from collections.abc import Sequence
-from pathlib import Path
 
 import numpy as np
 
 from taichisoft_plugins.camera import fit_camera, scene_axes
-from taichisoft_plugins.recording_reader import RecordedPlane, Recording
-from taichisoft_plugins.stage import Stage
+from taichisoft_plugins.floor import Floor
+from taichisoft_plugins.recording_reader import RecordedSurface, Recording
+from taichisoft_plugins.shading import shaded
+from taichisoft_plugins.smooth_edges import smooth_edges
+from taichisoft_plugins.smooth_normals import SmoothNormals
+from taichisoft_plugins.stage import NOTHING, Stage
 from taichisoft_plugins.style import Style
+from taichisoft_plugins.translucency import in_layers, laid_over
 
-SQUARE, HORIZON = 2.2, 40.0
-"""Half widths of the drawn parts of a plane, in radii of what stands on it [-]."""
+COLOURS = {
+    "soft": (0.96, 0.93, 0.88),
+    "cavity": (0.10, 0.52, 0.55),
+    "rigid": (0.16, 0.33, 0.72),
+    "obstacle": (0.62, 0.65, 0.69),
+}
+"""Red, green and blue [-] by the kind of surface."""
+
+HELD_BACK = {"soft": 0.55, "rigid": 1.0, "obstacle": 1.0}
+"""How much of the light a kind of surface holds back [-]; silicone lets some through."""
+
+HOLE = " as a hole"
+"""What an opaque surface hides of a layer of translucent ones is left open in that layer."""
 
 
 class Drawer:
@@ -25,85 +40,48 @@ class Drawer:
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int]):
         self._recording = recording
-        self._points = np.concatenate(
+        self._style = style
+        self._axes = scene_axes(recording.up)
+        points = np.concatenate(
             [s.vertices(frame) for s in recording.surfaces if s.kind in ("soft", "rigid") for frame in frames]
         )
-        self._camera = fit_camera(self._points, recording.up, style.view, style.size[0] / style.size[1])
-        self._stage = Stage(style.size, recording.up)
+        self._camera = fit_camera(points, recording.up, style.view, style.size[0] / style.size[1])
+        self._normals = {surface.name: SmoothNormals(surface.triangles) for surface in recording.surfaces}
+        background = np.array(style.background)
+        self._empty = np.empty((style.size[1], style.size[0], 3), dtype=np.uint8)
+        self._empty[:] = np.rint(255 * background)
+        self._floors = [Floor(plane, points, background) for plane in recording.planes]
+        self._stage = Stage(style.size)
 
     def image(self, frame: int) -> np.ndarray:
         """The picture of one of the frames: red, green and blue, shape (height, width, 3), dtype uint8."""
-        recording, stage = self._recording, self._stage
-        stage.clear()
-        for plane in recording.planes:
-            vertices, square, ring = floor_and_horizon(plane, self._points, recording.up)
-            stage.add(plane.name, vertices, square, "floor")
-            if len(ring):
-                stage.add(f"{plane.name} to the horizon", vertices, ring, "horizon")
-        for surface in recording.surfaces:
-            stage.add(surface.name, surface.vertices(frame), surface.triangles, surface.kind)
-        return stage.image(self._camera)
-
-
-def draw_frames(recording: Recording, frames: dict[str, int], folder: Path, size: tuple[int, int], view: str) -> None:
-    """Write `folder/NAME.png` for every named frame, all seen from the same place.
-
-    Args:
-        recording: open.
-        frames: frame index by name.
-        folder: exists.
-        size: width and height [pixels].
-        view: a key of `camera.VIEWS`.
-    """
-    points = np.concatenate(
-        [
-            surface.vertices(frame)
-            for surface in recording.surfaces
-            if surface.kind in ("soft", "rigid")
-            for frame in frames.values()
+        surfaces = self._recording.surfaces
+        vertices = {surface.name: surface.vertices(frame) for surface in surfaces}
+        for surface in surfaces:
+            self._put(surface, vertices[surface.name])
+        throwers = [
+            (vertices[surface.name], surface.triangles, HELD_BACK[surface.kind])
+            for surface in surfaces
+            if surface.kind in HELD_BACK
         ]
-    )
-    camera = fit_camera(points, recording.up, view, size[0] / size[1])
-    stage = Stage(size, recording.up)
-    for name, frame in frames.items():
-        stage.clear()
-        for plane in recording.planes:
-            vertices, square, ring = floor_and_horizon(plane, points, recording.up)
-            stage.add(plane.name, vertices, square, "floor")
-            if len(ring):
-                stage.add(f"{plane.name} to the horizon", vertices, ring, "horizon")
-        for surface in recording.surfaces:
-            stage.add(surface.name, surface.vertices(frame), surface.triangles, surface.kind)
-        stage.draw(camera, folder / f"{name}.png")
+        picture = self._empty
+        for floor in self._floors:
+            picture = floor.paint(picture, self._camera, throwers)
+        return smooth_edges(self._with_surfaces(picture, vertices))
 
+    def _put(self, surface: RecordedSurface, vertices: np.ndarray) -> None:
+        corners, normals = self._normals[surface.name](vertices)
+        triangles = np.arange(len(corners)).reshape(-1, 3)
+        colours = shaded(np.array(COLOURS[surface.kind]), normals, self._axes)
+        self._stage.put(surface.name, corners, triangles, colours)
+        if surface.kind != "soft":
+            self._stage.put(surface.name + HOLE, corners, triangles, np.zeros_like(colours) + np.array(NOTHING) / 255)
 
-def floor_and_horizon(
-    plane: RecordedPlane, points: np.ndarray, up: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The part of an infinite plane that is drawn: a square, and a ring around it as far as the horizon.
-
-    They are apart because only the square takes shadows: the finer is what the light must resolve. The
-    ring is only for a floor; around a slope or a wall it would hide the scene.
-
-    Args:
-        plane: what is drawn.
-        points: what must stand on it [mm], shape (point_count, 3).
-        up: unit vector against gravity, shape (3,).
-
-    Returns:
-        Vertices [mm], (8, 3); triangles of the square, (2, 3), and of the ring, (8, 3) or (0, 3).
-    """
-    middle = points.mean(axis=0)
-    radius = np.linalg.norm(points - middle, axis=1).max()
-    centre = middle - plane.normal * ((middle - plane.point) @ plane.normal)
-    right, front, _ = scene_axes(plane.normal)
-    # Front is right x up: seen from the side of the normal, right -> back -> left turns against the clock.
-    corners = np.array([right - front, -right - front, front - right, right + front])
-    vertices = np.concatenate([centre + SQUARE * radius * corners, centre + HORIZON * radius * corners])
-    square = np.array([[0, 1, 2], [0, 2, 3]])
-    if plane.normal @ up < 0.99:
-        return vertices, square, np.empty((0, 3), dtype=int)
-    start = np.arange(4)
-    stop = np.roll(start, -1)
-    ring = np.concatenate([np.stack([start, start + 4, stop + 4], 1), np.stack([start, stop + 4, stop], 1)])
-    return vertices, square, ring
+    def _with_surfaces(self, picture: np.ndarray, vertices: dict[str, np.ndarray]) -> np.ndarray:
+        soft = [surface.name for surface in self._recording.surfaces if surface.kind == "soft"]
+        opaque = [surface.name for surface in self._recording.surfaces if surface.kind != "soft"]
+        picture = laid_over(picture, self._stage.image(self._camera, opaque), 1.0)
+        for layer in in_layers([vertices[name] for name in soft], self._camera, self._style.size):
+            visible = [soft[body] for body in layer] + [name + HOLE for name in opaque]
+            picture = laid_over(picture, self._stage.image(self._camera, visible), self._style.opacity)
+        return picture

@@ -3,31 +3,39 @@
 import numpy as np
 
 
-def split_at_creases(
-    vertices: np.ndarray, triangles: np.ndarray, crease_angle: float = 40.0
-) -> tuple[np.ndarray, np.ndarray]:
-    """Give every triangle corner a vertex and a normal of its own.
+class SmoothNormals:
+    """Gives every triangle corner a vertex and a normal of its own, as its surface deforms.
 
-    The normal of a corner is the area-weighted mean of those triangles at its vertex that are turned by
-    less than `crease_angle` [degrees] against its own triangle.
+    The normal of a corner is the area-weighted mean of those triangles at its vertex that are turned by less than
+    `crease_angle` against its own triangle.
 
     Args:
-        vertices: [mm], shape (vertex_count, 3).
-        triangles: vertex indices, shape (triangle_count, 3).
-
-    Returns:
-        Corner positions [mm] and unit normals, each (3 * triangle_count, 3); corner 3 i + k is corner k
-        of triangle i.
+        triangles: vertex indices, outward, shape (triangle_count, 3).
+        crease_angle: [degrees].
     """
-    corners = vertices[triangles]
-    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
-    first, second = _corners_at_same_vertex(triangles.ravel())
-    smooth = np.einsum("ij,ij->i", units[first // 3], units[second // 3]) > np.cos(np.radians(crease_angle))
-    normals = np.zeros((triangles.size, 3))
-    np.add.at(normals, first[smooth], areas[second[smooth] // 3])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    return corners.reshape(-1, 3), normals
+
+    def __init__(self, triangles: np.ndarray, crease_angle: float = 40.0):
+        self._triangles = triangles
+        self._cosine = np.cos(np.radians(crease_angle))
+        # The pairs do not change while the surface deforms; finding them takes longer than all the rest.
+        self._corners, others = _corners_at_same_vertex(triangles.ravel())
+        self._own, self._other = self._corners // 3, others // 3
+
+    def __call__(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corners and normals for vertices [mm] of shape (vertex_count, 3).
+
+        Returns:
+            Corner positions [mm] and unit normals, each (3 * triangle_count, 3); corner 3 i + k is corner k of
+            triangle i.
+        """
+        corners = vertices[self._triangles]
+        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
+        smooth = np.einsum("ij,ij->i", units[self._own], units[self._other]) > self._cosine
+        where, what = self._corners[smooth], areas[self._other[smooth]]
+        normals = np.stack([np.bincount(where, part, self._triangles.size) for part in what.T], axis=1)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        return corners.reshape(-1, 3), normals / np.maximum(lengths, 1e-30)
 
 
 def _corners_at_same_vertex(vertex_of_corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
