@@ -99,9 +99,8 @@ def draw_frames(
         if process.refused:
             raise RenderError(process.problem)
         if attempt < ATTEMPTS:
-            warnings.warn(
-                f"drawing stopped at frame {done} of {len(frames)} ({process.problem}); tried again", stacklevel=2
-            )
+            stopped = f"drawing stopped after {done} of {len(frames)} frames: {process.problem}"
+            warnings.warn(f"{stopped}; going on in a new process", stacklevel=2)
     raise RenderError(
         f"{recording}: cannot be drawn: {process.problem}; off-screen drawing needs Mesa's libraries "
         f"({install_line(packages_for(process.problem, 'open3d'))}); `taichisoft doctor` checks them"

@@ -3,17 +3,13 @@
 import fake_run
 import numpy as np
 import pytest
-import typer
-from typer.testing import CliRunner
 
-import taichisoft_plugins
-from taichisoft_plugins import rendering
+from taichisoft_plugins import pictures
 from taichisoft_plugins.child_process import ChildResult, run_python
 from taichisoft_plugins.pictures import PicturesOutput, key_moments
 from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.recording_layout import RecordingError
 from taichisoft_plugins.recording_reader import read_recording
-from taichisoft_plugins.rendering import RenderError, render_pictures
+from taichisoft_plugins.rendering import RenderError
 
 
 @pytest.fixture(scope="module")
@@ -76,60 +72,24 @@ def test_without_a_lift_there_is_only_before_and_after(tmp_path):
         assert key_moments(recording) == pytest.approx({"before": 0.0, "after": 0.03})
 
 
-def test_render_command_draws_a_moment_with_a_floor_in_the_size_asked_for(tmp_path):
-    fake_run.fake_run([RecordingOutput(tmp_path)], steps=6, floor=True)
-    application = typer.Typer()
-    taichisoft_plugins.taichisoft_commands(application)
-    path = tmp_path / "recording.h5"
-    arguments = ["render", str(path), "--time", "0.03", "--size", "320x180", "--view", "front"]
-    answer = CliRunner().invoke(application, [*arguments, "--output", str(tmp_path / "new")])
-    assert answer.exit_code == 0, answer.output
-    picture = read_picture(tmp_path / "new" / "at_0.03s.png")
-    assert picture.shape == (180, 320, 3)
-    floor, background = picture[-1, 0].astype(int), picture[0, 0].astype(int)
-    assert np.abs(floor - background).max() > 5, "seen from the front the floor ends at a horizon"
-    assert np.abs(floor - picture[-1, -1]).max() < 12, "and it is evenly lit"
-    assert np.ptp(picture.astype(int)) > 100
-
-
-def test_pictures_need_the_recording_of_the_same_run(tmp_path):
-    with pytest.raises(RenderError, match="needs the output 'recording'"):
-        fake_run.fake_run([PicturesOutput(tmp_path)], steps=2)
-    with pytest.raises(RenderError, match="must stand before 'pictures'"):
-        fake_run.fake_run([PicturesOutput(tmp_path), RecordingOutput(tmp_path)], steps=2)
-
-
-def test_an_interrupted_run_is_not_drawn(tmp_path):
+def test_an_interrupted_run_or_one_without_a_step_is_not_drawn(tmp_path):
     fake_run.fake_run([PicturesOutput(tmp_path)], steps=2, outcome="interrupted")
+    fake_run.fake_run([PicturesOutput(tmp_path)], steps=0, outcome="the first step diverged")
     assert not list(tmp_path.glob("*.png"))
 
 
-def test_drawing_is_tried_twice_and_the_error_says_what_to_install(folder, tmp_path, monkeypatch):
-    calls = []
-
-    def fail(arguments, time_limit):
-        calls.append(arguments)
-        return ChildResult("ImportError: libEGL.so.1: cannot open shared object file")
-
-    monkeypatch.setattr(rendering, "run_python", fail)
-    with pytest.raises(RenderError, match=r"libEGL.so.1.*apt-get install .*libegl1\)"):
-        render_pictures(folder / "recording.h5", {"a": 0.0}, tmp_path)
-    assert len(calls) == 2
+def test_without_a_recording_there_is_nothing_to_draw(tmp_path):
+    with pytest.raises(RenderError, match="no recording; the output 'pictures' needs the output 'recording'"):
+        fake_run.fake_run([PicturesOutput(tmp_path)], steps=2)
 
 
-def test_a_second_attempt_can_succeed(folder, tmp_path, monkeypatch):
-    answers = [ChildResult("no answer within 60 s"), ChildResult("")]
-    monkeypatch.setattr(rendering, "run_python", lambda *_: answers.pop(0))
-    assert render_pictures(folder / "recording.h5", {"a": 0.0}, tmp_path) == [tmp_path / "a.png"]
-    assert not answers
+def test_whoever_stops_the_drawing_still_has_the_run(tmp_path, monkeypatch):
+    def stop(*_):
+        raise KeyboardInterrupt
 
-
-def test_wrong_moment_or_view_is_said_before_anything_is_started(folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(rendering, "run_python", lambda *_: pytest.fail("a process was started"))
-    with pytest.raises(RecordingError, match="nothing at 5 s"):
-        render_pictures(folder / "recording.h5", {"a": 5.0}, tmp_path)
-    with pytest.raises(RenderError, match="no view is called 'back'; there are: iso, front, top"):
-        render_pictures(folder / "recording.h5", {"a": 0.0}, tmp_path, view="back")
+    monkeypatch.setattr(pictures, "render_pictures", stop)
+    with pytest.raises(RenderError, match=r"no pictures: interrupted; `taichisoft render .*recording\.h5` draws them"):
+        fake_run.fake_run([RecordingOutput(tmp_path), PicturesOutput(tmp_path)], steps=2)
 
 
 def test_a_child_process_that_hangs_crashes_or_fails_is_reported():
