@@ -1,6 +1,6 @@
 """The plots of a page: pressures, forces on the gripped object, and its height over time."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,18 +13,26 @@ MOST_POINTS = 300
 LINES = ("#0077bb", "#ee7733", "#009988", "#cc3311", "#33bbee", "#ee3377", "#999933", "#555555")
 
 
+def row_of(
+    cast: Cast, pressures: Mapping[str, float], normal_forces: Mapping[str, float], rigid_position: np.ndarray
+) -> np.ndarray:
+    """What is plotted of a moment: pressures [kPa], forces [mN], and the height [mm] of the gripped body, in a row."""
+    height = 0.0 if cast.gripped is None else float(rigid_position[cast.gripped_index] @ cast.up)
+    return np.array([*(pressures.get(name, 0.0) for name in cast.cavities), *grip_forces(cast, normal_forces), height])
+
+
 class History:
     """What the plots show of the frames since the last start.
 
     Attributes:
         times: [s], of the frames that were kept.
-        rows: of each: pressures [kPa], forces [mN], height [mm], in one array.
+        rows: of each, see `row_of`; heights over that of the first frame.
     """
 
     def __init__(self, cast: Cast, first: Frame):
-        """Heights are counted from the first frame."""
+        """Empty; the first frame is the one that heights are counted from."""
         self._cast = cast
-        self._start = self._place(first)
+        self._start = self._row(first)[-1]
         self._stride = self._skipped = 0
         self.times: list[float] = []
         self.rows: list[np.ndarray] = []
@@ -38,21 +46,15 @@ class History:
             return
         self._skipped = 0
         self.times.append(frame.time)
-        self.rows.append(self.row(frame))
+        row = self._row(frame)
+        row[-1] -= self._start
+        self.rows.append(row)
         if len(self.times) > MOST_POINTS:
             self.times, self.rows = self.times[::2], self.rows[::2]
             self._stride = 2 * self._stride + 1
 
-    def row(self, frame: Frame) -> np.ndarray:
-        """Pressures, forces and height of a frame."""
-        pressures = [frame.pressures.get(name, 0.0) for name in self._cast.cavities]
-        height = self._place(frame) - self._start
-        return np.array([*pressures, *grip_forces(self._cast, frame.normal_forces), height])
-
-    def _place(self, frame: Frame) -> float:
-        if self._cast.gripped is None:
-            return 0.0
-        return float(frame.rigid_position[self._cast.gripped_index] @ self._cast.up)
+    def _row(self, frame: Frame) -> np.ndarray:
+        return row_of(self._cast, frame.pressures, frame.normal_forces, frame.rigid_position)
 
 
 class Curves:
@@ -74,13 +76,11 @@ class Curves:
                 self._plots.append((columns, _add_plot(gui, title, names)))
             start += width
 
-    def show(self, history: History) -> None:
-        """Draw all that is kept."""
-        if len(history.times) < 2:
-            return
-        times, rows = np.array(history.times), np.array(history.rows)
-        for columns, plot in self._plots:
-            plot.data = (times, *rows.T[columns])
+    def show(self, times: np.ndarray, rows: np.ndarray) -> None:
+        """Draw rows of `row_of`, shape (count, columns), over times [s], shape (count,)."""
+        if len(times) > 1:
+            for columns, plot in self._plots:
+                plot.data = (times, *rows.T[columns])
 
 
 def _add_plot(gui: Any, title: str, names: tuple[str, ...]) -> Any:

@@ -1,14 +1,11 @@
 """A page that shows frames, whichever they come from."""
 
-import time
 from typing import Any
 
-from taichisoft_plugins.web.curves import Curves, History
+from taichisoft_plugins.web.curves import Curves
 from taichisoft_plugins.web.errors import WebError
 from taichisoft_plugins.web.frame import Cast, Frame
 from taichisoft_plugins.web.scene_view import SceneView
-
-SECONDS_BETWEEN_CURVES = 0.25
 
 # A browser moves its camera by letters and arrows that steer the gripper here. Its handler sits behind those of the
 # hotkeys, so that a key which goes no further than they do turns the gripper and not the picture.
@@ -24,6 +21,8 @@ class Page:
     Attributes:
         server: of viser, for whoever adds controls.
         port: it listens there.
+        view: the scene.
+        curves: the plots.
     """
 
     def __init__(self, host: str, port: int, cast: Cast, first: Frame):
@@ -37,28 +36,14 @@ class Page:
         if port and self.port != port:
             self.server.stop()
             raise WebError(f"port {port} of {host} is taken")
-        self._last_curves = 0.0
-        self._view = SceneView(self.server, cast, first)
+        self.view = SceneView(self.server, cast, first)
         gui = self.server.gui
         gui.set_panel_label(cast.title or "taichisoft")
         gui.main_panel.dock_right()
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         self._text = gui.add_markdown("", order=0.0)
         with gui.add_folder("plots", order=100.0):
-            self._curves = Curves(gui, cast)
-        self.history = History(cast, first)
-
-    def show(self, frame: Frame) -> None:
-        """Draw a frame."""
-        self._view.show(frame)
-        self.history.add(frame)
-        if time.monotonic() - self._last_curves >= SECONDS_BETWEEN_CURVES:
-            self.show_curves()
-
-    def show_curves(self) -> None:
-        """Draw the plots now."""
-        self._last_curves = time.monotonic()
-        self._curves.show(self.history)
+            self.curves = Curves(gui, cast)
 
     def say(self, text: str) -> None:
         """Put a line of Markdown above everything."""

@@ -9,7 +9,10 @@ import threading
 import time
 from typing import IO, Any
 
+import numpy as np
+
 from taichisoft_plugins.web.controls import Controls
+from taichisoft_plugins.web.curves import History
 from taichisoft_plugins.web.frame import Frame
 from taichisoft_plugins.web.live_bodies import LiveBodies
 from taichisoft_plugins.web.messages import Farewell, Opening, Ready, Snapshot, receive, send
@@ -18,6 +21,7 @@ from taichisoft_plugins.web.page import KEEP_KEYS_FROM_CAMERA, Page
 FRAMES_PER_SECOND = 30.0
 """At most."""
 SECONDS_BETWEEN_TEXTS = 0.2
+SECONDS_BETWEEN_CURVES = 0.25
 SECONDS_TO_DELIVER = 0.5
 """For the last words, before the page closes."""
 
@@ -74,8 +78,9 @@ class LivePage:
         self._outbox = outbox
         self._controls: dict[int, Controls] = {}
         self._snapshot = opening.first
-        self._last_text = 0.0
+        self._last_text = self._last_curves = 0.0
         first = frame_of(opening.bodies, opening.first)
+        self._history = History(opening.bodies.cast, first)
         self.page = Page(opening.host, opening.port, opening.bodies.cast, first)
         self.page.server.gui.add_html(KEEP_KEYS_FROM_CAMERA)
         self.page.server.on_client_connect(self._arrived)
@@ -84,7 +89,11 @@ class LivePage:
     def show(self, snapshot: Snapshot) -> None:
         """Draw a snapshot for all viewers."""
         self._snapshot = snapshot
-        self.page.show(frame_of(self._opening.bodies, snapshot))
+        frame = frame_of(self._opening.bodies, snapshot)
+        self.page.view.show(frame)
+        self._history.add(frame)
+        if time.monotonic() - self._last_curves >= SECONDS_BETWEEN_CURVES:
+            self._show_curves()
         if time.monotonic() - self._last_text >= SECONDS_BETWEEN_TEXTS:
             self._last_text = time.monotonic()
             self.page.say(status_line(snapshot))
@@ -94,10 +103,14 @@ class LivePage:
     def close(self, farewell: Farewell) -> None:
         """Say that the run has ended, and let everybody have that."""
         self.page.say(f"**{self._snapshot.time:.2f} s** · the run has ended: {farewell.outcome}")
-        self.page.show_curves()
+        self._show_curves()
         self.page.server.flush()
         time.sleep(SECONDS_TO_DELIVER)
         self.page.server.stop()
+
+    def _show_curves(self) -> None:
+        self._last_curves = time.monotonic()
+        self.page.curves.show(np.array(self._history.times), np.array(self._history.rows))
 
     async def _arrived(self, client: Any) -> None:
         self._controls[client.client_id] = Controls(client.gui, self._opening, self._snapshot, self._outbox.put)

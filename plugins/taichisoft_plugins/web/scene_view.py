@@ -20,7 +20,7 @@ BACKWARD = 1.35
 COLOURS: dict[str, tuple[int, int, int]] = {
     "soft": (237, 229, 216),
     "cavity": (0, 118, 128),
-    "rigid": (33, 62, 128),
+    "rigid": (58, 92, 168),
     "obstacle": (140, 148, 158),
     "floor": (173, 190, 208),
     "force": (204, 51, 17),

@@ -1,0 +1,35 @@
+"""The command `taichisoft view`."""
+
+import contextlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def view(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run, also of one that goes on.")],
+    address: Annotated[
+        str | None,
+        typer.Option(metavar="HOST:PORT", help="Where the page listens  \\[default: 127.0.0.1 and a free port]"),
+    ] = None,
+) -> None:
+    """Serve a web page on which a recording is played and scrubbed."""
+    from taichisoft_plugins.recording_reader import read_recording
+    from taichisoft_plugins.web.address import find_address
+    from taichisoft_plugins.web.errors import require_viser
+
+    require_viser()
+    found = find_address(address)
+    with read_recording(run) as recording:
+        from taichisoft_plugins.web.recording_page import RecordingPage
+
+        with contextlib.redirect_stdout(None):  # viser prints where it listens, in its own way
+            served = RecordingPage(recording, found)
+        typer.echo(f"web page: {found.at(served.page.port).url}; Ctrl and c ends it")
+        if found.token:
+            typer.echo(f"warning: whoever reaches {found.host} can watch, and what passes is not encrypted", err=True)
+        with contextlib.suppress(KeyboardInterrupt), contextlib.redirect_stdout(None):
+            served.serve()
+        with contextlib.redirect_stdout(None):
+            served.page.server.stop()
