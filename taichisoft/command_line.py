@@ -10,7 +10,7 @@ from taichisoft import __version__, plugins, plugins_command
 from taichisoft.errors import GoalMissed, TaichisoftError
 from taichisoft.plugin_commands import load_requested, with_plugin_commands
 from taichisoft.plugin_failure import plugin_traceback
-from taichisoft.run_option import requested
+from taichisoft.run_option import requested, takes_run_options
 
 application = typer.Typer(
     name="taichisoft",
@@ -67,6 +67,7 @@ def _options(
 
 
 @application.command("run")
+@takes_run_options
 def run_command(
     context: typer.Context,
     scene: Annotated[str, typer.Argument(help="Scene file (TOML), or the name of a shipped one, such as gripper.")],

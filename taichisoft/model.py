@@ -1,5 +1,7 @@
 """What never changes during a run, made from a scene once."""
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from taichisoft.body_meshes import load_meshes
@@ -8,6 +10,7 @@ from taichisoft.contact_selection import ContactSelection
 from taichisoft.contact_surfaces import ContactSurfaces
 from taichisoft.detection import ContactDetection
 from taichisoft.elasticity import Elasticity
+from taichisoft.mesh import VolumeMesh
 from taichisoft.overlap import refuse_overlap
 from taichisoft.placement import matrices_from_quaternions
 from taichisoft.rigid_body import make_obstacle, make_rigid_body
@@ -35,8 +38,12 @@ class Model:
         gravity: [mm/s^2], shape (3,).
     """
 
-    def __init__(self, scene: Scene):
+    def __init__(self, scene: Scene, meshes: Mapping[str, VolumeMesh] | None = None):
         """Read the files that a scene names and lay out the arrays.
+
+        Args:
+            scene: what to simulate.
+            meshes: by the names of the soft bodies, instead of those that the scene names.
 
         Raises:
             MeshError: a file is not fit to simulate.
@@ -45,7 +52,7 @@ class Model:
         self.scene = scene
         soft: list[SoftBody] = []
         node_count = 0
-        meshes = load_meshes(scene)
+        meshes = load_meshes(scene) if meshes is None else meshes
         for name, body in scene.soft_bodies.items():
             soft.append(make_soft_body(name, body, meshes[name], node_count))
             node_count = soft[-1].nodes.stop

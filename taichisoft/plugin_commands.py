@@ -10,7 +10,7 @@ import typer
 from taichisoft import plugins
 from taichisoft.errors import PluginError
 from taichisoft.plugin_registry import DISABLE
-from taichisoft.run_option import add_run_options
+from taichisoft.run_option import TAKES, add_run_options
 
 FILE_OPTION = "--plugin"
 FOLDER_OPTION = "--plugins-dir"
@@ -54,7 +54,9 @@ def with_plugin_commands(application: typer.Typer) -> Any:
         whole.registered_commands += added.registered_commands
         whole.registered_groups += added.registered_groups
     command: Any = typer.main.get_command(whole)
-    add_run_options(command.commands["run"])
+    for below in command.commands.values():
+        if getattr(below.callback, TAKES, False):
+            add_run_options(below)
     _take(command, _loading_options())
     return command
 

@@ -7,6 +7,7 @@ from contextlib import AbstractContextManager, contextmanager, nullcontext, supp
 from pathlib import Path
 from typing import Any
 
+import rich
 from rich.console import Console
 
 from taichisoft import plugins
@@ -43,20 +44,43 @@ def run_scene(
     Raises:
         TaichisoftError: anything that is the user's to mend.
     """
-    console = Console()
+    scene = load_scene(name, overrides, controller_name)
+    replay = KeyReplay(keys) if keys is not None else None
+    folder = folder if folder is not None else Path("out") / Path(name).stem
+    return run_simulation(
+        name, scene, lambda: Simulation(scene), folder, duration, output_settings, speed, replay, profile
+    )
+
+
+def run_simulation(
+    name: str,
+    scene: Scene,
+    make_simulation: Callable[[], Simulation],
+    folder: Path,
+    duration: float | None,
+    output_settings: Mapping[str, Mapping[str, Any]],
+    speed: float | None = None,
+    replay: KeyReplay | None = None,
+    profile: bool = False,
+) -> bool:
+    """Run what `make_simulation` gives, from its present state; otherwise as `run_scene`.
+
+    `name` begins errors of the scene and of what is made from it.
+
+    Raises:
+        TaichisoftError: anything that is the user's to mend.
+    """
+    if speed is not None and not 0.0 < speed < math.inf:
+        raise TaichisoftError(f"--speed {speed:g}: must be a positive, finite number; 1 is real time")
+    console = rich.get_console()  # an output that takes long at the end shows its progress there too
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: print_warning(console, str(message))
-        if speed is not None and not 0.0 < speed < math.inf:
-            raise TaichisoftError(f"--speed {speed:g}: must be a positive, finite number; 1 is real time")
-        scene = load_scene(name, overrides, controller_name)
-        replay = KeyReplay(keys) if keys is not None else None
         with _errors_in(name):
             controller = make_controller(scene)
         factories = {output: plugins.find("output", output) for output in output_settings}
-        folder = folder if folder is not None else Path("out") / Path(name).stem
         status = "preparing the model; the first time on a machine Taichi compiles its kernels"
         with console.status(status), logged_to(console), _errors_in(name):
-            simulation = Simulation(scene)
+            simulation = make_simulation()
         if getattr(controller, "interactive", False) and replay is None:
             duration = math.inf if duration is None else duration
             speed = 1.0 if speed is None else speed

@@ -1,10 +1,10 @@
 """Options of `taichisoft run` that plug-ins add: each brings an output into the run, or a setting of one."""
 
 import inspect
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, TypeVar
 
 import typer
 
@@ -12,8 +12,12 @@ from taichisoft import plugins
 from taichisoft.errors import PluginError
 
 HOOK = "taichisoft_run_options"
+TAKES = "takes_run_options"
+"""Attribute of functions that make a run."""
 GIVEN = "taichisoft.run_options"
 """Where a parsed command line keeps the values of the options that were given."""
+
+CommandFunction = TypeVar("CommandFunction", bound=Callable[..., Any])
 
 
 @dataclass(frozen=True)
@@ -85,8 +89,14 @@ def options_by_plugin() -> Iterator[tuple[str, Mapping[str, RunOption]]]:
         yield plugin, options
 
 
+def takes_run_options(function: CommandFunction) -> CommandFunction:
+    """Decorator of a command that makes a run: it takes the options that plug-ins add, see `requested`."""
+    setattr(function, TAKES, True)
+    return function
+
+
 def add_run_options(command: Any) -> None:
-    """Let the parser of `taichisoft run` take them.
+    """Let the parser of a command that makes a run take them.
 
     Raises:
         PluginError: see `run_options`; or an option has the name of one of the command's own.

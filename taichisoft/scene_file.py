@@ -67,6 +67,26 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
         raise SceneError(f"{source}: {first_problem(error, Scene)}") from error
 
 
+def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), controller: str | None = None) -> Scene:
+    """What `scene_to_toml` wrote, with changes as in `load_scene`; files that it names need no longer exist.
+
+    Raises:
+        SceneError: something is not valid; begins with `source`.
+    """
+    try:
+        document = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{source}: not readable as TOML: {error}") from error
+    if controller is not None:
+        _choose_controller(document, controller)
+    for override in overrides:
+        apply_override(document, override)
+    try:
+        return Scene.model_validate(document)
+    except ValidationError as error:
+        raise SceneError(f"{source}: {first_problem(error, Scene)}") from error
+
+
 def scene_to_toml(scene: Scene) -> str:
     """The scene with every default and inherited value written out; `load_scene` reads it back equal."""
     return tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))
