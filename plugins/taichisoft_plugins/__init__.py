@@ -65,17 +65,15 @@ def taichisoft_run_begins(session: "Session") -> None:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """`taichisoft render`, `plot`, `export` and `doctor`."""
+    """`taichisoft resume`, `render`, `plot`, `export` and `doctor`."""
     from taichisoft_plugins.doctor_command import doctor
     from taichisoft_plugins.export_command import export
     from taichisoft_plugins.plot_command import plot
-    from taichisoft_plugins.export_command import export
-    from taichisoft_plugins.plot_command import plot
     from taichisoft_plugins.render_command import render
+    from taichisoft_plugins.resume_command import resume
 
+    application.command()(resume)
     application.command()(render)
-    application.command()(plot)
-    application.command()(export)
     application.command()(plot)
     application.command()(export)
     application.command()(doctor)
