@@ -8,17 +8,17 @@ of SOFA's tutorial, which are not part of the project.
 import argparse
 import re
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import TaichisoftError
 from taichisoft.shipped import find_file
-from taichisoft_benchmarks.convergence_page import Point, Study, draw, is_fitted, page_section
+from taichisoft_benchmarks.convergence_page import Point, Study, draw, page_section
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.extrapolation import Limit, limit_at_order, limit_of, order_towards
+from taichisoft_benchmarks.extrapolation import limit_of
 from taichisoft_benchmarks.plots import require_matplotlib
-from taichisoft_benchmarks.quadratic_tetrahedra import compliance
+from taichisoft_benchmarks.quadratic_bend import quadratic_bend
 from taichisoft_benchmarks.scenes import FINGER, TUTORIAL_CAVITY, TUTORIAL_SURFACE
 from taichisoft_benchmarks.static_bend import bend
 from taichisoft_meshing.geometry_file import read_geometry
@@ -29,8 +29,8 @@ SIZES = (18.0, 12.0, 10.0, 7.75, 6.0, 5.0, 4.0, 3.5, 3.0, 2.6, 2.2)
 """[mm] Largest elements of the graded meshes."""
 EVEN_SIZES = (12.0, 8.0, 5.0, 3.5, 2.5, 2.0)
 """[mm] Of the meshes of one size all over, those of the first calculation."""
-MOST_FOR_QUADRATIC = 9000
-"""Nodes of the largest mesh that is also computed with quadratic elements."""
+MOST_FOR_QUADRATIC = 4500
+"""Nodes of the largest mesh that is also computed with quadratic elements: six times as many unknowns."""
 TUTORIAL_MESHES = ("pneunetCutCoarse.vtk", "pneunetCut.vtk")
 MARKED = re.compile(r"(<!-- convergence -->\n).*?(<!-- end -->)", re.DOTALL)
 PLOT = "mesh_convergence.svg"
@@ -45,35 +45,17 @@ def measure_all(sizes: Sequence[float], even_sizes: Sequence[float], tutorial_me
     file = find_file(FINGER, "fingers", ())
     presets = {size: name for name, size in getattr(read_geometry(file), "presets", {}).items()}
     graded: list[Point] = []
-    compliances: dict[int, tuple[float, float | None]] = {}
+    quadratic: dict[int, float] = {}
     for size in sizes:
         mesh = mesh_for_scene(file, size=size)
         name = f"{size:g}" + (f" ({presets[size]})" if size in presets else "")
         graded.append(_point(name, {"file": FINGER, "size": size}, measure(mesh).elements_across_walls))
-        quadratic = compliance(mesh, quadratic=True) if len(mesh.nodes) <= MOST_FOR_QUADRATIC else None
-        compliances[len(mesh.nodes)] = (compliance(mesh, quadratic=False), quadratic)
-    compliance_limit, limit = find_limits(graded, compliances)
+        if len(mesh.nodes) <= MOST_FOR_QUADRATIC:
+            quadratic[len(mesh.nodes)] = quadratic_bend(mesh)
+            print(f"{name} quadratic: {quadratic[len(mesh.nodes)]:.2f} mm", flush=True)
+    limit = limit_of(list(quadratic), list(quadratic.values()))
     even = [_point(f"{size:g} mm", {"file": FINGER, "set": _one_size(size)}) for size in even_sizes]
-    return Study(graded, even, _tutorial_points(tutorial_meshes), compliances, compliance_limit, limit)
-
-
-def find_limits(graded: Sequence[Point], compliances: Mapping[int, tuple[float, float | None]]) -> tuple[Limit, Limit]:
-    """Of the displacement for a small pressure [mm/kPa], and of the bend [mm].
-
-    Quadratic elements are near their limit and tell it; towards it the linear elements converge at some order, and at
-    that order the bend is extrapolated.
-
-    Raises:
-        BenchmarkError: there are too few meshes, or they do not converge.
-    """
-    quadratic = {nodes: value for nodes, (_, value) in compliances.items() if value is not None}
-    compliance_limit = limit_of(list(quadratic), list(quadratic.values()))
-    fitted = [point for point in graded if is_fitted(point)]
-    nodes = [point.nodes for point in fitted]
-    if len(nodes) < 4:
-        raise BenchmarkError(f"--sizes: four meshes with walls of two elements are needed; there are {len(nodes)}")
-    order = order_towards(compliance_limit.value, nodes, [compliances[count][0] for count in nodes])
-    return compliance_limit, limit_at_order(nodes, [point.bend for point in fitted], order)
+    return Study(graded, even, _tutorial_points(tutorial_meshes), quadratic, limit)
 
 
 def _one_size(size: float) -> dict[str, Any]:

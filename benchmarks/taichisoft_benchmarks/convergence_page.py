@@ -40,42 +40,42 @@ class Study:
         graded: meshes as `taichisoft mesh` makes them.
         even: meshes of one size all over.
         tutorial: those of SOFA's tutorial, where they are.
-        compliances: displacement for a small pressure [mm/kPa] with linear and quadratic elements, by nodes.
-        compliance_limit: where the quadratic ones lead [mm/kPa].
-        limit: where the graded meshes lead whose walls are two elements thick [mm].
+        quadratic: displacement with quadratic elements on graded meshes [mm], by their corners.
+        limit: where the quadratic elements lead [mm].
     """
 
     graded: Sequence[Point]
     even: Sequence[Point]
     tutorial: Sequence[Point]
-    compliances: Mapping[int, tuple[float, float | None]]
-    compliance_limit: Limit
+    quadratic: Mapping[int, float]
     limit: Limit
 
 
 def page_section(study: Study) -> str:
     """Markdown."""
-    limit, compliance = study.limit, study.compliance_limit
+    limit = study.limit
     parts = [
-        f"Limit: {limit.value:.1f} mm, ± {limit.doubt:.1f} mm when one mesh is left out; order {limit.order:.1f}.",
+        f"Limit, to which the quadratic elements lead: {limit.value:.1f} mm, ± {limit.doubt:.1f} mm without one mesh.",
         _graded_table(study),
         "Meshes of one size all over, and SOFA's, with the mass spread evenly over the nodes as in its tutorial:",
         _other_table(study),
-        "A small pressure without gravity, on meshes of the first table, with linear and with quadratic elements:",
-        _compliance_table(study),
-        f"The quadratic ones lead to {compliance.value:.2f} mm/kPa (± {compliance.doubt:.2f} without one mesh).",
     ]
     return "\n\n".join(parts)
 
 
 def _graded_table(study: Study) -> str:
-    rows = ["| size, mm | nodes | tetrahedra | elements across | displacement, mm | of the limit | mass even, mm |"]
-    rows.append("|---|---|---|---|---|---|---|")
-    rows += [
-        f"| {point.name} | {point.nodes} | {point.elements} | {point.across} | {point.bend:.1f} "
-        f"| {point.bend / study.limit.value:.0%} | {point.even_bend:.1f} |"
-        for point in study.graded
+    rows = [
+        "| size, mm | nodes | tetrahedra | elements across | displacement, mm | of the limit | mass even, mm "
+        "| quadratic elements, mm |",
+        "|---|---|---|---|---|---|---|---|",
     ]
+    for point in study.graded:
+        quadratic = study.quadratic.get(point.nodes)
+        rows.append(
+            f"| {point.name} | {point.nodes} | {point.elements} | {point.across} | {point.bend:.1f} "
+            f"| {point.bend / study.limit.value:.0%} | {point.even_bend:.1f} "
+            f"| {'' if quadratic is None else f'{quadratic:.1f}'} |"
+        )
     return "\n".join(rows)
 
 
@@ -84,15 +84,6 @@ def _other_table(study: Study) -> str:
     rows += [
         f"| {point.name} | {point.nodes} | {point.elements} | {point.even_bend:.1f} | {TRIAL.get(point.nodes, '')} |"
         for point in (*study.even, *study.tutorial)
-    ]
-    return "\n".join(rows)
-
-
-def _compliance_table(study: Study) -> str:
-    rows = ["| nodes | linear, mm/kPa | quadratic, mm/kPa |", "|---|---|---|"]
-    rows += [
-        f"| {nodes} | {linear:.2f} | {'' if quadratic is None else f'{quadratic:.2f}'} |"
-        for nodes, (linear, quadratic) in study.compliances.items()
     ]
     return "\n".join(rows)
 
@@ -108,10 +99,10 @@ def draw(study: Study, path: Path) -> None:
         axes = figure.add_subplot()
         axes.axhspan(limit.value - limit.doubt, limit.value + limit.doubt, color="0.9")
         axes.axhline(limit.value, color="0.5", linewidth=1, label=f"limit, {limit.value:.1f} ± {limit.doubt:.1f} mm")
-        fitted = [point.nodes for point in study.graded if is_fitted(point)]
-        nodes = np.geomspace(fitted[0], 2.5 * fitted[-1], 50)
-        axes.plot(nodes, limit.value - limit.factor * nodes ** (-limit.order / 3), ":", color="tab:blue", linewidth=1)
+        nodes = np.geomspace(min(study.quadratic), study.graded[-1].nodes, 50)
+        axes.plot(nodes, limit.value - limit.factor * nodes ** (-limit.order / 3), ":", color="0.5", linewidth=1)
         for points, style, label in (
+            (list(study.quadratic.items()), "d", "the same meshes, quadratic elements"),
             ([(point.nodes, point.bend) for point in study.graded], "o-", "taichisoft mesh"),
             ([(point.nodes, point.even_bend) for point in study.even], "s-", "one size all over"),
             (list(TRIAL.items()), "x:", "first calculation, not at rest"),
@@ -126,8 +117,3 @@ def draw(study: Study, path: Path) -> None:
         axes.grid(which="major", alpha=0.3)
         axes.legend(frameon=False, loc="lower right")
         figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None})
-
-
-def is_fitted(point: Point) -> bool:
-    """Whether a mesh tells where the limit is: with walls of one element the error does not fall regularly."""
-    return point.across is not None and point.across >= 2

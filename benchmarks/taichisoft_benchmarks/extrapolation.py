@@ -41,26 +41,6 @@ def limit_of(nodes: Sequence[float], values: Sequence[float]) -> Limit:
     return Limit(*whole, max(abs(value - whole[0]) for value in left_out))
 
 
-def limit_at_order(nodes: Sequence[float], values: Sequence[float], order: float) -> Limit:
-    """The same with an order that is known from elsewhere: which a rough series cannot tell well by itself."""
-    counts, given = np.asarray(nodes, dtype=float), np.asarray(values, dtype=float)
-    limit, factor = _solve(counts, given, order)
-    left_out = [_solve(np.delete(counts, index), np.delete(given, index), order)[0] for index in range(len(counts))]
-    return Limit(limit, order, factor, max(abs(value - limit) for value in left_out))
-
-
-def order_towards(limit: float, nodes: Sequence[float], values: Sequence[float]) -> float:
-    """The order at which values converge to a limit that is known from elsewhere.
-
-    Raises:
-        BenchmarkError: a value is not below it.
-    """
-    errors = limit - np.asarray(values, dtype=float)
-    if (errors <= 0).any():
-        raise BenchmarkError(f"a mesh gives {max(values):.4g}, more than the limit that was found, {limit:.4g}")
-    return float(-3.0 * np.polyfit(np.log(nodes), np.log(errors), 1)[0])
-
-
 def _fit(nodes: np.ndarray, values: np.ndarray) -> tuple[float, float, float]:
     """Limit, order and factor: for a given order the other two are linear."""
     from scipy.optimize import minimize_scalar

@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 from conftest import make_block
 
-from taichisoft_benchmarks.quadratic_tetrahedra import compliance, make_elements, stiffness
+from taichisoft.errors import TaichisoftError
+from taichisoft.mesh import boundary_triangles
+from taichisoft.mesh_files import read_volume_mesh
+from taichisoft.shipped import data_folder
+from taichisoft_benchmarks.deformed_cavity import DeformedCavity
+from taichisoft_benchmarks.quadratic_bend import elastic_forces, quadratic_bend
+from taichisoft_benchmarks.quadratic_tetrahedra import make_elements, stiffness
+from taichisoft_benchmarks.static_bend import bend
 
 E, NU = 500.0, 0.3
 BLOCK = make_block((4, 2, 2), (40.0, 10.0, 8.0))
@@ -39,13 +46,51 @@ def test_bending_has_its_energy_in_quadratic_elements_and_too_much_in_linear_one
     assert energy(bent, quadratic=False) > 1.5 * exact
 
 
-def test_quadratic_elements_bend_the_finger_farther() -> None:
-    """On one mesh more freedom can only give more; linear elements approach from below, too."""
-    pytest.importorskip("cvxopt")
-    from taichisoft.mesh_files import read_volume_mesh
-    from taichisoft.shipped import data_folder
+def turned(angle: float) -> np.ndarray:
+    return np.array([[np.cos(angle), -np.sin(angle), 0.0], [np.sin(angle), np.cos(angle), 0.0], [0.0, 0.0, 1.0]])
 
-    coarse, medium = (
-        read_volume_mesh(data_folder() / "meshes" / f"tutorial-{name}.msh") for name in ("coarse", "medium")
-    )
-    assert compliance(coarse, False) < compliance(medium, False) < 1.5 < 1.8 < compliance(coarse, True) < 2.4
+
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_elastic_forces_are_those_of_a_stretch_that_is_turned(quadratic: bool) -> None:
+    """None inside a uniform stress, and at the end E e A along the turned axis."""
+    pull, angle = 0.02, 1.9
+    elements = make_elements(BLOCK.nodes, BLOCK.elements, quadratic)
+    stretched = elements.nodes * (1 + pull, 1 - NU * pull, 1 - NU * pull)
+    _, forces = elastic_forces(elements, np.full(elements.weights.shape, E), NU, stretched @ turned(angle).T)
+    along = elements.nodes[:, 0]
+    at_end = np.isclose(along, along.max())
+    np.testing.assert_allclose(forces[at_end].sum(axis=0), -E * pull * 80.0 * turned(angle)[:, 0], atol=1e-9)
+    inside = ~at_end & ~np.isclose(along, along.min())
+    np.testing.assert_allclose(forces[inside], 0.0, atol=1e-9)
+
+
+def test_an_element_that_is_turned_inside_out_is_an_error() -> None:
+    elements = make_elements(BLOCK.nodes, BLOCK.elements, True)
+    with pytest.raises(TaichisoftError, match="inside out"):
+        elastic_forces(elements, np.full(elements.weights.shape, E), NU, elements.nodes * (-1.0, 1.0, 1.0))
+
+
+@pytest.mark.parametrize("quadratic", [False, True])
+def test_pressure_is_the_slope_of_the_volume(quadratic: bool) -> None:
+    """Of a block whose sides are curved: along any motion, by Euler's relation for a function of degree three."""
+    elements = make_elements(BLOCK.nodes, BLOCK.elements, quadratic)
+    cavity = DeformedCavity(elements, boundary_triangles(BLOCK.elements))
+    rest = elements.nodes
+    assert float((cavity.volume_gradient(rest) * rest).sum()) / 3 == pytest.approx(VOLUME)
+    bulged = rest + 0.02 * np.roll(rest, 1, axis=1) * rest
+    motion = np.sin(rest)
+    volumes = [
+        float((cavity.volume_gradient(place) * place).sum()) / 3
+        for place in (bulged + 1e-4 * motion, bulged - 1e-4 * motion)
+    ]
+    slope = float((cavity.volume_gradient(bulged) * motion).sum())
+    assert slope == pytest.approx((volumes[0] - volumes[1]) / 2e-4, rel=1e-7)
+    np.testing.assert_allclose(cavity.volume_gradient(bulged).sum(axis=0), 0.0, atol=1e-9)
+
+
+def test_linear_elements_rest_where_the_engine_does_and_quadratic_ones_bend_farther() -> None:
+    pytest.importorskip("cvxopt")
+    mesh = read_volume_mesh(data_folder() / "meshes" / "tutorial-coarse.msh")
+    linear = quadratic_bend(mesh, quadratic=False)
+    assert linear == pytest.approx(bend("tutorial-coarse", corotation="polar")[2], abs=5e-3)
+    assert quadratic_bend(mesh, pressure=5.0) > 2 * quadratic_bend(mesh, quadratic=False, pressure=5.0)
