@@ -62,20 +62,15 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
         view: a key of VIEWS.
         aspect: width / height of the picture.
     """
-    axes = scene_axes(up)
-    backward = np.array(VIEWS[view]) @ axes
-    backward /= np.linalg.norm(backward)
-    # Seen from the top, what is in front lies at the bottom of the picture.
-    picture_up = up if abs(backward @ up) < 0.999 else -axes[1]
+    backward, picture_up = view_direction(up, view)
     right = np.cross(picture_up, backward)
     right /= np.linalg.norm(right)
     frame = np.array([right, np.cross(backward, right), backward])
     coordinates = points @ frame.T
     depth = coordinates[:, 2]
-    tangent = np.tan(np.radians(VERTICAL_ANGLE / 2)) * (1 - 2 * MARGIN)
-    # The camera at (x0, z0) sees a point at (x, z) when |x - x0| <= tangent (z0 - z).
+    # The camera at (x0, z0) sees a point at (x, z) when |x - x0| <= slope (z0 - z).
     centres, distances = [], []
-    for axis, slope in ((0, tangent * aspect), (1, tangent)):
+    for axis, slope in enumerate(_slopes(aspect)):
         high = np.max(coordinates[:, axis] + slope * depth)
         low = np.min(coordinates[:, axis] - slope * depth)
         centres.append((high + low) / 2)
@@ -85,6 +80,45 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
     eye = np.array([*centres, max(*distances, depth.max() + radius / 2)]) @ frame
     middle = np.array([*centres, depth.mean()]) @ frame
     return Camera(eye, middle, picture_up)
+
+
+def distance_to_see(points: np.ndarray, camera: Camera, aspect: float) -> float:
+    """How far from its target [mm] a camera that looks in the same direction has all points in the picture.
+
+    Args:
+        points: [mm], shape (point_count, 3).
+        camera: whose target and direction are kept.
+        aspect: width / height of the picture.
+    """
+    x, y, depth = ((points - camera.target) @ camera.axes.T).T
+    slope_x, slope_y = _slopes(aspect)
+    radius = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
+    needed = depth + np.maximum(np.abs(x) / slope_x, np.abs(y) / slope_y)
+    return float(max(needed.max(), depth.max() + radius / 2))
+
+
+def view_direction(up: np.ndarray, view: str, turned: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """Unit vector from the scene to the camera, and what is up in the picture.
+
+    Args:
+        up: unit vector against gravity, shape (3,).
+        view: a key of VIEWS.
+        turned: about `up`, seen from above against the clock [rad].
+    """
+    axes = scene_axes(up)
+    x, y, z = VIEWS[view]
+    # From above, front is a quarter of a turn clockwise from right.
+    cosine, sine = np.cos(turned), np.sin(turned)
+    backward = np.array([cosine * x + sine * y, cosine * y - sine * x, z]) @ axes
+    backward /= np.linalg.norm(backward)
+    # Seen from the top, what is in front lies at the bottom of the picture.
+    return backward, up if abs(backward @ up) < 0.999 else -axes[1]
+
+
+def _slopes(aspect: float) -> tuple[float, float]:
+    """Tangents of the half angles to the right and up within which things are to be seen."""
+    tangent = np.tan(np.radians(VERTICAL_ANGLE / 2)) * (1 - 2 * MARGIN)
+    return tangent * aspect, tangent
 
 
 def pixel_matrix(camera: Camera, origin: np.ndarray, directions: np.ndarray, size: tuple[int, int]) -> np.ndarray:

@@ -1,7 +1,7 @@
 """Smoothing of stair-stepped edges in a finished picture.
 
 The idea is that of fast approximate antialiasing (FXAA): along an edge between two rows of pixels the steps of a
-slanted line lie far apart; the nearer a pixel is to such a step, the more of the other row's colour it gets, up to half.
+slanted line lie far apart; the nearer a pixel is to such a step, the more of the other row's colour it gets.
 """
 
 import numpy as np

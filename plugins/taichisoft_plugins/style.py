@@ -84,6 +84,12 @@ class Style:
         """Name of the body that the camera moves with."""
         return self.view.removeprefix("follow:") if self.view.startswith("follow:") and self.eye is None else None
 
+    @property
+    def background_colour(self) -> tuple[float, float, float]:
+        """Red, green and blue of the background [-]."""
+        red, green, blue = _colour(self.background)
+        return red, green, blue
+
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)  # the class is frozen for everybody else
 

@@ -1,0 +1,39 @@
+"""Colours for numbers."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+SOFT = ((0.93, 0.92, 0.88), (0.98, 0.82, 0.42), (0.93, 0.46, 0.24), (0.70, 0.13, 0.30), (0.33, 0.06, 0.32))
+"""From silicone's own colour over yellow and red to violet: brightness falls all the way."""
+
+AIR = ((0.10, 0.52, 0.55), (0.16, 0.72, 0.50), (0.62, 0.84, 0.22), (0.98, 0.72, 0.10), (0.94, 0.33, 0.08))
+"""From the teal of an empty cavity over green to orange: it stands out inside translucent silicone."""
+
+
+@dataclass(frozen=True)
+class ColourScale:
+    """Colours from the lowest to the highest value, in between linear.
+
+    Attributes:
+        title: what the values are, with their unit.
+        low, high: values of the first and the last colour; `low` < `high`.
+        steps: red, green and blue [-] of evenly spread values.
+    """
+
+    title: str
+    low: float
+    high: float
+    steps: Sequence[tuple[float, float, float]]
+
+    def colours(self, values: np.ndarray) -> np.ndarray:
+        """Red, green and blue [-], shape (count, 3), of values (count,); those outside have the colour of the end."""
+        places = np.linspace(self.low, self.high, len(self.steps))
+        return np.stack([np.interp(values, places, part) for part in np.array(self.steps).T], axis=1)
+
+
+def round_up(value: float) -> float:
+    """The next of 1, 2, 2.5, 5, 10 times a power of ten: a high end that reads well."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * next(step for step in (1.0, 2.0, 2.5, 5.0, 10.0) if value <= step * power * (1 + 1e-9)))
