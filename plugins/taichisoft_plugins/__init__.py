@@ -20,6 +20,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
     from taichisoft_plugins.metrics import MetricsOutput
     from taichisoft_plugins.pictures import PicturesOutput
     from taichisoft_plugins.recording import RecordingOutput
+    from taichisoft_plugins.report import ReportOutput
     from taichisoft_plugins.video_output import VideoOutput
     from taichisoft_plugins.web.output import WebOutput
 
@@ -28,6 +29,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
         "metrics": MetricsOutput,
         "pictures": PicturesOutput,
         "video": VideoOutput,
+        "report": ReportOutput,
         "csv": CsvOutput,
         "web": WebOutput,
     }
@@ -65,17 +67,19 @@ def taichisoft_run_begins(session: "Session") -> None:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """`taichisoft resume`, `render`, `plot`, `export` and `doctor`."""
+    """`taichisoft resume`, `render`, `plot`, `report`, `export` and `doctor`."""
     from taichisoft_plugins.doctor_command import doctor
     from taichisoft_plugins.export_command import export
     from taichisoft_plugins.plot_command import plot
     from taichisoft_plugins.render_command import render
+    from taichisoft_plugins.report_command import report
     from taichisoft_plugins.resume_command import resume
 
     application.command()(resume)
     application.command()(render)
     application.command()(plot)
     application.command()(export)
+    application.command()(report)
     application.command()(doctor)
 
 

@@ -1,0 +1,201 @@
+"""report.html: one file with everything that a run has left, and what it has not left is said."""
+
+import base64
+import json
+import os
+import time
+from collections.abc import Iterator
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tiny_run
+from PIL import Image
+
+from taichisoft_plugins import report_contents, report_page
+from taichisoft_plugins.metrics import MetricsOutput
+from taichisoft_plugins.plots import Plots, draw_plots
+from taichisoft_plugins.recording_layout import RecordingError
+from taichisoft_plugins.recording_reader import Recording
+from taichisoft_plugins.report import ReportError, ReportOutput, write_report
+from taichisoft_plugins.report_contents import collect
+
+
+class Page(HTMLParser):
+    """What a browser would make of a page: its text, the sources of its media, and its links."""
+
+    EMPTY = ("meta", "img", "br", "use", "path", "rect")
+
+    def __init__(self, page: str):
+        super().__init__()
+        self.text, self.sources, self.links = "", {}, []
+        self._open: list[str] = []
+        self.feed(page)
+        assert self._open == [], "every element is closed"
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        found = dict(attributes)
+        if tag not in self.EMPTY:
+            self._open.append(tag)
+        if "src" in found:
+            self.sources.setdefault(tag, []).append(found["src"])
+        self.links += [value for name, value in attributes if name in ("href", "xlink:href")]
+
+    def handle_startendtag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attributes)
+        if tag not in self.EMPTY:
+            self.handle_endtag(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        if tag not in self.EMPTY:
+            assert self._open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        if not self._open or self._open[-1] != "style":
+            self.text += data
+
+
+def draw(path: Path, colour: tuple[int, int, int] = (200, 30, 30)) -> bytes:
+    Image.fromarray(np.full((20, 30, 3), colour, dtype=np.uint8)).save(path)
+    return path.read_bytes()
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run with metrics."""
+    folder = tmp_path_factory.mktemp("run")
+    title = 'title="<b>pads</b> & \\"cube\\""'
+    tiny_run.tiny_run(folder, [title], outputs=[MetricsOutput(folder)])
+    return folder / "recording.h5"
+
+
+@pytest.fixture(autouse=True, scope="module")
+def plots_drawn_once() -> Iterator[None]:
+    """Many tests make the page of one recording, and its plots take the most time."""
+    drawn: dict[Path, Plots] = {}
+
+    def draw_once(recording: Recording, format: str) -> Plots:
+        path = recording.path.resolve()
+        if path not in drawn:
+            drawn[path] = draw_plots(recording, format)
+        return drawn[path]
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(report_contents, "draw_plots", draw_once)
+        yield
+
+
+@pytest.fixture
+def folder(run: Path, tmp_path: Path) -> Path:
+    """A folder of its own with that run."""
+    for path in run.parent.iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    return tmp_path
+
+
+def page_of(folder: Path) -> Page:
+    return Page(write_report(folder / "recording.h5").read_text(encoding="utf-8"))
+
+
+def test_the_page_needs_nothing_else(folder: Path) -> None:
+    """All media are in it, and no link leads out of it."""
+    draw(folder / "before.png")
+    (folder / "run.mp4").write_bytes(b"video")
+    page = page_of(folder)
+    assert page.links and all(link.startswith("#") for link in page.links)
+    assert all(source.startswith("data:") for sources in page.sources.values() for source in sources)
+
+
+def test_pictures_are_embedded_in_the_order_of_the_run(folder: Path) -> None:
+    moments = ["before_front", "grasped", "lifted", "picture_1_at_0.20s"]
+    content = {name: draw(folder / f"{name}.png", (50 * i, 0, 0)) for i, name in enumerate(reversed(moments))}
+    draw(folder / "plots.png")
+    page = page_of(folder)
+    found = [base64.b64decode(source.split(",", 1)[1]) for source in page.sources["img"]]
+    assert found == [content[name] for name in moments], "the plots are drawn anew, and not shown twice"
+    assert "before front" in page.text
+
+
+def test_a_video_is_embedded_unless_it_is_large(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (folder / "grasp.mp4").write_bytes(b"moving")
+    assert page_of(folder).sources["video"] == ["data:video/mp4;base64," + base64.b64encode(b"moving").decode()]
+    monkeypatch.setattr(report_page, "EMBEDDED_BYTES", 5)
+    path = folder / "sub" / "page.html"
+    page = Page(write_report(folder / "recording.h5", path).read_text(encoding="utf-8"))
+    assert "../grasp.mp4" in page.links and "too large to be embedded" in page.text
+    assert not page.sources
+
+
+def test_plots_metrics_scene_and_versions_are_shown(folder: Path) -> None:
+    page = page_of(folder)
+    metrics = json.loads((folder / "metrics.json").read_text())
+    for text in ("pressure [kPa]", "bending angle [degrees]", "young_modulus = 100.0", "matplotlib", "Python3."):
+        assert text in page.text
+    assert f"step time median [ms]{metrics['step_time_median_ms']:.4g}" in page.text
+    assert "held-" in page.text, "the scene has no goal"
+    assert "completed" in page.text and "0.4 s simulated" in page.text
+
+
+def test_everything_is_escaped(folder: Path) -> None:
+    page = write_report(folder / "recording.h5").read_text(encoding="utf-8")
+    assert "<b>pads" not in page and "&lt;b&gt;pads&lt;/b&gt; &amp; &quot;cube&quot;" in page
+    draw(folder / "a<script>.png")
+    (folder / "metrics.json").unlink()
+    (folder / "metrics.json").write_text('{"outcome": "<script>alert(1)</script>", "held": false}')
+    page = write_report(folder / "recording.h5").read_text(encoding="utf-8")
+    assert "<script" not in page and "not held" in page
+
+
+def test_what_is_missing_is_said(run: Path, tmp_path: Path) -> None:
+    (tmp_path / "recording.h5").symlink_to(run)
+    page = page_of(tmp_path)
+    assert "There are no pictures: taichisoft render" in page.text
+    assert "There are no metrics: the run was made without the output 'metrics'." in page.text
+    (tmp_path / "metrics.json").write_text('{"outcome": ')
+    assert "There are no metrics: " in page_of(tmp_path).text and "is not readable" in page_of(tmp_path).text
+
+
+def test_what_was_not_recorded_is_said_and_the_rest_plotted(tmp_path: Path) -> None:
+    """Base and objects are always recorded."""
+    tiny_run.tiny_run(tmp_path, fields="contacts")
+    contents = collect(tmp_path / "recording.h5")
+    assert "risen by [mm]" in contents.plots
+    assert any(line.startswith("There is no plot of pressure: ") for line in contents.missing)
+
+
+def test_the_output_marks_pictures_of_an_earlier_run(tmp_path: Path) -> None:
+    """It knows when its own run began."""
+    draw(tmp_path / "before.png")
+    old = time.time() - 100.0
+    os.utime(tmp_path / "before.png", (old, old))
+    report = ReportOutput(tmp_path)
+    tiny_run.tiny_run(tmp_path, outputs=[report])
+    assert "older than this run: it shows another one" in (tmp_path / "report.html").read_text()
+    draw(tmp_path / "before.png")
+    report.end("completed")
+    assert "older than this run" not in (tmp_path / "report.html").read_text()
+
+
+def test_nobody_waits_after_an_interruption(tmp_path: Path) -> None:
+    ReportOutput(tmp_path).end("interrupted")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_run_that_was_started_anew_says_so(tmp_path: Path) -> None:
+    tiny_run.tiny_run(tmp_path, restart_after=10)
+    assert "started anew once; shown is what came after the last start" in page_of(tmp_path).text
+
+
+def test_the_command_says_where_the_page_is(folder: Path, tmp_path: Path) -> None:
+    shown = tiny_run.command("report", folder / "recording.h5", "-o", tmp_path / "pages" / "one.html")
+    assert shown.output.split() == [str(tmp_path / "pages" / "one.html")]
+    assert (tmp_path / "pages" / "one.html").is_file()
+
+
+def test_errors_name_the_file(folder: Path, tmp_path: Path) -> None:
+    with pytest.raises(RecordingError, match=r"nothing\.h5: no such recording"):
+        write_report(tmp_path / "nothing.h5")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(ReportError, match=r"file/report\.html: not written: "):
+        write_report(folder / "recording.h5", tmp_path / "file" / "report.html")
