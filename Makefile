@@ -10,7 +10,7 @@
 grasp: system-libraries
 	mkdir -p out/grasp
 	.venv/bin/taichisoft mesh tutorial --set mesh.largest=10 --set mesh.smallest=10 --output out/grasp/finger.msh
-	.venv/bin/taichisoft run gripper --controller scripted --outputs recording,metrics,pictures \
+	.venv/bin/taichisoft run gripper --controller scripted --outputs recording,metrics,pictures,report \
 	    --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
 
 test: system-libraries lint
