@@ -18,9 +18,14 @@ IMPORTS = {
     "taichi": "import taichi; taichi.init(arch=taichi.cpu); print(*taichi.__version__, sep='.')",
     "gmsh": "import gmsh; gmsh.initialize(); print(gmsh.__version__)",
     "h5py": "import h5py; print(h5py.__version__)",
+    "matplotlib": "import matplotlib; matplotlib.use('Agg'); import matplotlib.pyplot; print(matplotlib.__version__)",
     "open3d": "import open3d; print(open3d.__version__)",
+    "viser": "import viser; print(viser.__version__)",
 }
 """Python code by module, each run in a process of its own; it prints the version last."""
+
+OPTIONAL = {"viser": "for `taichisoft run --web`: pip install 'taichisoft[web]'"}
+"""What for and how to get it, by module that need not be there."""
 
 
 @dataclass(frozen=True)
@@ -32,24 +37,31 @@ class Finding:
         found: a version, or what is wrong.
         ok: whether it will do.
         packages: what apt-get should install; empty when that would not help.
+        needed: whether taichisoft does not do without it.
     """
 
     subject: str
     found: str
     ok: bool
     packages: tuple[str, ...] = ()
+    needed: bool = True
+
+    @property
+    def verdict(self) -> str:
+        """One word."""
+        return "ok" if self.ok else "MISSING" if self.needed else "without"
 
 
 def doctor() -> None:
-    """Check Python, the compiled libraries and off-screen drawing; say what to install."""
+    """Check Python, the compiled libraries, off-screen drawing and videos; say what to install."""
     findings = examine()
     width = max(len(finding.subject) for finding in findings)
     for finding in findings:
-        typer.echo(f"{'ok     ' if finding.ok else 'MISSING'} {finding.subject:{width}}  {finding.found}")
+        typer.echo(f"{finding.verdict:7} {finding.subject:{width}}  {finding.found}")
     packages = sorted({package for finding in findings for package in finding.packages})
     if packages:
         typer.echo(f"\nOn Debian and Ubuntu: {install_line(packages)}")
-    if not all(finding.ok for finding in findings):
+    if not all(finding.ok for finding in findings if finding.needed):
         raise typer.Exit(1)
 
 
@@ -58,9 +70,8 @@ def examine() -> list[Finding]:
     # Two at a time: each import reads some hundred megabytes.
     with ThreadPoolExecutor(max_workers=2) as pool:
         imports = [pool.submit(_examine_import, module, code) for module, code in IMPORTS.items()]
-        picture = pool.submit(_examine_picture)
-        libraries = pool.submit(_examine_libraries)
-    return [_examine_python(), *(job.result() for job in imports), picture.result(), libraries.result()]
+        others = [pool.submit(job) for job in (_examine_egl, _examine_picture, _examine_video, _examine_libraries)]
+    return [_examine_python(), *(job.result() for job in (*imports, *others))]
 
 
 def _examine_python() -> Finding:
@@ -73,9 +84,22 @@ def _examine_python() -> Finding:
 
 def _examine_import(module: str, code: str) -> Finding:
     child = run_python(["-c", code], TIME_LIMIT)
+    if child.problem and module in OPTIONAL:
+        absent = "not installed" if "No module named" in child.problem else child.problem
+        return Finding(module, f"{absent}; {OPTIONAL[module]}", False, needed=False)
     if child.problem:
         return Finding(module, child.problem, False, tuple(packages_for(child.problem, module)))
     return Finding(module, child.output.split()[-1], True)
+
+
+def _examine_egl() -> Finding:
+    """By which driver Open3D draws without a display: a picture that fails does not say."""
+    if sys.platform != "linux":
+        return Finding("EGL", "only needed on Linux", True)
+    child = run_python(["-m", "taichisoft_plugins.egl_check"], TIME_LIMIT)
+    if child.problem:
+        return Finding("EGL", child.problem, False, tuple(packages_for(child.problem, "open3d")))
+    return Finding("EGL", child.output.strip(), True)
 
 
 def _examine_picture() -> Finding:
@@ -83,6 +107,11 @@ def _examine_picture() -> Finding:
     if child.problem:
         return Finding("picture", child.problem, False, tuple(packages_for(child.problem, "open3d")))
     return Finding("picture", "drawn off-screen", True)
+
+
+def _examine_video() -> Finding:
+    child = run_python(["-m", "taichisoft_plugins.video_check"], TIME_LIMIT)
+    return Finding("ffmpeg", child.problem or child.output.strip(), not child.problem)
 
 
 def _examine_libraries() -> Finding:

@@ -1,5 +1,8 @@
 """`taichisoft doctor` says what is there, what is missing, and how to get it."""
 
+import re
+import sys
+
 import pytest
 import typer
 from typer.testing import CliRunner
@@ -20,9 +23,12 @@ def doctor():
 def test_where_the_tests_run_nothing_is_missing(doctor):
     answer = doctor()
     assert answer.exit_code == 0, answer.output
-    subjects = [line.split()[1] for line in answer.output.splitlines()]
-    assert subjects == ["python", "taichi", "gmsh", "h5py", "open3d", "picture", "libraries"]
-    assert "1.7.4" in answer.output
+    rows = dict(line.split(maxsplit=2)[1:] for line in answer.output.splitlines())
+    modules = ["taichi", "gmsh", "h5py", "matplotlib", "open3d", "viser"]
+    assert list(rows) == ["python", *modules, "EGL", "picture", "ffmpeg", "libraries"]
+    assert rows["taichi"] == "1.7.4"
+    assert re.match(r"1\.\d, \S", rows["EGL"]), "its version and whose it is"
+    assert "ffmpeg" in rows["ffmpeg"], "the path of the program"
 
 
 def test_what_is_missing_is_named_with_the_package_to_install(doctor, monkeypatch):
@@ -31,18 +37,51 @@ def test_what_is_missing_is_named_with_the_package_to_install(doctor, monkeypatc
             return ChildResult("OSError: libGLU.so.1: cannot open shared object file")
         if "picture_check" in arguments[-1]:
             return ChildResult("the process was ended by SIGSEGV")
+        if "video_check" in arguments[-1]:
+            return ChildResult("no ffmpeg, which writes videos: pip install imageio-ffmpeg")
         return ChildResult("", "1.0\n")
 
     monkeypatch.setattr(doctor_command, "run_python", bare_machine)
     answer = doctor()
     assert answer.exit_code == 1
     missing = [line.split()[1] for line in answer.output.splitlines() if line.startswith("MISSING")]
-    assert missing == ["gmsh", "picture"]
+    assert missing == ["gmsh", "picture", "ffmpeg"]
+    assert "MISSING ffmpeg      no ffmpeg, which writes videos: pip install imageio-ffmpeg\n" in answer.output
     install = answer.output.splitlines()[-1]
     assert "apt-get install" in install
     drawing = {"libegl1", "libgl1", "libgl1-mesa-dri", "libgomp1"}
     assert drawing | {"libglu1-mesa"} <= set(install.split())
     assert "libxft2" not in install, "gmsh said exactly what it misses"
+
+
+def test_what_is_optional_is_no_fault(doctor, monkeypatch):
+    def without_viser(arguments, time_limit):
+        problem = "ModuleNotFoundError: No module named 'viser'" if "import viser" in arguments[-1] else ""
+        return ChildResult(problem, "1.0\n")
+
+    monkeypatch.setattr(doctor_command, "run_python", without_viser)
+    answer = doctor()
+    assert answer.exit_code == 0
+    assert (
+        "without viser       not installed; for `taichisoft run --web`: pip install 'taichisoft[web]'" in answer.output
+    )
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="EGL is how Linux draws without a display")
+def test_a_driver_that_egl_cannot_use_is_reported(monkeypatch):
+    monkeypatch.setenv("EGL_PLATFORM", "device")
+    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
+    finding = doctor_command._examine_egl()
+    assert not finding.ok
+    assert finding.found == "no driver for EGL_PLATFORM=device"
+    assert {"libegl1", "libgl1-mesa-dri"} <= set(finding.packages)
+
+
+def test_an_ffmpeg_that_does_not_start_is_reported(monkeypatch):
+    monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
+    finding = doctor_command._examine_video()
+    assert not finding.ok
+    assert finding.found == "/nowhere/ffmpeg: ffmpeg cannot be started: No such file or directory"
 
 
 def test_all_missing_libraries_are_found_at_once(monkeypatch):
