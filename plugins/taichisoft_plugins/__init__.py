@@ -42,7 +42,9 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
 
     return {
         "--every": RunOption("recording", "Record every N-th step and the last one.", "every", int, "N"),
-        "--fields": RunOption("recording", "What to record: positions,forces,...; all if not given.", "fields", str, "NAMES"),
+        "--fields": RunOption(
+            "recording", "What to record: positions,forces,...; all if not given.", "fields", str, "NAMES"
+        ),
         "--compress": RunOption("recording", "Pack the recording: a fifth smaller, but slower.", "compress", bool),
         "--image": RunOption("pictures", "Draw pictures of the key moments at the end."),
         "--video": RunOption("video", "Draw a video at the end: .mp4, .gif, or a folder.", "file", Path, "FILE"),
@@ -57,11 +59,9 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
 
 @hookimpl
 def taichisoft_run_begins(session: "Session") -> None:
-    """See that outputs which are made of the recording will have one; serve the web page."""
-    from taichisoft_plugins.recording_needed import check_recording
+    """Serve the web page."""
     from taichisoft_plugins.web.output import begin_pages
 
-    check_recording(session.outputs)
     begin_pages(session)
 
 
@@ -74,12 +74,14 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     from taichisoft_plugins.render_command import render
     from taichisoft_plugins.report_command import report
     from taichisoft_plugins.resume_command import resume
+    from taichisoft_plugins.view_command import view
 
     application.command()(resume)
     application.command()(render)
+    application.command()(view)
     application.command()(plot)
-    application.command()(export)
     application.command()(report)
+    application.command()(export)
     application.command()(doctor)
 
 

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taichisoft_plugins.recording_layout import FILE_NAME
+from taichisoft_plugins.recording_needed import NeededRecording
 from taichisoft_plugins.rendering import RenderError
 
 if TYPE_CHECKING:
@@ -16,19 +16,24 @@ class DrawnAtEnd:
     """An output that does nothing while the simulation runs, and cannot harm what was computed.
 
     Attributes:
-        needs_recording: see `recording_needed`.
-        what: is drawn, for messages.
+        what: is drawn; name of the output.
+        folder: of the run.
     """
 
-    needs_recording = True
     what = ""
 
     def __init__(self, folder: Path):
         self.folder = Path(folder)
+        self._recording = NeededRecording(folder)
         self._moved = False
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Nothing is needed yet."""
+        """Nothing is drawn yet.
+
+        Raises:
+            RecordingNeeded: this run has no recording.
+        """
+        self._recording.require(self.what)
 
     def record(self, state: "State", report: "StepReport") -> None:
         """Note that there is something to draw."""
@@ -38,18 +43,16 @@ class DrawnAtEnd:
         """Draw; not after an interruption, where nobody wants to wait, nor when no step was made.
 
         Raises:
-            RenderError: this run has no recording, drawing is not possible on this machine, or somebody ended it.
+            RenderError: drawing is not possible on this machine, or somebody ended it.
         """
         if outcome == "interrupted" or not self._moved:
             return
-        path = self.folder / FILE_NAME
-        if not path.is_file():
-            raise RenderError(f"{path}: no recording; the output '{self.what}' needs the output 'recording'")
         try:
-            self.draw(path)
+            self.draw(self._recording.path)
         except KeyboardInterrupt:
             # The run itself is complete, and other outputs have to end.
-            raise RenderError(f"no {self.what}: interrupted; `taichisoft render {path}` draws them") from None
+            later = f"`taichisoft render {self._recording.path}` draws later"
+            raise RenderError(f"no {self.what}: interrupted; {later}") from None
 
     def draw(self, recording: Path) -> None:
         """Draw from the complete recording."""

@@ -11,6 +11,7 @@ import numpy as np
 from taichisoft.errors import TaichisoftError
 from taichisoft.interruption import held_back
 from taichisoft.whole_file import whole_file
+from taichisoft_plugins.drawing import check_style
 from taichisoft_plugins.frame_process import FrameProcess
 from taichisoft_plugins.recording_reader import read_recording
 from taichisoft_plugins.style import Style
@@ -40,10 +41,13 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
 
     Raises:
         RecordingError: the recording is missing or unreadable, or ends before one of the times.
+        StyleError: the style does not fit the recording.
         RenderError: drawing failed twice, and the message says what to install; or a picture cannot be written.
         KeyboardInterrupt: Ctrl and c, or SIGTERM.
     """
+    style = style or Style()
     with read_recording(recording) as opened:
+        check_style(opened, style)
         names: dict[int, list[str]] = {}
         for name, time in times.items():
             names.setdefault(opened.frame_at(time), []).append(name)
@@ -56,7 +60,7 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
 
     make_folder(folder)
     with held_back() as stop_if_asked:
-        draw_frames(recording, style or Style(), frames, write, stop_if_asked)
+        draw_frames(recording, style, frames, write, stop_if_asked)
     return [folder / f"{name}.png" for name in times]
 
 

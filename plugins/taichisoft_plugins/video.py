@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from taichisoft.interruption import held_back
+from taichisoft_plugins.drawing import check_style
 from taichisoft_plugins.recording_reader import Recording, read_recording
 from taichisoft_plugins.rendering import RenderError, draw_frames
 from taichisoft_plugins.style import Style
@@ -37,6 +38,7 @@ def render_video(
 
     Raises:
         RecordingError: the recording is missing, unreadable or empty.
+        StyleError: the style does not fit the recording.
         RenderError: the name, the rate or the slow motion is impossible; drawing failed twice, and the message says
             what to install; or the file cannot be written.
         KeyboardInterrupt: Ctrl and c, or SIGTERM.
@@ -45,6 +47,7 @@ def render_video(
     check_video(file, fps)
     check_slow_motion(slow_motion)
     with read_recording(recording) as opened:
+        check_style(opened, style)
         shown = video_frames(opened, fps * slow_motion)
     drawn, repetitions = np.unique(shown, return_counts=True)
     times = iter(repetitions)

@@ -113,6 +113,8 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
         (["--video", "run.avi"], "a video ends with .mp4 or .gif"),
         (["--slow-motion", "-1"], "slow motion -1: must be positive"),
         (["--time", "7"], "nothing at 7 s"),
+        (["--view", "follow:ball"], "no body is called 'ball'; there are: finger, cube"),
+        (["--video", "run.mp4", "--view", "follow:ball"], "no body is called 'ball'"),
     ],
 )
 def test_what_is_impossible_is_said_before_anything_is_drawn(run: Path, monkeypatch, options, problem) -> None:
