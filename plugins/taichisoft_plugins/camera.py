@@ -18,7 +18,7 @@ VIEWS = {
 }
 
 
-@dataclass(frozen=True, eq=False)  # arrays have no single answer to ==: a camera equals only itself
+@dataclass(frozen=True)
 class Camera:
     """A perspective camera.
 
@@ -119,6 +119,12 @@ def _slopes(aspect: float) -> tuple[float, float]:
     """Tangents of the half angles to the right and up within which things are to be seen."""
     tangent = np.tan(np.radians(VERTICAL_ANGLE / 2)) * (1 - 2 * MARGIN)
     return tangent * aspect, tangent
+
+
+def seen_from_front(camera: Camera, corners: np.ndarray) -> np.ndarray:
+    """Which triangles turn their front to the camera, shape (triangle_count,), of corners (triangle_count, 3, 3)."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), camera.eye - a) > 0
 
 
 def pixel_matrix(camera: Camera, origin: np.ndarray, directions: np.ndarray, size: tuple[int, int]) -> np.ndarray:

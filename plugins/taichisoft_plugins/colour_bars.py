@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft_plugins.colour_scale import ColourScale
 from taichisoft_plugins.painting import Colour, write
 
-ROOM = 0.17
+ROOM = 0.185
 """Width that the bars take, in heights of the picture [-]."""
 
 
@@ -22,7 +22,8 @@ def paint_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour) -> None
     width, length = round(0.022 * height), round(0.28 * height)
     for index, scale in enumerate(scales):
         top = round((0.10 + 0.41 * index) * height)
-        write(picture, (left, top - 0.018 * height), scale.title, letters, ink, "ls")
+        right = picture.width - 0.02 * height
+        write(picture, (right, top - 0.018 * height), scale.title, letters, ink, "rs")
         values = np.linspace(scale.high, scale.low, length)
         colours = np.rint(255 * scale.colours(values)).astype(np.uint8)
         picture.paste(Image.fromarray(np.repeat(colours[:, None], width, axis=1)), (round(left), top))

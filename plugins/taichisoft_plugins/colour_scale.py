@@ -8,8 +8,8 @@ import numpy as np
 SOFT = ((0.93, 0.92, 0.88), (0.98, 0.82, 0.42), (0.93, 0.46, 0.24), (0.70, 0.13, 0.30), (0.33, 0.06, 0.32))
 """From silicone's own colour over yellow and red to violet: brightness falls all the way."""
 
-AIR = ((0.10, 0.52, 0.55), (0.16, 0.72, 0.50), (0.62, 0.84, 0.22), (0.98, 0.72, 0.10), (0.94, 0.33, 0.08))
-"""From the teal of an empty cavity over green to orange: it stands out inside translucent silicone."""
+AIR = ((0.60, 0.70, 0.72), (0.24, 0.66, 0.62), (0.02, 0.50, 0.38), (0.00, 0.27, 0.22))
+"""From grey to dark green: none of it is among the colours of the silicone around the air."""
 
 
 @dataclass(frozen=True)

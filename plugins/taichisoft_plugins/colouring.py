@@ -7,6 +7,7 @@ import numpy as np
 from taichisoft.embedding import embed
 from taichisoft_plugins import node_values
 from taichisoft_plugins.colour_scale import AIR, SOFT, ColourScale, round_up
+from taichisoft_plugins.framing import spread
 from taichisoft_plugins.recording_reader import RecordedSoftBody, RecordedSurface, Recording
 from taichisoft_plugins.style import Style
 
@@ -22,7 +23,7 @@ QUANTITIES = {
     "displacement": (node_values.displacement, "displacement [mm]"),
     "stress": (node_values.stress, "stress [kPa]"),
 }
-LOOKS = 60
+LOOKS = 40
 """Frames, at most, in which the range of a quantity is looked for."""
 SHARE = 0.995
 """Part of the values that the range covers: single elements at an edge would make all others look alike."""
@@ -70,10 +71,10 @@ class Colouring:
 
     def _highest(self, frames: Sequence[int]) -> float:
         """Of the quantity in the frames."""
-        some = [frames[index] for index in np.unique(np.linspace(0, len(frames) - 1, LOOKS).astype(int))]
+        some = spread(frames, LOOKS)
+        bodies = self._recording.soft_bodies
         highest = max(
-            (np.quantile(self._values(body, frame), SHARE) for body in self._recording.soft_bodies for frame in some),
-            default=0.0,
+            (float(np.quantile(self._values(body, frame), SHARE)) for body in bodies for frame in some), default=0.0
         )
         return round_up(highest) if highest > 0 else 1.0
 

@@ -28,5 +28,5 @@ def paint_axes(picture: Any, camera: Camera) -> None:
 
 def _unit(direction: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(direction)
-    # An axis that points at the viewer has its name beside the origin.
-    return direction / length if length > 1e-3 else np.array([0.7, 0.7])
+    # An axis that points at the viewer, or away, has its name beside the origin.
+    return direction / length if length > 0.3 else np.array([-0.7, 0.7])

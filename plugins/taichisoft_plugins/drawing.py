@@ -4,31 +4,22 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from taichisoft_plugins.camera import Camera, scene_axes
+from taichisoft_plugins.camera import scene_axes
 from taichisoft_plugins.camera_path import camera_path
-from taichisoft_plugins.caption import caption_parts, paint_caption
-from taichisoft_plugins.colour_bars import ROOM, paint_bars
+from taichisoft_plugins.colour_bars import ROOM
 from taichisoft_plugins.colouring import PLAIN, Colouring
-from taichisoft_plugins.corner_axes import paint_axes
 from taichisoft_plugins.floor import Floor
-from taichisoft_plugins.force_arrows import ForceArrows
 from taichisoft_plugins.framing import outermost_points
-from taichisoft_plugins.painting import text_colour
-from taichisoft_plugins.recording_reader import RecordedSurface, Recording
-from taichisoft_plugins.shading import shaded
+from taichisoft_plugins.recording_reader import RecordedPlane, Recording
+from taichisoft_plugins.signs import Signs
 from taichisoft_plugins.smooth_edges import smooth_edges
-from taichisoft_plugins.smooth_normals import SmoothNormals
-from taichisoft_plugins.stage import NOTHING, Stage
 from taichisoft_plugins.style import Style, StyleError
-from taichisoft_plugins.translucency import in_layers, laid_over
+from taichisoft_plugins.surface_painter import SurfacePainter
 from taichisoft_plugins.visual_surface import with_visual_surfaces
-from taichisoft_plugins.walls import is_floor, square_of_plane
+from taichisoft_plugins.walls import is_floor, reaches_under, square_of_plane
 
 HELD_BACK = {"soft": 0.55, "rigid": 1.0, "obstacle": 1.0}
 """How much of the light a kind of surface holds back [-]; silicone lets some through."""
-
-HOLE = " as a hole"
-"""What an opaque surface hides of a layer of translucent ones is left open in that layer."""
 
 
 class Drawer:
@@ -47,85 +38,59 @@ class Drawer:
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int]):
         check_style(recording, style)
-        self._recording, self._style, up = recording, style, recording.up
-        self._axes = scene_axes(up)
+        width, height = style.size
+        up = recording.up
         self._surfaces = with_visual_surfaces(recording, style.surface)
         points = outermost_points(self._surfaces, frames)
+        radius = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
         self._colouring = Colouring(recording, style, frames, self._surfaces)
-        width, height = style.size
+        self._signs = Signs(recording, style, frames, self._colouring.scales, radius)
         side = ROOM * height if self._colouring.scales else 0.0
         aspect = max(width - 2 * side, width / 2) / height
         self._camera = camera_path(style, self._surfaces, frames, points, up, aspect)
-        radius = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
-        self._arrows = ForceArrows(recording, frames, radius) if style.arrows else None
-        self._normals = {surface.name: SmoothNormals(surface.triangles) for surface in self._surfaces}
         background = np.array(style.background_colour)
-        self._empty = np.empty((height, width, 3), dtype=np.uint8)
-        self._empty[:] = np.rint(255 * background)
-        floors = [plane for plane in recording.planes if is_floor(plane, up)]
-        self._floors = [
-            Floor(plane, points, background) for plane in sorted(floors, key=lambda plane: plane.point @ up)
+        self._background = np.empty((height, width, 3), dtype=np.uint8)
+        self._background[:] = np.rint(255 * background)
+        # Of several floors only the highest can be seen: they are infinite.
+        floors = sorted(
+            (plane for plane in recording.planes if is_floor(plane, up)), key=lambda plane: plane.point @ up
+        )
+        self._floor = Floor(floors[-1], points, background) if floors else None
+        self._walls = [
+            (plane.name, *square_of_plane(plane, points, floors))
+            for plane in recording.planes
+            if not is_floor(plane, up)
         ]
-        self._stage = Stage(style.size)
-        self._opaque = [surface.name for surface in self._surfaces if surface.kind != "soft"]
-        for plane in recording.planes:
-            if not is_floor(plane, up):
-                square, triangles = square_of_plane(plane, points, floors)
-                normals = np.tile(plane.normal, (len(square), 1))
-                self._put(plane.name, square, triangles, shaded(np.array(PLAIN["obstacle"]), normals, self._axes))
-                self._opaque.append(plane.name)
+        triangles = {surface.name: surface.triangles for surface in self._surfaces}
+        triangles |= {name: of_wall for name, _, of_wall in self._walls}
+        soft = [surface.name for surface in self._surfaces if surface.kind == "soft"]
+        self._painter = SurfacePainter(style.size, triangles, soft, style.opacity, scene_axes(up))
+        self._hide_what_is_under(floors[-1:], points)
 
     def image(self, frame: int) -> np.ndarray:
         """The picture of one of the frames: red, green and blue, shape (height, width, 3), dtype uint8."""
         camera = self._camera(frame)
         vertices = {surface.name: surface.vertices(frame) for surface in self._surfaces}
-        for surface in self._surfaces:
-            self._put_surface(surface, vertices[surface.name], frame)
-        throwers = [
-            (vertices[surface.name], surface.triangles, HELD_BACK[surface.kind])
-            for surface in self._surfaces
-            if surface.kind in HELD_BACK
-        ]
-        picture = self._empty
-        for floor in self._floors:
-            picture = floor.paint(picture, camera, throwers)
-        picture = smooth_edges(self._with_surfaces(picture, camera, vertices))
-        return self._with_signs(picture, camera, frame)
+        picture = self._background
+        if self._floor is not None:
+            throwers = [
+                (vertices[surface.name], surface.triangles, HELD_BACK[surface.kind])
+                for surface in self._surfaces
+                if surface.kind in HELD_BACK
+            ]
+            picture = self._floor.paint(picture, camera, throwers)
+        colours = {surface.name: self._colouring.colours(surface, frame) for surface in self._surfaces}
+        for name, corners, _ in self._walls:
+            vertices[name], colours[name] = corners, np.array(PLAIN["obstacle"])
+        picture = self._painter.paint(picture, camera, vertices, colours)
+        return self._signs.paint(smooth_edges(picture), camera, frame)
 
-    def _put_surface(self, surface: RecordedSurface, vertices: np.ndarray, frame: int) -> None:
-        corners, normals = self._normals[surface.name](vertices)
-        colours = self._colouring.colours(surface, frame)
-        if colours.ndim == 2:
-            colours = colours[surface.triangles.ravel()]
-        triangles = np.arange(len(corners)).reshape(-1, 3)
-        self._put(surface.name, corners, triangles, shaded(colours, normals, self._axes))
-
-    def _put(self, name: str, vertices: np.ndarray, triangles: np.ndarray, colours: np.ndarray) -> None:
-        self._stage.put(name, vertices, triangles, colours)
-        if name in self._opaque:
-            self._stage.put(name + HOLE, vertices, triangles, np.tile(np.array(NOTHING) / 255, (len(vertices), 1)))
-
-    def _with_surfaces(self, picture: np.ndarray, camera: Camera, vertices: dict[str, np.ndarray]) -> np.ndarray:
-        soft = [surface.name for surface in self._surfaces if surface.kind == "soft"]
-        picture = laid_over(picture, self._stage.image(camera, self._opaque), 1.0)
-        for layer in in_layers([vertices[name] for name in soft], camera, self._style.size):
-            visible = [soft[body] for body in layer] + [name + HOLE for name in self._opaque]
-            picture = laid_over(picture, self._stage.image(camera, visible), self._style.opacity)
-        return picture
-
-    def _with_signs(self, picture: np.ndarray, camera: Camera, frame: int) -> np.ndarray:
-        from PIL import Image
-
-        image, style, ink = Image.fromarray(picture), self._style, text_colour(self._style.background_colour)
-        if self._arrows is not None:
-            self._arrows.paint(image, camera, frame)
-            self._arrows.paint_scale(image, camera, ink)
-        if style.axes:
-            paint_axes(image, camera)
-        paint_bars(image, self._colouring.scales, ink)
-        if style.caption:
-            paint_caption(image, caption_parts(self._recording, frame), ink)
-        return np.array(image)
+    def _hide_what_is_under(self, floors: Sequence[RecordedPlane], points: np.ndarray) -> None:
+        """The floor is painted behind everything, so what reaches under it must be cut off; mostly nothing does."""
+        for floor in floors:
+            obstacles = [surface.vertices(0) for surface in self._surfaces if surface.kind == "obstacle"]
+            if any(reaches_under(floor, vertices) for vertices in obstacles):
+                self._painter.hide_behind(floor.name, *square_of_plane(floor, points, [], half=20.0))
 
 
 def check_style(recording: Recording, style: Style) -> None:

@@ -69,9 +69,14 @@ class Floor:
             tuple((to_pixels / to_pixels[2, 2]).ravel()[:8]),
             Image.Resampling.BILINEAR,
         )
-        light = np.array([1 - DARKEST * value / 255 for value in range(256)], dtype=np.float32)
-        shade = light[np.where(ground, np.asarray(warped), 0)]
-        return (plain * shade[..., None] + 0.5).astype(np.uint8)
+        picture = np.rint(plain).astype(np.uint8)
+        box = warped.getbbox()
+        if box is not None:
+            part = np.s_[box[1] : box[3], box[0] : box[2]]
+            light = np.array([1 - DARKEST * value / 255 for value in range(256)], dtype=np.float32)
+            shade = light[np.where(ground[part], np.asarray(warped)[part], 0)]
+            picture[part] = np.rint(plain[part] * shade[..., None])
+        return picture
 
     def _without_shadows(
         self, camera: Camera, to_floor: np.ndarray, size: tuple[int, int]
@@ -79,7 +84,7 @@ class Floor:
         """Colours, shape (height, width, 3), and where the floor is and not the sky, shape (height, width)."""
         from PIL import Image
 
-        if self._plain is not None and self._plain[0] == camera:
+        if self._plain is not None and self._plain[0] is camera:
             return self._plain[1:]
         width, height = size
         columns = (np.arange(width // COARSE + 1) + 0.5) * COARSE

@@ -6,12 +6,15 @@ from typing import Any
 import numpy as np
 
 from taichisoft_plugins.camera import Camera, project
+from taichisoft_plugins.framing import spread
 from taichisoft_plugins.painting import Colour, arrow_outline, paint_polygon, write
 from taichisoft_plugins.recording_reader import Recording
 
 COLOUR: Colour = (0.86, 0.27, 0.05)
 LONGEST = 0.5
 """The arrow of the strongest force, in radii of the scene [-]."""
+LOOKS = 200
+"""Frames, at most, in which the strongest force is looked for."""
 WIDTH = 1 / 220
 """Of an arrow's shaft, in heights of the picture [-]."""
 
@@ -29,7 +32,7 @@ class ForceArrows:
         self._recording = recording
         self._strongest = 0.0
         if recording.has("contact_count"):
-            forces = (recording.contacts(frame)[1] for frame in frames)
+            forces = (recording.contacts(frame)[1] for frame in spread(frames, LOOKS))
             self._strongest = max(
                 (float(np.linalg.norm(force, axis=1).max(initial=0.0)) for force in forces), default=0
             )

@@ -31,6 +31,11 @@ def outermost_points(
     return _outermost(np.concatenate(kept))
 
 
+def spread(frames: Sequence[int], count: int) -> list[int]:
+    """At most `count` of the frames, evenly spread from the first to the last."""
+    return [frames[index] for index in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]
+
+
 def _outermost(points: Sequence[np.ndarray] | np.ndarray) -> np.ndarray:
     from scipy.spatial import ConvexHull
 

@@ -11,7 +11,7 @@ near what throws them."""
 SUN_RADIUS = 0.13
 """Of the sun, as the tangent of an angle: the edge of a shadow is this part of its height wide, twice."""
 
-RAYS = 6
+RAYS = 5
 """Points of the sun that are looked from; the blur hides that they are few."""
 
 PIXELS = 256

@@ -42,7 +42,10 @@ class Stage:
         self._names: set[str] = set()
 
     def put(self, name: str, vertices: np.ndarray, triangles: np.ndarray, colours: np.ndarray) -> None:
-        """Put triangles on the stage, in place of those that had the name; only their front can be seen.
+        """Put triangles on the stage, in place of those that had the name.
+
+        Both sides of a triangle are drawn; leave out those that are seen from behind (`seen_from_front`), of which
+        single pixels would show along the outlines of a body.
 
         Args:
             name: of what is drawn.

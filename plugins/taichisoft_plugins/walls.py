@@ -18,6 +18,11 @@ def is_floor(plane: RecordedPlane, up: np.ndarray) -> bool:
     return bool(plane.normal @ up >= UPRIGHT)
 
 
+def reaches_under(floor: RecordedPlane, vertices: np.ndarray, far: float = 0.5) -> bool:
+    """Whether one of the vertices [mm], shape (vertex_count, 3), is more than `far` [mm] under the floor."""
+    return bool(((vertices - floor.point) @ floor.normal < -far).any())
+
+
 def square_of_plane(
     plane: RecordedPlane, points: np.ndarray, floors: Sequence[RecordedPlane], half: float = SQUARE
 ) -> tuple[np.ndarray, np.ndarray]:

@@ -10,7 +10,8 @@ from taichisoft_plugins.child_process import ChildResult, run_python
 from taichisoft_plugins.pictures import PicturesOutput, key_moments
 from taichisoft_plugins.recording import RecordingOutput
 from taichisoft_plugins.recording_reader import read_recording
-from taichisoft_plugins.rendering import RenderError
+from taichisoft_plugins.rendering import RenderError, render_pictures
+from taichisoft_plugins.style import Style
 
 
 @pytest.fixture(scope="module")
@@ -18,6 +19,18 @@ def folder(tmp_path_factory):
     folder = tmp_path_factory.mktemp("pictures")
     fake_run.fake_run([RecordingOutput(folder), PicturesOutput(folder)], steps=20)
     return folder
+
+
+@pytest.fixture(scope="module")
+def without_signs(folder, tmp_path_factory):
+    """The same pictures with nothing written or painted over the scene."""
+    target = tmp_path_factory.mktemp("without signs")
+    recording = folder / "recording.h5"
+    with read_recording(recording) as opened:
+        moments = key_moments(opened)
+    signs = {"arrows": False, "axes": False, "caption": False, "cavity_pressure": False}
+    render_pictures(recording, moments, target, Style(**signs))
+    return target
 
 
 def read_picture(path):
@@ -32,11 +45,11 @@ def bodies(picture):
     return rows + 100, columns + 200
 
 
-def test_a_run_gives_three_pictures_with_everything_inside_the_frame(folder):
+def test_a_run_gives_three_pictures_with_everything_inside_the_frame(folder, without_signs):
     extents = {}
     for name in ("before", "grasped", "lifted"):
-        picture = read_picture(folder / f"{name}.png")
-        assert picture.shape == (720, 1280, 3)
+        assert read_picture(folder / f"{name}.png").shape == (720, 1280, 3)
+        picture = read_picture(without_signs / f"{name}.png")
         assert picture[0, 0].min() > 150, "the background is light"
         rows, columns = bodies(picture)
         extents[name] = (rows.min(), rows.max())
@@ -48,8 +61,8 @@ def test_a_run_gives_three_pictures_with_everything_inside_the_frame(folder):
     assert extents["before"][1] - extents["lifted"][0] > 0.5 * 720
 
 
-def test_the_cube_is_blue_and_not_black_or_inside_out(folder):
-    picture = read_picture(folder / "before.png")[:, 400:900].astype(int)
+def test_the_cube_is_blue_and_not_black_or_inside_out(without_signs):
+    picture = read_picture(without_signs / "before.png")[:, 400:900].astype(int)
     red, blue = picture[..., 0], picture[..., 2]
     cube = blue > red + 90  # not where it is seen through silicone
     assert cube.sum() > 2000
