@@ -20,6 +20,7 @@ class WebOutput:
 
     Attributes:
         gives_keys: what viewers do becomes keys of the run.
+        url: of the page, once it is served.
     """
 
     gives_keys = True
@@ -37,6 +38,7 @@ class WebOutput:
         require_viser()
         self._address = find_address(address)
         self._link: PageLink | None = None
+        self.url = ""
 
     def begin(self, model: "Model", state: "State") -> None:
         """The page needs the whole session: see `follow`."""
@@ -50,7 +52,8 @@ class WebOutput:
         from taichisoft_plugins.web.page_link import PageLink
 
         self._link = PageLink(session, self._address)
-        print(f"web page: {self._address.at(self._link.port).url}", flush=True)
+        self.url = self._address.at(self._link.port).url
+        print(f"web page: {self.url}", flush=True)
         if self._address.token:
             warnings.warn(
                 f"whoever reaches {self._address.host} can watch, and what passes is not encrypted", stacklevel=2
