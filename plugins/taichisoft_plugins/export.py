@@ -32,13 +32,15 @@ def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> lis
     written: dict[str, list[tuple[float, Path]]] = {name: [] for name in makers}
     for name in makers:
         _make_folder(folder / name)
-    for frame in frames:
-        for name, make in makers.items():
-            path = folder / name / f"{frame:05d}.vtu"
-            write_vtu(path, make(frame))
-            written[name].append((float(times[frame]), path))
-    for name, files in written.items():
-        write_pvd(folder / f"{name}.pvd", files)
+    try:
+        for frame in frames:
+            for name, make in makers.items():
+                path = folder / name / f"{frame:05d}.vtu"
+                write_vtu(path, make(frame))
+                written[name].append((float(times[frame]), path))
+    finally:  # what is there can be opened, also when the disk is full or nobody wants to wait
+        for name, files in written.items():
+            write_pvd(folder / f"{name}.pvd", files)
     return [folder / f"{name}.pvd" for name in makers]
 
 
@@ -50,9 +52,11 @@ def chosen_frames(recording: Recording, every: int | None, times: Sequence[float
     """Frames to export, in the order of time: those nearest to `times` [s], or every so many since the last start.
 
     Raises:
-        ExportError: both are given, or `every` is not positive.
+        ExportError: both are given, `every` is not positive, or the run was killed before its first frame was written.
         RecordingError: a time was not recorded.
     """
+    if recording.frame_count == 0:
+        raise ExportError(f"{recording.path}: has no frame; the run ended before the first one was written")
     if times:
         if every is not None:
             raise ExportError("--every and --time choose frames in two ways; give one of them")

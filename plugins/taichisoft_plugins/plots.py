@@ -46,6 +46,8 @@ def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = N
     for name in only or ():
         if name not in PANELS:
             raise PlotError(f"--only {name}: there are: {', '.join(PANELS)}")
+    if recording.frame_count == 0:
+        raise PlotError(f"{recording.path}: has no frame; the run ended before the first one was written")
     run = RunCurves(recording)
     panels: dict[str, Panel] = {}
     left_out: dict[str, str] = {}

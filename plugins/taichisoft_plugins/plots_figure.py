@@ -97,7 +97,8 @@ def _draw_curve(axes: "Axes", curve: Curve, label: str, marked: bool, **look: An
         last = end == len(curve.time)
         opacity = 1.0 if last else EARLIER_START
         x, y = curve.x[start:end], curve.y[start:end]
-        axes.plot(x, y, label=label if last else None, alpha=opacity, **look)
+        marker = "." if len(x) == 1 else None  # a line of one point is invisible
+        axes.plot(x, y, label=label if last else None, alpha=opacity, marker=marker, **look)
         if last and marked and len(x):
             axes.plot(x[:1], y[:1], marker="o", markersize=5, color=look["color"])
 

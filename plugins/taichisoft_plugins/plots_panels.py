@@ -111,7 +111,9 @@ def friction_force(run: RunCurves) -> Panel:
 def step_time(run: RunCurves) -> Panel:
     """What each step took to compute, beside what it simulated."""
     values = 1e3 * np.where(run.recording.column("step_time") > 0.0, run.recording.column("step_time"), np.nan)
-    curves = [Curve("step", "", run.times, values, run.times)]
+    every = run.recording.every
+    label = "each step" if every == 1 else f"mean of {every} steps"
+    curves = [Curve(label, "", run.times, values, run.times)]
     level = (1e3 * run.recording.step_size, "real time")
     return Panel(TIME_AXIS, "time per step [ms]", curves, logarithmic=True, level=level)
 

@@ -1,5 +1,6 @@
 """`taichisoft export`: what ParaView opens has the positions, motion and stress of the recorded frames."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ import pyvista
 import tiny_run
 
 from taichisoft_plugins.export import ExportError, chosen_frames, export_vtu
+from taichisoft_plugins.plots import PlotError, draw_plots
 from taichisoft_plugins.recording_layout import RecordingError
 from taichisoft_plugins.recording_reader import Recording, read_recording
 from taichisoft_plugins.stress import element_stress, von_mises
@@ -215,6 +217,27 @@ def test_what_was_not_recorded_is_left_out_but_positions_are_needed(tmp_path: Pa
         pytest.raises(RecordingError, match="has no steps/position: --fields cavities left it out"),
     ):
         export_vtu(recording, [3], tmp_path / "none")
+
+
+def test_what_was_written_before_it_ended_can_be_opened(recording: Recording, tmp_path: Path) -> None:
+    """Somebody presses Ctrl and c after two frames."""
+
+    def frames() -> Iterator[int]:
+        yield from (0, 10)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export_vtu(recording, frames(), tmp_path)
+    assert pyvista.PVDReader(tmp_path / "contacts.pvd").time_values == pytest.approx([0.0, 0.1])
+
+
+def test_a_recording_without_a_frame_is_refused(run: Path, tmp_path: Path) -> None:
+    """The run was killed before its first bundle was written."""
+    with read_recording(tiny_run.without_frames(run, tmp_path)) as recording:
+        with pytest.raises(ExportError, match=r"recording\.h5: has no frame; the run ended before"):
+            chosen_frames(recording, None, None)
+        with pytest.raises(PlotError, match=r"recording\.h5: has no frame; the run ended before"):
+            draw_plots(recording, "png")
 
 
 def test_an_unknown_format_is_refused_with_the_known_ones(run: Path) -> None:

@@ -86,10 +86,8 @@ def test_slip_is_what_the_object_stays_behind_since_the_base_moves(
     slip = curves(recording, "slip")["cube"].y
     before = 21 + tiny_run.LIFT_AFTER
     assert np.isnan(slip[:before]).all()
-    rise = [
-        observed[k].object_positions["cube"][2] - observed[before].object_positions["cube"][2] for k in (before, -1)
-    ]
-    np.testing.assert_allclose(slip[[before, -1]], [0.0, 4.0 - rise[1]], atol=1e-12)
+    rise = observed[-1].object_positions["cube"][2] - observed[before].object_positions["cube"][2]
+    np.testing.assert_allclose(slip[[before, -1]], [0.0, 4.0 - rise], atol=1e-12)
 
 
 def test_forces_of_pairs_that_touched(recording: Recording, observed: list[Observation]) -> None:
@@ -107,6 +105,13 @@ def test_step_time_has_no_value_where_no_step_was_made(recording: Recording) -> 
     assert np.flatnonzero(np.isnan(curve.y)).tolist() == [0, 21]
     np.testing.assert_allclose(curve.y[1], 1e3 * recording.column("step_time")[1])
     assert panel.level == (10.0, "real time")
+
+
+def test_where_frames_are_several_steps_apart_the_step_time_is_called_a_mean(tmp_path: Path) -> None:
+    tiny_run.tiny_run(tmp_path, every=10)
+    with read_recording(tmp_path / "recording.h5") as recording:
+        assert list(curves(recording, "step-time")) == ["mean of 10 steps"]
+        assert len(curves(recording, "pressure")["left.cavity"].x) == 5
 
 
 def test_no_line_runs_back_in_time(recording: Recording) -> None:
@@ -137,6 +142,12 @@ def test_legends_hide_no_curve_and_axes_have_units(recording: Recording) -> None
         legend = axes.get_legend().get_window_extent()
         assert not any(legend.overlaps(others.get_window_extent()) for others in figure.axes)
         assert figure.bbox.x0 <= legend.x0 and legend.x1 <= figure.bbox.x1 and legend.y1 <= figure.bbox.y1
+
+
+def test_a_single_frame_is_a_dot() -> None:
+    one = np.zeros(1)
+    axes = draw_figure([Panel("x", "y", [Curve("a", "a", one, one, one)])], ["a"]).axes[0]
+    assert axes.lines[0].get_marker() == "."
 
 
 def test_a_body_has_one_colour_in_all_panels(recording: Recording) -> None:
