@@ -24,8 +24,8 @@ END_LIMIT = 120.0
 # Players take a video whose colours are not described for BT.601 or BT.709 by its size; the index at the front lets
 # browsers begin before they have all of it.
 MP4 = (
-    "-vf scale=out_color_matrix=bt709:out_range=tv -c:v libx264 -preset veryfast -crf 18 -pix_fmt yuv420p "
-    "-colorspace bt709 -color_primaries bt709 -color_trc bt709 -color_range tv -movflags +faststart -f mp4"
+    "-vf scale=out_color_matrix=bt709:out_range=tv,setparams=color_primaries=bt709:color_trc=bt709 "
+    "-c:v libx264 -preset veryfast -crf 18 -pix_fmt yuv420p -movflags +faststart -f mp4"
 )
 # 256 colours of its own for every frame: one palette for all needs all frames in memory first.
 GIF = "-vf split[a][b];[a]palettegen=stats_mode=single[p];[b][p]paletteuse=new=1:dither=sierra2_4a -loop 0 -f gif"
