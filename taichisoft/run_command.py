@@ -62,10 +62,12 @@ def run_simulation(
     speed: float | None = None,
     replay: KeyReplay | None = None,
     profile: bool = False,
+    usual_duration: Callable[[], float] | None = None,
 ) -> bool:
     """Run what `make_simulation` gives, from its present state; otherwise as `run_scene`.
 
-    `name` begins errors of the scene and of what is made from it.
+    `name` begins errors of the scene and of what is made from it. `usual_duration` gives that of a run for which the
+    user names none and which nobody steers [s]; without it that is the scene's.
 
     Raises:
         TaichisoftError: anything that is the user's to mend.
@@ -77,13 +79,15 @@ def run_simulation(
         warnings.showwarning = lambda message, *_, **__: print_warning(console, str(message))
         with _errors_in(name):
             controller = make_controller(scene)
+        if getattr(controller, "interactive", False) and replay is None:
+            duration = math.inf if duration is None else duration
+            speed = 1.0 if speed is None else speed
+        if duration is None and usual_duration is not None:
+            duration = usual_duration()
         factories = {output: plugins.find("output", output) for output in output_settings}
         status = "preparing the model; the first time on a machine Taichi compiles its kernels"
         with console.status(status), logged_to(console), _errors_in(name):
             simulation = make_simulation()
-        if getattr(controller, "interactive", False) and replay is None:
-            duration = math.inf if duration is None else duration
-            speed = 1.0 if speed is None else speed
         if speed is not None:
             with console.status(status):
                 _load_kernels(simulation)

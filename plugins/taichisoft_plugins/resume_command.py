@@ -18,7 +18,8 @@ def resume(
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run, also of one that was killed.")],
     at: Annotated[float | None, typer.Option(help="Moment to go on from \\[s]; the last frame otherwise.")] = None,
     duration: Annotated[
-        float | None, typer.Option(help="Simulated time from there \\[s]; to the end of the scene otherwise.")
+        float | None,
+        typer.Option(help="Simulated time from there \\[s]; to the end of the scene otherwise."),
     ] = None,
     controller: Annotated[str | None, typer.Option(help="Name of a controller; the recorded one otherwise.")] = None,
     output: Annotated[
@@ -48,14 +49,19 @@ def resume(
         folder = output or _new_folder(recording, frame)
         if (folder / FILE_NAME).resolve() == run.resolve():
             raise typer.BadParameter(f"--output {folder}: would replace the recording; name another folder")
-        if duration is None:
-            duration = remaining_time(recording, frame, scene)
         if scene.goal is not None and base_has_moved(recording, frame):
             typer.echo("the goal of the scene is not judged: the base had moved before")
             scene = scene.model_copy(update={"goal": None})
         typer.echo(f"going on from {recording.row('time', frame):g} s")
         interrupted = run_simulation(
-            str(run), scene, lambda: resumed_simulation(recording, frame, scene), folder, duration, asked.outputs, speed
+            str(run),
+            scene,
+            lambda: resumed_simulation(recording, frame, scene),
+            folder,
+            duration,
+            asked.outputs,
+            speed,
+            usual_duration=lambda: remaining_time(recording, frame, scene),
         )
     if interrupted:
         raise typer.Exit(EXIT_INTERRUPTED)
