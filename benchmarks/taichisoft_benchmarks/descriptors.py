@@ -141,10 +141,23 @@ class MeshingCase(Case):
 
 
 class RenderingCase(SceneCase):
-    """Pictures of the scene, drawn without a display."""
+    """A video of the scene, drawn without a display."""
 
     kind: Literal["rendering"]
-    pictures: Count
+    steps: Count
+    frames: Annotated[int, Field(strict=True, ge=2)]
+    """How many of the steps are drawn, evenly apart, beside the state before the first one."""
+
+    @model_validator(mode="after")
+    def _check_frames(self) -> "RenderingCase":
+        if self.steps % self.frames:
+            raise ValueError(f"steps = {self.steps}: must be a multiple of frames = {self.frames}")
+        return self
+
+    def shortened(self) -> "RenderingCase":
+        """Few frames, of the same moments."""
+        few = next(count for count in range(min(self.frames, QUICK_STEPS), 0, -1) if self.steps % count == 0)
+        return self.model_copy(update={"frames": few})
 
 
 class RecordingCase(SceneCase):
