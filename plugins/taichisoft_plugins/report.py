@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from taichisoft.errors import TaichisoftError
 from taichisoft.whole_file import whole_file
-from taichisoft_plugins.recording_layout import FILE_NAME as RECORDING
+from taichisoft_plugins.recording_needed import NeededRecording
 from taichisoft_plugins.report_contents import collect
 from taichisoft_plugins.report_page import report_page
 
@@ -25,14 +25,17 @@ class ReportError(TaichisoftError):
 class ReportOutput:
     """Puts together what the outputs before it have left in the run's folder."""
 
-    needs_recording = True
-
     def __init__(self, folder: Path):
-        self.folder = Path(folder)
-        self._began = 0.0
+        self._recording = NeededRecording(folder)
+        self._began: float | None = None
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Note the time: what is older in the folder is of another run."""
+        """Note the time: what is older in the folder is of another run.
+
+        Raises:
+            RecordingNeeded: this run has no recording.
+        """
+        self._recording.require("report")
         self._began = time.time()
 
     def record(self, state: "State", report: "StepReport") -> None:
@@ -41,11 +44,13 @@ class ReportOutput:
     def end(self, outcome: str) -> None:
         """Write the page, also when the run failed; not after an interruption, where nobody wants to wait.
 
+        Nor is one written where there was no recording: that of an earlier run may lie there.
+
         Raises:
-            TaichisoftError: there is no recording, or the page cannot be written.
+            ReportError: the page cannot be written.
         """
-        if outcome != "interrupted":
-            write_report(self.folder / RECORDING, began=self._began)
+        if self._began is not None and outcome != "interrupted":
+            write_report(self._recording.path, began=self._began)
 
 
 def write_report(recording: Path, path: Path | None = None, began: float | None = None) -> Path:

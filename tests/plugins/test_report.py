@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
+import fake_run
 import numpy as np
 import pytest
 import tiny_run
@@ -17,6 +18,7 @@ from taichisoft_plugins import report_contents, report_page
 from taichisoft_plugins.metrics import MetricsOutput
 from taichisoft_plugins.plots import Plots, draw_plots
 from taichisoft_plugins.recording_layout import RecordingError
+from taichisoft_plugins.recording_needed import RecordingNeeded
 from taichisoft_plugins.recording_reader import Recording
 from taichisoft_plugins.report import ReportError, ReportOutput, write_report
 from taichisoft_plugins.report_contents import collect
@@ -72,14 +74,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True, scope="module")
 def plots_drawn_once() -> Iterator[None]:
-    """Many tests make the page of one recording, and its plots take the most time."""
-    drawn: dict[Path, Plots] = {}
+    """Many tests make a page, and its plots take the most time; those of one recording do for all that are whole."""
+    drawn: dict[tuple[str, ...], Plots] = {}
 
     def draw_once(recording: Recording, format: str) -> Plots:
-        path = recording.path.resolve()
-        if path not in drawn:
-            drawn[path] = draw_plots(recording, format)
-        return drawn[path]
+        if recording.fields not in drawn:
+            drawn[recording.fields] = draw_plots(recording, format)
+        return drawn[recording.fields]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report_contents, "draw_plots", draw_once)
@@ -177,9 +178,22 @@ def test_the_output_marks_pictures_of_an_earlier_run(tmp_path: Path) -> None:
     assert "older than this run" not in (tmp_path / "report.html").read_text()
 
 
-def test_nobody_waits_after_an_interruption(tmp_path: Path) -> None:
-    ReportOutput(tmp_path).end("interrupted")
-    assert not list(tmp_path.iterdir())
+def test_without_a_recording_the_run_does_not_begin_and_no_page_is_made_of_an_older_one(folder: Path) -> None:
+    report = ReportOutput(folder)
+    with pytest.raises(RecordingNeeded, match="output 'report' needs the output 'recording' before it"):
+        report.begin(fake_run.fake_model(), fake_run.fake_state(0))
+    report.end("output 'report' needs the output 'recording' before it")
+    assert not (folder / "report.html").exists()
+
+
+def test_nobody_waits_after_an_interruption_but_a_failed_run_gets_its_page(tmp_path: Path) -> None:
+    report = ReportOutput(tmp_path)
+    tiny_run.tiny_run(tmp_path, outputs=[report])
+    (tmp_path / "report.html").unlink()
+    report.end("interrupted")
+    assert not (tmp_path / "report.html").exists()
+    report.end("step 7: body 'left' exploded")
+    assert (tmp_path / "report.html").exists()
 
 
 def test_a_run_that_was_started_anew_says_so(tmp_path: Path) -> None:
