@@ -1,5 +1,6 @@
 """The plots of a page: pressures, forces on the gripped object, and its height over time."""
 
+import math
 from collections.abc import Iterable, Mapping
 from typing import Any
 
@@ -33,25 +34,27 @@ class History:
         """Empty; the first frame is the one that heights are counted from."""
         self._cast = cast
         self._start = self._row(first)[-1]
-        self._stride = self._skipped = 0
         self.times: list[float] = []
         self.rows: list[np.ndarray] = []
+        self._last = -math.inf
+        self._count, self._stride = 0, 1
 
     def add(self, frame: Frame) -> None:
         """Take a frame; one before the last one begins anew, and the same moment again is nothing new."""
-        if self.times and frame.time < self.times[-1]:
-            self.times, self.rows, self._stride, self._skipped = [], [], 0, 0
-        if self.times and (frame.time == self.times[-1] or self._skipped < self._stride):
-            self._skipped += frame.time != self.times[-1]
+        if frame.time < self._last:
+            self.times, self.rows, self._last, self._count, self._stride = [], [], -math.inf, 0, 1
+        if frame.time == self._last:
             return
-        self._skipped = 0
-        self.times.append(frame.time)
-        row = self._row(frame)
-        row[-1] -= self._start
-        self.rows.append(row)
+        self._last = frame.time
+        if self._count % self._stride == 0:
+            row = self._row(frame)
+            row[-1] -= self._start
+            self.times.append(frame.time)
+            self.rows.append(row)
+        self._count += 1
         if len(self.times) > MOST_POINTS:
             self.times, self.rows = self.times[::2], self.rows[::2]
-            self._stride = 2 * self._stride + 1
+            self._stride *= 2
 
     def _row(self, frame: Frame) -> np.ndarray:
         return row_of(self._cast, frame.pressures, frame.normal_forces, frame.rigid_position)
