@@ -23,6 +23,7 @@ from taichisoft_benchmarks.descriptors import (
     RenderingCase,
     Simulated,
     StartCase,
+    WebCase,
 )
 from taichisoft_benchmarks.errors import BenchmarkError, PeerMissing
 from taichisoft_benchmarks.measures.measured import Measured
@@ -77,6 +78,10 @@ def measure(case: Case, meshes: Meshes) -> Measured:
         from taichisoft_benchmarks.measures.recording import measure_recording
 
         return measure_recording(case, scene)
+    if isinstance(case, WebCase):
+        from taichisoft_benchmarks.measures.web import measure_web
+
+        return measure_web(case, scene)
     if isinstance(case, PluginsCase):
         from taichisoft_benchmarks.measures.plugins import measure_plugins
 

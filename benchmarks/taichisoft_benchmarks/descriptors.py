@@ -172,6 +172,18 @@ class RecordingCase(SceneCase):
         return self.model_copy(update={"steps": min(self.steps, QUICK_STEPS), "pairs": 1})
 
 
+class WebCase(SceneCase):
+    """A web page beside a scene that runs at the speed of real time; runs without and with it in turns."""
+
+    kind: Literal["web"]
+    steps: Count
+    pairs: Count
+
+    def shortened(self) -> "WebCase":
+        """A single pair."""
+        return self.model_copy(update={"pairs": 1})
+
+
 KINDS: dict[str, type[Case]] = {
     "steps": StepsCase,
     "plugins": PluginsCase,
@@ -182,4 +194,5 @@ KINDS: dict[str, type[Case]] = {
     "meshing": MeshingCase,
     "rendering": RenderingCase,
     "recording": RecordingCase,
+    "web": WebCase,
 }

@@ -93,9 +93,9 @@ def start_table(results: Results) -> str:
 
 
 def other_table(results: Results) -> str:
-    """Meshing, rendering, recording and plug-ins."""
+    """Meshing, rendering, recording, the web page and plug-ins."""
     rows = []
-    for kind in ("meshing", "rendering", "recording", "plugins"):
+    for kind in ("meshing", "rendering", "recording", "web", "plugins"):
         for name, case in _measured(results, kind=kind):
             for metric, figure in case.figures.items():
                 if not metric.endswith("_mb"):

@@ -1,5 +1,11 @@
-"""A viewer of a web page that draws nothing: it speaks the language of viser's browser part."""
+"""A viewer of a web page that draws nothing: it speaks the language of viser's browser part.
 
+`python -m taichisoft_benchmarks.measures.web_viewer URL` watches until the page goes away, then prints how often a second
+each surface moved, as JSON.
+"""
+
+import json
+import sys
 import threading
 import time
 from typing import Any, Self
@@ -27,7 +33,7 @@ class Viewer:
     Attributes:
         elements: what the panel has, by identifier: label, value and other properties.
         commands: identifiers of hotkeys, by key ("arrowup").
-        updates: how often each surface of the scene has moved, by name ("/finger1").
+        moments: when each surface of the scene has moved, on the clock of `time.monotonic` [s], by name ("/finger1").
         vertices: the newest of each surface, in the page's unit, shape (vertex_count, 3).
     """
 
@@ -38,7 +44,7 @@ class Viewer:
 
         self.elements: dict[str, dict[str, Any]] = {}
         self.commands: dict[str, str] = {}
-        self.updates: dict[str, int] = {}
+        self.moments: dict[str, list[float]] = {}
         self.vertices: dict[str, Any] = {}
         protocol: Any = f"viser-v{viser.__version__}"
         self._socket = connect(
@@ -60,6 +66,10 @@ class Viewer:
         import msgspec
 
         self._socket.send(msgspec.msgpack.encode(message))
+
+    def watch(self) -> None:
+        """Return when the page has gone away."""
+        self._thread.join()
 
     def find(self, label: str) -> str:
         """Identifier of the element with a label; waits until there is one."""
@@ -109,7 +119,7 @@ class Viewer:
             self.vertices[message["name"]] = arrays(message["props"]["vertices"])
         elif kind == "SceneNodeUpdateMessage" and "vertices" in message["updates"]:
             name = message["name"]
-            self.updates[name] = self.updates.get(name, 0) + 1
+            self.moments.setdefault(name, []).append(time.monotonic())
             self.vertices[name] = arrays(message["updates"]["vertices"])
 
 
@@ -133,3 +143,15 @@ def _unpacked(raw: bytes) -> Any:
         return np.frombuffer(raw[starts[index] : starts[index] + length], placeholder["dtype"]).reshape(-1, 3)
 
     return [(message, arrays) for message in content["messages"]]
+
+
+def main() -> None:
+    """Watch the page."""
+    with Viewer(sys.argv[1]) as viewer:
+        viewer.watch()
+    rates = {name: (len(at) - 1) / (at[-1] - at[0]) for name, at in viewer.moments.items() if len(at) > 1}
+    print(json.dumps(rates))
+
+
+if __name__ == "__main__":
+    main()
