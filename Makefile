@@ -10,8 +10,8 @@
 grasp: system-libraries
 	mkdir -p out/grasp
 	.venv/bin/taichisoft mesh tutorial --set mesh.largest=10 --set mesh.smallest=10 --output out/grasp/finger.msh
-	.venv/bin/taichisoft run gripper --controller scripted --outputs recording,metrics,pictures,report \
-	    --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
+	.venv/bin/taichisoft run gripper --controller scripted --outputs recording,metrics,pictures,video,report \
+	    --video out/grasp/grasp.mp4 --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
 
 test: system-libraries lint
 	.venv/bin/pytest

@@ -1,13 +1,18 @@
 """The output "video": the whole run as a video, drawn from its recording at the end."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from taichisoft_plugins.drawn_at_end import DrawnAtEnd
 from taichisoft_plugins.render_progress import frame_progress
-from taichisoft_plugins.style import Style
+from taichisoft_plugins.style import Style, StyleError
 from taichisoft_plugins.style_options import parse_size
 from taichisoft_plugins.video import FPS, check_slow_motion, render_video
 from taichisoft_plugins.video_file import check_video
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+    from taichisoft.state import State
 
 
 class VideoOutput(DrawnAtEnd):
@@ -43,6 +48,20 @@ class VideoOutput(DrawnAtEnd):
         self._frames = 0
         check_video(self.file, fps)
         check_slow_motion(slow_motion)
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """Nothing is drawn yet.
+
+        Raises:
+            RecordingNeeded: this run has no recording.
+            StyleError: the view follows a body that is not there.
+        """
+        super().begin(model, state)
+        names = [*(body.name for body in model.soft_bodies), *(body.name for body in model.rigid_bodies)]
+        if self.style.followed is not None and self.style.followed not in names:
+            raise StyleError(
+                f"view '{self.style.view}': no body is called '{self.style.followed}'; there are: {', '.join(names)}"
+            )
 
     def draw(self, recording: Path) -> None:
         """Draw the whole run, with a progress bar."""

@@ -11,6 +11,7 @@ from taichisoft.errors import TaichisoftError
 from taichisoft_plugins import frame_process, video_output
 from taichisoft_plugins.recording import RecordingOutput
 from taichisoft_plugins.rendering import RenderError
+from taichisoft_plugins.style import StyleError
 from taichisoft_plugins.video_output import VideoOutput
 
 WORKER = Path(__file__).with_name("fake_worker.py")
@@ -56,6 +57,14 @@ def test_without_a_name_it_is_beside_the_recording(tmp_path, worker) -> None:
 def test_what_is_impossible_is_said_before_the_run(tmp_path, settings, problem) -> None:
     with pytest.raises(TaichisoftError, match=re.escape(problem)):
         VideoOutput(tmp_path, **settings)
+
+
+def test_a_body_to_follow_that_is_not_there_is_said_before_the_first_step(tmp_path) -> None:
+    outputs = [RecordingOutput(tmp_path), VideoOutput(tmp_path, view="follow:ball")]
+    with pytest.raises(StyleError, match="no body is called 'ball'; there are: finger, cube"):
+        for output in outputs:
+            output.begin(fake_run.fake_model(), fake_run.fake_state(0))
+    outputs[0].end("failed")
 
 
 @pytest.mark.filterwarnings("ignore:drawing stopped")
