@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_plugins.painting import Colour, font, write
+from taichisoft_plugins.painting import SMALLEST, Colour, font, write
 from taichisoft_plugins.recording_reader import Recording
 
 SINGLE_PRESSURES = 4
@@ -40,7 +40,7 @@ def paint_caption(picture: Any, parts: list[str], ink: Colour) -> None:
         else:
             lines.append(part)
     for number, line in enumerate(lines):
-        write(picture, (edge, edge + number * 1.4 * max(letters, 7.0)), line, letters, ink, "la")
+        write(picture, (edge, edge + number * 1.4 * max(letters, SMALLEST)), line, letters, ink, "la")
 
 
 def _pressures(values: np.ndarray) -> str:

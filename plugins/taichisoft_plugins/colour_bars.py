@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft_plugins.colour_scale import ColourScale
-from taichisoft_plugins.painting import Colour, write
+from taichisoft_plugins.painting import SMALLEST, Colour, write
 
 ROOM = 0.185
 """Width that the bars take, in heights of the picture [-]."""
@@ -17,13 +17,13 @@ def paint_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour) -> None
     from PIL import Image
 
     height = picture.height
-    letters = height / 40
+    letters = max(height / 40, SMALLEST)
     left = picture.width - ROOM * height
     width, length = round(0.022 * height), round(0.28 * height)
     for index, scale in enumerate(scales):
-        top = round((0.10 + 0.41 * index) * height)
+        top = round((0.15 + 0.40 * index) * height)
         right = picture.width - 0.02 * height
-        write(picture, (right, top - 0.018 * height), scale.title, letters, ink, "rs")
+        write(picture, (right, top - 0.8 * letters), scale.title, letters, ink, "rs")
         values = np.linspace(scale.high, scale.low, length)
         colours = np.rint(255 * scale.colours(values)).astype(np.uint8)
         picture.paste(Image.fromarray(np.repeat(colours[:, None], width, axis=1)), (round(left), top))

@@ -54,7 +54,8 @@ class Colouring:
             self._values = quantity(recording)
             self._scale = ColourScale(title, 0.0, self._highest(frames), SOFT)
             self._bodies = _embedded(recording, surfaces)
-        self._pressure_scale = _pressure_scale(recording, frames) if style.cavity_pressure else None
+        seen = style.cavity_pressure and style.opacity < 1.0
+        self._pressure_scale = _pressure_scale(recording, frames) if seen else None
         self.scales = tuple(scale for scale in (self._scale, self._pressure_scale) if scale is not None)
 
     def colours(self, surface: RecordedSurface, frame: int) -> np.ndarray:

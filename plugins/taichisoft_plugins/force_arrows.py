@@ -62,7 +62,7 @@ class ForceArrows:
         tip = np.array([picture.width - 0.03 * height, height - 0.04 * height])
         paint_polygon(picture, arrow_outline(tip - [length, 0], tip, WIDTH * height), COLOUR)
         text = f"force {force:g} mN"
-        write(picture, (tip[0], tip[1] - 0.018 * height), text, height / 40, ink, "rs")
+        write(picture, (tip[0], tip[1] - 0.02 * height), text, height / 40, ink, "rs")
 
 
 def _round_down(value: float) -> float:

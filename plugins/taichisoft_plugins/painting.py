@@ -54,11 +54,15 @@ def text_colour(background: Sequence[float]) -> Colour:
     return (0.13, 0.16, 0.20) if 0.3 * red + 0.6 * green + 0.1 * blue > 0.45 else (0.94, 0.95, 0.97)
 
 
+SMALLEST = 7.0
+"""Height of letters that can still be read [pixels]."""
+
+
 def font(height: float) -> Any:
     """The font of all text, its letters about `height` [pixels] high."""
     from PIL import ImageFont
 
-    return ImageFont.load_default(size=max(height, 7.0))
+    return ImageFont.load_default(size=max(height, SMALLEST))
 
 
 def write(picture: Any, place: tuple[float, float], text: str, height: float, colour: Colour, anchor: str) -> None:

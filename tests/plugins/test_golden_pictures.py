@@ -1,0 +1,66 @@
+"""Pictures look as they did when somebody last looked at them, and anything broken in them would be noticed."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bent_gripper import record_gripper
+from golden_pictures import BROKEN, GOLDEN, STYLES
+from PIL import Image
+from scipy.ndimage import gaussian_filter, shift
+
+from taichisoft_plugins.child_process import run_python
+
+ALIKE = 0.93
+"""Least similarity: other renderers put edges a fraction of a pixel elsewhere, and round colours otherwise."""
+
+
+def read_image(path):
+    return np.asarray(Image.open(path).convert("RGB"), dtype=float)
+
+
+def similarity(first, second):
+    """Structural similarity (Wang and others, 2004) of the least similar tenth of two images, 1 where they are equal.
+
+    The mean over all would hardly notice what is wrong in a small part of a picture with much background.
+    """
+
+    def blur(image):
+        return gaussian_filter(image, sigma=(1.5, 1.5, 0))
+
+    c1, c2 = (0.01 * 255) ** 2, (0.03 * 255) ** 2
+    mean1, mean2 = blur(first), blur(second)
+    variance1, variance2 = blur(first**2) - mean1**2, blur(second**2) - mean2**2
+    covariance = blur(first * second) - mean1 * mean2
+    local = (2 * mean1 * mean2 + c1) * (2 * covariance + c2)
+    local /= (mean1**2 + mean2**2 + c1) * (variance1 + variance2 + c2)
+    worst = np.sort(local.mean(axis=2).ravel())[: local[..., 0].size // 10]
+    return worst.mean()
+
+
+@pytest.fixture(scope="module")
+def drawn(tmp_path_factory):
+    """Folder of the pictures, all drawn by one process."""
+    folder = tmp_path_factory.mktemp("golden")
+    script = Path(__file__).with_name("golden_pictures.py")
+    child = run_python([str(script), str(record_gripper(folder)), str(folder)], 300.0)
+    assert not child.problem, child.problem
+    return folder
+
+
+@pytest.mark.parametrize("name", STYLES)
+def test_a_picture_looks_as_it_did(drawn, name):
+    assert similarity(read_image(drawn / f"{name}.png"), read_image(GOLDEN / f"{name}.png")) > ALIKE
+
+
+@pytest.mark.parametrize("name", BROKEN)
+def test_what_is_broken_does_not_look_alike(drawn, name):
+    assert similarity(read_image(drawn / f"broken_{name}.png"), read_image(GOLDEN / "iso.png")) < ALIKE
+
+
+def test_similarity_tolerates_what_renderers_do_differently():
+    picture = read_image(GOLDEN / "iso.png")
+    random = np.random.default_rng(0)
+    assert similarity(picture, picture) == pytest.approx(1.0)
+    assert similarity(picture, picture + random.integers(-2, 3, picture.shape)) > ALIKE
+    assert similarity(picture, shift(picture, (0.2, 0.2, 0.0), order=1, mode="nearest")) > ALIKE
