@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from taichisoft.simulation import StepReport
     from taichisoft.state import State
 
-BUFFERED_FRAMES = 50
+BUFFERED_FRAMES = 100
 """Frames kept in memory between two writes: what a killed run loses at most ..."""
 LONGEST_BUFFERED = 2.0
 """... and the time [s] after which they are written anyway, so that a slow run loses less and can be watched."""

@@ -9,7 +9,7 @@ import numpy as np
 from taichisoft_plugins.recording_layout import CONTACT_QUANTITIES, STEP_QUANTITIES, Quantity, RecordingError
 from taichisoft_plugins.reserved_room import ReservedRoom
 
-ROWS_PER_CHUNK = 64
+ROWS_PER_CHUNK = 100
 CONTACTS_PER_CHUNK = 512
 FRAMES_PER_CHUNK = 10
 """Of what has a number for every node: a packed chunk is read as a whole, so short ones give a frame sooner."""

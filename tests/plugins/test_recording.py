@@ -86,7 +86,7 @@ def test_surfaces_follow_their_bodies(recording):
 
 def test_a_moment_is_found_and_one_outside_the_run_is_an_error(recording):
     assert recording.frame_at(0.204) == 20
-    with pytest.raises(RecordingError, match=r"nothing at 9 s; .* from 0 s to 0\.63 s"):
+    with pytest.raises(RecordingError, match=r"nothing at 9 s; .* from 0 s to 1\.13 s"):
         recording.frame_at(9.0)
 
 
