@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from taichisoft_plugins.recording_reader import Recording
-from taichisoft_plugins.stress import element_stress, von_mises
+from taichisoft_plugins.stress import StressLaw, von_mises
 from taichisoft_plugins.vtu_file import TETRAHEDRON, Grid
 
 # Rows and columns of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz.
@@ -26,7 +26,16 @@ class SoftBodyGrid:
         self._recording = recording
         self._bodies = recording.soft_bodies
         tables = tomllib.loads(recording.scene)["soft_bodies"]
-        self._polar = [tables[body.name]["corotation"] == "polar" for body in self._bodies]
+        self._laws = [
+            StressLaw(
+                body.rest_position,
+                body.elements,
+                body.young_modulus,
+                body.poisson_ratio,
+                polar=tables[body.name]["corotation"] == "polar",
+            )
+            for body in self._bodies
+        ]
         self._rest_position = np.vstack([body.rest_position for body in self._bodies])
         self._cells = np.vstack([body.elements + body.nodes.start for body in self._bodies])
         # Soft bodies are the first of all bodies, so that their places are their numbers.
@@ -55,19 +64,8 @@ class SoftBodyGrid:
 
     def _stress(self, position: np.ndarray) -> np.ndarray:
         """Of all elements [kPa], shape (element_count, 3, 3)."""
-        return np.concatenate(
-            [
-                element_stress(
-                    body.rest_position,
-                    body.elements,
-                    body.young_modulus,
-                    body.poisson_ratio,
-                    position[body.nodes],
-                    polar,
-                )
-                for body, polar in zip(self._bodies, self._polar, strict=True)
-            ]
-        )
+        positions = [position[body.nodes] for body in self._bodies]
+        return np.concatenate([law.stress(nodes) for law, nodes in zip(self._laws, positions, strict=True)])
 
 
 def _members(prefix: str, counts: Sequence[int], groups: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

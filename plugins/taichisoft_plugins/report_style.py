@@ -17,7 +17,7 @@ em.bad { color: var(--bad); }
 .card b { font-size: 24px; }
 .card small { display: block; color: var(--faint); }
 .figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 14px; }
-figure { margin: 0; }
+figure { margin: 0; max-width: 780px; }
 figure img, figure video { display: block; width: 100%; border: 1px solid var(--line); border-radius: 6px; }
 figcaption { margin-top: 4px; color: var(--faint); text-align: center; }
 .plots svg { display: block; width: 100%; height: auto; }

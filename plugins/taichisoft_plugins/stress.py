@@ -11,6 +11,38 @@ import numpy as np
 from taichisoft.elements import edge_frames, lame_parameters, linear_tetrahedra
 
 
+class StressLaw:
+    """The law of a body of linear tetrahedra, for its stress in many frames."""
+
+    def __init__(
+        self,
+        rest_position: np.ndarray,
+        elements: np.ndarray,
+        young_modulus: np.ndarray,
+        poisson_ratio: np.ndarray,
+        polar: bool = False,
+    ):
+        """Compute what does not change with the positions; the arguments are those of `element_stress`."""
+        self._elements = elements
+        self._gradients = linear_tetrahedra(rest_position, elements)[0][:, 0]
+        self._lame = lame_parameters(young_modulus, poisson_ratio)
+        self._from_rest_frame = None if polar else np.swapaxes(_frames(rest_position, elements), 1, 2)
+
+    def stress(self, position: np.ndarray) -> np.ndarray:
+        """Stress [kPa], shape (element_count, 3, 3), with the nodes at `position` [mm], shape (node_count, 3)."""
+        deformation = np.swapaxes(position[self._elements], 1, 2) @ self._gradients
+        if self._from_rest_frame is None:
+            rotation = _polar_rotations(deformation)
+        else:
+            rotation = _frames(position, self._elements) @ self._from_rest_frame
+        back = np.swapaxes(rotation, 1, 2)
+        stretch = back @ deformation
+        strain = 0.5 * (stretch + np.swapaxes(stretch, 1, 2)) - np.eye(3)
+        spherical = self._lame[:, 0] * np.trace(strain, axis1=1, axis2=2)
+        stress = spherical[:, None, None] * np.eye(3) + 2.0 * self._lame[:, 1, None, None] * strain
+        return rotation @ stress @ back
+
+
 def element_stress(
     rest_position: np.ndarray,
     elements: np.ndarray,
@@ -32,15 +64,7 @@ def element_stress(
     Returns:
         [kPa], positive in tension, shape (element_count, 3, 3).
     """
-    gradients, _ = linear_tetrahedra(rest_position, elements)
-    deformation = np.einsum("eai,eaj->eij", position[elements], gradients[:, 0])
-    rotation = _polar_rotations(deformation) if polar else _edge_rotations(rest_position, elements, position)
-    stretch = np.swapaxes(rotation, 1, 2) @ deformation
-    strain = 0.5 * (stretch + np.swapaxes(stretch, 1, 2)) - np.eye(3)
-    lame = lame_parameters(young_modulus, poisson_ratio)
-    volume_change = np.trace(strain, axis1=1, axis2=2)
-    stress = (lame[:, 0] * volume_change)[:, None, None] * np.eye(3) + 2.0 * lame[:, 1, None, None] * strain
-    return rotation @ stress @ np.swapaxes(rotation, 1, 2)
+    return StressLaw(rest_position, elements, young_modulus, poisson_ratio, polar).stress(position)
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:
@@ -68,13 +92,10 @@ def nodal_mean(values: np.ndarray, elements: np.ndarray, rest_position: np.ndarr
     return total / np.bincount(corners, weights, node_count)
 
 
-def _edge_rotations(rest_position: np.ndarray, elements: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """From the frame of the first two edges at rest to the one that they span now."""
-    frames = []
-    for nodes in (rest_position, position):
-        corners = nodes[elements[:, :3]]
-        frames.append(edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]))
-    return frames[1] @ np.swapaxes(frames[0], 1, 2)
+def _frames(position: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """The frame that the first two edges of each element span; from rest to now it turns as the element does."""
+    corners = position[elements[:, :3]]
+    return edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
 
 
 def _polar_rotations(deformation: np.ndarray) -> np.ndarray:
