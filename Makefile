@@ -5,7 +5,7 @@
 #
 # All first install what they need into .venv. PYTHON=/path/to/python chooses the interpreter.
 
-.PHONY: grasp test bench lint clean system-libraries
+.PHONY: grasp test bench lint clean system-libraries browser
 
 grasp: system-libraries
 	mkdir -p out/grasp
@@ -13,7 +13,7 @@ grasp: system-libraries
 	.venv/bin/taichisoft run gripper --controller scripted --outputs recording,metrics,pictures,video,report \
 	    --video out/grasp/grasp.mp4 --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
 
-test: system-libraries lint
+test: system-libraries browser lint
 	.venv/bin/pytest
 
 bench: system-libraries
@@ -64,3 +64,11 @@ system-libraries: .venv/installed
 	if test $$(id -u) = 0; then sudo=; elif sudo -n true 2>/dev/null; then sudo='sudo -n'; \
 	else echo "error: missing system libraries; run: sudo apt-get update && sudo $$install" >&2; exit 1; fi; \
 	set -x; $$sudo apt-get update && DEBIAN_FRONTEND=noninteractive $$sudo $$install
+
+# The test of the web page opens it in Chromium. Without one it is skipped, so that this must not fail.
+browser:
+	@for name in chromium chromium-browser google-chrome; do command -v $$name >/dev/null && exit; done; \
+	if test $$(id -u) = 0; then sudo=; elif sudo -n true 2>/dev/null; then sudo='sudo -n'; else sudo=false; fi; \
+	{ $$sudo apt-get update && DEBIAN_FRONTEND=noninteractive \
+	$$sudo apt-get install -y --no-install-recommends chromium; } >/dev/null 2>&1 || \
+	echo "note: no Chromium, so the test of the web page in a browser is skipped; run: sudo apt-get install chromium"
