@@ -45,13 +45,11 @@ def tip_motion(recording: Recording) -> TipMotion:
     scene = tomllib.loads(recording.scene)["soft_bodies"] if recording.soft_bodies else {}
     tips = Fingertips(tuple(_finger(recording, body, scene[body.name]) for body in recording.soft_bodies))
     frames = np.unique(np.linspace(0, recording.frame_count - 1, MOST_FRAMES).astype(int))
-    observed = [tips.observe(_state(recording, frame)) for frame in frames] if tips.names else []
-    return TipMotion(
-        frames,
-        tips.names,
-        np.array([position for position, _, _ in observed]).reshape(-1, len(tips.names), 3),
-        np.array([angle for _, _, angle in observed]).reshape(-1, len(tips.names)),
-    )
+    positions, bending_angles = np.zeros((len(frames), len(tips.names), 3)), np.zeros((len(frames), len(tips.names)))
+    if tips.names:
+        for index, frame in enumerate(frames):
+            positions[index], _, bending_angles[index] = tips.observe(_state(recording, frame))
+    return TipMotion(frames, tips.names, positions, bending_angles)
 
 
 def _finger(recording: Recording, body: RecordedSoftBody, table: dict[str, Any]) -> Any:

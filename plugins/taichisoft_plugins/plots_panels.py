@@ -69,6 +69,8 @@ def height(run: RunCurves) -> Panel:
     names = _objects(run.recording)
     rises = [_since_start(run, run.recording.column("rigid_position")[:, body]) for body in range(len(names))]
     base = _since_start(run, run.recording.column("base_translation"))
+    if not names and not base.any():
+        base = np.full_like(base, np.nan)  # nothing rises, so there is nothing to see
     return run.over_time("risen by [mm]", np.column_stack([*rises, base]), [*names, "base"], [*names, ""])
 
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 from xml.etree import ElementTree
 
+import fake_run
 import numpy as np
 import pytest
 import tiny_run
@@ -12,6 +13,7 @@ from taichisoft_plugins.plots import PlotError, draw_plots
 from taichisoft_plugins.plots_curve import Curve, Panel, pieces
 from taichisoft_plugins.plots_figure import draw_figure
 from taichisoft_plugins.plots_panels import PANELS, TIME_AXIS, RunCurves
+from taichisoft_plugins.recording import RecordingOutput
 from taichisoft_plugins.recording_layout import RecordingError
 from taichisoft_plugins.recording_reader import Recording, read_recording
 
@@ -83,6 +85,18 @@ def test_height_counts_from_each_start(recording: Recording, observed: list[Obse
     np.testing.assert_allclose(height["cube"].y, cube - cube[0], atol=1e-12)
     np.testing.assert_allclose(height["base"].y, base, atol=1e-12)
     assert height["base"].y[-1] == pytest.approx(4.0), "0.1 s at 40 mm/s"
+
+
+def test_a_base_that_stands_still_in_a_scene_without_objects_is_not_worth_a_panel(tmp_path: Path) -> None:
+    """The body of a made-up run is left alone, with a base at rest or not; it has no anchors, so it is no finger."""
+    for steps, shown in ((3, False), (9, True)):
+        fake_run.fake_run([RecordingOutput(tmp_path / str(steps))], steps=steps)
+        with read_recording(tmp_path / str(steps) / "recording.h5") as recording:
+            recording.surfaces = tuple(surface for surface in recording.surfaces if surface.kind != "rigid")
+            plots = draw_plots(recording, "svg")
+        assert ("height" in plots.shown) is shown
+        assert ("height" in plots.left_out) is not shown
+        assert plots.left_out["bending"] == "nothing of the kind in this run"
 
 
 def test_slip_is_what_the_object_stays_behind_since_the_base_moves(
