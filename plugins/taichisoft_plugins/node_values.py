@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft.scene import Scene
 from taichisoft.selection import select_nodes
 from taichisoft_plugins.recording_reader import RecordedSoftBody, Recording
-from taichisoft_plugins.stress import element_stress, nodal_mean, von_mises
+from taichisoft_plugins.stress import StressLaw, nodal_mean, von_mises
 
 NodeValues = Callable[[RecordedSoftBody, int], np.ndarray]
 """Gives the values of a body's nodes in a frame, shape (node_count,)."""
@@ -32,13 +32,14 @@ def displacement(recording: Recording) -> NodeValues:
 def stress(recording: Recording) -> NodeValues:
     """Von Mises stress at each node [kPa], the mean of the elements around it."""
     scene = Scene.model_validate(tomllib.loads(recording.scene))
+    laws = {}
+    for body in recording.soft_bodies:
+        polar = scene.soft_bodies[body.name].corotation == "polar"
+        laws[body.name] = StressLaw(body.rest_position, body.elements, body.young_modulus, body.poisson_ratio, polar)
 
     def values(body: RecordedSoftBody, frame: int) -> np.ndarray:
-        position = recording.row("position", frame)[body.nodes]
-        polar = scene.soft_bodies[body.name].corotation == "polar"
-        material = body.young_modulus, body.poisson_ratio
-        tensors = element_stress(body.rest_position, body.elements, *material, position, polar)
-        return nodal_mean(von_mises(tensors), body.elements, body.rest_position)
+        of_elements = von_mises(laws[body.name].stress(recording.row("position", frame)[body.nodes]))
+        return nodal_mean(of_elements, body.elements, body.rest_position)
 
     return values
 

@@ -11,9 +11,6 @@ from taichisoft.surface_files import read_surface
 from taichisoft_plugins.recording_reader import RecordedSoftBody, RecordedSurface, Recording
 from taichisoft_plugins.style import StyleError
 
-LARGEST_WEIGHT = 2.0
-"""Of a node in a vertex [-]; a vertex further outside belongs to something else. On the surface it is 1."""
-
 
 def with_visual_surfaces(recording: Recording, path: Path | None) -> list[RecordedSurface]:
     """The surfaces of a recording, those of soft bodies replaced with that of the file where one is given.
@@ -45,14 +42,18 @@ def with_visual_surfaces(recording: Recording, path: Path | None) -> list[Record
 
 
 def _mapped(vertices: np.ndarray, triangles: np.ndarray, body: RecordedSoftBody, path: Path) -> MappedSurface:
-    nodes, weights = embed(vertices, body.mesh_nodes, body.elements)
-    outside = int(np.count_nonzero(np.abs(weights).max(axis=1) > LARGEST_WEIGHT))
+    from scipy.spatial import cKDTree
+
+    corners = body.mesh_nodes[body.elements[:, :4]]
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max()
+    distance, _ = cKDTree(body.mesh_nodes).query(vertices)
+    outside = int(np.count_nonzero(distance > longest))
     if outside:
         raise StyleError(
-            f"{path}: {outside} of {len(vertices)} vertices lie far outside the mesh of '{body.name}'; "
-            "a surface must be in the coordinates of the body's mesh file, in mm"
+            f"{path}: {outside} of {len(vertices)} vertices lie further from the mesh of '{body.name}' than an element "
+            "is long; a surface must be in the coordinates of the body's mesh file, in mm"
         )
-    return MappedSurface(nodes, weights, triangles)
+    return MappedSurface(*embed(vertices, body.mesh_nodes, body.elements), triangles)
 
 
 def _moving(recording: Recording, body: RecordedSoftBody, surface: MappedSurface):  # type: ignore[no-untyped-def]

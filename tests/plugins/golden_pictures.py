@@ -57,7 +57,7 @@ def shifted(fit: Callable) -> Callable:
 
     def fit_shifted(*arguments: object) -> Camera:
         camera = fit(*arguments)
-        return Camera(camera.eye + [0.0, 40.0, 0.0], camera.target, camera.up)
+        return Camera(camera.eye + np.array([0.0, 40.0, 0.0]), camera.target, camera.up)
 
     return fit_shifted
 
