@@ -61,6 +61,10 @@ class Recording:
         return self
 
     def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file, as the end of a `with` statement does."""
         self._file.close()
 
     @property
@@ -125,6 +129,16 @@ class Recording:
         Raises:
             RecordingError: something of it was not recorded.
         """
+        needed = {
+            quantity.field
+            for quantity in (*STEP_QUANTITIES.values(), *CONTACT_QUANTITIES.values())
+            if quantity.of_state
+        }
+        missing = [field for field in FIELDS if field in needed and field not in self.fields]
+        if missing:
+            raise RecordingError(
+                f"{self.path}: has no whole state: --fields {','.join(self.fields)} left out {', '.join(missing)}"
+            )
         values: dict[str, Any] = {}
         for name, quantity in STEP_QUANTITIES.items():
             if quantity.of_state:
@@ -199,7 +213,8 @@ def read_recording(path: str | Path) -> Recording:
     if not path.is_file():
         raise RecordingError(f"{path}: no such recording; `taichisoft run` writes one into its output folder")
     try:
-        file = h5py.File(path, "r", libver="latest", swmr=True)
+        # A reader's lock would keep a run in progress from closing its file.
+        file = h5py.File(path, "r", libver="latest", swmr=True, locking=False)
     except OSError as error:
         raise RecordingError(f"{path}: not readable as HDF5: {error}") from error
     try:
