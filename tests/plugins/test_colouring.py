@@ -166,9 +166,7 @@ def test_a_finer_surface_moves_with_the_elements(gripper, tmp_path):
     exact = (
         bent_gripper.bent(read_surface(path)[0], angle) @ turn.T + np.array(settings.translation) + [height, 0.0, 0.0]
     )
-    assert np.linalg.norm(finer.vertices(2) - exact, axis=1).max() < 0.2, (
-        "as the nodes do, up to the bend within an element"
-    )
+    assert np.linalg.norm(finer.vertices(2) - exact, axis=1).max() < 0.2, "up to the bend in an element"
     assert [surface.name for surface in surfaces] == [surface.name for surface in gripper.surfaces]
 
 
