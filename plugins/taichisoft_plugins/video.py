@@ -99,5 +99,6 @@ def video_frames(recording: Recording, rate: float) -> np.ndarray:
     after = np.searchsorted(times, moments).clip(1, max(len(times) - 1, 1))
     if len(times) == 1:
         return np.full(count, first)
-    nearer_before = moments - times[after - 1] <= times[after] - moments
+    # In the middle between two it is always the earlier one, whatever rounding says: motion stays even.
+    nearer_before = moments - times[after - 1] <= times[after] - moments + 1e-9
     return first + after - nearer_before

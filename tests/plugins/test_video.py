@@ -113,6 +113,25 @@ def test_a_folder_gets_a_file_for_each_frame_in_place_of_an_earlier_video(run, t
     assert [path.name for path in (tmp_path / "new").iterdir()] == ["frames"]
 
 
+def test_what_is_put_into_the_folder_meanwhile_is_not_lost(run, tmp_path, worker) -> None:
+    worker()
+    render_video(run, tmp_path / "frames", STYLE, fps=10.0)
+    notes = tmp_path / "frames" / "notes.txt"
+    with pytest.raises(RenderError, match=r"frames: has 'notes\.txt'"):
+        render_video(run, tmp_path / "frames", STYLE, on_frame=lambda *_: notes.write_text("mine"))
+    assert notes.read_text() == "mine"
+
+
+def test_in_slow_motion_a_recorded_frame_is_drawn_once_and_shown_several_times(run, tmp_path, worker) -> None:
+    worker()
+    told: list[int] = []
+    written = render_video(run, tmp_path / "frames", STYLE, 50.0, 4.0, lambda done, total: told.append(done))
+    colours = [np.asarray(Image.open(path)).mean() for path in sorted((tmp_path / "frames").iterdir())]
+    assert written == len(colours) == 41
+    assert colours == [(index // 2) for index in range(40)] + [20]
+    assert len(told) == 21 and told[-1] == 41
+
+
 def recording_of(times: list[float], first: int = 0) -> SimpleNamespace:
     return SimpleNamespace(times=np.array(times), last_start=first, path="run.h5")
 
