@@ -38,9 +38,6 @@ FIELDS = {
 }
 """What `--fields` may name; time, rigid poses and the base are always recorded."""
 
-RESUMABLE = ("positions", "velocities", "contacts", "cavities", "controls")
-"""The fields without which a run cannot go on from a frame."""
-
 
 class RecordingError(TaichisoftError):
     """A recording cannot be written or read."""
