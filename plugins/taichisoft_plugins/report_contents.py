@@ -138,9 +138,10 @@ def _add_metrics(contents: ReportContents, folder: Path) -> None:
 
 
 def _recorded_version(path: Path) -> str:
+    """Read without a lock, as `read_recording` does: the run may still be writing."""
     import h5py
 
-    with h5py.File(path, "r", libver="latest", swmr=True) as file:
+    with h5py.File(path, "r", libver="latest", swmr=True, locking=False) as file:
         return str(file.attrs["taichisoft_version"])
 
 
