@@ -30,7 +30,7 @@ class Shown:
 
     Attributes:
         path: the file.
-        earlier: it is older than this run, so it shows another one.
+        earlier: it is older than this run, so it may show another one.
     """
 
     path: Path

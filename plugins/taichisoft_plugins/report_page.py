@@ -86,7 +86,7 @@ def _figures(title: str, shown: list[Shown], folder: Path) -> str:
 def _figure(shown: Shown, folder: Path) -> str:
     path = shown.path
     name = escape(path.stem.replace("_", " "))
-    warning = '<em class="bad"> older than this run: it shows another one</em>' if shown.earlier else ""
+    warning = '<em class="bad"> older than this run; it may show another one</em>' if shown.earlier else ""
     size = path.stat().st_size
     if size > EMBEDDED_BYTES:
         link = escape(Path(os.path.relpath(path, folder)).as_posix())
