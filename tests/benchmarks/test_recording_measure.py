@@ -16,17 +16,18 @@ def test_the_cost_is_the_median_of_the_pairs(taichisoft_scene: Scene, monkeypatc
     seconds = iter([0.0, 1.0, 1.5, 3.0, 2.0, 9.0, 9.1])  # of a first run and of three pairs, the second turned round
     starts = []
 
-    def run(simulation: Simulation, scene: Scene, steps: int, folder: Path | None) -> float:
+    def run(simulation: Simulation, scene: Scene, steps: int, folder: Path | None) -> tuple[float, float]:
         starts.append(simulation.state.position)
         if folder is not None:
             (folder / "recording.h5").write_bytes(bytes(40_000))
-        return next(seconds)
+        return next(seconds), 0.02
 
     monkeypatch.setattr(measure, "_run", run)
     case = RecordingCase(kind="recording", title="", scene="", finger="", steps=10, pairs=3)
     figures = measure.measure_recording(case, taichisoft_scene).figures
     assert figures["cost_ms"] == pytest.approx(1e3 * 0.5 / 10)  # 0.5, 1.0 and 0.1 s
     assert figures["cost_percent"] == pytest.approx(100.0 * 0.5 / 2.0)
+    assert figures["output_ms"] == pytest.approx(1e3 * 0.02 / 10)
     assert figures["kb_per_step"] == 4.0
     assert all(np.array_equal(start, starts[0]) for start in starts)
 
@@ -38,7 +39,7 @@ def test_a_recording_is_written_and_measured(taichisoft_scene: Scene) -> None:
     scene = taichisoft_scene.model_copy(update={"controller": Controller(name="keyboard")})
     assert isinstance(named.case, RecordingCase)
     figures = measure.measure_recording(named.case, scene).figures
-    assert figures["step_ms"] > 0.0 and figures["kb_per_step"] > 1.0
+    assert min(figures["step_ms"], figures["output_ms"]) > 0.0 and figures["kb_per_step"] > 1.0
 
 
 def test_the_case_that_has_the_target_is_shipped() -> None:
