@@ -15,21 +15,19 @@ def view(
     ] = None,
 ) -> None:
     """Serve a web page on which a recording is played and scrubbed."""
-    from taichisoft_plugins.recording_reader import read_recording
     from taichisoft_plugins.web.address import find_address
     from taichisoft_plugins.web.errors import require_viser
 
     require_viser()
-    found = find_address(address)
-    with read_recording(run) as recording:
-        from taichisoft_plugins.web.recording_page import RecordingPage
+    from taichisoft_plugins.web.recording_page import RecordingPage
 
-        with contextlib.redirect_stdout(None):  # viser prints where it listens, in its own way
-            served = RecordingPage(recording, found)
-        typer.echo(f"web page: {found.at(served.page.port).url}; Ctrl and c ends it")
-        if found.token:
-            typer.echo(f"warning: whoever reaches {found.host} can watch, and what passes is not encrypted", err=True)
-        with contextlib.suppress(KeyboardInterrupt), contextlib.redirect_stdout(None):
+    found = find_address(address)
+    with contextlib.redirect_stdout(None):  # viser prints where it listens, in its own way
+        served = RecordingPage(run, found)
+    typer.echo(f"web page: {found.at(served.page.port).url}; Ctrl and c ends it")
+    if found.token:
+        typer.echo(f"warning: whoever reaches {found.host} can watch, and what passes is not encrypted", err=True)
+    with contextlib.redirect_stdout(None):
+        with contextlib.suppress(KeyboardInterrupt):
             served.serve()
-        with contextlib.redirect_stdout(None):
-            served.page.server.stop()
+        served.close()

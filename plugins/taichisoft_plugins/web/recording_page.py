@@ -1,18 +1,20 @@
 """The page of a recording: to play, to scrub, and to follow while its run goes on."""
 
 import time
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from taichisoft_plugins.recording_layout import RecordingError
-from taichisoft_plugins.recording_reader import Recording
+from taichisoft_plugins.recording_reader import Recording, read_recording
 from taichisoft_plugins.web.address import Address
 from taichisoft_plugins.web.curves import MOST_POINTS, row_of
 from taichisoft_plugins.web.page import Page
 from taichisoft_plugins.web.playback import Playback
 from taichisoft_plugins.web.recorded_frames import cast_of, frame_of
 
+UNFINISHED = "unfinished"
 FRAMES_PER_SECOND = 30.0
 SECONDS_BETWEEN_LOOKS = 1.0
 """Into the file of a run that goes on."""
@@ -20,23 +22,23 @@ SPEEDS = (0.05, 4.0)
 
 
 class RecordingPage:
-    """Serves an open recording; all viewers see the same moment, and each may choose it.
+    """Serves a recording; all viewers see the same moment, and each may choose it.
 
     Attributes:
         playback: where they are.
         page: what they see.
     """
 
-    def __init__(self, recording: Recording, address: Address):
+    def __init__(self, path: Path, address: Address):
         """Serve the first frame.
 
         Raises:
-            RecordingError: there is no frame, or positions were not recorded.
+            RecordingError: the file is no recording, it has no frame yet, or positions were not recorded.
             WebError: nothing can listen at the address.
         """
+        self._recording = recording = _opened(path)
         if recording.frame_count == 0:
-            raise RecordingError(f"{recording.path}: has no frame yet")
-        self._recording = recording
+            raise RecordingError(f"{path}: has no frame yet")
         self._cast = cast_of(recording)
         first = frame_of(recording, 0)
         self.playback = Playback(recording.times)
@@ -49,7 +51,7 @@ class RecordingPage:
     def tick(self, seconds: float) -> None:
         """So much wall-clock time [s] has passed since the last call: show what is due."""
         playback = self.playback
-        if self._recording.outcome == "unfinished" and time.monotonic() - self._last_look > SECONDS_BETWEEN_LOOKS:
+        if self._recording.outcome == UNFINISHED and time.monotonic() - self._last_look > SECONDS_BETWEEN_LOOKS:
             self._look_for_more()
         playback.advance(seconds)
         frame = playback.frame
@@ -66,6 +68,11 @@ class RecordingPage:
             last = now
             time.sleep(max(0.0, 1.0 / FRAMES_PER_SECOND - (time.monotonic() - now)))
 
+    def close(self) -> None:
+        """End the page."""
+        self.page.server.stop()
+        self._recording.close()
+
     def _show(self, frame: int) -> None:
         shown = frame_of(self._recording, frame)
         self.page.view.show(shown)
@@ -75,13 +82,18 @@ class RecordingPage:
         self.page.curves.show(self.playback.clock[self._plotted[past]], self._rows[past])
 
     def _look_for_more(self) -> None:
+        """Open the file anew: a run that ends writes more into it than frames."""
         self._last_look = time.monotonic()
-        before = self._recording.frame_count
-        self._recording.refresh()
-        if self._recording.frame_count > before:
-            self.playback.extend(self._recording.times)
-            self._read_curves()
-            self._slider.max = max(self.playback.length, self._slider.step)
+        try:
+            newer = _opened(self._recording.path)
+        except RecordingError:  # it is just being closed; next time it is whole
+            return
+        self._recording.close()
+        self._recording = newer
+        self._shown = -1
+        self.playback.extend(newer.times)
+        self._read_curves()
+        self._slider.max = max(self.playback.length, self._slider.step)
 
     def _read_curves(self) -> None:
         """What the plots show of all frames, of as many as they can hold."""
@@ -117,6 +129,14 @@ class RecordingPage:
         @speed.on_update
         def _(event: Any) -> None:
             playback.speed = min(max(speed.value, SPEEDS[0]), SPEEDS[1])
+
+
+def _opened(path: Path) -> Recording:
+    """A recording whose frames are all there, also those that were written while it was opened."""
+    recording = read_recording(path)
+    if recording.outcome == UNFINISHED:
+        recording.refresh()
+    return recording
 
 
 def _named(names: list[str], values: np.ndarray) -> dict[str, float]:
