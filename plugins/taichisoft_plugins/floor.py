@@ -57,31 +57,37 @@ class Floor:
 
         if (camera.eye - self._centre) @ self._normal <= 0:
             return picture
-        height, width, _ = picture.shape
-        to_floor = np.linalg.inv(pixel_matrix(camera, self._centre, self._axes, (width, height)))
-        plain, ground = self._without_shadows(camera, to_floor, (width, height))
+        size = picture.shape[1], picture.shape[0]
+        to_picture = pixel_matrix(camera, self._centre, self._axes, size)
         half = SQUARE * self._radius
         dark = shadow(throwers, self._centre, self._axes[0], self._axes[1], self._sun, half)
-        to_pixels = np.array([[1 / half, 0, 1], [0, 1 / half, 1], [0, 0, 2 / PIXELS]]) * PIXELS / 2 @ to_floor
-        warped = Image.fromarray(np.rint(255 * dark).astype(np.uint8)).transform(
-            (width, height),
+        dark_bytes = Image.fromarray(np.rint(255 * dark).astype(np.uint8))
+        plain, ground = self._without_shadows(camera, np.linalg.inv(to_picture), size)
+        # From pixels of the shadow's picture to coordinates on the floor.
+        to_floor = np.array([[2 * half / PIXELS, 0, -half], [0, 2 * half / PIXELS, -half], [0, 0, 1]])
+        box = _box(dark_bytes.getbbox(), to_picture @ to_floor, size)
+        if box is None:
+            return plain
+        left, top, right, bottom = box
+        from_box = np.array([[1, 0, left], [0, 1, top], [0, 0, 1]])
+        to_shadow = np.linalg.inv(to_picture @ to_floor) @ from_box
+        warped = dark_bytes.transform(
+            (right - left, bottom - top),
             Image.Transform.PERSPECTIVE,
-            tuple((to_pixels / to_pixels[2, 2]).ravel()[:8]),
+            tuple((to_shadow / to_shadow[2, 2]).ravel()[:8]),
             Image.Resampling.BILINEAR,
         )
-        picture = np.rint(plain).astype(np.uint8)
-        box = warped.getbbox()
-        if box is not None:
-            part = np.s_[box[1] : box[3], box[0] : box[2]]
-            light = np.array([1 - DARKEST * value / 255 for value in range(256)], dtype=np.float32)
-            shade = light[np.where(ground[part], np.asarray(warped)[part], 0)]
-            picture[part] = np.rint(plain[part] * shade[..., None])
+        part = np.s_[top:bottom, left:right]
+        light = np.array([1 - DARKEST * value / 255 for value in range(256)], dtype=np.float32)
+        shade = light[np.where(ground[part], np.asarray(warped), 0)]
+        picture = plain.copy()
+        picture[part] = np.rint(plain[part] * shade[..., None])
         return picture
 
     def _without_shadows(
         self, camera: Camera, to_floor: np.ndarray, size: tuple[int, int]
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Colours, shape (height, width, 3), and where the floor is and not the sky, shape (height, width)."""
+        """Colours, shape (height, width, 3), dtype uint8, and where the floor is and not the sky, (height, width)."""
         from PIL import Image
 
         if self._plain is not None and self._plain[0] is camera:
@@ -94,9 +100,30 @@ class Floor:
         near, far = FADES
         distance = np.where(scale > 0, np.hypot(first, second) / np.maximum(scale, 1e-30) / self._radius, np.inf)
         floor = 1.0 - np.clip((distance - near) / (far - near), 0.0, 1.0)
+        coarse = np.rint(255 * self._background * (1 - (1 - FLOOR) * floor[..., None])).astype(np.uint8)
         whole = (COARSE * len(columns), COARSE * len(rows))
-        fine = np.asarray(Image.fromarray(floor.astype(np.float32)).resize(whole, Image.Resampling.BILINEAR))
-        part = fine[:height, :width, None]
-        plain = (255 * self._background * (1 - (1 - FLOOR) * part)).astype(np.float32)
-        self._plain = camera, plain, part[..., 0] > 0
+        fine, ground = (
+            np.asarray(Image.fromarray(part).resize(whole, way))[:height, :width]
+            for part, way in ((coarse, Image.Resampling.BILINEAR), (scale > 0, Image.Resampling.NEAREST))
+        )
+        self._plain = camera, fine, ground
         return self._plain[1:]
+
+
+def _box(
+    dark: tuple[int, int, int, int] | None, to_picture: np.ndarray, size: tuple[int, int]
+) -> tuple[int, int, int, int] | None:
+    """Left, top, right and bottom [pixels] of the part of the picture with the dark part of the shadow's picture.
+
+    None where there is none. What reaches behind the camera may be anywhere.
+    """
+    if dark is None:
+        return None
+    left, top, right, bottom = dark
+    corners = np.array([[left, top, 1], [right, top, 1], [right, bottom, 1], [left, bottom, 1]], dtype=float)
+    x, y, depth = to_picture @ corners.T
+    if depth.min() <= 1.0:
+        return (0, 0, *size)
+    low = [max(int(np.floor((part / depth).min())) - 1, 0) for part in (x, y)]
+    high = [min(int(np.ceil((part / depth).max())) + 1, side) for part, side in zip((x, y), size, strict=True)]
+    return (low[0], low[1], high[0], high[1]) if low[0] < high[0] and low[1] < high[1] else None

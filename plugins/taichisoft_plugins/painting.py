@@ -1,6 +1,7 @@
 """Smooth polygons and text in a finished picture."""
 
 from collections.abc import Sequence
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -58,8 +59,9 @@ SMALLEST = 7.0
 """Height of letters that can still be read [pixels]."""
 
 
+@cache
 def font(height: float) -> Any:
-    """The font of all text, its letters about `height` [pixels] high."""
+    """The font of all text, its letters about `height` [pixels] high; reading it takes longer than writing with it."""
     from PIL import ImageFont
 
     return ImageFont.load_default(size=max(height, SMALLEST))
