@@ -1,0 +1,32 @@
+"""One process draws as many frames as a video has without needing more and more memory."""
+
+from bent_gripper import record_gripper
+
+from taichisoft_plugins.child_process import run_python
+
+LARGEST_GROWTH = 200.0 / 1000
+"""[MB] a frame: a thousand frames may cost 200 MB."""
+
+SCRIPT = """
+import resource, sys
+from taichisoft_plugins.drawing import Drawer
+from taichisoft_plugins.recording_reader import read_recording
+from taichisoft_plugins.style import Style
+
+def peak():  # [MB]
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+with read_recording(sys.argv[1]) as recording:
+    drawer = Drawer(recording, Style(size=(320, 180), view="orbit", colour_by="stress"), [0, 1, 2])
+    for number in range(120):
+        drawer.image(number % 3)
+        if number == 19:
+            before = peak()
+    sys.stdout.write(f"growth {(peak() - before) / 100}")
+"""
+
+
+def test_memory_does_not_grow_with_the_frames(tmp_path):
+    child = run_python(["-c", SCRIPT, str(record_gripper(tmp_path))], 120.0)
+    assert not child.problem, child.problem
+    assert float(child.output.split("growth")[-1]) < LARGEST_GROWTH
