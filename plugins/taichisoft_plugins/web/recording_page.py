@@ -18,6 +18,8 @@ UNFINISHED = "unfinished"
 FRAMES_PER_SECOND = 30.0
 SECONDS_BETWEEN_LOOKS = 1.0
 """Into the file of a run that goes on."""
+SECONDS_TO_CLOSE = 3.0
+"""While a run closes its file, nobody can read it."""
 SPEEDS = (0.05, 4.0)
 
 
@@ -84,14 +86,10 @@ class RecordingPage:
     def _look_for_more(self) -> None:
         """Open the file anew: a run that ends writes more into it than frames."""
         self._last_look = time.monotonic()
-        try:
-            newer = _opened(self._recording.path)
-        except RecordingError:  # it is just being closed; next time it is whole
-            return
-        self._recording.close()
-        self._recording = newer
+        self._recording.close()  # first, since HDF5 would take what is open for the file of the same name
+        self._recording = _opened(self._recording.path, SECONDS_TO_CLOSE)
         self._shown = -1
-        self.playback.extend(newer.times)
+        self.playback.extend(self._recording.times)
         self._read_curves()
         self._slider.max = max(self.playback.length, self._slider.step)
 
@@ -131,9 +129,21 @@ class RecordingPage:
             playback.speed = min(max(speed.value, SPEEDS[0]), SPEEDS[1])
 
 
-def _opened(path: Path) -> Recording:
-    """A recording whose frames are all there, also those that were written while it was opened."""
-    recording = read_recording(path)
+def _opened(path: Path, patience: float = 0.0) -> Recording:
+    """A recording whose frames are all there, also those that were written while it was opened.
+
+    Raises:
+        RecordingError: it cannot be read, not even after `patience` [s].
+    """
+    deadline = time.monotonic() + patience
+    while True:
+        try:
+            recording = read_recording(path)
+            break
+        except RecordingError:
+            if not path.is_file() or time.monotonic() > deadline:
+                raise
+            time.sleep(0.1)
     if recording.outcome == UNFINISHED:
         recording.refresh()
     return recording
