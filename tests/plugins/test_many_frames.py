@@ -18,11 +18,11 @@ def peak():  # [MB]
 
 with read_recording(sys.argv[1]) as recording:
     drawer = Drawer(recording, Style(size=(320, 180), view="orbit", colour_by="stress"), [0, 1, 2])
-    for number in range(120):
+    for number in range(60):
         drawer.image(number % 3)
         if number == 19:
             before = peak()
-    sys.stdout.write(f"growth {(peak() - before) / 100}")
+    sys.stdout.write(f"growth {(peak() - before) / 40}")
 """
 
 
