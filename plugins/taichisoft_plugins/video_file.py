@@ -155,7 +155,8 @@ def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Itera
         if problem:
             log.seek(0)
             lines = log.read().decode(errors="replace").strip().splitlines()
-            raise RenderError(f"{path}: ffmpeg failed: {lines[-1] if lines else problem}")
+            said = re.sub(r"^\[.*?\] *", "", lines[-1]) if lines else problem  # without its part's name and address
+            raise RenderError(f"{path}: ffmpeg failed: {said}")
 
 
 @contextmanager
