@@ -110,7 +110,14 @@ class PageLink:
         )
 
     def _send_all(self) -> None:
-        """Until the run ends. It polls, so that a step costs nothing and a pause shows as well."""
+        """Until the run ends; what goes wrong is a warning, since a thread has nobody above it."""
+        try:
+            self._send_newest()
+        except Exception as error:  # of a controller's `sliders` or `status`
+            warnings.warn(f"the web page stands still; the run goes on: {error}", stacklevel=1)
+
+    def _send_newest(self) -> None:
+        """It polls, so that a step costs nothing and a pause shows as well."""
         sent: object = None
         last = -math.inf
         while not self._ended.wait(1.0 / SNAPSHOTS_PER_SECOND):
