@@ -38,10 +38,10 @@ class Running:
         outcome: once it has ended.
     """
 
-    def __init__(self, scene: Scene, folder: Path | None, address: str, controller: Any, speed: float):
+    def __init__(self, scene: Scene, folder: Path | None, address: str, controller: Any, speed: float, duration: float):
         self.output = WebOutput(folder or Path(), address)
         simulation = Simulation(scene)
-        self.session = Session(simulation, controller, [self.output], np.inf, folder, speed)
+        self.session = Session(simulation, controller, [self.output], duration, folder, speed)
         self.outcome = ""
         self._thread = threading.Thread(target=self._run)
         self._thread.start()
@@ -71,9 +71,13 @@ def running(taichisoft_scene: Scene) -> Callable[..., Any]:
 
     @contextmanager
     def start(
-        folder: Path | None = None, address: str = ADDRESS, controller: Any = None, speed: float = 1.0
+        folder: Path | None = None,
+        address: str = ADDRESS,
+        controller: Any = None,
+        speed: float = 1.0,
+        duration: float = np.inf,
     ) -> Iterator[Running]:
-        run = Running(taichisoft_scene, folder, address, controller or KeyboardController(), speed)
+        run = Running(taichisoft_scene, folder, address, controller or KeyboardController(), speed, duration)
         try:
             yield run
         finally:
@@ -188,18 +192,19 @@ def test_viewers_who_leave_or_read_nothing_change_nothing(
 
     plain = Session(Simulation(taichisoft_scene), Constant(), duration=3.0)
     run_session(plain)
-    with running(controller=Constant(), speed=2.0) as run:
-        run.session.step_count = plain.step_count
-        with socket.create_connection(("127.0.0.1", int(run.url.rpartition(":")[2]))) as deaf:
-            deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
-            deaf.sendall(
-                b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
-                b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
-                b"Sec-WebSocket-Protocol: viser-v" + viser.__version__.encode() + b"\r\n\r\n"
-            )
-            with Viewer(run.url):
-                time.sleep(0.3)
-            run.join()
+    with (
+        running(controller=Constant(), speed=2.0, duration=3.0) as run,
+        socket.create_connection(("127.0.0.1", int(run.url.rpartition(":")[2]))) as deaf,
+    ):
+        deaf.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+        deaf.sendall(
+            b"GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n"
+            b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
+            b"Sec-WebSocket-Protocol: viser-v" + viser.__version__.encode() + b"\r\n\r\n"
+        )
+        with Viewer(run.url):
+            time.sleep(0.3)
+        run.join()
     assert run.outcome == "completed"
     assert run.session.simulation.state == plain.simulation.state
 
