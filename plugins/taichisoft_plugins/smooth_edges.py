@@ -6,8 +6,9 @@ slanted line lie far apart; the nearer a pixel is to such a step, the more of th
 
 import numpy as np
 
-CONTRAST, RELATIVE_CONTRAST = 12, 10
-"""Difference of brightness among neighbours from which a pixel lies at an edge: of 255, and a tenth of the largest."""
+CONTRAST, RELATIVE_CONTRAST = np.uint8(12), np.uint8(3)
+"""Difference of brightness among neighbours from which a pixel lies at an edge: so much of 255, and the largest shifted
+by so many bits. Bytes make this quick where it is done for every pixel."""
 REACH = 14
 """How far along an edge its ends are looked for [pixels]."""
 
@@ -17,14 +18,14 @@ def smooth_edges(image: np.ndarray) -> np.ndarray:
     from PIL import Image
 
     height, width, _ = image.shape
-    bright = np.asarray(Image.fromarray(image).convert("L")).astype(np.int16)
+    bright = np.asarray(Image.fromarray(image).convert("L"))
     inner = bright[1:-1, 1:-1]
     around = (bright[:-2, 1:-1], bright[2:, 1:-1], bright[1:-1, :-2], bright[1:-1, 2:])
     low, high = inner.copy(), inner.copy()
     for neighbour in around:
         np.minimum(low, neighbour, out=low)
         np.maximum(high, neighbour, out=high)
-    rows, columns = np.nonzero(high - low > np.maximum(CONTRAST, high // RELATIVE_CONTRAST))
+    rows, columns = np.nonzero(high - low > np.maximum(high >> RELATIVE_CONTRAST, CONTRAST))
     if not len(rows):
         return image
     pixel = (rows + 1) * width + columns + 1
