@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterable, Sequence
 import numpy as np
 
 from taichisoft_plugins.recording_reader import RecordedSurface
+from taichisoft_plugins.style import StyleError
 
 AT_A_TIME = 100_000
 """Points that are kept before they are reduced to their outermost."""
@@ -19,13 +20,20 @@ def outermost_points(
         surfaces: of a recording; obstacles may be large and are left out, unless there is nothing else.
         frames: all that will be drawn.
         origin: of the coordinates in a frame [mm], shape (3,); None for that of the scene.
+
+    Raises:
+        StyleError: a position is not a finite number; says in which frame and of what.
     """
     surfaces = list(surfaces)
     moving = [surface for surface in surfaces if surface.kind in ("soft", "rigid")] or surfaces
     kept: list[np.ndarray] = []
     for frame in frames:
         shift = 0.0 if origin is None else origin(frame)
-        kept += [surface.vertices(frame) - shift for surface in moving]
+        for surface in moving:
+            vertices = surface.vertices(frame)
+            if not np.isfinite(vertices).all():
+                raise StyleError(f"frame {frame} cannot be drawn: positions of '{surface.name}' are not finite")
+            kept.append(vertices - shift)
         if sum(map(len, kept)) > AT_A_TIME:
             kept = [_outermost(np.concatenate(kept))]
     return _outermost(np.concatenate(kept))

@@ -7,7 +7,7 @@ from taichisoft_plugins.camera import MARGIN, project, seen_from_front
 from taichisoft_plugins.camera_path import camera_path
 from taichisoft_plugins.framing import outermost_points, spread
 from taichisoft_plugins.recording_reader import RecordedSurface
-from taichisoft_plugins.style import Style
+from taichisoft_plugins.style import Style, StyleError
 
 SIZE = (320, 180)
 UP = np.array([1.0, 0.0, 0.0])
@@ -88,6 +88,12 @@ def test_flat_and_tiny_things_have_outermost_points_too():
     sheet = RecordedSurface("sheet", "soft", FACES, lambda frame: np.column_stack([grid, np.zeros(25)]))
     kept = outermost_points([sheet], [0])
     assert {(0.0, 0.0), (4.0, 0.0), (0.0, 4.0), (4.0, 4.0)} <= {(x, y) for x, y, _ in kept}
+
+
+def test_a_frame_without_finite_positions_is_named():
+    broken = moving("ball", "soft", lambda frame: [np.nan if frame == 3 else 0.0, 0.0, 0.0])
+    with pytest.raises(StyleError, match="frame 3 cannot be drawn: positions of 'ball' are not finite"):
+        outermost_points([SURFACES[0], broken], range(5))
 
 
 def test_frames_are_spread_with_first_and_last():
