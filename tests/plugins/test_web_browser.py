@@ -97,21 +97,21 @@ def pressure(session: Session) -> float:
 
 
 def test_keys_and_buttons_inflate_what_the_page_shows(browser: Any, session: Session) -> None:
-    """At 0 and at 20 kPa the pictures differ, neither is blank, and the arrows leave the camera where it is."""
+    """The pictures at 0 and at 6 kPa, 3 mm higher, differ, and neither is blank; arrows leave the camera where it is."""
     tab = opened(browser, session)
     before = drawn(tab)
     assert before.std(axis=(0, 1)).max() > 0.05, "the canvas is blank"
-    for _ in range(19):
+    for _ in range(5):
         tab.keyboard.press("PageUp")
     tab.get_by_role("button", name="+", exact=True).click()
     tab.keyboard.press("ArrowUp", delay=300)
-    wait_for(lambda: session.controller.sliders["left.cavity"].value == 20.0)
+    wait_for(lambda: session.controller.sliders["left.cavity"].value == 6.0)
     still = drawn(tab)
     tab.keyboard.press("Space")
-    wait_for(lambda: pressure(session) > 19.9 and session.simulation.state.base_translation[2] > 2.9)
+    wait_for(lambda: pressure(session) > 5.9 and session.simulation.state.base_translation[2] > 2.9)
     tab.keyboard.press("Space")
     wait_for(lambda: session.paused)
     tab.get_by_text("paused").wait_for()
     after = drawn(tab)
     assert np.abs(still - before).mean() < 0.001, "the camera moved, or the run was not paused"
-    assert np.abs(after - before).mean() > 0.004, "nothing moved on the page"
+    assert np.abs(after - before).mean() > 0.002, "nothing moved on the page"
