@@ -97,7 +97,7 @@ def pressure(session: Session) -> float:
 
 
 def test_keys_and_buttons_inflate_what_the_page_shows(browser: Any, session: Session) -> None:
-    """The pictures at 0 and at 6 kPa, 3 mm higher, differ, and neither is blank; arrows leave the camera where it is."""
+    """The pictures at 0 and at 6 kPa, 3 mm higher, differ, and none is blank; arrows leave the camera where it is."""
     tab = opened(browser, session)
     before = drawn(tab)
     assert before.std(axis=(0, 1)).max() > 0.05, "the canvas is blank"
