@@ -54,8 +54,10 @@ def measure_all(sizes: Sequence[float], even_sizes: Sequence[float], tutorial_me
             quadratic[len(mesh.nodes)] = quadratic_bend(mesh)
             print(f"{name} quadratic: {quadratic[len(mesh.nodes)]:.2f} mm", flush=True)
     limit = limit_of(list(quadratic), list(quadratic.values()))
+    layered = [point for point in graded if point.across is not None and point.across >= 2]
+    linear_limit = limit_of([point.nodes for point in layered], [point.bend for point in layered])
     even = [_point(f"{size:g} mm", {"file": FINGER, "set": _one_size(size)}) for size in even_sizes]
-    return Study(graded, even, _tutorial_points(tutorial_meshes), quadratic, limit)
+    return Study(graded, even, _tutorial_points(tutorial_meshes), quadratic, limit, linear_limit)
 
 
 def _one_size(size: float) -> dict[str, Any]:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft_benchmarks.extrapolation import Limit
+from taichisoft_benchmarks.extrapolation import ORDER, Limit
 
 TRIAL = {531: 19.5, 987: 26.9, 1860: 34.9, 3325: 46.8, 6106: 51.3, 10464: 53.6}
 """Displacement [mm] by nodes of a first calculation, on meshes of one size all over, before the finger was at rest."""
@@ -42,6 +42,7 @@ class Study:
         tutorial: those of SOFA's tutorial, where they are.
         quadratic: displacement with quadratic elements on graded meshes [mm], by their corners.
         limit: where the quadratic elements lead [mm].
+        linear_limit: where the linear ones lead, from meshes with two elements across walls [mm].
     """
 
     graded: Sequence[Point]
@@ -49,13 +50,15 @@ class Study:
     tutorial: Sequence[Point]
     quadratic: Mapping[int, float]
     limit: Limit
+    linear_limit: Limit
 
 
 def page_section(study: Study) -> str:
     """Markdown."""
-    limit = study.limit
+    limit, linear = study.limit, study.linear_limit
     parts = [
-        f"Limit, to which the quadratic elements lead: {limit.value:.1f} mm, ± {limit.doubt:.1f} mm without one mesh.",
+        f"Limit: {limit.value:.1f} ± {limit.doubt:.1f} mm from quadratic elements, {linear.value:.1f} ± "
+        f"{linear.doubt:.1f} mm from linear ones with two elements across walls (± when one mesh is left out).",
         _graded_table(study),
         "Meshes of one size all over, and SOFA's, with the mass spread evenly over the nodes as in its tutorial:",
         _other_table(study),
@@ -100,7 +103,7 @@ def draw(study: Study, path: Path) -> None:
         axes.axhspan(limit.value - limit.doubt, limit.value + limit.doubt, color="0.9")
         axes.axhline(limit.value, color="0.5", linewidth=1, label=f"limit, {limit.value:.1f} ± {limit.doubt:.1f} mm")
         nodes = np.geomspace(min(study.quadratic), study.graded[-1].nodes, 50)
-        axes.plot(nodes, limit.value - limit.factor * nodes ** (-limit.order / 3), ":", color="0.5", linewidth=1)
+        axes.plot(nodes, limit.value - limit.factor * nodes ** (-ORDER / 3), ":", color="0.5", linewidth=1)
         for points, style, label in (
             (list(study.quadratic.items()), "d", "the same meshes, quadratic elements"),
             ([(point.nodes, point.bend) for point in study.graded], "o-", "taichisoft mesh"),
