@@ -15,10 +15,10 @@ if TYPE_CHECKING:
     from taichisoft.plugins import load_plugins_folder as load_plugins_folder
     from taichisoft.plugins import register_plugin as register_plugin
     from taichisoft.plugins import unregister_plugin as unregister_plugin
-    from taichisoft.run_loop import run as run
+    from taichisoft.running.loop import run as run
     from taichisoft.scene import Scene as Scene
-    from taichisoft.scene_file import load_scene as load_scene
-    from taichisoft.scene_file import scene_from_dict as scene_from_dict
+    from taichisoft.scenes.file import load_scene as load_scene
+    from taichisoft.scenes.file import scene_from_dict as scene_from_dict
     from taichisoft.simulation import Simulation as Simulation
     from taichisoft.state import State as State
 
@@ -34,10 +34,10 @@ _WHERE = {
     "hookimpl": "hookspecs",
     "load_plugin": "plugins",
     "load_plugins_folder": "plugins",
-    "load_scene": "scene_file",
+    "load_scene": "scenes.file",
     "register_plugin": "plugins",
-    "run": "run_loop",
-    "scene_from_dict": "scene_file",
+    "run": "running.loop",
+    "scene_from_dict": "scenes.file",
     "unregister_plugin": "plugins",
 }
 __all__ = ["__version__", *_WHERE]

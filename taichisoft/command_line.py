@@ -6,10 +6,11 @@ from typing import Annotated
 
 import typer
 
-from taichisoft import __version__, plugins, plugins_command
+from taichisoft import __version__, plugins
 from taichisoft.errors import GoalMissed, TaichisoftError
-from taichisoft.plugin_commands import load_requested, with_plugin_commands
-from taichisoft.plugin_failure import plugin_traceback
+from taichisoft.plugin_system import plugins_command
+from taichisoft.plugin_system.commands import load_requested, with_plugin_commands
+from taichisoft.plugin_system.failure import plugin_traceback
 from taichisoft.run_option import requested, takes_run_options
 
 application = typer.Typer(
@@ -86,7 +87,7 @@ def run_command(
     profile: Annotated[bool, typer.Option("--profile", help="Show where the time of a step goes.")] = False,
 ) -> None:
     """Simulate a scene and write the results to a folder."""
-    from taichisoft.run_command import run_scene  # starts Taichi, which --help need not wait for
+    from taichisoft.running.command import run_scene  # starts Taichi, which --help need not wait for
 
     names = [name.strip() for name in outputs.split(",") if name.strip()]
     asked = requested(context.meta, names)

@@ -9,9 +9,9 @@ from taichisoft.control_limits import limit_base, limit_pressures
 from taichisoft.controller import Control
 from taichisoft.errors import ControlError
 from taichisoft.model import Model
-from taichisoft.placement import compose_rotation_vectors
+from taichisoft.scenes.placement import compose_rotation_vectors
+from taichisoft.scenes.validation_errors import nearest
 from taichisoft.state import State
-from taichisoft.validation_errors import nearest
 
 
 def apply_control(model: Model, state: State, control: Control) -> State:

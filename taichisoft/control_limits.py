@@ -5,8 +5,8 @@ import math
 import numpy as np
 
 from taichisoft.model import Model
-from taichisoft.placement import turn_towards
 from taichisoft.scene import Limits
+from taichisoft.scenes.placement import turn_towards
 from taichisoft.state import State
 
 

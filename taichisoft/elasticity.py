@@ -5,10 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sparse
 
-from taichisoft.cholesky import Cholesky
 from taichisoft.elements import edge_frames, linear_tetrahedra
 from taichisoft.kernels import elasticity as kernels
 from taichisoft.soft_body import SoftBody
+from taichisoft.solver.cholesky import Cholesky
 
 
 class Elasticity:

@@ -4,7 +4,7 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.kernels.fingertips import observe_tips
-from taichisoft.placement import rotation_from_vector
+from taichisoft.scenes.placement import rotation_from_vector
 from taichisoft.soft_body import SoftBody
 from taichisoft.state import State
 

@@ -4,17 +4,17 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from taichisoft.body_meshes import load_meshes
 from taichisoft.cavities import Cavities
-from taichisoft.contact_selection import ContactSelection
-from taichisoft.contact_surfaces import ContactSurfaces
-from taichisoft.detection import ContactDetection
+from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.overlap import refuse_overlap
+from taichisoft.contact.selection import ContactSelection
+from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.elasticity import Elasticity
 from taichisoft.mesh import VolumeMesh
-from taichisoft.overlap import refuse_overlap
-from taichisoft.placement import matrices_from_quaternions
 from taichisoft.rigid_body import make_obstacle, make_rigid_body
 from taichisoft.scene import Scene
+from taichisoft.scenes.body_meshes import load_meshes
+from taichisoft.scenes.placement import matrices_from_quaternions
 from taichisoft.soft_body import SoftBody, make_soft_body
 
 

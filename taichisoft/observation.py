@@ -5,7 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from taichisoft.contact_summary import ContactSummary, summarise_contacts
+from taichisoft.contact.summary import ContactSummary, summarise_contacts
 from taichisoft.control_limits import clipped
 from taichisoft.controller import Observation
 from taichisoft.fingertips import Fingertips

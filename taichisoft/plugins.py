@@ -10,10 +10,10 @@ from typing import Any
 
 from pluggy import HookImpl
 
-from taichisoft import plugin_sources
 from taichisoft.errors import GoalMissed, PluginError
-from taichisoft.plugin_failure import plugin_failure as plugin_failure  # for those who call plug-ins
-from taichisoft.plugin_registry import Registry
+from taichisoft.plugin_system import sources as plugin_sources
+from taichisoft.plugin_system.failure import plugin_failure as plugin_failure  # for those who call plug-ins
+from taichisoft.plugin_system.registry import Registry
 
 SHORT = reprlib.Repr()  # of arguments and answers in a trace
 SHORT.maxother = SHORT.maxstring = 80

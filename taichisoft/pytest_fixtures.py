@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from taichisoft.plugin_registry import Registry
+    from taichisoft.plugin_system.registry import Registry
     from taichisoft.scene import Scene
 
 TINY_GRIPPER = Path(__file__).parent / "tiny_gripper" / "scene.toml"
@@ -23,7 +23,7 @@ def taichisoft_scene() -> "Scene":
     Bodies: "left" and "right", with the cavities "left.cavity" and "right.cavity"; "cube", on the obstacle "floor". At
     7 kPa the pads touch the cube, and with 9 kPa they can lift it (along z).
     """
-    from taichisoft.scene_file import load_scene
+    from taichisoft.scenes.file import load_scene
 
     return load_scene(TINY_GRIPPER)
 

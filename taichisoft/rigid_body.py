@@ -7,9 +7,9 @@ import trimesh
 
 from taichisoft import scene as settings
 from taichisoft.errors import SceneError
-from taichisoft.placement import quaternion_from_matrix, rotation_from_degrees
+from taichisoft.meshes.surface_files import read_surface
+from taichisoft.scenes.placement import quaternion_from_matrix, rotation_from_degrees
 from taichisoft.surface import closed_outward, count_open_edges
-from taichisoft.surface_files import read_surface
 
 
 @dataclass(frozen=True)

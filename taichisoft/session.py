@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.key_log import KeyReplay
 from taichisoft.keys import KeyEvent, KeyStream
 from taichisoft.output import Output
-from taichisoft.pace import Pace
+from taichisoft.running.key_log import KeyReplay
+from taichisoft.running.pace import Pace
 from taichisoft.simulation import Simulation
 
 RECENT_KEYS = 8

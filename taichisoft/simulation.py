@@ -5,18 +5,18 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taichisoft.active_set import ActiveSet
-from taichisoft.constraints import ConstraintProblem
+from taichisoft.contact.detection import ContactPairs
 from taichisoft.control_input import apply_control
 from taichisoft.control_limits import clipped
 from taichisoft.controller import Control, Observation
-from taichisoft.detection import ContactPairs
 from taichisoft.divergence import DivergenceCheck
 from taichisoft.model import Model
 from taichisoft.observation import Observer
 from taichisoft.rigid_motion import RigidMotion
 from taichisoft.scene import Scene
 from taichisoft.soft_motion import SoftMotion
+from taichisoft.solver.active_set import ActiveSet
+from taichisoft.solver.constraints import ConstraintProblem
 from taichisoft.state import State
 
 

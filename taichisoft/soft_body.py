@@ -6,14 +6,14 @@ import numpy as np
 
 from taichisoft import scene as settings
 from taichisoft.elements import lame_parameters
-from taichisoft.embedding import embed
 from taichisoft.errors import MeshError
 from taichisoft.mapped_surface import MappedSurface, enclosed_volume
 from taichisoft.mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
-from taichisoft.placement import rotation_from_degrees
-from taichisoft.selection import select_elements, select_nodes, surface_group
+from taichisoft.meshes.surface_files import read_surface
+from taichisoft.scenes.embedding import embed
+from taichisoft.scenes.placement import rotation_from_degrees
+from taichisoft.scenes.selection import select_elements, select_nodes, surface_group
 from taichisoft.surface import closed_outward
-from taichisoft.surface_files import read_surface
 
 # A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
 # mesh cuts the corners of a fine surface.

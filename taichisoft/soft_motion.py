@@ -5,7 +5,7 @@ import numpy as np
 from taichisoft.errors import NotPositiveDefinite, SimulationDiverged
 from taichisoft.kernels import free_motion as kernels
 from taichisoft.model import Model
-from taichisoft.placement import rotation_from_vector
+from taichisoft.scenes.placement import rotation_from_vector
 from taichisoft.state import State
 
 

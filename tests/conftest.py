@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft import plugin_sources, plugins
+from taichisoft import plugins
 from taichisoft.hookspecs import PROJECT, hookimpl
 from taichisoft.mesh import VolumeMesh, boundary_triangles
-from taichisoft.mesh_files import write_volume_mesh
+from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.plugin_system import sources as plugin_sources
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 FIGURES = pytest.StashKey[list[str]]()

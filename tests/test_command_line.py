@@ -14,8 +14,8 @@ import trimesh
 
 import taichisoft
 from taichisoft.command_line import main
-from taichisoft.scene_file import load_scene
-from taichisoft.shipped import data_folder
+from taichisoft.scenes.file import load_scene
+from taichisoft.scenes.shipped import data_folder
 
 SCENE = """
 [time]

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from taichisoft.command_line import application
-from taichisoft.plugin_commands import with_plugin_commands
-from taichisoft.scene_reference import scene_reference
+from taichisoft.plugin_system.commands import with_plugin_commands
+from taichisoft.scenes.reference import scene_reference
 
 ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -17,7 +17,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 def test_the_scene_reference_is_up_to_date():
     written = (ROOT / "docs" / "scenes.md").read_text(encoding="utf-8")
-    assert written == scene_reference(), "run: python -m taichisoft.scene_reference > docs/scenes.md"
+    assert written == scene_reference(), "run: python -m taichisoft.scenes.reference > docs/scenes.md"
 
 
 def test_the_python_of_the_readme_inflates_the_finger():

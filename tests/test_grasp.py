@@ -10,9 +10,9 @@ import pytest
 
 from taichisoft import run
 from taichisoft.command_line import main
-from taichisoft.controller_factory import make_controller
 from taichisoft.errors import GoalMissed
-from taichisoft.scene_file import load_scene
+from taichisoft.scenes.controller_factory import make_controller
+from taichisoft.scenes.file import load_scene
 from taichisoft.simulation import Simulation
 from taichisoft_plugins.metrics import MetricsOutput
 

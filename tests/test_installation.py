@@ -22,7 +22,7 @@ FOLDERS = {
     "taichisoft_controllers": "controllers/taichisoft_controllers",
     "taichisoft_meshing": "meshing/taichisoft_meshing",
     "taichisoft_plugins": "plugins/taichisoft_plugins",
-    "taichisoft/plugin_template": "taichisoft/plugin_template",
+    "taichisoft/plugin_system/plugin_template": "taichisoft/plugin_system/plugin_template",
     "taichisoft/tiny_gripper": "taichisoft/tiny_gripper",
     "taichisoft/data/fingers": "data/fingers",
     "taichisoft/data/meshes": "data/meshes",
@@ -96,7 +96,7 @@ def test_the_installed_command_tells_its_version(environment: Path, tmp_path: Pa
 def test_the_installed_packages_and_data_are_the_ones_of_the_wheel(environment: Path, tmp_path: Path) -> None:
     code = """
 from taichisoft.plugins import plugin_registry
-from taichisoft.shipped import find_file
+from taichisoft.scenes.shipped import find_file
 
 for name in ("controllers", "meshing", "outputs"):
     print(plugin_registry().get_plugin(name).__file__)

@@ -14,12 +14,13 @@ from typing import Any, cast
 import pytest
 
 import taichisoft
-from taichisoft import hookspecs, plugin_reference, plugins
+from taichisoft import hookspecs, plugins
 from taichisoft.command_line import main
 from taichisoft.controller import Control, Observation
 from taichisoft.keys import KeyEvent
-from taichisoft.plugin_reference import MARK, Session
-from taichisoft.plugin_registry import hook_names
+from taichisoft.plugin_system import reference as plugin_reference
+from taichisoft.plugin_system.reference import MARK, Session
+from taichisoft.plugin_system.registry import hook_names
 
 DOCUMENT = (Path(__file__).resolve().parents[1] / "docs" / "plugins.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)
@@ -27,7 +28,9 @@ BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE
 
 def test_the_reference_is_up_to_date() -> None:
     written = DOCUMENT.partition(MARK)[2]
-    assert written == plugin_reference.plugin_reference(), "run: python -m taichisoft.plugin_reference docs/plugins.md"
+    assert written == plugin_reference.plugin_reference(), (
+        "run: python -m taichisoft.plugin_system.reference docs/plugins.md"
+    )
 
 
 def test_every_hook_with_its_arguments_and_every_attribute_is_in_the_reference() -> None:

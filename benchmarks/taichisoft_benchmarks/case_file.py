@@ -9,7 +9,7 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from taichisoft.validation_errors import first_problem, nearest
+from taichisoft.scenes.validation_errors import first_problem, nearest
 from taichisoft_benchmarks.descriptors import KINDS, Case, PeerCase, StepsCase
 from taichisoft_benchmarks.errors import BenchmarkError
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.shipped import find_file
+from taichisoft.scenes.shipped import find_file
 from taichisoft_benchmarks.convergence_page import Point, Study, draw, page_section
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.extrapolation import limit_of

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from taichisoft.mesh import VolumeMesh
-from taichisoft.mesh_files import write_volume_mesh
+from taichisoft.meshes.files import write_volume_mesh
 
 CELL = 2.0
 """Edge of a cell of the mat [mm]."""

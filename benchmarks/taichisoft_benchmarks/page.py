@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.validation_errors import nearest
+from taichisoft.scenes.validation_errors import nearest
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.page_tables import (
     factorisation_table,

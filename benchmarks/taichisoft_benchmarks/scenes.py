@@ -7,8 +7,8 @@ from typing import Any
 
 from taichisoft.errors import SceneError
 from taichisoft.scene import Scene
-from taichisoft.scene_file import load_scene, scene_from_dict
-from taichisoft.shipped import find_file
+from taichisoft.scenes.file import load_scene, scene_from_dict
+from taichisoft.scenes.shipped import find_file
 from taichisoft_benchmarks.descriptors import Case, ContactsCase, Fingers, FingersCase, SceneCase
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.meshes import mat_with_foot

@@ -50,7 +50,7 @@ def bend(
     """
     from taichisoft.controller import Control
     from taichisoft.errors import TaichisoftError
-    from taichisoft.scene_file import scene_from_dict
+    from taichisoft.scenes.file import scene_from_dict
     from taichisoft.simulation import Simulation
 
     finger = {

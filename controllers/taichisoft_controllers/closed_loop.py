@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from taichisoft.controller import Control, Observation
 from taichisoft.errors import SceneError
 from taichisoft.scene import Limits
-from taichisoft.validation_errors import first_problem
+from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_controllers.grasp_sensing import GraspSensing
 from taichisoft_controllers.grasp_sequence import GraspSequence, Phase
 from taichisoft_controllers.grasp_settings import GraspSettings

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from taichisoft.errors import SceneError
-from taichisoft.validation_errors import nearest
+from taichisoft.scenes.validation_errors import nearest
 
 FUNCTIONS: Mapping[str, Callable[..., float]] = {"abs": abs, "min": min, "max": max}
 ARITHMETIC: Mapping[type, Callable[[float, float], float]] = {

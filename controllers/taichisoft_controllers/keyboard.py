@@ -10,8 +10,8 @@ from taichisoft.controller import Control, Observation
 from taichisoft.errors import SceneError
 from taichisoft.keys import KeyEvent
 from taichisoft.scene import Positive, Table
+from taichisoft.scenes.validation_errors import first_problem
 from taichisoft.slider import Slider
-from taichisoft.validation_errors import first_problem
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

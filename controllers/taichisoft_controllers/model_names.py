@@ -5,7 +5,7 @@ from itertools import combinations
 from typing import TYPE_CHECKING
 
 from taichisoft.errors import SceneError
-from taichisoft.validation_errors import nearest
+from taichisoft.scenes.validation_errors import nearest
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from taichisoft.errors import SceneError
-from taichisoft.validation_errors import nearest
+from taichisoft.scenes.validation_errors import nearest
 
 UNITS = {
     "time": "s",

@@ -11,7 +11,7 @@ from pydantic_core import PydanticKnownError
 
 from taichisoft.errors import SceneError
 from taichisoft.scene import NotNegative, Positive, Table, Vector
-from taichisoft.validation_errors import first_problem
+from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_controllers.script_csv import read_keyframes
 
 SUFFIXES = (".toml", ".csv")

@@ -8,8 +8,8 @@ from pydantic import ValidationError
 from taichisoft.controller import Control, Observation
 from taichisoft.errors import SceneError
 from taichisoft.scene import Positive, Table
-from taichisoft.shipped import find_file
-from taichisoft.validation_errors import first_problem
+from taichisoft.scenes.shipped import find_file
+from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_controllers.keyframe_follower import KeyframeFollower
 from taichisoft_controllers.script_file import SUFFIXES, Interpolation, read_script
 from taichisoft_controllers.step_follower import StepFollower

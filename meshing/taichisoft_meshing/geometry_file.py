@@ -9,8 +9,8 @@ from taichisoft import plugins
 from taichisoft.errors import MeshError, PluginError
 from taichisoft.geometry import Geometry, GeometryKind
 from taichisoft.mesh import VolumeMesh
-from taichisoft.plugin_failure import failures_of
-from taichisoft.validation_errors import nearest
+from taichisoft.plugin_system.failure import failures_of
+from taichisoft.scenes.validation_errors import nearest
 from taichisoft_meshing.quality.limits import QUALITY, quality_limits
 
 DEFAULT_KIND = "pneunet_finger"

@@ -26,7 +26,7 @@ def cache_folder() -> Path:
 
 def read_entry(entry: Path) -> "VolumeMesh | None":
     """A mesh that was kept; None when there is none, or, with a warning, none that can be read."""
-    from taichisoft.mesh_files import read_volume_mesh
+    from taichisoft.meshes.files import read_volume_mesh
 
     if not entry.is_file():
         return None
@@ -83,7 +83,7 @@ def mesh_cache(
 
 
 def _through_file(mesh: "VolumeMesh", path: Path) -> "VolumeMesh":
-    from taichisoft.mesh_files import read_volume_mesh, write_volume_mesh
+    from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
 
     write_volume_mesh(mesh, path)
     return read_volume_mesh(path)

@@ -25,10 +25,10 @@ def mesh_info(
     from rich.console import Console  # --help need not wait for any of these
 
     from taichisoft.errors import MeshError
-    from taichisoft.file_kind import require_suffix
-    from taichisoft.mesh_files import VOLUME_SUFFIXES
-    from taichisoft.shipped import find_file
-    from taichisoft.surface_files import SURFACE_SUFFIXES
+    from taichisoft.meshes.file_kind import require_suffix
+    from taichisoft.meshes.files import VOLUME_SUFFIXES
+    from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
+    from taichisoft.scenes.shipped import find_file
 
     suffixes = (*VOLUME_SUFFIXES, *SURFACE_SUFFIXES)
     path = require_suffix(find_file(file, "meshes", suffixes, error=MeshError), "mesh or surface", suffixes)
@@ -42,7 +42,7 @@ def mesh_info(
 def _show_mesh(console: "Console", path: Path) -> list[str]:
     """Print; returns what speaks against the mesh."""
     from taichisoft.errors import MeshError
-    from taichisoft.mesh_files import read_unchecked_mesh
+    from taichisoft.meshes.files import read_unchecked_mesh
     from taichisoft_meshing.mesh_display import print_remark
     from taichisoft_meshing.quality.check import cautions, faults, missed_limits
     from taichisoft_meshing.quality.limits import QualityLimits
@@ -75,7 +75,7 @@ def _show_surface(console: "Console", path: Path) -> list[str]:
     """Print; returns what speaks against the surface."""
     import numpy as np
 
-    from taichisoft.surface_files import read_surface
+    from taichisoft.meshes.surface_files import read_surface
     from taichisoft_meshing.quality.shells import connected_triangles
     from taichisoft_meshing.quality.surfaces import measure_surface
     from taichisoft_meshing.quality.table import surface_table

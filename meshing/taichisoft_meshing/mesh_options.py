@@ -38,7 +38,7 @@ def finger_job(
     Raises:
         MeshError: there is no such file, or an option is not valid.
     """
-    from taichisoft.shipped import find_file
+    from taichisoft.scenes.shipped import find_file
     from taichisoft_meshing.geometry_file import read_tables
     from taichisoft_meshing.mesh_job import MeshJob
 
@@ -103,7 +103,7 @@ def overridden(tables: Mapping[str, Any], overrides: Sequence[str]) -> dict[str,
     """
     import copy
 
-    from taichisoft.overrides import apply_override
+    from taichisoft.scenes.overrides import apply_override
 
     changed = copy.deepcopy(dict(tables))
     for override in overrides:

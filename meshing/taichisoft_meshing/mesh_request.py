@@ -6,7 +6,7 @@ from pathlib import Path
 from taichisoft.errors import MeshError
 from taichisoft.geometry import Geometry
 from taichisoft.mesh import VolumeMesh
-from taichisoft.validation_errors import nearest
+from taichisoft.scenes.validation_errors import nearest
 from taichisoft_meshing.geometry_file import mesh_geometry
 
 

@@ -18,10 +18,10 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
     """Outputs by name."""
     from taichisoft_plugins.csv_output import CsvOutput
     from taichisoft_plugins.metrics import MetricsOutput
-    from taichisoft_plugins.pictures import PicturesOutput
-    from taichisoft_plugins.recording import RecordingOutput
-    from taichisoft_plugins.report import ReportOutput
-    from taichisoft_plugins.video_output import VideoOutput
+    from taichisoft_plugins.recording.output import RecordingOutput
+    from taichisoft_plugins.rendering.pictures import PicturesOutput
+    from taichisoft_plugins.rendering.video_output import VideoOutput
+    from taichisoft_plugins.report.output import ReportOutput
     from taichisoft_plugins.web.output import WebOutput
 
     return {
@@ -68,13 +68,13 @@ def taichisoft_run_begins(session: "Session") -> None:
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
     """`taichisoft resume`, `render`, `plot`, `report`, `export` and `doctor`."""
-    from taichisoft_plugins.doctor_command import doctor
-    from taichisoft_plugins.export_command import export
-    from taichisoft_plugins.plot_command import plot
-    from taichisoft_plugins.render_command import render
-    from taichisoft_plugins.report_command import report
-    from taichisoft_plugins.resume_command import resume
-    from taichisoft_plugins.view_command import view
+    from taichisoft_plugins.doctor.command import doctor
+    from taichisoft_plugins.paraview.command import export
+    from taichisoft_plugins.plots.command import plot
+    from taichisoft_plugins.recording.resume_command import resume
+    from taichisoft_plugins.rendering.command import render
+    from taichisoft_plugins.report.command import report
+    from taichisoft_plugins.web.view_command import view
 
     application.command()(resume)
     application.command()(render)
@@ -88,7 +88,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
 @hookimpl
 def taichisoft_picture_wanted(session: "Session") -> None:
     """Draw the present state beside the run."""
-    from taichisoft_plugins.picture_key import take_picture
+    from taichisoft_plugins.rendering.picture_key import take_picture
 
     take_picture(session)
 
@@ -96,6 +96,6 @@ def taichisoft_picture_wanted(session: "Session") -> None:
 @hookimpl
 def taichisoft_run_ends(session: "Session") -> None:
     """Wait for the pictures that were asked for."""
-    from taichisoft_plugins.picture_key import finish_pictures
+    from taichisoft_plugins.rendering.picture_key import finish_pictures
 
     finish_pictures(session)

@@ -1,6 +1,6 @@
 """Trees of boxes: boxes that follow the vertices, and a search for the leaves near a box.
 
-The layout of the trees stands in `taichisoft.bounding_volumes`.
+The layout of the trees stands in `taichisoft.contact.bounding_volumes`.
 """
 
 from taichisoft.kernels.launch import kernel

@@ -7,7 +7,7 @@ import pytest
 
 from taichisoft.controller import Control
 from taichisoft.model import Model
-from taichisoft.scene_file import load_scene
+from taichisoft.scenes.file import load_scene
 from taichisoft.simulation import Simulation
 from taichisoft_benchmarks.errors import PeerMissing
 from taichisoft_benchmarks.peers.drake_deformable import DrakePeer

@@ -6,8 +6,8 @@ from conftest import make_block
 
 from taichisoft.errors import TaichisoftError
 from taichisoft.mesh import boundary_triangles
-from taichisoft.mesh_files import read_volume_mesh
-from taichisoft.shipped import data_folder
+from taichisoft.meshes.files import read_volume_mesh
+from taichisoft.scenes.shipped import data_folder
 from taichisoft_benchmarks.deformed_cavity import DeformedCavity
 from taichisoft_benchmarks.quadratic_bend import elastic_forces, quadratic_bend
 from taichisoft_benchmarks.quadratic_tetrahedra import make_elements, stiffness

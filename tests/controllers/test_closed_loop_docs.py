@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from taichisoft.shipped import data_folder
+from taichisoft.scenes.shipped import data_folder
 from taichisoft_controllers.grasp_sequence import Phase
 from taichisoft_controllers.grasp_settings import GraspSettings
 

@@ -8,9 +8,9 @@ import pytest
 from taichisoft.controller import Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.run_loop import run
+from taichisoft.running.loop import run
 from taichisoft.scene import Push
-from taichisoft.scene_file import load_scene
+from taichisoft.scenes.file import load_scene
 from taichisoft.simulation import Simulation
 from taichisoft.state import State
 from taichisoft_controllers.closed_loop import ClosedLoopController

@@ -9,7 +9,7 @@ import pytest
 from taichisoft.controller import Observation
 from taichisoft.errors import SceneError
 from taichisoft.scene import Scene
-from taichisoft.scene_file import load_scene
+from taichisoft.scenes.file import load_scene
 from taichisoft.simulation import Simulation
 from taichisoft_controllers.condition_reader import Quantity
 from taichisoft_controllers.quantities import QUANTITIES, Moment, bind_quantity

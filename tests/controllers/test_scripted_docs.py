@@ -11,7 +11,7 @@ from scripts import controller_of, follow, made_up_model, write
 
 from taichisoft.controller import Observation
 from taichisoft.errors import ControllerFailed
-from taichisoft.shipped import data_folder
+from taichisoft.scenes.shipped import data_folder
 from taichisoft_controllers.quantities import QUANTITIES
 from taichisoft_controllers.script_file import Keyframe, Step
 from taichisoft_controllers.scripted import ScriptedController, Settings

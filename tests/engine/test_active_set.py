@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from taichisoft.active_set import ActiveSet
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation
+from taichisoft.solver.active_set import ActiveSet
 
 
 @pytest.fixture

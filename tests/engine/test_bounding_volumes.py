@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft import bounding_volumes
-from taichisoft.bounding_volumes import LEAF_TRIANGLES
-from taichisoft.detection import ContactPairs
+from taichisoft.contact import bounding_volumes
+from taichisoft.contact.bounding_volumes import LEAF_TRIANGLES
+from taichisoft.contact.detection import ContactPairs
 from taichisoft.kernels.runtime import STATIC
-from taichisoft.mesh_files import write_volume_mesh
+from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 
 ALL = 10**6  # triangles in a leaf: one box around each body
 FAR = 200.0  # [mm] apart at the start

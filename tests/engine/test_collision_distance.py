@@ -11,10 +11,10 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from taichisoft.contact_selection import ContactSelection
-from taichisoft.detection import ContactPairs
+from taichisoft.contact.detection import ContactPairs
+from taichisoft.contact.selection import ContactSelection
 from taichisoft.model import Model
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation
 
 REACH = 5.0

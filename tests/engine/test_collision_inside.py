@@ -8,10 +8,10 @@ import pytest
 import trimesh
 from conftest import make_block
 
-from taichisoft.detection import ContactPairs
-from taichisoft.mesh_files import write_volume_mesh
+from taichisoft.contact.detection import ContactPairs
+from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation
 
 FAR = 500.0

@@ -11,8 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.controller import Control
 from taichisoft.errors import ControlError, SceneError
-from taichisoft.placement import turn_towards
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scenes.placement import turn_towards
 from taichisoft.simulation import Simulation
 
 STEP = 0.01

@@ -8,7 +8,7 @@ import pytest
 
 from taichisoft.controller import Control
 from taichisoft.errors import SimulationDiverged
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation
 
 

@@ -7,7 +7,7 @@ import pytest
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
-from taichisoft.mesh_files import read_volume_mesh, write_volume_mesh
+from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
 
 TUTORIAL = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"
 

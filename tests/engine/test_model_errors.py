@@ -12,9 +12,9 @@ from conftest import make_block
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import VolumeMesh
-from taichisoft.mesh_files import write_volume_mesh
+from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 
 
 @pytest.fixture

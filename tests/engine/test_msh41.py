@@ -13,7 +13,7 @@ from hypothesis.extra.numpy import arrays
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
-from taichisoft.mesh_files import read_unchecked_mesh, read_volume_mesh, write_volume_mesh
+from taichisoft.meshes.files import read_unchecked_mesh, read_volume_mesh, write_volume_mesh
 
 NODES = np.vstack([np.zeros(3), np.eye(3), np.ones(3)])
 ELEMENTS = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])

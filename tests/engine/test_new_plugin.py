@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from taichisoft import plugins
 from taichisoft.errors import PluginError
-from taichisoft.new_plugin import FILES, TEMPLATES, check_name, write_project
-from taichisoft.plugin_registry import Registry
+from taichisoft.plugin_system.new_plugin import FILES, TEMPLATES, check_name, write_project
+from taichisoft.plugin_system.registry import Registry
 
 
 def test_the_tests_of_a_new_project_pass_at_once(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.controller import Control, Observation
 from taichisoft.errors import SceneError
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation
 
 

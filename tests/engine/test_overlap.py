@@ -10,7 +10,7 @@ import trimesh
 
 from taichisoft.errors import SceneError
 from taichisoft.model import Model
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 
 
 def box(size: list[float], position: list[float], rotation: tuple[float, float, float] = (0, 0, 0)) -> dict[str, Any]:

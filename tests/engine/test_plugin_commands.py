@@ -12,7 +12,7 @@ import taichisoft.simulation  # noqa: F401 - Taichi may say something when it st
 from taichisoft import plugins
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
-from taichisoft.plugin_commands import command_names, with_plugin_commands
+from taichisoft.plugin_system.commands import command_names, with_plugin_commands
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 
 Install = Callable[..., None]

@@ -12,8 +12,8 @@ import taichisoft
 from taichisoft import plugins
 from taichisoft.errors import PluginError
 from taichisoft.hookspecs import hookimpl
-from taichisoft.plugin_failure import plugin_traceback
-from taichisoft.plugin_list import list_plugins
+from taichisoft.plugin_system.failure import plugin_traceback
+from taichisoft.plugin_system.listing import list_plugins
 
 Install = Callable[..., None]
 PUSH = """

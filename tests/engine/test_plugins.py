@@ -7,11 +7,12 @@ from typing import Any
 
 import pytest
 
-from taichisoft import plugin_sources, plugins
+from taichisoft import plugins
 from taichisoft.errors import ControllerFailed, PluginError
 from taichisoft.hookspecs import PROJECT, hookimpl
-from taichisoft.plugin_list import list_plugins
-from taichisoft.plugin_registry import Registry
+from taichisoft.plugin_system import sources as plugin_sources
+from taichisoft.plugin_system.listing import list_plugins
+from taichisoft.plugin_system.registry import Registry
 
 Install = Callable[..., None]
 

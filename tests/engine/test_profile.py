@@ -6,7 +6,7 @@ import pytest
 
 from taichisoft.kernels.launch import Kernel
 from taichisoft.profile import REST, TOTAL, profiled
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation
 
 

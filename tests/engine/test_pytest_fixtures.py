@@ -6,7 +6,7 @@ import pytest
 from taichisoft import run
 from taichisoft.controller import Control, Observation
 from taichisoft.model import Model
-from taichisoft.plugin_registry import Registry
+from taichisoft.plugin_system.registry import Registry
 from taichisoft.plugins import plugin_registry
 from taichisoft.scene import Scene
 from taichisoft.simulation import Simulation

@@ -13,10 +13,10 @@ import pytest
 from taichisoft import run
 from taichisoft.controller import Control
 from taichisoft.errors import ControlError, GoalMissed, PluginError, SimulationDiverged, TaichisoftError
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.session import count_steps
 from taichisoft.simulation import Simulation
-from taichisoft_plugins.recording import RecordingOutput
+from taichisoft_plugins.recording.output import RecordingOutput
 
 STEP = 0.01
 

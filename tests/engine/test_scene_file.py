@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from taichisoft.errors import SceneError
-from taichisoft.scene_file import load_scene, scene_from_dict, scene_to_toml
-from taichisoft.shipped import data_folder
+from taichisoft.scenes.file import load_scene, scene_from_dict, scene_to_toml
+from taichisoft.scenes.shipped import data_folder
 
 SCENE = """
 [soft_bodies.finger]

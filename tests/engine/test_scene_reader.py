@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from taichisoft.errors import PluginError, SceneError
-from taichisoft.scene_file import load_scene, scene_to_toml
+from taichisoft.scenes.file import load_scene, scene_to_toml
 
 Install = Callable[..., None]
 SCENE: dict[str, Any] = {

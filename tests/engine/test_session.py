@@ -11,11 +11,11 @@ import pytest
 from taichisoft.controller import Control, Observation
 from taichisoft.errors import ControllerFailed, PluginError, SceneError
 from taichisoft.hookspecs import hookimpl
-from taichisoft.key_log import KeyReplay
 from taichisoft.keys import KeyEvent
 from taichisoft.plugins import register_plugin, unregister_plugin
-from taichisoft.run_loop import run_session
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.running.key_log import KeyReplay
+from taichisoft.running.loop import run_session
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.session import Session
 from taichisoft.simulation import Simulation, StepReport
 from taichisoft.state import State

@@ -9,7 +9,7 @@ import pytest
 
 from taichisoft.controller import Control
 from taichisoft.errors import StateError
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation
 from taichisoft.state import State
 

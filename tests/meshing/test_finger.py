@@ -6,7 +6,7 @@ from typing import Any
 import pytest
 
 from taichisoft.errors import MeshError
-from taichisoft.shipped import data_folder
+from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing.finger.kind import finger_from_dict, read_finger
 from taichisoft_meshing.finger.parameters import ElementSizes, FingerParameters
 

@@ -6,7 +6,7 @@ import pytest
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
 from taichisoft.scene import Selection
-from taichisoft.selection import select_elements, select_nodes
+from taichisoft.scenes.selection import select_elements, select_nodes
 from taichisoft_meshing.finger.kind import finger_from_dict
 from taichisoft_meshing.finger.mesher import mesh_finger
 from taichisoft_meshing.finger.parameters import ElementSizes, FingerParameters

@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 
 from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
-from taichisoft.shipped import data_folder
+from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing.finger.kind import finger_from_dict, read_finger
 from taichisoft_meshing.finger.mesher import mesh_finger
 from taichisoft_meshing.finger.parameters import FingerParameters

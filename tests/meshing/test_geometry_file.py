@@ -13,7 +13,7 @@ from taichisoft.command_line import main
 from taichisoft.errors import MeshError, PluginError
 from taichisoft.hookspecs import hookimpl
 from taichisoft.mesh import VolumeMesh
-from taichisoft.mesh_files import read_volume_mesh
+from taichisoft.meshes.files import read_volume_mesh
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 
 

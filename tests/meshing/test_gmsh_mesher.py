@@ -9,8 +9,8 @@ import pytest
 from taichisoft.errors import MeshError
 from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
-from taichisoft.mesh_files import read_volume_mesh
-from taichisoft.shipped import data_folder
+from taichisoft.meshes.files import read_volume_mesh
+from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing.finger import solid as finger_solid
 from taichisoft_meshing.finger.kind import finger_from_dict, read_finger
 from taichisoft_meshing.finger.mesher import mesh_finger

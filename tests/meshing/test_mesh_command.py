@@ -15,8 +15,8 @@ from solid_shapes import box, save, write_step
 
 from taichisoft import plugins
 from taichisoft.command_line import main
-from taichisoft.mesh_files import read_volume_mesh
-from taichisoft.surface_files import read_surface
+from taichisoft.meshes.files import read_volume_mesh
+from taichisoft.meshes.surface_files import read_surface
 from taichisoft_meshing import mesh_set
 
 

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh_files import read_volume_mesh
+from taichisoft.meshes.files import read_volume_mesh
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
 from taichisoft_meshing.mesh_options import finger_job
 from taichisoft_meshing.sweep.plan import MOST, plan

@@ -10,7 +10,7 @@ import pytest
 from pydantic import BaseModel
 
 from taichisoft.command_line import application
-from taichisoft.plugin_commands import with_plugin_commands
+from taichisoft.plugin_system.commands import with_plugin_commands
 from taichisoft_meshing.bodies.step_kind import StepTable
 from taichisoft_meshing.bodies.surfaces_kind import SurfacesTable
 from taichisoft_meshing.bodies.tables import checked

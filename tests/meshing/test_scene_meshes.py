@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from taichisoft import plugins
-from taichisoft.body_meshes import load_meshes
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.hookspecs import hookimpl
 from taichisoft.mesh import VolumeMesh
-from taichisoft.scene_file import load_scene, scene_from_dict, scene_to_toml
-from taichisoft.shipped import data_folder
+from taichisoft.scenes.body_meshes import load_meshes
+from taichisoft.scenes.file import load_scene, scene_from_dict, scene_to_toml
+from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing import fingerprint
 from taichisoft_meshing.mesh_cache import cache_folder
 from taichisoft_meshing.scene_meshes import laid_over, mesh_for_scene

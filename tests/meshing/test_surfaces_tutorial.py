@@ -7,7 +7,7 @@ import pytest
 
 from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.mesh import tetrahedron_volumes
-from taichisoft.surface_files import read_surface
+from taichisoft.meshes.surface_files import read_surface
 from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
 
 MESHES = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"

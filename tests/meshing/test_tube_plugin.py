@@ -8,9 +8,9 @@ import pytest
 
 from taichisoft.command_line import main
 from taichisoft.mapped_surface import enclosed_volume
-from taichisoft.mesh_files import read_volume_mesh
+from taichisoft.meshes.files import read_volume_mesh
 from taichisoft.plugins import unregister_plugin
-from taichisoft.shipped import data_folder
+from taichisoft.scenes.shipped import data_folder
 
 FOLDER = data_folder() / "plugins"
 

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import fake_run
 import numpy as np
 
-from taichisoft.body_meshes import load_meshes
-from taichisoft.placement import rotation_from_degrees
 from taichisoft.rigid_body import make_obstacle, make_rigid_body
-from taichisoft.scene_file import load_scene
+from taichisoft.scenes.body_meshes import load_meshes
+from taichisoft.scenes.file import load_scene
+from taichisoft.scenes.placement import rotation_from_degrees
 from taichisoft.soft_body import make_soft_body
-from taichisoft_plugins.recording import RecordingOutput
+from taichisoft_plugins.recording.output import RecordingOutput
 
 LENGTH, INNER_SIDE = 115.0, 30.0
 """Of the shipped finger along -x, and the y of the side that it bends to [mm]."""

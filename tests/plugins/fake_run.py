@@ -15,7 +15,7 @@ from taichisoft.elements import lame_parameters
 from taichisoft.mapped_surface import MappedSurface
 from taichisoft.mesh import VolumeMesh
 from taichisoft.scene import Scene
-from taichisoft_plugins.recording import RecordingOutput
+from taichisoft_plugins.recording.output import RecordingOutput
 
 STEP = 0.01
 RISE_AFTER = 5

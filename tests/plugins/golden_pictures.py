@@ -13,12 +13,12 @@ import numpy as np
 from bent_gripper import record_gripper
 from PIL import Image
 
-from taichisoft_plugins import camera_path, colouring, floor, surface_painter
-from taichisoft_plugins.camera import Camera
-from taichisoft_plugins.drawing import Drawer
-from taichisoft_plugins.recording_reader import Recording, read_recording
-from taichisoft_plugins.stage import Stage
-from taichisoft_plugins.style import Style
+from taichisoft_plugins.drawing import camera_path, colouring, floor, surface_painter
+from taichisoft_plugins.drawing.camera import Camera
+from taichisoft_plugins.drawing.drawer import Drawer
+from taichisoft_plugins.drawing.stage import Stage
+from taichisoft_plugins.drawing.style import Style
+from taichisoft_plugins.recording.reader import Recording, read_recording
 
 GOLDEN = Path(__file__).parent / "golden"
 SIZE = (320, 180)

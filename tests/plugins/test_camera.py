@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichisoft_plugins.camera import MARGIN, VERTICAL_ANGLE, VIEWS, fit_camera, scene_axes
+from taichisoft_plugins.drawing.camera import MARGIN, VERTICAL_ANGLE, VIEWS, fit_camera, scene_axes
 
 
 def project(camera, points, aspect):

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from taichisoft_plugins.camera import MARGIN, project, seen_from_front
-from taichisoft_plugins.camera_path import camera_path
-from taichisoft_plugins.framing import outermost_points, spread
-from taichisoft_plugins.recording_reader import RecordedSurface
-from taichisoft_plugins.style import Style, StyleError
+from taichisoft_plugins.drawing.camera import MARGIN, project, seen_from_front
+from taichisoft_plugins.drawing.camera_path import camera_path
+from taichisoft_plugins.drawing.framing import outermost_points, spread
+from taichisoft_plugins.drawing.style import Style, StyleError
+from taichisoft_plugins.recording.reader import RecordedSurface
 
 SIZE = (320, 180)
 UP = np.array([1.0, 0.0, 0.0])

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft.placement import rotation_from_degrees
-from taichisoft.surface_files import read_surface, write_stl
-from taichisoft_plugins.caption import caption_parts, paint_caption
-from taichisoft_plugins.colour_scale import AIR, SOFT, ColourScale, round_up
-from taichisoft_plugins.colouring import PLAIN, Colouring
-from taichisoft_plugins.drawing import check_style
-from taichisoft_plugins.force_arrows import ForceArrows
-from taichisoft_plugins.node_values import displacement, stress
-from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.recording_reader import read_recording
-from taichisoft_plugins.style import Style, StyleError
-from taichisoft_plugins.visual_surface import with_visual_surfaces
+from taichisoft.meshes.surface_files import read_surface, write_stl
+from taichisoft.scenes.placement import rotation_from_degrees
+from taichisoft_plugins.drawing.caption import caption_parts, paint_caption
+from taichisoft_plugins.drawing.colour_scale import AIR, SOFT, ColourScale, round_up
+from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
+from taichisoft_plugins.drawing.drawer import check_style
+from taichisoft_plugins.drawing.force_arrows import ForceArrows
+from taichisoft_plugins.drawing.node_values import displacement, stress
+from taichisoft_plugins.drawing.style import Style, StyleError
+from taichisoft_plugins.drawing.visual_surface import with_visual_surfaces
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.recording.reader import read_recording
 
 FRAMES = (0, 1, 2)
 
@@ -140,7 +140,7 @@ def test_a_caption_that_is_too_long_goes_on_in_the_next_line():
 
 
 def test_twice_the_force_is_twice_the_arrow(gripper):
-    from taichisoft_plugins.camera import fit_camera
+    from taichisoft_plugins.drawing.camera import fit_camera
 
     camera = fit_camera(gripper.surfaces[0].vertices(0), gripper.up, "front", 16 / 9)
     lengths = []

@@ -8,10 +8,10 @@ import pytest
 import pyvista
 import tiny_run
 
-from taichisoft_plugins.export import ExportError, chosen_frames, export_vtu
-from taichisoft_plugins.plots import PlotError, draw_plots
-from taichisoft_plugins.recording_layout import RecordingError
-from taichisoft_plugins.recording_reader import Recording, read_recording
+from taichisoft_plugins.paraview.export import ExportError, chosen_frames, export_vtu
+from taichisoft_plugins.plots.plots import PlotError, draw_plots
+from taichisoft_plugins.recording.layout import RecordingError
+from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.stress import element_stress, von_mises
 
 FRAME = 37
@@ -114,7 +114,7 @@ def test_an_element_group_is_a_cell_array(tmp_path: Path, block) -> None:
     from conftest import make_block
 
     from taichisoft.mesh import VolumeMesh
-    from taichisoft.mesh_files import write_volume_mesh
+    from taichisoft.meshes.files import write_volume_mesh
 
     mesh = make_block((2, 1, 1), (20.0, 10.0, 10.0))
     grouped = VolumeMesh("block", mesh.nodes, mesh.elements, {}, {"stiff": np.array([1, 5, 6])})

@@ -7,8 +7,8 @@ import pytest
 import pyvista
 
 from taichisoft.errors import TaichisoftError
-from taichisoft_plugins import vtu_file
-from taichisoft_plugins.vtu_file import TETRAHEDRON, VERTEX, Grid, write_pvd, write_vtu
+from taichisoft_plugins.paraview import vtu_file
+from taichisoft_plugins.paraview.vtu_file import TETRAHEDRON, VERTEX, Grid, write_pvd, write_vtu
 
 
 @pytest.fixture

@@ -2,16 +2,16 @@
 
 from bent_gripper import record_gripper
 
-from taichisoft_plugins.child_process import run_python
+from taichisoft_plugins.rendering.child_process import run_python
 
 LARGEST_GROWTH = 200.0 / 1000
 """[MB] a frame: a thousand frames may cost 200 MB."""
 
 SCRIPT = """
 import resource, sys
-from taichisoft_plugins.drawing import Drawer
-from taichisoft_plugins.recording_reader import read_recording
-from taichisoft_plugins.style import Style
+from taichisoft_plugins.drawing.drawer import Drawer
+from taichisoft_plugins.recording.reader import read_recording
+from taichisoft_plugins.drawing.style import Style
 
 def peak():  # [MB]
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024

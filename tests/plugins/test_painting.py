@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft_plugins.camera import fit_camera, project
-from taichisoft_plugins.floor import Floor
-from taichisoft_plugins.painting import arrow_outline, paint_polygon, text_colour
-from taichisoft_plugins.recording_reader import RecordedPlane
-from taichisoft_plugins.shading import shaded
-from taichisoft_plugins.shadow import PIXELS, SUN_RADIUS, shadow
-from taichisoft_plugins.smooth_edges import smooth_edges
-from taichisoft_plugins.stage import NOTHING
-from taichisoft_plugins.translucency import in_layers, laid_over
-from taichisoft_plugins.walls import reaches_under, square_of_plane
+from taichisoft_plugins.drawing.camera import fit_camera, project
+from taichisoft_plugins.drawing.floor import Floor
+from taichisoft_plugins.drawing.painting import arrow_outline, paint_polygon, text_colour
+from taichisoft_plugins.drawing.shading import shaded
+from taichisoft_plugins.drawing.shadow import PIXELS, SUN_RADIUS, shadow
+from taichisoft_plugins.drawing.smooth_edges import smooth_edges
+from taichisoft_plugins.drawing.stage import NOTHING
+from taichisoft_plugins.drawing.translucency import in_layers, laid_over
+from taichisoft_plugins.drawing.walls import reaches_under, square_of_plane
+from taichisoft_plugins.recording.reader import RecordedPlane
 
 RIGHT, FRONT, UP = np.eye(3)
 SIZE = (320, 180)

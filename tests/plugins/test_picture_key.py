@@ -11,10 +11,10 @@ import pytest
 from PIL import Image
 
 import taichisoft_plugins
-from taichisoft_plugins import frame_process, picture_key
-from taichisoft_plugins.picture_key import finish_pictures, take_picture
-from taichisoft_plugins.recording_reader import read_recording
-from taichisoft_plugins.rendering import RenderError
+from taichisoft_plugins.recording.reader import read_recording
+from taichisoft_plugins.rendering import frame_process, picture_key
+from taichisoft_plugins.rendering.picture_key import finish_pictures, take_picture
+from taichisoft_plugins.rendering.render import RenderError
 
 
 def session(folder: Path | None, step: int = 0) -> Any:

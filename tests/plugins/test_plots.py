@@ -9,13 +9,13 @@ import pytest
 import tiny_run
 
 from taichisoft.controller import Observation
-from taichisoft_plugins.plots import PlotError, draw_plots
-from taichisoft_plugins.plots_curve import Curve, Panel, pieces
-from taichisoft_plugins.plots_figure import draw_figure
-from taichisoft_plugins.plots_panels import PANELS, TIME_AXIS, RunCurves
-from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.recording_layout import RecordingError
-from taichisoft_plugins.recording_reader import Recording, read_recording
+from taichisoft_plugins.plots.curve import Curve, Panel, pieces
+from taichisoft_plugins.plots.figure import draw_figure
+from taichisoft_plugins.plots.panels import PANELS, TIME_AXIS, RunCurves
+from taichisoft_plugins.plots.plots import PlotError, draw_plots
+from taichisoft_plugins.recording.layout import RecordingError
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.recording.reader import Recording, read_recording
 
 
 @pytest.fixture(scope="module")

@@ -6,11 +6,11 @@ import fake_run
 import numpy as np
 import pytest
 
-from taichisoft.scene_file import scene_to_toml
+from taichisoft.scenes.file import scene_to_toml
 from taichisoft.state import State
-from taichisoft_plugins.recording import BUFFERED_FRAMES, RecordingOutput
-from taichisoft_plugins.recording_layout import RecordingError
-from taichisoft_plugins.recording_reader import read_recording
+from taichisoft_plugins.recording.layout import RecordingError
+from taichisoft_plugins.recording.output import BUFFERED_FRAMES, RecordingOutput
+from taichisoft_plugins.recording.reader import read_recording
 
 
 @pytest.fixture(scope="module")

@@ -6,10 +6,10 @@ import fake_run
 import pytest
 
 from taichisoft import Simulation, run
-from taichisoft_plugins.pictures import PicturesOutput
-from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.recording_needed import NeededRecording, RecordingNeeded
-from taichisoft_plugins.video_output import VideoOutput
+from taichisoft_plugins.recording.needed import NeededRecording, RecordingNeeded
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.rendering.pictures import PicturesOutput
+from taichisoft_plugins.rendering.video_output import VideoOutput
 
 
 class Still:

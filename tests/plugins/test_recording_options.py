@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from taichisoft.state import State
-from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.recording_layout import FIELDS, RecordingError
-from taichisoft_plugins.recording_reader import read_recording
+from taichisoft_plugins.recording.layout import FIELDS, RecordingError
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.recording.reader import read_recording
 
 
 def record(folder, steps, **settings):
@@ -99,7 +99,7 @@ def test_what_cannot_be_recorded_is_an_error_before_the_run(tmp_path, settings, 
 def test_a_packed_recording_has_the_same_numbers(tmp_path, monkeypatch):
     import h5py
 
-    monkeypatch.setattr("taichisoft_plugins.recording_file.LARGE", 12)  # as many as the made-up body has
+    monkeypatch.setattr("taichisoft_plugins.recording.file.LARGE", 12)  # as many as the made-up body has
     record(tmp_path / "plain", steps=70).__exit__()
     with record(tmp_path, steps=70, compress=True) as recording:
         assert all(recording.state(frame) == State(**vars(fake_run.fake_state(frame))) for frame in (0, 33, 70))

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from taichisoft.state import State
-from taichisoft_plugins.recording import BUFFERED_FRAMES, RecordingOutput
-from taichisoft_plugins.recording_reader import read_recording
+from taichisoft_plugins.recording.output import BUFFERED_FRAMES, RecordingOutput
+from taichisoft_plugins.recording.reader import read_recording
 
 FULL_DISK = """
 import resource, sys
@@ -65,7 +65,7 @@ def test_another_process_reads_the_frames_while_they_are_written(tmp_path):
 
 def test_a_slow_run_is_written_before_its_bundle_is_full(tmp_path, monkeypatch):
     clock = iter(range(100))  # a second for every look at it
-    monkeypatch.setattr("taichisoft_plugins.recording.time.monotonic", lambda: float(next(clock)))
+    monkeypatch.setattr("taichisoft_plugins.recording.output.time.monotonic", lambda: float(next(clock)))
     writer = RecordingOutput(tmp_path)
     writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
     for step in (1, 2, 3):

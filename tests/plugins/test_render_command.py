@@ -12,9 +12,10 @@ from typer.testing import CliRunner
 
 import taichisoft_plugins
 from taichisoft.errors import TaichisoftError
-from taichisoft_plugins import frame_process, render_command
-from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.rendering import RenderError
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.rendering import command as render_command
+from taichisoft_plugins.rendering import frame_process
+from taichisoft_plugins.rendering.render import RenderError
 
 WORKER = Path(__file__).with_name("fake_worker.py")
 
@@ -118,7 +119,9 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
     ],
 )
 def test_what_is_impossible_is_said_before_anything_is_drawn(run: Path, monkeypatch, options, problem) -> None:
-    monkeypatch.setattr("taichisoft_plugins.rendering.FrameProcess", lambda *_: pytest.fail("a process was started"))
+    monkeypatch.setattr(
+        "taichisoft_plugins.rendering.render.FrameProcess", lambda *_: pytest.fail("a process was started")
+    )
     answer = render(run, *options)
     assert isinstance(answer.exception, TaichisoftError)
     assert problem in str(answer.exception)

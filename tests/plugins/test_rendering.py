@@ -11,11 +11,11 @@ import fake_run
 import numpy as np
 import pytest
 
-from taichisoft_plugins import frame_process, rendering
-from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.recording_layout import RecordingError
-from taichisoft_plugins.rendering import RenderError, draw_frames, render_pictures
-from taichisoft_plugins.style import Style
+from taichisoft_plugins.drawing.style import Style
+from taichisoft_plugins.recording.layout import RecordingError
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.rendering import frame_process, rendering
+from taichisoft_plugins.rendering.render import RenderError, draw_frames, render_pictures
 
 WORKER = Path(__file__).with_name("fake_worker.py")
 STYLE = Style(size=(32, 16))

@@ -14,14 +14,15 @@ import pytest
 import tiny_run
 from PIL import Image
 
-from taichisoft_plugins import report_contents, report_page
 from taichisoft_plugins.metrics import MetricsOutput
-from taichisoft_plugins.plots import Plots, draw_plots
-from taichisoft_plugins.recording_layout import RecordingError
-from taichisoft_plugins.recording_needed import RecordingNeeded
-from taichisoft_plugins.recording_reader import Recording
-from taichisoft_plugins.report import ReportError, ReportOutput, write_report
-from taichisoft_plugins.report_contents import collect
+from taichisoft_plugins.plots.plots import Plots, draw_plots
+from taichisoft_plugins.recording.layout import RecordingError
+from taichisoft_plugins.recording.needed import RecordingNeeded
+from taichisoft_plugins.recording.reader import Recording
+from taichisoft_plugins.report import contents as report_contents
+from taichisoft_plugins.report import page as report_page
+from taichisoft_plugins.report.contents import collect
+from taichisoft_plugins.report.output import ReportError, ReportOutput, write_report
 
 
 class Page(HTMLParser):

@@ -7,7 +7,7 @@ import pytest
 
 from taichisoft.command_line import main
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_plugins.recording_reader import read_recording
+from taichisoft_plugins.recording.reader import read_recording
 
 # The pads close, press on the cube, and lift it: contacts and friction are there at 0.3 s.
 SCRIPT = """

@@ -4,7 +4,7 @@ from dataclasses import asdict
 
 import pytest
 
-from taichisoft_plugins.style import Style, StyleError
+from taichisoft_plugins.drawing.style import Style, StyleError
 
 
 @pytest.mark.parametrize(

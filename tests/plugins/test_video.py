@@ -14,12 +14,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft_plugins import frame_process, video_file
-from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.recording_reader import read_recording
-from taichisoft_plugins.rendering import RenderError, render_pictures
-from taichisoft_plugins.style import Style
-from taichisoft_plugins.video import render_video, video_frames
+from taichisoft_plugins.drawing.style import Style
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.recording.reader import read_recording
+from taichisoft_plugins.rendering import frame_process, video_file
+from taichisoft_plugins.rendering.render import RenderError, render_pictures
+from taichisoft_plugins.rendering.video import render_video, video_frames
 
 WORKER = Path(__file__).with_name("fake_worker.py")
 STYLE = Style(size=(32, 16))
@@ -232,9 +232,9 @@ def test_ctrl_c_ends_everything_and_leaves_nothing(run, tmp_path, number) -> Non
     log = tmp_path / "started"
     program = f"""
 from pathlib import Path
-from taichisoft_plugins import frame_process
-from taichisoft_plugins.style import Style
-from taichisoft_plugins.video import render_video
+from taichisoft_plugins.rendering import frame_process
+from taichisoft_plugins.drawing.style import Style
+from taichisoft_plugins.rendering.video import render_video
 frame_process.WORKER = ({str(WORKER)!r}, {str(log)!r}, "hang", "5", "9")
 show = lambda done, total: print(done, flush=True)
 render_video(Path({str(run)!r}), Path({str(tmp_path / "new" / "run.mp4")!r}), Style(size=(32, 16)), on_frame=show)

@@ -8,11 +8,11 @@ import pytest
 from PIL import Image
 
 from taichisoft.errors import TaichisoftError
-from taichisoft_plugins import frame_process, video_output
-from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.rendering import RenderError
-from taichisoft_plugins.style import StyleError
-from taichisoft_plugins.video_output import VideoOutput
+from taichisoft_plugins.drawing.style import StyleError
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.rendering import frame_process, video_output
+from taichisoft_plugins.rendering.render import RenderError
+from taichisoft_plugins.rendering.video_output import VideoOutput
 
 WORKER = Path(__file__).with_name("fake_worker.py")
 

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.run_loop import run_session
-from taichisoft.scene_file import load_scene
+from taichisoft.running.loop import run_session
+from taichisoft.scenes.file import load_scene
 from taichisoft.session import Session
 from taichisoft.simulation import Simulation
 from taichisoft_controllers.keyboard import KeyboardController

@@ -10,8 +10,8 @@ from fake_run import CUBE, CUBE_FACES
 from taichisoft.controller import Control
 from taichisoft.scene import Scene
 from taichisoft.simulation import Simulation
-from taichisoft_plugins.recording import RecordingOutput
-from taichisoft_plugins.recording_reader import read_recording
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.web import recorded_frames
 from taichisoft_plugins.web.creases import split_creases
 from taichisoft_plugins.web.curves import MOST_POINTS, History

@@ -13,9 +13,9 @@ import numpy as np
 import pytest
 
 from taichisoft.controller import Control
-from taichisoft.key_log import KeyReplay
 from taichisoft.keys import KeyEvent
-from taichisoft.run_loop import run_session
+from taichisoft.running.key_log import KeyReplay
+from taichisoft.running.loop import run_session
 from taichisoft.scene import Scene
 from taichisoft.session import Session
 from taichisoft.simulation import Simulation

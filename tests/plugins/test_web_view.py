@@ -12,8 +12,8 @@ import pytest
 from tiny_run import STEPS, command, tiny_run
 
 from taichisoft_benchmarks.measures.web_viewer import Viewer
-from taichisoft_plugins.recording_layout import RecordingError
-from taichisoft_plugins.recording_reader import read_recording
+from taichisoft_plugins.recording.layout import RecordingError
+from taichisoft_plugins.recording.reader import read_recording
 
 pytest.importorskip("viser", reason="needs the extra 'web'")
 
@@ -70,9 +70,9 @@ GOING_ON = """
 import sys
 from pathlib import Path
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scene_file import load_scene
+from taichisoft.scenes.file import load_scene
 from taichisoft.simulation import Simulation
-from taichisoft_plugins.recording import RecordingOutput
+from taichisoft_plugins.recording.output import RecordingOutput
 
 simulation = Simulation(load_scene(TINY_GRIPPER))
 recording = RecordingOutput(Path(sys.argv[1]))

@@ -11,10 +11,10 @@ from typer.testing import CliRunner
 
 from taichisoft.controller import Control, Observation
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scene_file import load_scene
+from taichisoft.scenes.file import load_scene
 from taichisoft.simulation import Simulation
 from taichisoft_plugins import taichisoft_commands
-from taichisoft_plugins.recording import RecordingOutput
+from taichisoft_plugins.recording.output import RecordingOutput
 
 STEPS = 40
 LIFT_AFTER = 30

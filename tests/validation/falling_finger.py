@@ -9,7 +9,7 @@ import numpy as np
 
 from taichisoft.controller import Control
 from taichisoft.scene import Scene
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation
 from taichisoft.state import State
 

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.controller import Control
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation, StepReport
 
 GRAVITY = 9810.0

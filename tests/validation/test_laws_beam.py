@@ -6,7 +6,7 @@ import numpy as np
 from conftest import Figures, make_block
 from scenes import GRAVITY, silicone, simulate
 
-from taichisoft.mesh_files import write_volume_mesh
+from taichisoft.meshes.files import write_volume_mesh
 
 LENGTH, WIDTH = 60.0, 10.0
 DENSITY, E = 1e-9, 500.0

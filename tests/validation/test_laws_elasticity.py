@@ -9,7 +9,7 @@ from scenes import silicone, simulate
 from scipy.spatial.transform import Rotation
 
 from taichisoft.mesh import VolumeMesh, boundary_triangles
-from taichisoft.mesh_files import write_volume_mesh
+from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
 
 SIZE = (30.0, 20.0, 10.0)

@@ -8,7 +8,7 @@ import pytest
 from conftest import Figures
 from scenes import advance, silicone, simulate, soft_momentum
 
-from taichisoft.placement import matrices_from_quaternions
+from taichisoft.scenes.placement import matrices_from_quaternions
 from taichisoft.simulation import Simulation
 
 SPIN = np.array([3.0, 1.0, 2.0])

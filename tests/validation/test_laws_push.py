@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from taichisoft.errors import SceneError
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 from taichisoft.simulation import Simulation
 
 SCENE = {

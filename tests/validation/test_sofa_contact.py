@@ -10,8 +10,8 @@ import tutorial
 from conftest import Figures
 
 from taichisoft.controller import Control
-from taichisoft.gauss_seidel import GaussSeidel
 from taichisoft.simulation import Simulation
+from taichisoft.solver.gauss_seidel import GaussSeidel
 
 FRICTION = 0.6
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.scene import Scene
-from taichisoft.scene_file import scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
 
 COARSE, FINE = "pneunetCutCoarse.vtk", "pneunetCut.vtk"
 

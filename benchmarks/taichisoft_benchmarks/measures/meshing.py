@@ -2,7 +2,7 @@
 
 import time
 
-from taichisoft.shipped import find_file
+from taichisoft.scenes.shipped import find_file
 from taichisoft_benchmarks.descriptors import MeshingCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 

@@ -26,9 +26,9 @@ def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
     The figures by part are those of the last window. The summary of the contacts stands apart: the report of a step
     needs it in any case, and the observation takes it over.
     """
-    from taichisoft.contact_summary import summarise_contacts
-    from taichisoft.controller_factory import make_controller
+    from taichisoft.contact.summary import summarise_contacts
     from taichisoft.plugins import notify, register_plugin, unregister_plugin
+    from taichisoft.scenes.controller_factory import make_controller
     from taichisoft.simulation import Simulation
 
     simulation = Simulation(scene)

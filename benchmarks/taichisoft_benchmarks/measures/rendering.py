@@ -21,8 +21,8 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
     The start of the renderer, up to the first frame, is told apart. A frame has its encoding in it, which goes on
     beside the drawing of the next one. The figure of the long video is what these figures give for its frames.
     """
-    from taichisoft_plugins.style import Style
-    from taichisoft_plugins.video import render_video
+    from taichisoft_plugins.drawing.style import Style
+    from taichisoft_plugins.rendering.video import render_video
 
     drawn: list[float] = []
     with TemporaryDirectory(prefix="taichisoft-rendering-") as name:
@@ -50,9 +50,9 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
 
 def _record(case: RenderingCase, scene: Scene, folder: Path) -> int:
     """Let the scene's controller drive; returns the number of nodes."""
-    from taichisoft.controller_factory import make_controller
+    from taichisoft.scenes.controller_factory import make_controller
     from taichisoft.simulation import Simulation
-    from taichisoft_plugins.recording import RecordingOutput
+    from taichisoft_plugins.recording.output import RecordingOutput
 
     simulation = Simulation(scene)
     controller = make_controller(scene)

@@ -61,8 +61,8 @@ def _run(
     simulation: "Simulation", scene: Scene, steps: int, seen: dict[str, float] | None
 ) -> tuple[list[float], float]:
     """Wall times of the steps [s], and simulated over wall-clock time; with `seen` there is a page, watched."""
-    from taichisoft.controller_factory import make_controller
-    from taichisoft.run_loop import run_session
+    from taichisoft.running.loop import run_session
+    from taichisoft.scenes.controller_factory import make_controller
     from taichisoft.session import Session
     from taichisoft_plugins.web.output import WebOutput
 

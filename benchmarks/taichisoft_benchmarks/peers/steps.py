@@ -40,8 +40,8 @@ def measure_peer(case: PeerCase, scene: Scene) -> Measured:
     Raises:
         PeerMissing: the program is not installed, or cannot do the case.
     """
-    from taichisoft.controller_factory import make_controller
     from taichisoft.model import Model
+    from taichisoft.scenes.controller_factory import make_controller
     from taichisoft.simulation import Simulation
 
     started = time.perf_counter()

@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from taichisoft.errors import MeshError
 from taichisoft.scene import Positive, Table, Vector
-from taichisoft.validation_errors import first_problem
+from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_meshing.bodies.surface_repair import NEAR, diagonal
 
 AnyTable = TypeVar("AnyTable", bound=Table)

@@ -9,7 +9,7 @@ from pydantic import ValidationError
 
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh
-from taichisoft.validation_errors import first_problem
+from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_meshing.finger.cavity_walls import thin_walls
 from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.geometry_file import read_tables

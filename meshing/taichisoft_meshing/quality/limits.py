@@ -7,7 +7,7 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from taichisoft.errors import MeshError
-from taichisoft.validation_errors import first_problem
+from taichisoft.scenes.validation_errors import first_problem
 
 QUALITY = "quality"
 """Name of the table."""

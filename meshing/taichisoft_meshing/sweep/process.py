@@ -39,7 +39,7 @@ def make_variant(job: MeshJob, folder: Path, name: str, force: bool, answer: Con
 
 
 def _outcome(job: MeshJob, folder: Path, name: str, force: bool) -> Outcome:
-    from taichisoft.plugin_commands import load_requested
+    from taichisoft.plugin_system.commands import load_requested
 
     try:
         load_requested(sys.argv[1:])  # the kind may be one of a plug-in that the command line named

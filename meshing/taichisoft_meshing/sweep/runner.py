@@ -11,7 +11,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 from taichisoft.errors import MeshError
-from taichisoft.interruption import held_back
+from taichisoft.running.interruption import held_back
 from taichisoft_meshing.mesh_set import move_set
 from taichisoft_meshing.sweep.plan import Variant
 from taichisoft_meshing.sweep.process import Outcome, make_variant

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.mapped_surface import MappedSurface
-from taichisoft.placement import matrices_from_quaternions
+from taichisoft.scenes.placement import matrices_from_quaternions
 from taichisoft_plugins.web.frame import Cast, PagePlane, PageSurface
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_plugins.recording_reader import Recording
+from taichisoft_plugins.recording.reader import Recording
 from taichisoft_plugins.web.frame import Cast, Frame, PagePlane, PageSurface
 
 

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_plugins.recording_layout import RecordingError
-from taichisoft_plugins.recording_reader import Recording, read_recording
+from taichisoft_plugins.recording.layout import RecordingError
+from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.web.address import Address
 from taichisoft_plugins.web.curves import MOST_POINTS, row_of
 from taichisoft_plugins.web.page import Page

@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_plugins.camera import VERTICAL_ANGLE, fit_camera, scene_axes
+from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, fit_camera, scene_axes
 from taichisoft_plugins.web.creases import split_creases
 from taichisoft_plugins.web.frame import Cast, Frame, PagePlane
 

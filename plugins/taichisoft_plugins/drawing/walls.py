@@ -1,0 +1,63 @@
+"""Infinite planes that are no floor: slopes and walls, as squares that end at the floors."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from taichisoft_plugins.drawing.camera import scene_axes
+from taichisoft_plugins.recording.reader import RecordedPlane
+
+SQUARE = 2.2
+"""Half width of what is drawn of a plane, in radii of what stands before it [-]."""
+UPRIGHT = 0.99
+"""Cosine of the angle to gravity from which a plane is a floor."""
+
+
+def is_floor(plane: RecordedPlane, up: np.ndarray) -> bool:
+    """Whether things stand on it as on level ground."""
+    return bool(plane.normal @ up >= UPRIGHT)
+
+
+def reaches_under(floor: RecordedPlane, vertices: np.ndarray, far: float = 0.5) -> bool:
+    """Whether one of the vertices [mm], shape (vertex_count, 3), is more than `far` [mm] under the floor."""
+    return bool(((vertices - floor.point) @ floor.normal < -far).any())
+
+
+def square_of_plane(
+    plane: RecordedPlane, points: np.ndarray, floors: Sequence[RecordedPlane], half: float = SQUARE
+) -> tuple[np.ndarray, np.ndarray]:
+    """The drawn part of a plane.
+
+    Args:
+        plane: what is drawn.
+        points: what stands before it [mm], shape (point_count, 3).
+        floors: what is under them is left out.
+        half: half width, in radii of the points [-].
+
+    Returns:
+        Vertices [mm], (vertex_count, 3), and triangles, counterclockwise as seen from where the normal points.
+    """
+    middle = points.mean(axis=0)
+    radius = np.linalg.norm(points - middle, axis=1).max()
+    centre = middle - plane.normal * ((middle - plane.point) @ plane.normal)
+    right, front, _ = scene_axes(plane.normal)
+    # Front is right x up: seen from the side of the normal, right -> back -> left turns against the clock.
+    corners = centre + half * radius * np.array([right - front, -right - front, front - right, right + front])
+    for floor in floors:
+        corners = _above(corners, floor)
+    fan = [[0, k, k + 1] for k in range(1, len(corners) - 1)]
+    return corners, np.array(fan, dtype=int).reshape(-1, 3)
+
+
+def _above(corners: np.ndarray, floor: RecordedPlane) -> np.ndarray:
+    """The part of a convex polygon above a floor."""
+    kept: list[np.ndarray] = []
+    height = (corners - floor.point) @ floor.normal
+    for k in range(len(corners)):
+        after = (k + 1) % len(corners)
+        if height[k] >= 0:
+            kept.append(corners[k])
+        if (height[k] >= 0) != (height[after] >= 0):
+            part = height[k] / (height[k] - height[after])
+            kept.append(corners[k] + part * (corners[after] - corners[k]))
+    return np.array(kept).reshape(-1, 3)

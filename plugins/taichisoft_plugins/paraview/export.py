@@ -1,0 +1,73 @@
+"""Exporting a recording for other programs, frame by frame."""
+
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+
+from taichisoft.errors import TaichisoftError
+from taichisoft_plugins.paraview.grids import grid_makers
+from taichisoft_plugins.paraview.vtu_file import write_pvd, write_vtu
+from taichisoft_plugins.recording.reader import Recording
+
+
+class ExportError(TaichisoftError):
+    """A recording cannot be exported as asked."""
+
+
+def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> list[Path]:
+    """Write a .vtu file per frame and kind of thing, and for each kind the .pvd file that ParaView opens.
+
+    Args:
+        recording: has the frames.
+        frames: indices, in the order of time; may be something that shows progress.
+        folder: gets "soft_bodies.pvd", "soft_bodies/00000.vtu" and so on.
+
+    Returns:
+        The .pvd files.
+
+    Raises:
+        TaichisoftError: a file cannot be written, or the recording has no positions.
+    """
+    makers = grid_makers(recording)
+    times = recording.times
+    written: dict[str, list[tuple[float, Path]]] = {name: [] for name in makers}
+    for name in makers:
+        _make_folder(folder / name)
+    try:
+        for frame in frames:
+            for name, make in makers.items():
+                path = folder / name / f"{frame:05d}.vtu"
+                write_vtu(path, make(frame))
+                written[name].append((float(times[frame]), path))
+    finally:  # what is there can be opened, also when the disk is full or nobody wants to wait
+        for name, files in written.items():
+            write_pvd(folder / f"{name}.pvd", files)
+    return [folder / f"{name}.pvd" for name in makers]
+
+
+FORMATS: dict[str, Callable[[Recording, Iterable[int], Path], list[Path]]] = {"vtu": export_vtu}
+"""What writes frames into a folder and returns what was written, by format."""
+
+
+def chosen_frames(recording: Recording, every: int | None, times: Sequence[float] | None) -> list[int]:
+    """Frames to export, in the order of time: those nearest to `times` [s], or every so many since the last start.
+
+    Raises:
+        ExportError: both are given, `every` is not positive, or the run was killed before its first frame was written.
+        RecordingError: a time was not recorded.
+    """
+    if recording.frame_count == 0:
+        raise ExportError(f"{recording.path}: has no frame; the run ended before the first one was written")
+    if times:
+        if every is not None:
+            raise ExportError("--every and --time choose frames in two ways; give one of them")
+        return sorted({recording.frame_at(time) for time in times})
+    if every is not None and every < 1:
+        raise ExportError(f"--every {every}: must be 1 or more; 10 takes each tenth recorded frame")
+    return list(range(recording.last_start, recording.frame_count, every or 1))
+
+
+def _make_folder(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ExportError(f"{folder}: cannot be made: {error.strerror or error}") from error

@@ -1,0 +1,39 @@
+"""The command `taichisoft plot`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from taichisoft.whole_file import whole_file
+from taichisoft_plugins.plots.panels import PANELS
+from taichisoft_plugins.plots.plots import FORMATS, PlotError, draw_plots
+from taichisoft_plugins.recording.reader import read_recording
+
+
+def plot(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the picture  \\[default: RUN's]")
+    ] = None,
+    format: Annotated[str, typer.Option(help=f"Of the picture: {' or '.join(FORMATS)}.")] = "png",
+    only: Annotated[
+        str | None, typer.Option(metavar="NAMES", help=f"Panels, separated by commas: {', '.join(PANELS)}.")
+    ] = None,
+) -> None:
+    """Plot pressures, motion, forces and step times of a recording."""
+    names = [name.strip() for name in only.split(",") if name.strip()] if only is not None else None
+    if names == []:
+        raise PlotError(f"--only names no panel; there are: {', '.join(PANELS)}")
+    with read_recording(run) as recording:
+        plots = draw_plots(recording, format, names)
+    for name, why in plots.left_out.items():
+        typer.echo(f"no plot of {name}: {why}")
+    path = (output or run.parent) / f"plots.{format}"
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise PlotError(f"{path.parent}: cannot be made: {error.strerror or error}") from error
+    with whole_file(path, PlotError) as partial:
+        partial.write_bytes(plots.picture)
+    typer.echo(path)

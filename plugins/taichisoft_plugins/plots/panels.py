@@ -1,0 +1,169 @@
+"""The curves of a run: one small panel for each quantity, made from the recording's columns."""
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+
+import numpy as np
+
+from taichisoft_plugins.plots.curve import Curve, Panel, pieces
+from taichisoft_plugins.plots.fingertips import TipMotion, tip_motion
+from taichisoft_plugins.recording.reader import Recording
+
+TIME_AXIS = "time [s]"
+
+
+class RunCurves:
+    """Makes the panels of a recording."""
+
+    def __init__(self, recording: Recording):
+        """Nothing is read yet."""
+        self.recording = recording
+        self.times = recording.times
+
+    @cached_property
+    def tips(self) -> TipMotion:
+        """Several panels share them."""
+        return tip_motion(self.recording)
+
+    @cached_property
+    def sideways(self) -> tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]:
+        """Names and directions of two horizontal axes."""
+        up = self.recording.up
+        if np.isclose(np.abs(up).max(), 1.0):
+            vertical = int(np.argmax(np.abs(up)))
+            first, second = ((vertical + 1) % 3, (vertical + 2) % 3)
+            return ("xyz"[first], np.eye(3)[first]), ("xyz"[second], np.eye(3)[second])
+        across, along = np.linalg.svd(up[None])[2][1:]
+        return ("across", across), ("along", along)
+
+    def over_time(self, y_axis: str, values: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> Panel:
+        """A panel of columns (frame_count, len(names))."""
+        curves = [
+            Curve(name, body, self.times, values[:, column], self.times)
+            for column, (name, body) in enumerate(zip(names, bodies, strict=True))
+        ]
+        return Panel(TIME_AXIS, y_axis, curves)
+
+
+def pressure(run: RunCurves) -> Panel:
+    """Of the cavities."""
+    values = run.recording.column("pressure")
+    return run.over_time("pressure [kPa]", values, run.recording.cavities, _bodies(run.recording.cavities))
+
+
+def volume(run: RunCurves) -> Panel:
+    """Of the cavities."""
+    values = 1e-3 * run.recording.column("volume")
+    return run.over_time("volume [cm³]", values, run.recording.cavities, _bodies(run.recording.cavities))
+
+
+def bending(run: RunCurves) -> Panel:
+    """By how much the tips have turned against the base."""
+    time, angles = run.times[run.tips.frames], np.degrees(run.tips.bending_angles)
+    curves = [Curve(name, name, time, angles[:, finger], time) for finger, name in enumerate(run.tips.names)]
+    return Panel(TIME_AXIS, "bending angle [degrees]", curves)
+
+
+def height(run: RunCurves) -> Panel:
+    """How far objects and base have risen since the start."""
+    names = _objects(run.recording)
+    rises = [_since_start(run, run.recording.column("rigid_position")[:, body]) for body in range(len(names))]
+    base = _since_start(run, run.recording.column("base_translation"))
+    if not names and not base.any():
+        base = np.full_like(base, np.nan)  # nothing rises, so there is nothing to see
+    return run.over_time("risen by [mm]", np.column_stack([*rises, base]), [*names, "base"], [*names, ""])
+
+
+def slip(run: RunCurves) -> Panel:
+    """How far objects stay behind the base since the moment before it moves, as in metrics.json."""
+    base, names = run.recording.column("base_translation"), _objects(run.recording)
+    behind = np.full((len(run.times), len(names)), np.nan)
+    for start, end in pieces(run.times):
+        moved = np.any(base[start:end] != base[start], axis=1)
+        if moved.any():
+            before = start + max(int(np.argmax(moved)) - 1, 0)
+            for body in range(len(names)):
+                motion = base[before:end] - run.recording.column("rigid_position")[before:end, body]
+                behind[before:end, body] = (motion - motion[0]) @ run.recording.up
+    return run.over_time("slip against the base [mm]", behind, names, names)
+
+
+def tips_side(run: RunCurves) -> Panel:
+    """Paths of the tips seen from the side."""
+    (name, direction), _ = run.sideways
+    return _paths(run, name, direction, "height", run.recording.up)
+
+
+def tips_above(run: RunCurves) -> Panel:
+    """Paths of the tips seen from above."""
+    (first, along), (second, across) = run.sideways
+    return _paths(run, first, along, second, across)
+
+
+def normal_force(run: RunCurves) -> Panel:
+    """Between bodies that ever touched."""
+    return _forces(run, "normal force [mN]", "normal_force")
+
+
+def friction_force(run: RunCurves) -> Panel:
+    """Between bodies that ever touched."""
+    return _forces(run, "friction force [mN]", "friction_force")
+
+
+def step_time(run: RunCurves) -> Panel:
+    """What each step took to compute, beside what it simulated."""
+    values = 1e3 * np.where(run.recording.column("step_time") > 0.0, run.recording.column("step_time"), np.nan)
+    every = run.recording.every
+    label = "each step" if every == 1 else f"mean of {every} steps"
+    curves = [Curve(label, "", run.times, values, run.times)]
+    level = (1e3 * run.recording.step_size, "real time")
+    return Panel(TIME_AXIS, "time per step [ms]", curves, logarithmic=True, level=level)
+
+
+PANELS: dict[str, Callable[[RunCurves], Panel]] = {
+    "pressure": pressure,
+    "volume": volume,
+    "bending": bending,
+    "height": height,
+    "tips-side": tips_side,
+    "tips-above": tips_above,
+    "normal-force": normal_force,
+    "friction-force": friction_force,
+    "slip": slip,
+    "step-time": step_time,
+}
+"""What makes each panel; it raises RecordingError where the recording lacks what it needs."""
+
+
+def _bodies(cavities: Sequence[str]) -> list[str]:
+    """The bodies of cavities named "body.cavity"."""
+    return [cavity.split(".")[0] for cavity in cavities]
+
+
+def _objects(recording: Recording) -> list[str]:
+    """Names of the rigid bodies."""
+    return [surface.name for surface in recording.surfaces if surface.kind == "rigid"]
+
+
+def _since_start(run: RunCurves, position: np.ndarray) -> np.ndarray:
+    """Height (frame_count,) above that at the last start; positions of shape (frame_count, 3)."""
+    level = position @ run.recording.up
+    return np.concatenate([level[start:end] - level[start] for start, end in pieces(run.times)])
+
+
+def _forces(run: RunCurves, y_axis: str, column: str) -> Panel:
+    values = run.recording.column(column)
+    touching = [index for index in range(len(run.recording.pairs)) if values[:, index].any()]
+    names = [run.recording.pairs[index] for index in touching]
+    return run.over_time(y_axis, values[:, touching], names, [name.split("|")[0] for name in names])
+
+
+def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis: np.ndarray) -> Panel:
+    tips = run.tips
+    curves = [
+        Curve(
+            name, name, tips.positions[:, finger] @ x_axis, tips.positions[:, finger] @ y_axis, run.times[tips.frames]
+        )
+        for finger, name in enumerate(tips.names)
+    ]
+    return Panel(f"{x_name} of the tips [mm]", f"{y_name} of the tips [mm]", curves, equal_scales=True)

@@ -1,0 +1,1 @@
+"""The recording of a run: written, read, and gone on from."""

@@ -1,0 +1,120 @@
+"""The output "recording": everything that a run computed, in one HDF5 file that survives a killed run."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from taichisoft_plugins.recording.bodies import write_bodies, write_columns, write_header
+from taichisoft_plugins.recording.file import RecordingFile
+from taichisoft_plugins.recording.layout import FIELDS, FILE_NAME, RecordingError, parse_fields
+from taichisoft_plugins.recording.rows import Frame, RowMaker, SolverFigures
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+    from taichisoft.simulation import StepReport
+    from taichisoft.state import State
+
+BUFFERED_FRAMES = 100
+"""Frames kept in memory between two writes: what a killed run loses at most ..."""
+LONGEST_BUFFERED = 2.0
+"""... and the time [s] after which they are written anyway, so that a slow run loses less and can be watched."""
+
+
+class RecordingOutput:
+    """Writes `recording.h5` into the run's folder; `layout` says what is in it."""
+
+    def __init__(self, folder: Path, every: int = 1, fields: str | None = None, compress: bool = False):
+        """Prepare.
+
+        Args:
+            folder: the run's.
+            every: steps between two frames; the last step before the run ends or starts anew is always one.
+            fields: keys of `layout.FIELDS`, separated by commas; all when it is not given.
+            compress: pack what has a number for every node: a fifth smaller, at twenty times the time.
+
+        Raises:
+            RecordingError: `every` is less than 1, or there is no such field.
+        """
+        if every < 1:
+            raise RecordingError(f"--every {every}: must be at least 1, the number of steps from frame to frame")
+        self.path = Path(folder) / FILE_NAME
+        self._every, self._compress = every, compress
+        self.fields = tuple(FIELDS) if fields is None else parse_fields(fields)
+        self._file: RecordingFile | None = None
+        self._frames: list[Frame] = []
+        self._skipped: Frame | None = None
+        self._solver = SolverFigures()
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """Write scene and bodies; the state before the first step becomes frame 0.
+
+        Raises:
+            RecordingError: the file cannot be written.
+        """
+        self._model = model
+        self._rows = RowMaker(model, self.fields)
+        self._keep(Frame(state, None, self._solver))
+        rows, contacts = self._rows.rows(self._frames, 0), self._rows.contacts(self._frames)
+        self._file = RecordingFile(self.path, self._describe, rows, contacts, self._compress)
+        self._write()
+
+    def record(self, state: "State", report: "StepReport") -> None:
+        """Keep the step if it is to be a frame, and write when enough are kept.
+
+        Raises:
+            RecordingError: the file cannot be written.
+        """
+        self._solver.add(report)
+        frame = Frame(state, report, self._solver)
+        if self._solver.steps < self._every:
+            self._skipped = frame
+            return
+        self._keep(frame)
+        if self._bundle_is_full() or time.monotonic() - self._written_at > LONGEST_BUFFERED:
+            self._write()
+
+    def restart(self, state: "State") -> None:
+        """The frames go on with the first state again; what came before stays."""
+        self._keep_skipped()
+        self._keep(Frame(state, None, SolverFigures()))
+
+    def end(self, outcome: str) -> None:
+        """Write what is still in memory and how the run ended; the file is closed whatever happens.
+
+        Raises:
+            RecordingError: the file cannot be written.
+        """
+        if self._file is None:
+            return
+        try:
+            self._keep_skipped()
+            self._write()
+        finally:
+            file, self._file = self._file, None
+            file.close(outcome)
+
+    def _keep(self, frame: Frame) -> None:
+        self._frames.append(frame)
+        self._skipped, self._solver = None, SolverFigures()
+
+    def _keep_skipped(self) -> None:
+        """The last step counts, whatever its number."""
+        if self._skipped is not None:
+            self._keep(self._skipped)
+
+    def _bundle_is_full(self) -> bool:
+        """Bundles end where chunks do, so that none of these is written twice."""
+        written = self._file.frame_count if self._file is not None else 0
+        return (written + len(self._frames)) % BUFFERED_FRAMES == 0
+
+    def _describe(self, root: Any) -> None:
+        write_header(root, self._model, self._every, self.fields)
+        write_bodies(root, self._model)
+        write_columns(root, self._rows.cavities, self._rows.pairs)
+
+    def _write(self) -> None:
+        """Add the frames that are kept to the file."""
+        frames, self._frames = self._frames, []
+        self._written_at = time.monotonic()
+        if self._file is not None and frames:
+            self._file.append(self._rows.rows(frames, self._file.contact_count), self._rows.contacts(frames))

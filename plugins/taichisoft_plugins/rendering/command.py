@@ -1,0 +1,104 @@
+"""The command `taichisoft render`."""
+
+import warnings
+from pathlib import Path
+from typing import Annotated
+
+import rich
+import typer
+
+from taichisoft.errors import TaichisoftError
+from taichisoft_plugins.drawing.style import COLOURINGS, VIEWS, Style
+from taichisoft_plugins.drawing.style_options import parse_point, parse_size
+from taichisoft_plugins.recording.reader import read_recording
+from taichisoft_plugins.rendering.pictures import key_moments
+from taichisoft_plugins.rendering.progress import frame_progress
+from taichisoft_plugins.rendering.render import render_pictures
+from taichisoft_plugins.rendering.video import FPS, check_slow_motion, render_video
+from taichisoft_plugins.rendering.video_file import check_video
+
+STYLE = Style()
+
+
+def render(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
+    output: Annotated[Path | None, typer.Option(help="Folder of the pictures  \\[default: RUN's]")] = None,
+    image: Annotated[bool, typer.Option("--image", help="Draw pictures; always without --video.")] = False,
+    time: Annotated[
+        list[float] | None,
+        typer.Option(help="Moment of a picture \\[s]; may be repeated  \\[default: before, grasped, lifted]"),
+    ] = None,
+    video: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Draw a video: .mp4, .gif, or a folder for PNG files.")
+    ] = None,
+    fps: Annotated[float, typer.Option(help="Frames per second of the video.")] = FPS,
+    slow_motion: Annotated[float, typer.Option(help="How many times slower than in reality things move.")] = 1.0,
+    size: Annotated[str, typer.Option(help="Width and height in pixels.")] = "{}x{}".format(*STYLE.size),
+    view: Annotated[
+        list[str] | None,
+        typer.Option(help=f"Where the camera stands: {', '.join(VIEWS)}; each of several gets its own files."),
+    ] = None,
+    eye: Annotated[
+        str | None, typer.Option(metavar="X,Y,Z", help="Where the camera stands instead of a view \\[mm].")
+    ] = None,
+    target: Annotated[
+        str | None,
+        typer.Option(metavar="X,Y,Z", help="What it looks at from there \\[mm]  \\[default: middle of the scene]"),
+    ] = None,
+    opacity: Annotated[float, typer.Option(help="Of soft bodies, up to 1.")] = STYLE.opacity,
+    background: Annotated[str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything.")] = None,
+    colour_by: Annotated[
+        str, typer.Option(help=f"What the colours of soft bodies mean: {', '.join(COLOURINGS)}.")
+    ] = STYLE.colour_by,
+    cavity_pressure: Annotated[bool, typer.Option(help="Colour cavities by their pressure.")] = STYLE.cavity_pressure,
+    arrows: Annotated[bool, typer.Option(help="Draw contact forces as arrows.")] = STYLE.arrows,
+    axes: Annotated[bool, typer.Option(help="Show the scene's axes in a corner.")] = STYLE.axes,
+    caption: Annotated[bool, typer.Option(help="Write time, pressures and heights.")] = STYLE.caption,
+    surface: Annotated[
+        Path | None, typer.Option(help="Finer surface (STL, OBJ, PLY) to draw instead of each soft body's own.")
+    ] = None,
+) -> None:
+    """Draw pictures or a video of a recording; no display is needed.
+
+    A run that its user started anew is drawn from its last start.
+    """
+    from taichisoft.running.display import print_warning  # starts Taichi, which --help need not wait for
+
+    if eye is not None and view:
+        raise TaichisoftError("--eye takes the place of a view; give either --eye or --view")
+    views = list(dict.fromkeys(view or [STYLE.view]))
+    styles = {
+        one: Style(
+            size=parse_size(size),
+            view=one,
+            eye=parse_point("eye", eye),
+            target=parse_point("target", target),
+            opacity=opacity,
+            background=STYLE.background if background is None else background,
+            colour_by=colour_by,
+            cavity_pressure=cavity_pressure,
+            arrows=arrows,
+            axes=axes,
+            caption=caption,
+            surface=surface,
+        )
+        for one in views
+    }
+    check_slow_motion(slow_motion)
+    if video is not None:
+        check_video(video, fps)
+    with read_recording(run) as recording:
+        moments = {f"at_{moment:.2f}s": moment for moment in time} if time else key_moments(recording)
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: print_warning(rich.get_console(), str(message))
+        for one, style in styles.items():
+            ending = f"_{one.replace(':', '_')}" if len(styles) > 1 else ""
+            if image or time or video is None:
+                times = {name + ending: moment for name, moment in moments.items()}
+                for path in render_pictures(run, times, output or run.parent, style):
+                    typer.echo(path)
+            if video is not None:
+                file = video.with_name(f"{video.stem}{ending}{video.suffix}")
+                with frame_progress(file.name) as show:
+                    render_video(run, file, style, fps, slow_motion, show)
+                typer.echo(file)

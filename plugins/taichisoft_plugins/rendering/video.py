@@ -1,0 +1,104 @@
+"""Videos of a recording: which frames they show, and drawing them into a file."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from taichisoft.running.interruption import held_back
+from taichisoft_plugins.drawing.drawer import check_style
+from taichisoft_plugins.drawing.style import Style
+from taichisoft_plugins.recording.reader import Recording, read_recording
+from taichisoft_plugins.rendering.render import RenderError, draw_frames
+from taichisoft_plugins.rendering.video_file import check_video, open_video
+
+FPS = 30.0
+
+
+def render_video(
+    recording: Path,
+    file: Path,
+    style: Style | None = None,
+    fps: float = FPS,
+    slow_motion: float = 1.0,
+    on_frame: Callable[[int, int], None] | None = None,
+) -> int:
+    """Draw a recording from its last start to its end into a video, and return the number of its frames.
+
+    A frame that is shown several times, because fewer were recorded, is drawn once.
+
+    Args:
+        recording: path of the recording.
+        file: "NAME.mp4", "NAME.gif", or a folder for PNG files.
+        style: how frames are drawn.
+        fps: frames per second.
+        slow_motion: how many times slower than in reality things move [-]; below 1 they are faster.
+        on_frame: is told how many frames are written, and of how many.
+
+    Raises:
+        RecordingError: the recording is missing, unreadable or empty.
+        StyleError: the style does not fit the recording.
+        RenderError: the name, the rate or the slow motion is impossible; drawing failed twice, and the message says
+            what to install; or the file cannot be written.
+        KeyboardInterrupt: Ctrl and c, or SIGTERM.
+    """
+    style = style or Style()
+    check_video(file, fps)
+    check_slow_motion(slow_motion)
+    with read_recording(recording) as opened:
+        check_style(opened, style)
+        shown = video_frames(opened, fps * slow_motion)
+    drawn, repetitions = np.unique(shown, return_counts=True)
+    times = iter(repetitions)
+    written = 0
+
+    def write(image: np.ndarray) -> None:
+        nonlocal written
+        for _ in range(next(times)):
+            video.add(image)
+            written += 1
+        if on_frame is not None:
+            on_frame(written, len(shown))
+
+    with held_back() as stop_if_asked, open_video(file, style.size, fps) as video:
+        draw_frames(recording, style, drawn.tolist(), write, stop_if_asked)
+        stop_if_asked()
+    return written
+
+
+def check_slow_motion(factor: float) -> None:
+    """See whether things can be shown so many times slower.
+
+    Raises:
+        RenderError: they cannot.
+    """
+    if not 0.0 < factor < math.inf:
+        raise RenderError(f"slow motion {factor:g}: must be positive; 4 is four times slower than in reality")
+
+
+def video_frames(recording: Recording, rate: float) -> np.ndarray:
+    """The recorded frames nearest to the moments that a video shows, from the last start to the very end.
+
+    Args:
+        recording: open.
+        rate: moments per simulated second [1/s].
+
+    Returns:
+        Frame indices that never fall, shape (moment_count,).
+
+    Raises:
+        RenderError: nothing was recorded.
+    """
+    first = recording.last_start
+    times = recording.times[first:]
+    if not len(times):
+        raise RenderError(f"{recording.path}: has no frame to draw")
+    count = math.ceil((times[-1] - times[0]) * rate - 1e-6) + 1
+    moments = np.minimum(times[0] + np.arange(count) / rate, times[-1])
+    after = np.searchsorted(times, moments).clip(1, max(len(times) - 1, 1))
+    if len(times) == 1:
+        return np.full(count, first)
+    # In the middle between two it is always the earlier one, whatever rounding says: motion stays even.
+    nearer_before = moments - times[after - 1] <= times[after] - moments + 1e-9
+    return first + after - nearer_before

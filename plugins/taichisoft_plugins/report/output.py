@@ -1,0 +1,77 @@
+"""The output "report": one page with the pictures, plots and figures of a run, made at its end."""
+
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from taichisoft.errors import TaichisoftError
+from taichisoft.whole_file import whole_file
+from taichisoft_plugins.recording.needed import NeededRecording
+from taichisoft_plugins.report.contents import collect
+from taichisoft_plugins.report.page import report_page
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+    from taichisoft.simulation import StepReport
+    from taichisoft.state import State
+
+FILE_NAME = "report.html"
+
+
+class ReportError(TaichisoftError):
+    """A report cannot be written."""
+
+
+class ReportOutput:
+    """Puts together what the outputs before it have left in the run's folder."""
+
+    def __init__(self, folder: Path):
+        self._recording = NeededRecording(folder)
+        self._began: float | None = None
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """Note the time: what is older in the folder is of another run.
+
+        Raises:
+            RecordingNeeded: this run has no recording.
+        """
+        self._recording.require("report")
+        self._began = time.time()
+
+    def record(self, state: "State", report: "StepReport") -> None:
+        """The recording has it."""
+
+    def end(self, outcome: str) -> None:
+        """Write the page, also when the run failed; not after an interruption, where nobody wants to wait.
+
+        Nor is one written where there was no recording: that of an earlier run may lie there.
+
+        Raises:
+            ReportError: the page cannot be written.
+        """
+        if self._began is not None and outcome != "interrupted":
+            write_report(self._recording.path, began=self._began)
+
+
+def write_report(recording: Path, path: Path | None = None, began: float | None = None) -> Path:
+    """Write the report of a recording, beside it unless `path` is given; returns the page.
+
+    Args:
+        recording: the file.
+        path: where the page goes.
+        began: when the run began, see `collect`.
+
+    Raises:
+        RecordingError: there is no such recording.
+        ReportError: the page cannot be written, or a picture not be read.
+    """
+    path = path or recording.with_name(FILE_NAME)
+    contents = collect(recording, began)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        page = report_page(contents, path.parent)
+    except OSError as error:
+        raise ReportError(f"{path}: not written: {error}") from error
+    with whole_file(path, ReportError) as partial:
+        partial.write_text(page, encoding="utf-8")
+    return path

@@ -1,0 +1,145 @@
+"""The HTML of a report: one file that needs nothing beside it and no network."""
+
+import base64
+import mimetypes
+import os
+import re
+from collections.abc import Iterable, Mapping
+from html import escape
+from pathlib import Path
+from typing import Any
+
+from taichisoft_plugins.report.contents import ReportContents, Shown
+from taichisoft_plugins.report.style import STYLE
+
+EMBEDDED_BYTES = 20_000_000
+"""Larger pictures and videos are linked, not embedded."""
+
+UNITS = {"mm": "mm", "mN": "mN", "s": "s", "ms": "ms"}
+"""Units that stand at the end of a metric's name."""
+
+HEADLINES = ("object_lift_mm", "object_slip_mm", "object_creep_mm", "mean_normal_force_mN", "real_time_factor")
+"""Metrics that stand large at the top."""
+
+
+def report_page(contents: ReportContents, folder: Path) -> str:
+    """The page; `folder` is where it will lie, for links to what is too large to embed.
+
+    Raises:
+        OSError: a picture or video cannot be read.
+    """
+    parts = [
+        f"<h1>{escape(contents.title)}</h1>",
+        _status(contents),
+        _headlines(contents.metrics),
+        _figures("Pictures", contents.pictures, folder),
+        _figures("Video", contents.videos, folder),
+        _section("Plots", _inline_svg(contents.plots)) if contents.plots else "",
+        _section("Metrics", _table(_rows(contents.metrics))) if contents.metrics else "",
+        _section("What is not here", _list(contents.missing)) if contents.missing else "",
+        _section("Scene", f"<details><summary>resolved scene</summary><pre>{escape(contents.scene)}</pre></details>"),
+        _section("Versions", _table(contents.versions.items())),
+    ]
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
+        f"<title>{escape(contents.title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
+        + "\n".join(part for part in parts if part)
+        + "\n</main>\n</body>\n</html>\n"
+    )
+
+
+def _status(contents: ReportContents) -> str:
+    held = contents.metrics.get("held")
+    pills = [("good" if contents.outcome == "completed" else "bad", contents.outcome)]
+    if held is not None:
+        pills.insert(0, ("good", "held") if held else ("bad", "not held"))
+    texts = [f"{contents.duration:g} s simulated"]
+    if contents.restarts:
+        often = "once" if contents.restarts == 1 else f"{contents.restarts} times"
+        texts.append(f"started anew {often}; shown is what came after the last start")
+    texts.append(str(contents.recording.name))
+    shown = "".join(f'<span class="pill {kind}">{escape(text)}</span>' for kind, text in pills)
+    return f'<p class="status">{shown}{escape(" · ".join(texts))}</p>'
+
+
+def _headlines(metrics: Mapping[str, Any]) -> str:
+    cards = []
+    for name in HEADLINES:
+        if isinstance(metrics.get(name), int | float):
+            words, unit = _words(name)
+            figure = f"<b>{_short(metrics[name])}</b> {escape(unit)}"
+            cards.append(f'<div class="card"><span>{figure}</span><small>{escape(words)}</small></div>')
+    return f'<div class="cards">{"".join(cards)}</div>' if cards else ""
+
+
+def _short(value: float) -> str:
+    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+
+
+def _figures(title: str, shown: list[Shown], folder: Path) -> str:
+    if not shown:
+        return ""
+    return _section(title, f'<div class="figures">{"".join(_figure(one, folder) for one in shown)}</div>')
+
+
+def _figure(shown: Shown, folder: Path) -> str:
+    path = shown.path
+    name = escape(path.stem.replace("_", " "))
+    warning = '<em class="bad"> older than this run; it may show another one</em>' if shown.earlier else ""
+    size = path.stat().st_size
+    if size > EMBEDDED_BYTES:
+        link = escape(Path(os.path.relpath(path, folder)).as_posix())
+        body = f'<a href="{link}">{escape(path.name)}</a>, {size / 1e6:.0f} MB, is too large to be embedded'
+        return f"<figure><p>{body}</p><figcaption>{name}{warning}</figcaption></figure>"
+    kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+    data = f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+    if kind.startswith("video/"):
+        body = f'<video controls preload="metadata" src="{data}"></video>'
+    else:
+        body = f'<img src="{data}" alt="{name}">'
+    return f"<figure>{body}<figcaption>{name}{warning}</figcaption></figure>"
+
+
+def _inline_svg(svg: str) -> str:
+    """Without what belongs before the root of a file of its own."""
+    return f'<div class="plots">{svg[svg.index("<svg") :]}</div>'
+
+
+def _rows(metrics: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
+    for name, value in metrics.items():
+        words, unit = _words(name)
+        yield f"{words} [{unit}]" if unit else words, _value(value)
+
+
+def _words(name: str) -> tuple[str, str]:
+    """What a metric is called, and its unit: "object_lift_mm" is the object lift in mm."""
+    words, _, last = name.rpartition("_")
+    return (words.replace("_", " "), UNITS[last]) if last in UNITS and words else (name.replace("_", " "), "")
+
+
+def _value(value: Any) -> str:
+    if isinstance(value, bool) or value is None:
+        return {True: "yes", False: "no", None: "-"}[value]
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name}: {_value(one)}" for name, one in value.items())
+    if isinstance(value, list):
+        return ", ".join(map(_value, value))
+    return str(value)
+
+
+def _table(rows: Iterable[tuple[str, str]]) -> str:
+    body = "".join(f"<tr><th>{escape(name)}</th><td>{escape(value)}</td></tr>" for name, value in rows)
+    return f"<table>{body}</table>"
+
+
+def _list(sentences: Iterable[str]) -> str:
+    """Commands in backquotes are set as code."""
+    items = [re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(sentence)) for sentence in sentences]
+    return f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>"
+
+
+def _section(title: str, body: str) -> str:
+    return f"<section><h2>{escape(title)}</h2>{body}</section>"

@@ -1,0 +1,126 @@
+"""Bodies that overlap at the start would be thrown apart: a scene that has such bodies is refused."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.surfaces import STATIC, ContactSurfaces
+from taichisoft.errors import SceneError
+
+# Surfaces are shrunk by this share of the scene's extent before they are cut with each other: bodies that merely
+# touch stay apart then, however round-off falls.
+SHRINKING = 1e-6
+# One surface of each pair is shifted too, by less than the shrinking gains: of bodies with faces or edges in the
+# same place, such as one body placed twice, no edge would properly go through a triangle otherwise.
+SHIFT = 0.25 * np.array([0.62, -0.48, 0.57])
+ROUND_OFF = 1e-9  # of barycentric weights: no edge slips through between two triangles
+EDGES_AT_A_TIME = 256
+
+
+def refuse_overlap(surfaces: ContactSurfaces, detection: ContactDetection, body_names: Sequence[str]) -> None:
+    """Check the surfaces where they are now: for points inside other bodies, then for edges through other surfaces.
+
+    Raises:
+        SceneError: two bodies overlap, with their names and the place.
+    """
+    _refuse_points_inside(surfaces, detection, body_names)
+    _refuse_crossed_surfaces(surfaces, body_names)
+
+
+def _refuse_points_inside(surfaces: ContactSurfaces, detection: ContactDetection, body_names: Sequence[str]) -> None:
+    lower, upper = surfaces.boxes()
+    pairs = detection.find(reach=0.0, depth=float(np.linalg.norm(upper - lower, axis=1).max()))
+    if pairs.count and pairs.distance.min() < 0.0:
+        deepest = int(pairs.distance.argmin())
+        first, second = (body_names[body] for body in pairs.bodies[deepest])
+        raise SceneError(
+            f"bodies '{first}' and '{second}' overlap at the start by {-pairs.distance[deepest]:.3g} mm at "
+            f"{np.round(pairs.points[deepest, 0], 2).tolist()} mm; move one of them away"
+        )
+
+
+def _refuse_crossed_surfaces(surfaces: ContactSurfaces, body_names: Sequence[str]) -> None:
+    """Crossed bars overlap although no vertex of one is inside the other: their edges go through triangles."""
+    lower, upper = surfaces.boxes()
+    moves = surfaces.vertex_owner[surfaces.vertex_range[:, 0]] != STATIC
+    margin = SHRINKING * float((upper.max(axis=0) - lower.min(axis=0)).max())
+    shrunk = surfaces.position - margin * _vertex_normals(surfaces)
+    edges = [surfaces.edges[start:stop] for start, stop in surfaces.edge_range]
+    triangles = [surfaces.triangles[start:stop] for start, stop in surfaces.triangle_range]
+    for first, second in np.column_stack(np.triu_indices(surfaces.count, 1)).tolist():
+        if not (moves[first] or moves[second]) or not _meet(lower[first], upper[first], lower[second], upper[second]):
+            continue
+        shifted = shrunk + margin * SHIFT
+        place = _first_crossing(shifted[edges[first]], shrunk[triangles[second]])
+        if place is None:
+            place = _first_crossing(shrunk[edges[second]], shifted[triangles[first]])
+        if place is not None:
+            names = " and ".join(f"'{body_names[surfaces.body[surface]]}'" for surface in (first, second))
+            raise SceneError(
+                f"bodies {names} overlap at the start: their surfaces cross at {np.round(place, 2).tolist()} mm; "
+                "move one of them away"
+            )
+
+
+def _vertex_normals(surfaces: ContactSurfaces) -> np.ndarray:
+    """Mean of the normals of the triangles at each vertex, of length one, shape (vertex_count, 3)."""
+    a, b, c = np.moveaxis(surfaces.position[surfaces.triangles], 1, 0)
+    area_vector = np.cross(b - a, c - a)
+    face_normal = area_vector / _lengths(area_vector)
+    normals = np.zeros_like(surfaces.position)
+    for corner in range(3):
+        np.add.at(normals, surfaces.triangles[:, corner], face_normal)
+    return normals / _lengths(normals)
+
+
+def _lengths(vectors: np.ndarray) -> np.ndarray:
+    """Of vectors to divide by, shape (count, 1): 1 for those of no length."""
+    lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
+    return np.where(lengths > 0.0, lengths, 1.0)
+
+
+def _first_crossing(edges: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
+    """A point [mm] where an edge goes through a triangle, or None.
+
+    Args:
+        edges: ends [mm], shape (edge_count, 2, 3).
+        triangles: corners [mm], shape (triangle_count, 3, 3).
+    """
+    edge_lower, edge_upper = edges.min(axis=1), edges.max(axis=1)
+    lower, upper = triangles.min(axis=1), triangles.max(axis=1)
+    candidates = np.flatnonzero(_meet(edge_lower, edge_upper, lower.min(axis=0), upper.max(axis=0)))
+    # Sorted along their longest extent, edges of a block lie together and meet few triangles.
+    axis = int(np.ptp(edges, axis=(0, 1)).argmax())
+    candidates = candidates[np.argsort(edge_lower[candidates, axis], kind="stable")]
+    for start in range(0, len(candidates), EDGES_AT_A_TIME):
+        some = candidates[start : start + EDGES_AT_A_TIME]
+        near = np.flatnonzero(_meet(lower, upper, edge_lower[some].min(axis=0), edge_upper[some].max(axis=0)))
+        edge, triangle = np.nonzero(_meet(edge_lower[some, None], edge_upper[some, None], lower[near], upper[near]))
+        ends = edges[some[edge]]
+        position = _crossing_position(ends, triangles[near[triangle]])
+        crosses = np.flatnonzero(np.isfinite(position))
+        if len(crosses):
+            begin, end = ends[crosses[0]]
+            return begin + position[crosses[0]] * (end - begin)
+    return None
+
+
+def _meet(lower: np.ndarray, upper: np.ndarray, other_lower: np.ndarray, other_upper: np.ndarray) -> np.ndarray:
+    """Whether boxes with these corners [mm] in the last axis meet."""
+    return np.all((lower <= other_upper) & (other_lower <= upper), axis=-1)
+
+
+def _crossing_position(ends: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Where along each edge (0 to 1) its triangle is crossed, NaN where it is not (Moeller and Trumbore 1997)."""
+    along = ends[:, 1] - ends[:, 0]
+    from_corner = ends[:, 0] - corners[:, 0]
+    side, other_side = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    across, moment = np.cross(along, other_side), np.cross(from_corner, side)
+    with np.errstate(divide="ignore", invalid="ignore"):  # a parallel edge crosses nowhere
+        scale = 1.0 / (side * across).sum(axis=1)
+        weight = scale * (from_corner * across).sum(axis=1)
+        other_weight = scale * (along * moment).sum(axis=1)
+        position = scale * (other_side * moment).sum(axis=1)
+        inside = (weight >= -ROUND_OFF) & (other_weight >= -ROUND_OFF) & (weight + other_weight <= 1.0 + ROUND_OFF)
+    return np.where(inside & (position >= 0.0) & (position <= 1.0), position, np.nan)

@@ -1,0 +1,46 @@
+"""The contacts of a state, summed up by pair of bodies."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from taichisoft.contact.detection import bodies_of_key
+from taichisoft.model import Model
+from taichisoft.state import State
+
+
+@dataclass(frozen=True)
+class ContactSummary:
+    """Figures by pair ("finger1|cube", in the scene's order) of all bodies between which contacts were found.
+
+    Attributes:
+        counts: contacts that press.
+        normal_forces: sum of the normal forces [mN].
+        friction_forces: sum of the magnitudes of the friction forces [mN].
+        slip_speeds: fastest sliding of a contact that presses [mm/s].
+    """
+
+    counts: dict[str, int] = field(default_factory=dict)
+    normal_forces: dict[str, float] = field(default_factory=dict)
+    friction_forces: dict[str, float] = field(default_factory=dict)
+    slip_speeds: dict[str, float] = field(default_factory=dict)
+
+
+def summarise_contacts(model: Model, state: State) -> ContactSummary:
+    """Counts, forces and sliding in the step that led to `state`."""
+    if not len(state.contact_key):
+        return ContactSummary()
+    forces = state.contact_impulse / model.scene.time.step
+    along = np.einsum("cd,cd->c", forces, state.contact_normal)
+    across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
+    order = np.argsort(state.contact_key, kind="stable")
+    key = state.contact_key[order]
+    start = np.flatnonzero(np.diff(key, prepend=-1))
+    pairs = (bodies_of_key(pair) for pair in key[start])
+    names = [f"{model.body_names[first]}|{model.body_names[second]}" for first, second in pairs]
+    return ContactSummary(
+        counts=dict(zip(names, np.add.reduceat(along[order] > 0.0, start, dtype=np.int64).tolist(), strict=True)),
+        normal_forces=dict(zip(names, np.add.reduceat(along[order], start).tolist(), strict=True)),
+        friction_forces=dict(zip(names, np.add.reduceat(across[order], start).tolist(), strict=True)),
+        slip_speeds=dict(zip(names, np.maximum.reduceat(state.contact_slip[order], start).tolist(), strict=True)),
+    )

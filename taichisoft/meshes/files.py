@@ -1,0 +1,97 @@
+"""Meshes in files: tetrahedra as legacy VTK, VTU and gmsh's MSH."""
+
+from pathlib import Path
+
+import numpy as np
+
+from taichisoft.errors import MeshError
+from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.cell_groups import grouped_cells
+from taichisoft.meshes.file_kind import existing_file, require_suffix, unreadable
+from taichisoft.meshes.mesh_content import MeshContent
+from taichisoft.meshes.meshio_content import GROUP_PREFIX, read_with_meshio
+from taichisoft.meshes.msh_reader import is_msh41, read_msh41
+from taichisoft.meshes.msh_writer import write_msh
+from taichisoft.whole_file import whole_file
+
+VOLUME_SUFFIXES = (".msh", ".vtk", ".vtu")
+
+
+def read_volume_mesh(path: str | Path) -> VolumeMesh:
+    """Read linear tetrahedra from legacy VTK, VTU or MSH (2.2, 4.0, 4.1, text or binary).
+
+    Nodes and tetrahedra keep the file's order, in MSH 4.1 that of their numbers; positions are in [mm]. Named groups
+    of triangles (the physical groups of MSH, cell data called "group:NAME" in VTK and VTU) become the mesh's surface
+    groups, those of tetrahedra its element groups; the file's points, lines and other triangles are ignored. No
+    tetrahedron is ever turned round, because the corotational frames depend on the order of its nodes: an inverted
+    one is an error.
+
+    Raises:
+        MeshError: the file is missing, unreadable, of another kind, or its mesh is not fit to simulate.
+    """
+    return read_unchecked_mesh(path).check()
+
+
+def read_unchecked_mesh(path: str | Path) -> VolumeMesh:
+    """Read a mesh as `read_volume_mesh` does, but leave it to the caller to see whether it is fit to simulate.
+
+    Raises:
+        MeshError: the file is missing, unreadable or of another kind, or has other cells than linear tetrahedra.
+    """
+    path = existing_file(path, "volume mesh", VOLUME_SUFFIXES)
+    content = _parse(path)
+    if "tetra10" in content.others:
+        raise MeshError(f"{path}: has quadratic tetrahedra; mesh again with linear ones (element order 1)")
+    if content.others:
+        found = ", ".join(f"{count} of {name}" for name, count in content.others.items())
+        raise MeshError(f"{path}: has cells that are no tetrahedra ({found}); mesh again with tetrahedra only")
+    element_groups = {name: np.sort(group).astype(np.int32) for name, group in content.element_groups.items()}
+    triangles = content.triangles.astype(np.int32)
+    surface_groups = {name: triangles[group] for name, group in content.surface_groups.items()}
+    return VolumeMesh(str(path), content.nodes, content.tetrahedra, surface_groups, element_groups)
+
+
+def write_volume_mesh(mesh: VolumeMesh, path: str | Path) -> None:
+    """Write linear tetrahedra; reading them again gives equal nodes, bit for bit, and equal elements.
+
+    MSH (4.1, as text) and VTU keep the groups: a triangle in several surface groups stands in the file once, and each
+    group comes back in the order of the first that names its triangles. VTU has no place for a group of nothing.
+    Legacy VTK is for other programs: it has the tetrahedra alone. The file appears under its name when it is complete.
+
+    Raises:
+        MeshError: the suffix is unknown, the file cannot be written, or a group cannot be kept.
+    """
+    path = require_suffix(path, "volume mesh", VOLUME_SUFFIXES)
+    write = {".msh": write_msh, ".vtk": _write_vtk, ".vtu": _write_vtu}[path.suffix.lower()]
+    with whole_file(path, MeshError) as partial:
+        write(mesh, partial)
+
+
+def _parse(path: Path) -> MeshContent:
+    try:
+        return read_msh41(path) if path.suffix.lower() == ".msh" and is_msh41(path) else read_with_meshio(path)
+    # The parsers raise whatever a broken file makes them stumble over, up to SystemExit.
+    except (Exception, SystemExit) as error:
+        raise unreadable(path, error) from error
+
+
+def _write_vtk(mesh: VolumeMesh, path: Path) -> None:
+    import meshio
+
+    # Version 4.2: most programs besides ParaView do not know the arrays of 5.1.
+    meshio.vtk.write(path, meshio.Mesh(mesh.nodes, [("tetra", mesh.elements)]), fmt_version="4.2")
+
+
+def _write_vtu(mesh: VolumeMesh, path: Path) -> None:
+    import meshio
+
+    triangles, elements = grouped_cells(mesh)
+    blocks = [("tetra", elements), *([("triangle", triangles)] if len(triangles.cells) else [])]
+    flags = {
+        f"{GROUP_PREFIX}{name}": [
+            cells.groups.get(name, np.zeros(len(cells.cells))).astype(np.uint8) for _, cells in blocks
+        ]
+        for name in (*mesh.surface_groups, *mesh.element_groups)
+    }
+    content = meshio.Mesh(mesh.nodes, [(kind, cells.cells) for kind, cells in blocks], cell_data=flags)
+    meshio.vtu.write(path, content)

@@ -1,0 +1,1 @@
+"""Where plug-ins come from, how they are checked and listed, and how a new one begins."""

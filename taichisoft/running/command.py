@@ -1,0 +1,156 @@
+"""What `taichisoft run` does: scene, controller, outputs, session, and what is shown of them."""
+
+import math
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from pathlib import Path
+from typing import Any
+
+import rich
+from rich.console import Console
+
+from taichisoft import plugins
+from taichisoft.errors import SceneError, TaichisoftError
+from taichisoft.output import OutputFactory
+from taichisoft.profile import Profile, profiled
+from taichisoft.running.display import print_profile, print_summary, print_warning, progress_bar, warn_if_slow
+from taichisoft.running.key_log import KeyReplay
+from taichisoft.running.live_status import live_status
+from taichisoft.running.log_display import logged_to
+from taichisoft.running.loop import INTERRUPTED, run_session
+from taichisoft.scene import Scene
+from taichisoft.scenes.controller_factory import make_controller
+from taichisoft.scenes.file import load_scene, scene_to_toml
+from taichisoft.session import Session
+from taichisoft.simulation import Simulation, StepReport
+
+
+def run_scene(
+    name: str,
+    controller_name: str | None,
+    folder: Path | None,
+    overrides: Sequence[str],
+    duration: float | None,
+    output_settings: Mapping[str, Mapping[str, Any]],
+    speed: float | None = None,
+    keys: Path | None = None,
+    profile: bool = False,
+) -> bool:
+    """Run a scene into a folder; returns whether it was interrupted.
+
+    `output_settings` has the outputs by name; `profile` shows where the time of a step goes.
+
+    Raises:
+        TaichisoftError: anything that is the user's to mend.
+    """
+    scene = load_scene(name, overrides, controller_name)
+    replay = KeyReplay(keys) if keys is not None else None
+    folder = folder if folder is not None else Path("out") / Path(name).stem
+    return run_simulation(
+        name, scene, lambda: Simulation(scene), folder, duration, output_settings, speed, replay, profile
+    )
+
+
+def run_simulation(
+    name: str,
+    scene: Scene,
+    make_simulation: Callable[[], Simulation],
+    folder: Path,
+    duration: float | None,
+    output_settings: Mapping[str, Mapping[str, Any]],
+    speed: float | None = None,
+    replay: KeyReplay | None = None,
+    profile: bool = False,
+    usual_duration: Callable[[], float] | None = None,
+) -> bool:
+    """Run what `make_simulation` gives, from its present state; otherwise as `run_scene`.
+
+    `name` begins errors of the scene and of what is made from it. `usual_duration` gives that of a run for which the
+    user names none and which nobody steers [s]; without it that is the scene's.
+
+    Raises:
+        TaichisoftError: anything that is the user's to mend.
+    """
+    if speed is not None and not 0.0 < speed < math.inf:
+        raise TaichisoftError(f"--speed {speed:g}: must be a positive, finite number; 1 is real time")
+    console = rich.get_console()  # an output that takes long at the end shows its progress there too
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: print_warning(console, str(message))
+        with _errors_in(name):
+            controller = make_controller(scene)
+        if getattr(controller, "interactive", False) and replay is None:
+            duration = math.inf if duration is None else duration
+            speed = 1.0 if speed is None else speed
+        if duration is None and usual_duration is not None:
+            duration = usual_duration()
+        factories = {output: plugins.find("output", output) for output in output_settings}
+        status = "preparing the model; the first time on a machine Taichi compiles its kernels"
+        with console.status(status), logged_to(console), _errors_in(name):
+            simulation = make_simulation()
+        if speed is not None:
+            with console.status(status):
+                _load_kernels(simulation)
+        outputs = [_make_output(name, make, folder, output_settings[name]) for name, make in factories.items()]
+        session = Session(simulation, controller, outputs, duration, folder, speed, replay)
+        _write_scene(scene, folder)
+        return _run(session, console, folder, scene.title or name, profile) == INTERRUPTED
+
+
+def _run(session: Session, console: Console, folder: Path, title: str, profile: bool) -> str:
+    """Run with a display; whatever happens, what the outputs have to say is shown."""
+    times: Profile | None = None
+    measured: AbstractContextManager[Profile | None] = profiled(session.simulation) if profile else nullcontext()
+    try:
+        with _display(session, console, title) as show, measured as times:
+            return run_session(session, show)
+    finally:
+        print_summary(console, [session.controller, *session.outputs], folder)
+        warn_if_slow(console, session)
+        if times is not None and times.seconds:
+            print_profile(console, times)
+
+
+@contextmanager
+def _display(session: Session, console: Console, title: str) -> Iterator[Callable[[StepReport], None]]:
+    """What shows each step: the state of a run that somebody steers, how far any other is."""
+    if getattr(session.controller, "interactive", False) and not session.replaying:
+        with live_status(console, session) as status:
+            yield status.update
+    else:
+        with progress_bar(console, session, title) as show:
+            yield show
+
+
+def _load_kernels(simulation: Simulation) -> None:
+    """Make a step and take it back: the first one takes seconds, in which a run at a speed would fall behind."""
+    state = simulation.state
+    with suppress(TaichisoftError):  # the run itself will say so, with its outputs
+        simulation.step()
+    simulation.restore(state)
+
+
+def _make_output(name: str, make: OutputFactory, folder: Path, settings: Mapping[str, Any]) -> Any:
+    try:
+        return make(folder, **settings)
+    except TaichisoftError:
+        raise
+    except Exception as error:
+        raise plugins.plugin_failure(f"output '{name}' cannot be made", error) from error
+
+
+@contextmanager
+def _errors_in(scene: str) -> Iterator[None]:
+    """Begin the errors of what is made from a scene with its name."""
+    try:
+        yield
+    except SceneError as error:
+        raise SceneError(f"{scene}: {error}") from error
+
+
+def _write_scene(scene: Scene, folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / "scene.toml").write_text(scene_to_toml(scene), encoding="utf-8")
+    except OSError as error:
+        raise TaichisoftError(f"--output {folder}: cannot be written: {error.strerror or error}") from error

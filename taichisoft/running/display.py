@@ -1,0 +1,79 @@
+"""What `taichisoft run` shows: progress, warnings, the closing tables."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+from rich.text import Text
+
+from taichisoft import plugins
+from taichisoft.profile import REST, TOTAL, Profile
+from taichisoft.running.pace import KEEPING_UP
+from taichisoft.session import Session
+from taichisoft.simulation import StepReport
+
+
+@contextmanager
+def progress_bar(console: Console, session: Session, title: str) -> Iterator[Callable[[StepReport], None]]:
+    """A bar that a run fills; what is yielded is called after every step."""
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        TextColumn("{task.fields[state]}"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console) as progress:
+        total = session.step_count if math.isfinite(session.step_count) else None
+        task = progress.add_task(title, total=total, state="")
+
+        def show(report: StepReport) -> None:
+            progress.update(task, advance=1, state=f"{report.time:.2f} s  {report.contact_count} contacts")
+
+        yield show
+
+
+def print_warning(console: Console, message: str) -> None:
+    """One line, without markup."""
+    console.print(Text.assemble(("warning: ", "yellow"), message), soft_wrap=True)
+
+
+def warn_if_slow(console: Console, session: Session) -> None:
+    """Say so when a run could not keep up with the speed that it should have had."""
+    pace = session.pace
+    if pace.speed is not None and pace.mean_real_time_factor < KEEPING_UP * pace.speed:
+        print_warning(
+            console,
+            f"could not keep up: {pace.mean_real_time_factor:.2f} s were simulated in a second, {pace.speed:g} s were "
+            "asked for; a coarser mesh is faster",
+        )
+
+
+def print_profile(console: Console, profile: Profile) -> None:
+    """Phases of a step, in its order."""
+    medians = profile.medians()
+    whole = medians[TOTAL][0]
+    table = Table("phase of a step", title=f"median times of {len(profile.seconds[TOTAL])} steps")
+    for heading in ("[ms]", "share", "of it in Python [ms]"):
+        table.add_column(Text(heading), justify="right")
+    for phase, (time, in_python) in medians.items():
+        table.add_row(phase, f"{time:.3f}", f"{time / whole:.0%}", f"{in_python:.3f}", end_section=phase == REST)
+    console.print(table)
+
+
+def print_summary(console: Console, parts: Sequence[Any], folder: Path) -> None:
+    """The closing table; a controller or output that cannot give its rows must not hide how the run ended."""
+    table = Table(show_header=False)
+    for part in parts:
+        try:
+            for quantity, value in getattr(part, "summary", dict)().items():
+                table.add_row(Text(quantity), Text(value))
+        except Exception as error:
+            print_warning(console, str(plugins.plugin_failure(f"{type(part).__name__} failed in summary()", error)))
+    if table.row_count:
+        console.print(table)
+    console.print(Text(f"results in {folder}"), soft_wrap=True)

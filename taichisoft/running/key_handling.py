@@ -1,0 +1,86 @@
+"""What a run does with the keys that were pressed: its own ones, and those for the controller."""
+
+from collections.abc import Callable, Iterator
+
+from taichisoft.keys import KeyEvent
+from taichisoft.plugins import notify
+from taichisoft.running.key_log import FILE_NAME, KeyLog
+from taichisoft.session import BINDINGS, Session
+
+# They change when steps are made, not which: a replay goes on without them.
+WAITING_KEYS = ("space", "s")
+
+
+class KeyHandling:
+    """Takes the keys of a session between two steps, and writes its key log."""
+
+    def __init__(self, session: Session, tell_controller: Callable[[KeyEvent], None], start_anew: Callable[[], None]):
+        """Begin; the log of an interactive run is there from the start, that of another with its first key.
+
+        Raises:
+            KeyLogError: the log cannot be written.
+        """
+        self._session = session
+        self._tell_controller = tell_controller
+        self._actions: dict[str, Callable[[], None]] = {
+            "space": self._pause_or_go_on,
+            "s": self._make_single_step,
+            "r": start_anew,
+            "p": lambda: notify("taichisoft_picture_wanted", session=session),
+            "?": self._show_help,
+            "escape": session.stop,
+        }
+        assert self._actions.keys() == BINDINGS.keys()
+        self._log: KeyLog | None = None
+        if getattr(session.controller, "interactive", False):
+            self._open_log()
+
+    def take(self) -> None:
+        """Heed the keys that came since the last call."""
+        for event in self._new_events():
+            self._session.recent_keys.append(event)
+            action = self._actions.get(event.key) if event.value is None else None
+            if action is not None:
+                action()
+            else:
+                self._tell_controller(event)
+
+    def end(self) -> None:
+        """Close the log with the number of steps made."""
+        if self._log is not None:
+            self._log.end(self._session.steps_made)
+
+    def _new_events(self) -> Iterator[KeyEvent]:
+        """Keys in their order; those that a replay takes from its log are written again, those beside it are not."""
+        session = self._session
+        pressed = session.keys.take()
+        if session.replay is None:
+            for event in pressed:
+                self._write(event)
+                yield event
+            return
+        for event in session.replay.take(session.steps_made):
+            self._write(event)
+            if event.value is not None or event.key not in WAITING_KEYS:
+                yield event
+        yield from (event for event in pressed if event.value is None and event.key in BINDINGS and event.key != "r")
+
+    def _write(self, event: KeyEvent) -> None:
+        if self._log is None:
+            self._open_log()
+        if self._log is not None:
+            self._log.add(self._session.steps_made, event)
+
+    def _open_log(self) -> None:
+        if self._session.folder is not None:
+            self._log = KeyLog(self._session.folder / FILE_NAME)
+
+    def _pause_or_go_on(self) -> None:
+        self._session.paused = not self._session.paused
+
+    def _make_single_step(self) -> None:
+        self._session.paused = True
+        self._session.single_steps += 1
+
+    def _show_help(self) -> None:
+        self._session.shows_help = not self._session.shows_help

@@ -1,0 +1,201 @@
+"""The loop around the step: keys, controller, step, outputs. The only place that calls plug-ins during a run."""
+
+import time
+import warnings
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from taichisoft.controller import Control, Controller
+from taichisoft.errors import GoalMissed, PluginError, TaichisoftError
+from taichisoft.output import Output
+from taichisoft.plugins import notify, plugin_failure
+from taichisoft.running.interruption import held_back
+from taichisoft.running.key_handling import KeyHandling
+from taichisoft.running.time_limit import TimeLimitExceeded, call_within
+from taichisoft.session import Session
+from taichisoft.simulation import Simulation, StepReport
+
+COMPLETED = "completed"
+STOPPED = "stopped"
+INTERRUPTED = "interrupted"
+
+# Signals are heeded, and keys of a paused run taken, at least so often [s].
+LONGEST_WAIT = 0.05
+
+
+def run(
+    simulation: Simulation,
+    controller: Controller,
+    outputs: Sequence[Output] = (),
+    duration: float | None = None,
+    on_step: Callable[[StepReport], None] | None = None,
+) -> str:
+    """Drive a simulation from its present state and show every step to the outputs.
+
+    Args:
+        simulation: stays usable after the run, at its last good state.
+        controller: asked before every step, or every `controller.period` of the scene.
+        outputs: always ended, whatever happens.
+        duration: [s]; the scene's when it is not given.
+        on_step: called after every step, for a progress display.
+
+    Returns:
+        See `run_session`.
+
+    Raises:
+        TaichisoftError: see `run_session`.
+    """
+    return run_session(Session(simulation, controller, outputs, duration), on_step)
+
+
+def run_session(session: Session, on_step: Callable[[StepReport], None] | None = None) -> str:
+    """Run until the time is over or somebody ends it.
+
+    Returns:
+        "completed"; "stopped" when somebody ended the session by a key or by `Session.stop`; "interrupted" after Ctrl
+        and c or SIGTERM.
+
+    Raises:
+        TaichisoftError: a step, the controller or a plug-in failed, or an output could not do its job; what was
+            computed before is with the outputs.
+    """
+    begun: list[Output] = []
+    errors: list[BaseException] = []
+    hooks_called = False
+    with held_back() as stop_if_asked:
+        try:
+            _ask("controller", session.controller, "reset", session.simulation.model)
+            for output in session.outputs:
+                begun.append(output)
+                _ask("output", output, "begin", session.simulation.model, session.simulation.state)
+            hooks_called = True
+            notify("taichisoft_run_begins", session=session)
+            outcome = _advance(session, on_step, stop_if_asked)
+        except KeyboardInterrupt:
+            outcome = INTERRUPTED
+        except BaseException as error:
+            outcome = str(error) or type(error).__name__
+            errors.append(error)
+        errors += _end_all(begun, outcome)
+        if hooks_called:
+            errors += _problems(notify, "taichisoft_run_ends", session=session, outcome=outcome)
+    for later in errors[1:]:
+        warnings.warn(str(later), stacklevel=2)
+    if errors:
+        raise errors[0]
+    return outcome
+
+
+def _advance(session: Session, on_step: Callable[[StepReport], None] | None, stop_if_asked: Callable[[], None]) -> str:
+    """Make the steps; returns how they ended."""
+    key_handling = KeyHandling(session, lambda event: _press(session, event), lambda: _start_anew(session))
+    warned = False
+    session.pace.restart()
+    try:
+        while True:
+            stop_if_asked()
+            key_handling.take()
+            if session.stops:
+                return STOPPED
+            if session.finished:
+                return COMPLETED
+            if session.paused and not session.single_steps:
+                session.keys.wait(LONGEST_WAIT)
+                session.pace.restart()
+                continue
+            report = _step(session)
+            if not report.converged and not warned:
+                warned = True
+                _warn_not_converged(session, report)
+            if on_step is not None:
+                on_step(report)
+            _wait_for_pace(session, stop_if_asked)
+    finally:
+        key_handling.end()
+
+
+def _step(session: Session) -> StepReport:
+    """Controller, step, outputs, hooks."""
+    simulation = session.simulation
+    report = simulation.step(_next_control(session))
+    session.steps_made += 1
+    session.single_steps = max(0, session.single_steps - 1)
+    for output in session.outputs:
+        _ask("output", output, "record", simulation.state, report)
+    notify("taichisoft_step_done", session=session, report=report)
+    return report
+
+
+def _next_control(session: Session) -> Control:
+    """What the controller asks for; nothing new within its period."""
+    simulation, scene = session.simulation, session.simulation.model.scene
+    if simulation.state.step % scene.steps_per_control:
+        return Control()
+    limit = scene.controller.time_limit if scene.controller is not None else None
+    try:
+        return call_within(limit, _ask, "controller", session.controller, "control", simulation.observe())
+    except TimeLimitExceeded as error:
+        raise PluginError(
+            f"controller {_name(session.controller)} took {error.seconds:.3g} s in control() at step "
+            f"{simulation.state.step}; controller.time_limit is {limit:g} s"
+        ) from error
+
+
+def _press(session: Session, event: Any) -> None:
+    if hasattr(session.controller, "key"):
+        _ask("controller", session.controller, "key", event)
+
+
+def _start_anew(session: Session) -> None:
+    session.simulation.restore(session.first_state)
+    _ask("controller", session.controller, "reset", session.simulation.model)
+    for output in session.outputs:
+        if hasattr(output, "restart"):
+            _ask("output", output, "restart", session.first_state)
+    session.pace.restart()
+
+
+def _wait_for_pace(session: Session, stop_if_asked: Callable[[], None]) -> None:
+    wait = session.pace.seconds_to_wait(session.simulation.model.scene.time.step)
+    while wait > 0.0:
+        time.sleep(min(wait, LONGEST_WAIT))
+        wait -= LONGEST_WAIT
+        stop_if_asked()
+
+
+def _warn_not_converged(session: Session, report: StepReport) -> None:
+    warnings.warn(
+        f"step {report.step}: the Gauss-Seidel stopped after {report.iterations} sweeps with a residual of "
+        f"{report.residual:.2g} mm/s, above contact.tolerance = {session.simulation.model.scene.contact.tolerance:g}; "
+        "later steps are counted, not reported",
+        stacklevel=5,
+    )
+
+
+def _ask(kind: str, plugin: Any, method: str, *arguments: Any) -> Any:
+    """Call a method of a controller or output; what it raises unexpectedly is reported with its name."""
+    try:
+        return getattr(plugin, method)(*arguments)
+    except TaichisoftError:
+        raise
+    except Exception as error:
+        raise plugin_failure(f"{kind} {_name(plugin)} failed in {method}()", error) from error
+
+
+def _name(plugin: Any) -> str:
+    return f"{type(plugin).__module__}.{type(plugin).__qualname__}"
+
+
+def _end_all(outputs: Sequence[Output], outcome: str) -> list[TaichisoftError]:
+    """End every output, also when one fails; a missed goal matters less than an output that could not do its job."""
+    problems = [problem for output in outputs for problem in _problems(_ask, "output", output, "end", outcome)]
+    return sorted(problems, key=lambda problem: isinstance(problem, GoalMissed))
+
+
+def _problems(function: Callable[..., Any], *arguments: Any, **named: Any) -> list[TaichisoftError]:
+    """Call, and return the error instead of raising it."""
+    try:
+        function(*arguments, **named)
+    except TaichisoftError as error:
+        return [error]
+    return []

@@ -1,0 +1,67 @@
+"""Overrides of a scene's values from the command line: --set contact.friction=0.3."""
+
+import tomllib
+from typing import Any
+
+from taichisoft.errors import SceneError
+from taichisoft.scenes.validation_errors import nearest
+
+# Tables whose keys are names that the user gave: a new one here is a misspelt one, not a default to be replaced.
+NAMED_TABLES = ("soft_bodies", "rigid_bodies", "obstacles")
+
+
+def apply_override(
+    document: dict[str, Any], override: str, example: str = "contact.friction=0.3", whole: str = "the scene"
+) -> None:
+    """Put the value of "key.key=value" into the tables of a scene, before they are inherited and checked.
+
+    The value is read as TOML, and as plain text when it is none. Tables that the scene leaves out are made;
+    entries of lists are given by their index, from 0.
+
+    Args:
+        document: of a scene, or of any other TOML file.
+        override: from the command line.
+        example: of an override, for the error.
+        whole: what the document is, for the error.
+
+    Raises:
+        SceneError: it has no "=", or leads to no place in the document.
+    """
+    key, separator, text = override.partition("=")
+    names = [name.strip() for name in key.split(".")]
+    if not separator or not all(names):
+        raise SceneError(f"--set {override}: must look like {example}")
+    place: Any = document
+    for depth, name in enumerate(names):
+        where = ".".join(names[:depth]) or whole
+        problem = _why_not(place, name, where, names[depth + 1 :])
+        if problem:
+            raise SceneError(f"--set {override}: {problem}")
+        index: Any = int(name) if isinstance(place, list) else name
+        if depth == len(names) - 1:
+            place[index] = _value(text)
+        else:
+            place = place[index] if isinstance(place, list) else place.setdefault(name, {})
+
+
+def _why_not(place: Any, name: str, where: str, rest: list[str]) -> str:
+    """What is wrong with going from `place` on to `name` and then to `rest`; empty when nothing is."""
+    if isinstance(place, list):
+        valid = name.isdecimal() and int(name) < len(place)
+        return "" if valid else f"{where} has no entry '{name}'; it has {len(place)}, counted from 0"
+    if not isinstance(place, dict):
+        return f"{where} is no table: it has no '{name}'"
+    if name not in place and rest:
+        if where in NAMED_TABLES:
+            return f"{where} has no '{name}'; {nearest(name, list(place), 'there are')}"
+        if rest[0].isdecimal():
+            return f"{where} has no list '{name}' of its own"
+    return ""
+
+
+def _value(text: str) -> Any:
+    try:
+        document = tomllib.loads(f"value = {text}")
+    except tomllib.TOMLDecodeError:
+        return text.strip()
+    return document["value"] if len(document) == 1 else text.strip()

@@ -1,0 +1,1 @@
+"""The equations of a step: sparse Cholesky, constraints, Gauss-Seidel."""
