@@ -14,7 +14,7 @@ import pytest
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.output import RecordingOutput
-from taichisoft_plugins.rendering import frame_process, rendering
+from taichisoft_plugins.rendering import frame_process, render
 from taichisoft_plugins.rendering.render import RenderError, draw_frames, render_pictures
 
 WORKER = Path(__file__).with_name("fake_worker.py")
@@ -63,7 +63,7 @@ def test_after_a_crash_a_new_process_goes_on_with_the_frame_where_the_first_stop
 
 
 def test_a_process_that_hangs_is_ended_and_replaced(worker, monkeypatch) -> None:
-    monkeypatch.setattr(rendering, "FRAME_LIMIT", 0.3)
+    monkeypatch.setattr(render, "FRAME_LIMIT", 0.3)
     started = worker("hang", at=1, times=1)
     with pytest.warns(UserWarning, match="after 1 of 3 frames: no answer within 0.3 s"):
         assert draw([7, 8, 9]) == [7, 8, 9]
@@ -72,9 +72,9 @@ def test_a_process_that_hangs_is_ended_and_replaced(worker, monkeypatch) -> None
 
 
 def test_the_start_may_take_longer_than_a_frame_but_not_forever(worker, monkeypatch) -> None:
-    monkeypatch.setattr(rendering, "START_LIMIT", 1.0)
-    monkeypatch.setattr(rendering, "LOOK_LIMIT", 0.5)
-    monkeypatch.setattr(rendering, "FRAME_LIMIT", 0.1)
+    monkeypatch.setattr(render, "START_LIMIT", 1.0)
+    monkeypatch.setattr(render, "LOOK_LIMIT", 0.5)
+    monkeypatch.setattr(render, "FRAME_LIMIT", 0.1)
     worker("hang", at=0, times=1)
     with pytest.warns(UserWarning, match="after 0 of 2 frames: no answer within 2.1 s"):
         draw([1, 2])
@@ -136,7 +136,7 @@ def test_pictures_of_one_moment_are_drawn_once_and_have_all_their_names(worker, 
 
 
 def test_a_wrong_moment_is_said_before_anything_is_started(tmp_path, monkeypatch) -> None:
-    monkeypatch.setattr(rendering, "FrameProcess", lambda *_: pytest.fail("a process was started"))
+    monkeypatch.setattr(render, "FrameProcess", lambda *_: pytest.fail("a process was started"))
     fake_run.fake_run([RecordingOutput(tmp_path)], steps=3)
     with pytest.raises(RecordingError, match="nothing at 5 s"):
         render_pictures(tmp_path / "recording.h5", {"a": 5.0}, tmp_path)
