@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_plugins.recording.layout import CONTACT_QUANTITIES, STEP_QUANTITIES, Quantity, RecordingError
+from taichisoft_plugins.recording.layout import CONTACT_QUANTITIES, OPENED, STEP_QUANTITIES, Quantity, RecordingError
 from taichisoft_plugins.recording.reserved_room import ReservedRoom
 
 ROWS_PER_CHUNK = 100
@@ -62,7 +62,7 @@ class RecordingFile:
             path.write_bytes(_empty_recording(describe, rows, contacts, PACKING if compress else {}))
             self._room = ReservedRoom(path)
             self._room.reach(path.stat().st_size + METADATA)
-            self._root = h5py.File(path, "r+", libver="latest")
+            self._root = h5py.File(path, "r+", **OPENED)
         except OSError as error:
             raise RecordingError(f"{path}: cannot be written: {_reason(error)}") from error
         self._root.swmr_mode = True
@@ -96,7 +96,7 @@ class RecordingFile:
 
         self._root.close()
         self._room.close()
-        with h5py.File(self.path, "r+", libver="latest") as file:  # HDF5 cuts off the room that was not needed
+        with h5py.File(self.path, "r+", **OPENED) as file:  # HDF5 cuts off the room that was not needed
             file.attrs["outcome"] = outcome
 
 

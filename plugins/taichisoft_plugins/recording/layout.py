@@ -20,12 +20,16 @@ worst of them, and the mean of the step times. Everything else is that of the fr
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from taichisoft.errors import TaichisoftError
 
 FILE_NAME = "recording.h5"
 LAYOUT = 2
 """Counts changes that make older files lack something."""
+OPENED: Any = {"libver": "latest", "locking": False}
+"""How the file is opened. A reader's lock would keep a run in progress from closing it, and in one process all who open
+a file must do it alike."""
 
 FIELDS = {
     "positions": "positions of the nodes: to draw anything",

@@ -7,7 +7,14 @@ from typing import Any, Self
 import numpy as np
 
 from taichisoft.state import State
-from taichisoft_plugins.recording.layout import CONTACT_QUANTITIES, FIELDS, LAYOUT, STEP_QUANTITIES, RecordingError
+from taichisoft_plugins.recording.layout import (
+    CONTACT_QUANTITIES,
+    FIELDS,
+    LAYOUT,
+    OPENED,
+    STEP_QUANTITIES,
+    RecordingError,
+)
 from taichisoft_plugins.recording.recorded_bodies import (
     RecordedPlane,
     RecordedRigidBody,
@@ -213,8 +220,7 @@ def read_recording(path: str | Path) -> Recording:
     if not path.is_file():
         raise RecordingError(f"{path}: no such recording; `taichisoft run` writes one into its output folder")
     try:
-        # A reader's lock would keep a run in progress from closing its file.
-        file = h5py.File(path, "r", libver="latest", swmr=True, locking=False)
+        file = h5py.File(path, "r", swmr=True, **OPENED)
     except OSError as error:
         raise RecordingError(f"{path}: not readable as HDF5: {error}") from error
     try:

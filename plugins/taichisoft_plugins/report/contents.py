@@ -12,6 +12,7 @@ import taichisoft
 from taichisoft.errors import TaichisoftError
 from taichisoft_plugins.metrics import FILE_NAME as METRICS
 from taichisoft_plugins.plots.plots import draw_plots
+from taichisoft_plugins.recording.layout import OPENED
 from taichisoft_plugins.recording.reader import Recording, read_recording
 
 PICTURES, VIDEOS = (".png",), (".mp4", ".webm", ".gif")
@@ -138,10 +139,9 @@ def _add_metrics(contents: ReportContents, folder: Path) -> None:
 
 
 def _recorded_version(path: Path) -> str:
-    """Read without a lock, as `read_recording` does: the run may still be writing."""
     import h5py
 
-    with h5py.File(path, "r", libver="latest", swmr=True, locking=False) as file:
+    with h5py.File(path, "r", swmr=True, **OPENED) as file:
         return str(file.attrs["taichisoft_version"])
 
 
