@@ -1,5 +1,7 @@
 """A recording gives back what was computed."""
 
+import platform
+from importlib.metadata import version
 from pathlib import Path
 
 import fake_run
@@ -64,6 +66,8 @@ def test_header(recording):
     assert recording.scene == scene_to_toml(fake_run.fake_model().scene)
     assert np.array_equal(recording.up, [1.0, 0.0, 0.0]), "gravity is along -x"
     assert [plane.name for plane in recording.planes] == ["floor"]
+    assert recording.versions["taichi"] == version("taichi")
+    assert recording.versions["machine"].startswith(platform.system())
 
 
 def test_surfaces_follow_their_bodies(recording):

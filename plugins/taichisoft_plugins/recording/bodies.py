@@ -1,5 +1,9 @@
 """What of a recording does not change during a run: the header and the bodies."""
 
+import json
+import platform
+from contextlib import suppress
+from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,12 +18,16 @@ if TYPE_CHECKING:
     from taichisoft.soft_body import SoftBody
 
 
+PACKAGES = ("taichi", "numpy", "scipy", "h5py")
+
+
 def write_header(file: Any, model: "Model", every: int, fields: tuple[str, ...]) -> None:
     """Write the file's attributes; until the run has ended its outcome is "unfinished"."""
     import h5py
 
     attributes = file.attrs
     attributes["taichisoft_version"] = taichisoft.__version__
+    attributes["versions"] = json.dumps(_versions())
     attributes["layout"] = LAYOUT
     attributes["scene"] = scene_to_toml(model.scene)
     attributes["every"] = every
@@ -27,6 +35,15 @@ def write_header(file: Any, model: "Model", every: int, fields: tuple[str, ...])
     attributes["gravity"] = np.array(model.scene.gravity, dtype=np.float64)
     attributes["step_size"] = float(model.scene.time.step)
     attributes["outcome"] = "unfinished"
+
+
+def _versions() -> dict[str, str]:
+    """Of what computes the run, and the machine that it does so on."""
+    versions = {"taichisoft": taichisoft.__version__, "Python": platform.python_version()}
+    for package in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[package] = version(package)
+    return {**versions, "machine": f"{platform.system()} {platform.machine()}"}
 
 
 def write_bodies(file: Any, model: "Model") -> None:

@@ -1,7 +1,7 @@
 """What lies where in a recording: the groups and datasets of the HDF5 file, their units, and who asks for them.
 
-attributes       taichisoft_version, layout, scene (resolved TOML), fields, every (steps from frame to frame),
-                 gravity [mm/s^2], step_size [s], outcome
+attributes       taichisoft_version, versions (JSON), layout, scene (resolved TOML), fields, every (steps from
+                 frame to frame), gravity [mm/s^2], step_size [s], outcome
 frames           how many frames were written whole; written last, so that what it counts can be relied on
 soft_bodies/I    attributes name and nodes (first and last+1 in the global arrays); mesh_nodes (as in its file, [mm]),
                  rest_position (placed, [mm]), elements, young_modulus [kPa] and poisson_ratio of each element,

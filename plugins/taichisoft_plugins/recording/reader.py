@@ -1,5 +1,6 @@
 """Reading a recording: what was simulated, and what was in every frame."""
 
+import json
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -35,6 +36,7 @@ class Recording:
     Attributes:
         path: the file.
         scene: the resolved scene as TOML text.
+        versions: of taichisoft and what it computed with, by name.
         outcome: how the run ended; "unfinished" while it runs and when it was killed.
         step_size: [s].
         every: steps from frame to frame.
@@ -53,6 +55,7 @@ class Recording:
         self._steps = file["steps"]
         attributes = file.attrs
         self.scene: str = attributes["scene"]
+        self.versions: dict[str, str] = json.loads(attributes.get("versions", "{}"))
         self.outcome: str = attributes["outcome"]
         self.step_size = float(attributes["step_size"])
         self.every = int(attributes.get("every", 1))

@@ -1,10 +1,8 @@
 """What a report shows: found in the folder of a run, or said to be missing."""
 
 import json
-import platform
 import tomllib
 from dataclasses import dataclass, field
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +10,6 @@ import taichisoft
 from taichisoft.errors import TaichisoftError
 from taichisoft_plugins.metrics import FILE_NAME as METRICS
 from taichisoft_plugins.plots.plots import draw_plots
-from taichisoft_plugins.recording.layout import OPENED
 from taichisoft_plugins.recording.reader import Recording, read_recording
 
 PICTURES, VIDEOS = (".png",), (".mp4", ".webm", ".gif")
@@ -21,8 +18,6 @@ MOMENTS = ("before", "grasped", "lifted", "after")
 
 CLOCK_STEP = 2.0
 """Some file systems know the time of a file to this only [s]."""
-
-PACKAGES = ("taichi", "numpy", "scipy", "h5py", "matplotlib", "open3d-cpu", "open3d", "gmsh")
 
 
 @dataclass(frozen=True)
@@ -52,7 +47,7 @@ class ReportContents:
         metrics: what metrics.json has.
         plots: an SVG file, or "" if there is none.
         scene: resolved, as TOML.
-        versions: of the programs, by name.
+        versions: of what the run was computed with, and of what makes the report, by name.
         missing: what the report has to do without, one sentence each.
     """
 
@@ -91,11 +86,11 @@ def collect(path: Path, began: float | None = None) -> ReportContents:
             duration=float(times[-1]) if len(times) else 0.0,
             restarts=int((times[1:] < times[:-1]).sum()),
             scene=recording.scene,
+            versions={**recording.versions, "report by taichisoft": taichisoft.__version__},
         )
         _add_plots(contents, recording)
     _add_pictures(contents, folder, began)
     _add_metrics(contents, folder)
-    contents.versions = {"recorded with taichisoft": _recorded_version(path), **_versions()}
     return contents
 
 
@@ -136,21 +131,3 @@ def _add_metrics(contents: ReportContents, folder: Path) -> None:
         contents.missing.append("There are no metrics: the run was made without the output 'metrics'.")
     except (OSError, ValueError) as error:
         contents.missing.append(f"There are no metrics: {path} is not readable: {error}.")
-
-
-def _recorded_version(path: Path) -> str:
-    import h5py
-
-    with h5py.File(path, "r", swmr=True, **OPENED) as file:
-        return str(file.attrs["taichisoft_version"])
-
-
-def _versions() -> dict[str, str]:
-    """Of what makes the report, on this machine."""
-    versions = {"report by taichisoft": taichisoft.__version__, "Python": platform.python_version()}
-    for package in PACKAGES:
-        try:
-            versions[package] = version(package)
-        except PackageNotFoundError:
-            continue
-    return {**versions, "machine": f"{platform.system()} {platform.machine()}"}
