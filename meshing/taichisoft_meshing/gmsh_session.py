@@ -1,6 +1,8 @@
 """A gmsh of one's own: silent, the same every time, closed again whatever happens, its log kept when it fails."""
 
+import ctypes
 import os
+import signal
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -39,6 +41,7 @@ def gmsh_session(body: str) -> Iterator[Any]:
         raise MeshError(f"gmsh is already in use in this process; finalize it before meshing {body}")
     # Not interruptible: gmsh would take over the signal handlers, and can only do so in the main thread.
     gmsh.initialize(readConfigFiles=False, interruptible=False)
+    _keep_broken_pipes_an_error()
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("General.NumThreads", 1)
@@ -52,6 +55,15 @@ def gmsh_session(body: str) -> Iterator[Any]:
         raise MeshError(f"gmsh cannot mesh {body}: {_one_line(error)}; {_kept_log(gmsh)}") from error
     finally:
         gmsh.finalize()
+
+
+def _keep_broken_pipes_an_error() -> None:
+    """Undo what gmsh's start does behind Python's back: from then on the signal of a broken pipe would end the process.
+
+    Python ignores that signal and raises BrokenPipeError instead; in threads it cannot set it itself.
+    """
+    if hasattr(signal, "SIGPIPE") and signal.getsignal(signal.SIGPIPE) is signal.SIG_IGN:
+        ctypes.CDLL(None).signal(int(signal.SIGPIPE), ctypes.c_void_p(int(signal.SIG_IGN)))
 
 
 def _kept_log(gmsh: Any) -> str:

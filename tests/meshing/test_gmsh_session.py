@@ -1,6 +1,9 @@
 """A session of gmsh: what fails is told in one line, and gmsh is closed again."""
 
+import os
 import re
+import subprocess
+import sys
 import tempfile
 from pathlib import Path
 
@@ -67,3 +70,29 @@ def test_gmsh_in_use_by_the_caller_is_left_alone() -> None:
         assert gmsh.isInitialized()
     finally:
         gmsh.finalize()
+
+
+BROKEN_PIPE = """
+import os, threading
+from taichisoft_meshing.gmsh_session import gmsh_session
+
+def mesh():
+    with gmsh_session("nothing"):
+        pass
+
+{how}
+reading, writing = os.pipe()
+os.close(reading)
+try:
+    os.write(writing, b"nobody reads this")
+except BrokenPipeError:
+    print("an error, as ever")
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="signals")
+@pytest.mark.parametrize("how", ["mesh()", "thread = threading.Thread(target=mesh); thread.start(); thread.join()"])
+def test_a_broken_pipe_does_not_end_the_process_after_meshing(how: str) -> None:
+    """As that of a video's encoder or of a web page that is gone, in a run that meshed its finger first."""
+    process = subprocess.run([sys.executable, "-c", BROKEN_PIPE.format(how=how)], capture_output=True, text=True)
+    assert (process.returncode, process.stdout) == (0, "an error, as ever\n"), process.stderr
