@@ -14,6 +14,7 @@ from hypothesis.extra.numpy import arrays
 from taichisoft.errors import MeshError
 from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft.meshes.files import read_unchecked_mesh, read_volume_mesh, write_volume_mesh
+from taichisoft_meshing.gmsh_session import gmsh_session
 
 NODES = np.vstack([np.zeros(3), np.eye(3), np.ones(3)])
 ELEMENTS = np.array([[0, 1, 2, 3], [1, 2, 3, 4]])
@@ -22,16 +23,10 @@ FACES = np.array([[1, 2, 3], [0, 2, 1], [1, 2, 4]])
 
 @contextmanager
 def gmsh_open(path: Path | None = None) -> Iterator[Any]:
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session("a test") as gmsh:
         if path is not None:
             gmsh.open(str(path))
         yield gmsh
-    finally:
-        gmsh.finalize()
 
 
 def test_gmsh_finds_every_group_with_its_cells(tmp_path: Path) -> None:

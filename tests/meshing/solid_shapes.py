@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 import trimesh
 
+from taichisoft_meshing.gmsh_session import gmsh_session
+
 Surface = trimesh.Trimesh
 
 
@@ -54,14 +56,8 @@ def save(surface: Surface, path: Path) -> Path:
 
 def write_step(path: Path, draw: Callable[[Any], object]) -> Path:
     """A STEP file of what `draw` makes with gmsh's OpenCASCADE."""
-    import gmsh
-
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session(path.name) as gmsh:
         draw(gmsh.model.occ)
         gmsh.model.occ.synchronize()
         gmsh.write(str(path))
-    finally:
-        gmsh.finalize()
     return path

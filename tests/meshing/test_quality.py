@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from taichisoft_meshing.gmsh_session import gmsh_session
 from taichisoft_meshing.quality.tetrahedra import dihedral_angles, edge_lengths, radius_ratios
 
 ORDER = np.array([[0, 1, 2, 3]])
@@ -57,17 +58,11 @@ def test_no_measure_depends_on_where_a_tetrahedron_is_or_on_the_order_of_its_nod
 
 
 def test_the_radius_ratio_is_gmshs_gamma() -> None:
-    import gmsh
-
     nodes = np.random.default_rng(3).random((40, 3))
     elements = np.arange(40).reshape(10, 4)
-    gmsh.initialize(readConfigFiles=False, interruptible=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
+    with gmsh_session("tetrahedra") as gmsh:
         volume = gmsh.model.addDiscreteEntity(3)
         gmsh.model.mesh.addNodes(3, volume, np.arange(1, 41), nodes.ravel())
         gmsh.model.mesh.addElementsByType(volume, 4, np.arange(1, 11), elements.ravel() + 1)
         gamma = gmsh.model.mesh.getElementQualities(np.arange(1, 11), "gamma")
-    finally:
-        gmsh.finalize()
     np.testing.assert_allclose(radius_ratios(nodes, elements), np.abs(gamma), rtol=1e-9)
