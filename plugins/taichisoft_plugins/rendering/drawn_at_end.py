@@ -1,5 +1,6 @@
 """What outputs have in common that are drawn from the recording when the run is over."""
 
+from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +13,7 @@ if TYPE_CHECKING:
     from taichisoft.state import State
 
 
-class DrawnAtEnd:
+class DrawnAtEnd(ABC):
     """An output that does nothing while the simulation runs, and cannot harm what was computed.
 
     Attributes:
@@ -54,6 +55,6 @@ class DrawnAtEnd:
             later = f"`taichisoft render {self._recording.path}` draws later"
             raise RenderError(f"no {self.what}: interrupted; {later}") from None
 
+    @abstractmethod
     def draw(self, recording: Path) -> None:
         """Draw from the complete recording."""
-        raise NotImplementedError
