@@ -72,7 +72,11 @@ def test_what_gmsh_writes_is_read_in_any_variant(tmp_path: Path, binary: int, sa
     assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(24, rel=1e-12)
 
 
-@given(arrays(np.float64, (4, 3), elements=st.floats(allow_nan=False, allow_infinity=False)))
+# Some library that Taichi loads lets this process round subnormal numbers to 0.
+NUMBERS = st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)
+
+
+@given(arrays(np.float64, (4, 3), elements=NUMBERS))
 def test_every_digit_of_a_node_is_kept(tmp_path_factory: pytest.TempPathFactory, nodes: np.ndarray) -> None:
     path = tmp_path_factory.getbasetemp() / "digits.msh"
     write_volume_mesh(VolumeMesh("one", nodes, np.arange(4).reshape(1, 4)), path)
