@@ -45,7 +45,7 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
         "--fields": RunOption(
             "recording", "What to record: positions,forces,...; all if not given.", "fields", str, "NAMES"
         ),
-        "--compress": RunOption("recording", "Pack the recording: a fifth smaller, but slower.", "compress", bool),
+        "--compress": RunOption("recording", "Pack the recording: a quarter smaller, but slower.", "compress", bool),
         "--image": RunOption("pictures", "Draw pictures of the key moments at the end."),
         "--video": RunOption("video", "Draw a video at the end: .mp4, .gif, or a folder.", "file", Path, "FILE"),
         "--fps": RunOption("video", "Frames per second of the video.", "fps", float),

@@ -30,7 +30,7 @@ class RecordingOutput:
             folder: the run's.
             every: steps between two frames; the last step before the run ends or starts anew is always one.
             fields: keys of `layout.FIELDS`, separated by commas; all when it is not given.
-            compress: pack what has a number for every node: a fifth smaller, at twenty times the time.
+            compress: pack what has a number for every node: a quarter smaller, at thirty times the time.
 
         Raises:
             RecordingError: `every` is less than 1, or there is no such field.
