@@ -7,38 +7,40 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from taichisoft.controller import Control as Control
-    from taichisoft.controller import Observation as Observation
-    from taichisoft.hookspecs import hookimpl as hookimpl
+    from taichisoft.building.scene_files import load_scene as load_scene
+    from taichisoft.building.simulation import Simulation as Simulation
+    from taichisoft.building.simulation import make_model as make_model
+    from taichisoft.control.control import Control as Control
+    from taichisoft.control.observation import Observation as Observation
     from taichisoft.model import Model as Model
-    from taichisoft.plugins import load_plugin as load_plugin
-    from taichisoft.plugins import load_plugins_folder as load_plugins_folder
-    from taichisoft.plugins import register_plugin as register_plugin
-    from taichisoft.plugins import unregister_plugin as unregister_plugin
+    from taichisoft.plugin_system.hookspecs import hookimpl as hookimpl
+    from taichisoft.plugin_system.plugins import load_plugin as load_plugin
+    from taichisoft.plugin_system.plugins import load_plugins_folder as load_plugins_folder
+    from taichisoft.plugin_system.plugins import register_plugin as register_plugin
+    from taichisoft.plugin_system.plugins import unregister_plugin as unregister_plugin
     from taichisoft.running.loop import run as run
-    from taichisoft.scene import Scene as Scene
-    from taichisoft.scenes.file import load_scene as load_scene
     from taichisoft.scenes.file import scene_from_dict as scene_from_dict
-    from taichisoft.simulation import Simulation as Simulation
+    from taichisoft.scenes.scene import Scene as Scene
     from taichisoft.state import State as State
 
 __version__ = "0.1.0"
 
 _WHERE = {
-    "Control": "controller",
+    "Control": "control.control",
     "Model": "model",
-    "Observation": "controller",
-    "Scene": "scene",
-    "Simulation": "simulation",
+    "Observation": "control.observation",
+    "Scene": "scenes.scene",
+    "Simulation": "building.simulation",
     "State": "state",
-    "hookimpl": "hookspecs",
-    "load_plugin": "plugins",
-    "load_plugins_folder": "plugins",
-    "load_scene": "scenes.file",
-    "register_plugin": "plugins",
+    "hookimpl": "plugin_system.hookspecs",
+    "load_plugin": "plugin_system.plugins",
+    "load_plugins_folder": "plugin_system.plugins",
+    "load_scene": "building.scene_files",
+    "make_model": "building.simulation",
+    "register_plugin": "plugin_system.plugins",
     "run": "running.loop",
     "scene_from_dict": "scenes.file",
-    "unregister_plugin": "plugins",
+    "unregister_plugin": "plugin_system.plugins",
 }
 __all__ = ["__version__", *_WHERE]
 

@@ -6,12 +6,12 @@ from typing import Annotated
 
 import typer
 
-from taichisoft import __version__, plugins
+from taichisoft import __version__
 from taichisoft.errors import GoalMissed, TaichisoftError
-from taichisoft.plugin_system import plugins_command
+from taichisoft.plugin_system import plugins, plugins_command
 from taichisoft.plugin_system.commands import load_requested, with_plugin_commands
 from taichisoft.plugin_system.failure import plugin_traceback
-from taichisoft.run_option import requested, takes_run_options
+from taichisoft.plugin_system.run_options import requested, takes_run_options
 
 application = typer.Typer(
     name="taichisoft",

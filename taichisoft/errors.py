@@ -1,5 +1,8 @@
 """What a user can be told: each error is one line that says what is wrong, where, and what would be valid."""
 
+import difflib
+from collections.abc import Sequence
+
 
 class TaichisoftError(Exception):
     """Base of every error that is the user's to mend; the command line prints it without a traceback."""
@@ -61,3 +64,9 @@ class GoalMissed(TaichisoftError):
 
 class ControllerFailed(GoalMissed):
     """A controller gave up: it says what it waited for, or what went wrong."""
+
+
+def nearest(name: str, valid: Sequence[str], what: str) -> str:
+    """The hint that ends an error about a name: the most similar valid one, or all of them."""
+    near = difflib.get_close_matches(name, valid, n=1)
+    return f"did you mean '{near[0]}'?" if near else f"{what}: {', '.join(valid) or 'none'}"

@@ -1,21 +1,23 @@
 """What never changes during a run, made from a scene once."""
 
+import dataclasses
 from collections.abc import Mapping
 
 import numpy as np
 
-from taichisoft.cavities import Cavities
+from taichisoft.bodies.cavities import Cavities
+from taichisoft.bodies.elasticity import Elasticity
+from taichisoft.bodies.rigid_body import make_obstacle, make_rigid_body
+from taichisoft.bodies.rotations import matrices_from_quaternions
+from taichisoft.bodies.soft_body import SoftBody, make_soft_body
 from taichisoft.contact.detection import ContactDetection
 from taichisoft.contact.overlap import refuse_overlap
 from taichisoft.contact.selection import ContactSelection
 from taichisoft.contact.surfaces import ContactSurfaces
-from taichisoft.elasticity import Elasticity
-from taichisoft.mesh import VolumeMesh
-from taichisoft.rigid_body import make_obstacle, make_rigid_body
-from taichisoft.scene import Scene
-from taichisoft.scenes.body_meshes import load_meshes
-from taichisoft.scenes.placement import matrices_from_quaternions
-from taichisoft.soft_body import SoftBody, make_soft_body
+from taichisoft.errors import StateError
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.scenes.scene import Scene
+from taichisoft.state import State
 
 
 class Model:
@@ -38,21 +40,20 @@ class Model:
         gravity: [mm/s^2], shape (3,).
     """
 
-    def __init__(self, scene: Scene, meshes: Mapping[str, VolumeMesh] | None = None):
-        """Read the files that a scene names and lay out the arrays.
+    def __init__(self, scene: Scene, meshes: Mapping[str, VolumeMesh]):
+        """Lay out the arrays; surfaces that the scene names are read from their files.
 
         Args:
             scene: what to simulate.
-            meshes: by the names of the soft bodies, instead of those that the scene names.
+            meshes: those of the soft bodies by name; `taichisoft.make_model` finds them.
 
         Raises:
-            MeshError: a file is not fit to simulate.
+            MeshError: a surface is not fit to simulate.
             SceneError: something in the scene does not fit its meshes, or bodies overlap at the start.
         """
         self.scene = scene
         soft: list[SoftBody] = []
         node_count = 0
-        meshes = load_meshes(scene) if meshes is None else meshes
         for name, body in scene.soft_bodies.items():
             soft.append(make_soft_body(name, body, meshes[name], node_count))
             node_count = soft[-1].nodes.stop
@@ -75,6 +76,56 @@ class Model:
         position = np.array([body.start_position for body in self.rigid_bodies]).reshape(-1, 3)
         self.surfaces.update(self.rest_position, position, matrices_from_quaternions(rotation))
         refuse_overlap(self.surfaces, self.detection, self.body_names)
+
+    def initial_state(self) -> State:
+        """The state that the scene describes."""
+        bodies = self.rigid_bodies
+        velocities = [np.tile(b.settings.velocity, (len(b.rest_position), 1)) for b in self.soft_bodies]
+        cavity_count = len(self.cavities.names)
+        return State(
+            time=0.0,
+            step=0,
+            position=self.rest_position.copy(),
+            velocity=np.vstack([np.zeros((0, 3)), *velocities]),
+            rigid_position=np.array([b.start_position for b in bodies]).reshape(-1, 3),
+            rigid_rotation=np.array([b.start_rotation for b in bodies]).reshape(-1, 4),
+            rigid_velocity=np.array([b.start_velocity for b in bodies]).reshape(-1, 3),
+            rigid_angular_velocity=np.array([b.start_angular_velocity for b in bodies]).reshape(-1, 3),
+            base_translation=np.zeros(3),
+            base_rotation=np.zeros(3),
+            base_request=np.zeros((2, 3)),
+            base_velocity=np.zeros((2, 3)),
+            cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
+            cavity_request=np.zeros(cavity_count),
+            cavity_target=np.zeros(cavity_count),
+            cavity_impulse=np.zeros(cavity_count),
+            cavity_volume=self.cavities.volumes(self.rest_position),
+            contact_key=np.zeros(0, dtype=np.int32),
+            contact_point=np.zeros((0, 3)),
+            contact_normal=np.zeros((0, 3)),
+            contact_impulse=np.zeros((0, 3)),
+            contact_slip=np.zeros(0),
+        )
+
+    def check(self, state: State) -> None:
+        """Refuse a state of another model: its arrays must have the model's sizes, its time the model's step.
+
+        Raises:
+            StateError: one differs.
+        """
+        time_step = self.scene.time.step
+        if abs(state.time - state.step * time_step) > 1e-6 * time_step:
+            raise StateError(
+                f"the state belongs to another model: {state.step} steps took {state.time:g} s, the model's time step "
+                f"is {time_step:g} s"
+            )
+        initial = self.initial_state()
+        for field in dataclasses.fields(state):
+            shape, expected = (np.shape(getattr(some, field.name)) for some in (state, initial))
+            if not field.name.startswith("contact_") and shape != expected:
+                raise StateError(
+                    f"the state belongs to another model: its {field.name} has shape {shape}, the model's {expected}"
+                )
 
     @property
     def node_count(self) -> int:

@@ -11,7 +11,7 @@ import pytest
 
 if TYPE_CHECKING:
     from taichisoft.plugin_system.registry import Registry
-    from taichisoft.scene import Scene
+    from taichisoft.scenes.scene import Scene
 
 TINY_GRIPPER = Path(__file__).parent / "tiny_gripper" / "scene.toml"
 
@@ -23,7 +23,7 @@ def taichisoft_scene() -> "Scene":
     Bodies: "left" and "right", with the cavities "left.cavity" and "right.cavity"; "cube", on the obstacle "floor". At
     7 kPa the pads touch the cube, and with 9 kPa they can lift it (along z).
     """
-    from taichisoft.scenes.file import load_scene
+    from taichisoft.building.scene_files import load_scene
 
     return load_scene(TINY_GRIPPER)
 
@@ -31,7 +31,7 @@ def taichisoft_scene() -> "Scene":
 @pytest.fixture
 def taichisoft_plugins() -> "Iterator[Registry]":
     """A registry with the installed plug-ins: what the test loads or registers in addition is gone after it."""
-    from taichisoft.plugins import separate_registry
+    from taichisoft.plugin_system.plugins import separate_registry
 
     with separate_registry() as registry:
         yield registry

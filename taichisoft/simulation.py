@@ -1,66 +1,24 @@
 """The time step: implicit Euler, contact and cavities solved together."""
 
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
 from taichisoft.contact.detection import ContactPairs
-from taichisoft.control_input import apply_control
-from taichisoft.control_limits import clipped
-from taichisoft.controller import Control, Observation
-from taichisoft.divergence import DivergenceCheck
+from taichisoft.control.control import Control
+from taichisoft.control.limits import clipped
+from taichisoft.control.observation import Observation
+from taichisoft.control.observer import Observer
+from taichisoft.control.requests import apply_control
 from taichisoft.model import Model
-from taichisoft.observation import Observer
-from taichisoft.rigid_motion import RigidMotion
-from taichisoft.scene import Scene
-from taichisoft.soft_motion import SoftMotion
-from taichisoft.solver.active_set import ActiveSet
-from taichisoft.solver.constraints import ConstraintProblem
 from taichisoft.state import State
-
-
-@dataclass(frozen=True)
-class StepReport:
-    """What happened in a step.
-
-    Attributes:
-        step: index of the step, from 0.
-        time: at its end [s].
-        pressures: [kPa] by cavity name.
-        volumes: [mm^3] by cavity name, at its end.
-        normal_forces: sum of the normal contact forces [mN] by pair of bodies ("finger1|cube").
-        friction_forces: sum of the magnitudes of the friction forces [mN] by pair of bodies.
-        slip_speeds: fastest sliding of a contact that presses [mm/s] by pair of bodies.
-        contact_count: contacts, the open ones too.
-        contact_points: midpoints at its start, where contacts were found [mm], shape (contact_count, 3).
-        contact_forces: on the second body [mN], shape (contact_count, 3).
-        max_penetration: how far a point was in the contact distance at its start [mm]; surfaces overlap beyond that.
-        iterations: sweeps of the Gauss-Seidel.
-        residual: largest change of a velocity in the last sweep [mm/s].
-        converged: whether the residual is below the tolerance.
-        clipped: what the scene's limits held back: names of cavities, "base_translation" and "base_rotation".
-        signals: the controller's own numbers, by name.
-        step_time: wall clock [s].
-    """
-
-    step: int
-    time: float
-    pressures: dict[str, float]
-    volumes: dict[str, float]
-    normal_forces: dict[str, float]
-    friction_forces: dict[str, float]
-    slip_speeds: dict[str, float]
-    contact_count: int
-    contact_points: np.ndarray
-    contact_forces: np.ndarray
-    max_penetration: float
-    iterations: int
-    residual: float
-    converged: bool
-    clipped: tuple[str, ...]
-    signals: dict[str, float]
-    step_time: float
+from taichisoft.step.active_set import ActiveSet
+from taichisoft.step.constraints import ConstraintProblem
+from taichisoft.step.divergence import DivergenceCheck
+from taichisoft.step.report import StepReport
+from taichisoft.step.rigid_motion import RigidMotion
+from taichisoft.step.soft_motion import SoftMotion
 
 
 class Simulation:
@@ -72,10 +30,10 @@ class Simulation:
         report: of the last step, None before the first.
     """
 
-    def __init__(self, scene: Scene | Model):
-        """Start from a scene, or from a model already made."""
-        self.model = scene if isinstance(scene, Model) else Model(scene)
-        self.state = State.at_start(self.model)
+    def __init__(self, model: Model):
+        """Begin at the model's initial state."""
+        self.model = model
+        self.state = model.initial_state()
         self.report: StepReport | None = None
         self._soft = SoftMotion(self.model)
         self._rigid = RigidMotion(self.model)
@@ -90,7 +48,7 @@ class Simulation:
         Raises:
             StateError: it belongs to another model.
         """
-        state.check_fits(self.model)
+        self.model.check(state)
         self.state = state
 
     def step(self, control: Control | None = None) -> StepReport:

@@ -3,15 +3,12 @@
 import dataclasses
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from zipfile import BadZipFile
 
 import numpy as np
 
 from taichisoft.errors import StateError
-
-if TYPE_CHECKING:
-    from taichisoft.model import Model
 
 
 @dataclass(frozen=True)
@@ -66,37 +63,6 @@ class State:
     contact_impulse: np.ndarray
     contact_slip: np.ndarray
 
-    @classmethod
-    def at_start(cls, model: "Model") -> "State":
-        """The state that the model's scene describes."""
-        bodies = model.rigid_bodies
-        velocities = [np.tile(b.settings.velocity, (len(b.rest_position), 1)) for b in model.soft_bodies]
-        cavity_count = len(model.cavities.names)
-        return cls(
-            time=0.0,
-            step=0,
-            position=model.rest_position.copy(),
-            velocity=np.vstack([np.zeros((0, 3)), *velocities]),
-            rigid_position=np.array([b.start_position for b in bodies]).reshape(-1, 3),
-            rigid_rotation=np.array([b.start_rotation for b in bodies]).reshape(-1, 4),
-            rigid_velocity=np.array([b.start_velocity for b in bodies]).reshape(-1, 3),
-            rigid_angular_velocity=np.array([b.start_angular_velocity for b in bodies]).reshape(-1, 3),
-            base_translation=np.zeros(3),
-            base_rotation=np.zeros(3),
-            base_request=np.zeros((2, 3)),
-            base_velocity=np.zeros((2, 3)),
-            cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
-            cavity_request=np.zeros(cavity_count),
-            cavity_target=np.zeros(cavity_count),
-            cavity_impulse=np.zeros(cavity_count),
-            cavity_volume=model.cavities.volumes(model.rest_position),
-            contact_key=np.zeros(0, dtype=np.int32),
-            contact_point=np.zeros((0, 3)),
-            contact_normal=np.zeros((0, 3)),
-            contact_impulse=np.zeros((0, 3)),
-            contact_slip=np.zeros(0),
-        )
-
     def copy(self) -> "State":
         """A state that shares no array with this one."""
         arrays: dict[str, Any] = {name: value.copy() for name, value in _items(self) if isinstance(value, np.ndarray)}
@@ -109,22 +75,6 @@ class State:
             and np.asarray(value).tobytes() == np.asarray(getattr(other, name)).tobytes()
             for name, value in _items(self)
         )
-
-    def check_fits(self, model: "Model") -> None:
-        """Raise StateError unless the arrays have the sizes of a model, and the time is that of its time step."""
-        expected = State.at_start(model)
-        time_step = model.scene.time.step
-        if abs(self.time - self.step * time_step) > 1e-6 * time_step:
-            raise StateError(
-                f"the state belongs to another model: {self.step} steps took {self.time:g} s, the model's time step "
-                f"is {time_step:g} s"
-            )
-        for name, value in _items(expected):
-            shape = np.shape(getattr(self, name))
-            if not name.startswith("contact_") and shape != np.shape(value):
-                raise StateError(
-                    f"the state belongs to another model: its {name} has shape {shape}, the model's {np.shape(value)}"
-                )
 
     def save(self, path: str | Path) -> None:
         """Write the whole state to an .npz file."""

@@ -14,11 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft import plugins
-from taichisoft.hookspecs import PROJECT, hookimpl
-from taichisoft.mesh import VolumeMesh, boundary_triangles
 from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
+from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system import sources as plugin_sources
+from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 FIGURES = pytest.StashKey[list[str]]()

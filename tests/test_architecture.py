@@ -1,13 +1,18 @@
-"""What may import what: the engine knows nothing of the other packages, of files of results or of screens."""
+"""What may import what: every arrow points down the layers, and the engine knows nothing of plug-ins or screens.
+
+Imports for type checking alone count as well: a reader follows them just the same.
+"""
 
 import ast
 import subprocess
 import sys
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-ENGINE = Path(__file__).resolve().parents[1] / "taichisoft"
+ROOT = Path(__file__).resolve().parents[1]
+ENGINE = ROOT / "taichisoft"
 FORBIDDEN = {"taichisoft_controllers", "taichisoft_meshing", "taichisoft_plugins"} | {
     "open3d",
     "gmsh",
@@ -15,32 +20,125 @@ FORBIDDEN = {"taichisoft_controllers", "taichisoft_meshing", "taichisoft_plugins
     "matplotlib",
     "h5py",
 }
+# From top to bottom: folders and modules of a package; a module may import those of its own layer and of lower ones.
+LAYERS = {
+    "taichisoft": [
+        "command_line",
+        "pytest_fixtures",
+        "__init__",
+        "running",
+        "building",
+        "plugin_system",
+        "session",
+        "simulation",
+        "step",
+        "control",
+        "model",
+        "contact",
+        "bodies",
+        "scenes",
+        "meshes",
+        "cholesky",
+        "state",
+        "atomic_file",
+        "kernels",
+        "errors",
+    ],
+}
+PACKAGES = [
+    ENGINE,
+    *(ROOT / folder / f"taichisoft_{folder}" for folder in ("benchmarks", "controllers", "meshing", "plugins")),
+]
 
 
-def imported_packages(path: Path) -> set[str]:
-    names = set()
+def modules(package: Path) -> dict[str, Path]:
+    """The modules of a package by their dotted names."""
+    found = {}
+    for path in sorted(package.rglob("*.py")):
+        parts = path.relative_to(package.parent).with_suffix("").parts
+        found[".".join(parts)] = path
+    return found
+
+
+def imported_names(path: Path) -> Iterator[str]:
+    """Everything that a file imports, wherever in it, as dotted names."""
     for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            names |= {alias.name.split(".")[0] for alias in node.names}
+            yield from (alias.name for alias in node.names)
         elif isinstance(node, ast.ImportFrom) and node.module:
-            names.add(node.module.split(".")[0])
-    return names
+            yield from (f"{node.module}.{alias.name}" for alias in node.names)
+
+
+def arrows(package: Path) -> dict[str, set[str]]:
+    """The modules of the package that each of its modules imports."""
+    known = modules(package)
+    found: dict[str, set[str]] = {}
+    for name, path in known.items():
+        found[name] = set()
+        for imported in imported_names(path):
+            for candidate in (imported, imported.rpartition(".")[0], f"{imported}.__init__"):
+                if candidate in known and candidate != name:
+                    found[name].add(candidate)
+                    break
+    return found
+
+
+def layer(module: str, layers: list[str]) -> int:
+    """How far down a module stands, from 0."""
+    return layers.index(module.split(".")[1])
+
+
+def upward(package: Path, layers: list[str]) -> list[str]:
+    """The imports of a package that point up its layers."""
+    return [
+        f"{module} imports {imported}"
+        for module, targets in arrows(package).items()
+        for imported in sorted(targets)
+        if layer(module, layers) > layer(imported, layers)
+    ]
+
+
+@pytest.mark.parametrize("name", LAYERS)
+def test_every_import_points_down_the_layers(name):
+    (package,) = (path for path in PACKAGES if path.name == name)
+    assert not upward(package, LAYERS[name])
+
+
+@pytest.mark.parametrize("package", PACKAGES, ids=lambda path: path.name)
+def test_no_module_leads_back_to_itself(package):
+    """Modules that import nothing more are taken away until none is left; what cannot be taken stands in a circle."""
+    waiting = {name: set(targets) for name, targets in arrows(package).items()}
+    while free := {name for name, targets in waiting.items() if not targets}:
+        waiting = {name: targets - free for name, targets in waiting.items() if name not in free}
+    assert not waiting
+
+
+def test_an_arrow_that_points_up_is_seen(tmp_path):
+    package = tmp_path / "taichisoft"
+    for module, text in {
+        "step/contacts": "def f():\n    from taichisoft.running.loop import run",
+        "running/loop": "from typing import TYPE_CHECKING\nif TYPE_CHECKING:\n    import taichisoft.step.contacts",
+    }.items():
+        (package / module).parent.mkdir(parents=True, exist_ok=True)
+        (package / f"{module}.py").write_text(text)
+    assert upward(package, ["running", "step"]) == ["taichisoft.step.contacts imports taichisoft.running.loop"]
+    assert arrows(package)["taichisoft.running.loop"] == {"taichisoft.step.contacts"}
 
 
 @pytest.mark.parametrize("path", sorted(ENGINE.rglob("*.py")), ids=lambda path: str(path.relative_to(ENGINE)))
 def test_the_engine_imports_no_plugin_and_no_screen(path):
-    assert not imported_packages(path) & FORBIDDEN
+    assert not {name.split(".")[0] for name in imported_names(path)} & FORBIDDEN
 
 
 @pytest.mark.parametrize("path", sorted(ENGINE.rglob("*.py")), ids=lambda path: str(path.relative_to(ENGINE)))
 def test_taichi_stays_in_the_kernels(path):
     if path.parent.name != "kernels":
-        assert "taichi" not in imported_packages(path)
+        assert "taichi" not in {name.split(".")[0] for name in imported_names(path)}
 
 
 def test_help_waits_for_no_heavy_package():
     code = (
-        "import sys, taichisoft, taichisoft.command_line, taichisoft.plugins as plugins\n"
+        "import sys, taichisoft, taichisoft.command_line, taichisoft.plugin_system.plugins as plugins\n"
         "plugins.plugin_registry().hook.taichisoft_commands(application=taichisoft.command_line.application)\n"
         "print(sorted({'taichi', 'open3d', 'gmsh', 'h5py', 'meshio', 'matplotlib', 'trimesh'} & set(sys.modules)))"
     )

@@ -13,8 +13,8 @@ import pytest
 import trimesh
 
 import taichisoft
+from taichisoft.building.scene_files import load_scene
 from taichisoft.command_line import main
-from taichisoft.scenes.file import load_scene
 from taichisoft.scenes.shipped import data_folder
 
 SCENE = """

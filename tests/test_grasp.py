@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from taichisoft import run
+from taichisoft.building.controller_factory import make_controller
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
 from taichisoft.command_line import main
 from taichisoft.errors import GoalMissed
-from taichisoft.scenes.controller_factory import make_controller
-from taichisoft.scenes.file import load_scene
-from taichisoft.simulation import Simulation
 from taichisoft_plugins.metrics import MetricsOutput
 
 GRAVITY = 9810.0

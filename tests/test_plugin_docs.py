@@ -14,10 +14,11 @@ from typing import Any, cast
 import pytest
 
 import taichisoft
-from taichisoft import hookspecs, plugins
 from taichisoft.command_line import main
-from taichisoft.controller import Control, Observation
-from taichisoft.keys import KeyEvent
+from taichisoft.control.control import Control
+from taichisoft.control.keys import KeyEvent
+from taichisoft.control.observation import Observation
+from taichisoft.plugin_system import hookspecs, plugins
 from taichisoft.plugin_system import reference as plugin_reference
 from taichisoft.plugin_system.reference import MARK, Session
 from taichisoft.plugin_system.registry import hook_names

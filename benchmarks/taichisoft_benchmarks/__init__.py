@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from taichisoft.hookspecs import hookimpl
+from taichisoft.plugin_system.hookspecs import hookimpl
 
 if TYPE_CHECKING:
     import typer

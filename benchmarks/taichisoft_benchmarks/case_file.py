@@ -9,7 +9,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from taichisoft.scenes.validation_errors import first_problem, nearest
+from taichisoft.errors import nearest
+from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_benchmarks.descriptors import KINDS, Case, PeerCase, StepsCase
 from taichisoft_benchmarks.errors import BenchmarkError
 

@@ -4,7 +4,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from taichisoft.scene import Positive, Table
+from taichisoft.scenes.scene import Positive, Table
 
 Count = Annotated[int, Field(strict=True, gt=0)]
 Window = tuple[Annotated[int, Field(strict=True, ge=0)], Count]

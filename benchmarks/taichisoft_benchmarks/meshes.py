@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.mesh import VolumeMesh
 from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 
 CELL = 2.0
 """Edge of a cell of the mat [mm]."""

@@ -9,8 +9,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from taichisoft.errors import TaichisoftError
-from taichisoft.scenes.validation_errors import nearest
+from taichisoft.errors import TaichisoftError, nearest
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.page_tables import (
     factorisation_table,

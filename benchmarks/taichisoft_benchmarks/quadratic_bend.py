@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_benchmarks.deformed_cavity import DeformedCavity
 from taichisoft_benchmarks.quadratic_tetrahedra import Elements, make_elements, solve, stiffness
 from taichisoft_benchmarks.static_bend import BASE, MASS, POISSON_RATIO, PRESSURE, SILICONE, SOFT, STIFF, STIFF_LAYER

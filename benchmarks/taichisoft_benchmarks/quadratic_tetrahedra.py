@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 
-from taichisoft.mesh import tetrahedron_volumes
+from taichisoft.meshes.volume_mesh import tetrahedron_volumes
 
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 # Four points that integrate quadratic functions exactly, as barycentric coordinates.

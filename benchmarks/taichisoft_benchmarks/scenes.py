@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from taichisoft.building.scene_files import load_scene
 from taichisoft.errors import SceneError
-from taichisoft.scene import Scene
-from taichisoft.scenes.file import load_scene, scene_from_dict
+from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import find_file
 from taichisoft_benchmarks.descriptors import Case, ContactsCase, Fingers, FingersCase, SceneCase
 from taichisoft_benchmarks.errors import BenchmarkError

@@ -48,10 +48,10 @@ def bend(
     Raises:
         TaichisoftError: the mesh or the simulation failed, or the finger does not come to rest.
     """
-    from taichisoft.controller import Control
+    from taichisoft.building.simulation import Simulation
+    from taichisoft.control.control import Control
     from taichisoft.errors import TaichisoftError
     from taichisoft.scenes.file import scene_from_dict
-    from taichisoft.simulation import Simulation
 
     finger = {
         "mesh": mesh,

@@ -3,10 +3,10 @@
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.hookspecs import hookimpl
+from taichisoft.plugin_system.hookspecs import hookimpl
 
 if TYPE_CHECKING:
-    from taichisoft.session import Session
+    from taichisoft.session.session import Session
 
 
 @hookimpl

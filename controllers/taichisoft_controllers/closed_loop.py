@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from taichisoft.controller import Control, Observation
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scene import Limits
+from taichisoft.scenes.scene import Limits
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_controllers.grasp_sensing import GraspSensing
 from taichisoft_controllers.grasp_sequence import GraspSequence, Phase

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from taichisoft.errors import SceneError
-from taichisoft.scenes.validation_errors import nearest
+from taichisoft.errors import SceneError, nearest
 
 FUNCTIONS: Mapping[str, Callable[..., float]] = {"abs": abs, "min": min, "max": max}
 ARITHMETIC: Mapping[type, Callable[[float, float], float]] = {

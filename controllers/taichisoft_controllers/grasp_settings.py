@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from taichisoft.scene import NotNegative, Positive, Table
+from taichisoft.scenes.scene import NotNegative, Positive, Table
 
 
 class GraspSettings(Table):

@@ -5,7 +5,7 @@ import warnings
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from taichisoft.session import Session
+    from taichisoft.session.session import Session
 
 _sources: dict[int, Any] = {}
 

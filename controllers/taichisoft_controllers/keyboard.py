@@ -6,12 +6,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from pydantic import ValidationError
 
-from taichisoft.controller import Control, Observation
+from taichisoft.control.control import Control
+from taichisoft.control.keys import KeyEvent
+from taichisoft.control.observation import Observation
+from taichisoft.control.slider import Slider
 from taichisoft.errors import SceneError
-from taichisoft.keys import KeyEvent
-from taichisoft.scene import Positive, Table
+from taichisoft.scenes.scene import Positive, Table
 from taichisoft.scenes.validation_errors import first_problem
-from taichisoft.slider import Slider
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import TYPE_CHECKING
 
-from taichisoft.errors import SceneError
-from taichisoft.scenes.validation_errors import nearest
+from taichisoft.errors import SceneError, nearest
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.controller import Observation
+from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.condition_reader import Quantity
 from taichisoft_controllers.model_names import called, cavities_called, fingers_called, object_called, pairs_called

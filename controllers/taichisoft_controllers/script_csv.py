@@ -6,8 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import Any
 
-from taichisoft.errors import SceneError
-from taichisoft.scenes.validation_errors import nearest
+from taichisoft.errors import SceneError, nearest
 
 UNITS = {
     "time": "s",

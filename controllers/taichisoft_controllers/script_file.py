@@ -10,7 +10,7 @@ from pydantic import Field, PlainValidator, ValidationError, model_validator
 from pydantic_core import PydanticKnownError
 
 from taichisoft.errors import SceneError
-from taichisoft.scene import NotNegative, Positive, Table, Vector
+from taichisoft.scenes.scene import NotNegative, Positive, Table, Vector
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_controllers.script_csv import read_keyframes
 

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
 
-from taichisoft.controller import Control, Observation
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scene import Positive, Table
+from taichisoft.scenes.scene import Positive, Table
 from taichisoft.scenes.shipped import find_file
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_controllers.keyframe_follower import KeyframeFollower

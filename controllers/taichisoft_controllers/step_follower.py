@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.controller import Control, Observation
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import pressures_by_cavity
 from taichisoft_controllers.ramp import Ramp

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichisoft.controller import Observation
+from taichisoft.control.observation import Observation
 from taichisoft_controllers.ramp import Ramp
 from taichisoft_controllers.waiting import Waiting
 

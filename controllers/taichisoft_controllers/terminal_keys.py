@@ -7,7 +7,7 @@ import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
-from taichisoft.keys import KeyEvent, KeyStream
+from taichisoft.control.keys import KeyEvent, KeyStream
 from taichisoft_controllers.key_parser import KeyParser
 from taichisoft_controllers.terminal_mode import TerminalMode
 
@@ -20,7 +20,7 @@ Handler = Callable[[int, Any], Any] | int | None
 
 
 class RunWithKeys(Protocol):
-    """What is needed of a `taichisoft.session.Session`."""
+    """What is needed of a `taichisoft.session.session.Session`."""
 
     keys: KeyStream
 

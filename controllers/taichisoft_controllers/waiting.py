@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from taichisoft.controller import Observation
+from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_controllers.condition import read_condition
 from taichisoft_controllers.condition_reader import Quantity, Values

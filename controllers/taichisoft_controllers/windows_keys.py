@@ -3,7 +3,7 @@
 import sys
 import threading
 
-from taichisoft.keys import KeyEvent, KeyStream
+from taichisoft.control.keys import KeyEvent, KeyStream
 from taichisoft_controllers.key_parser import KeyParser
 
 POLLING_TIME = 0.02

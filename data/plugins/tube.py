@@ -9,9 +9,9 @@ from typing import Any
 
 from pydantic import model_validator
 
-from taichisoft.hookspecs import hookimpl
-from taichisoft.mesh import VolumeMesh
-from taichisoft.scene import Positive, Table
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.scenes.scene import Positive, Table
 from taichisoft_meshing.bodies.meshed_body import meshed_body, with_base
 from taichisoft_meshing.bodies.size_growth import set_sizes
 from taichisoft_meshing.bodies.solid_shells import shells_of_solid

@@ -3,13 +3,13 @@
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from taichisoft.hookspecs import hookimpl
+from taichisoft.plugin_system.hookspecs import hookimpl
 
 if TYPE_CHECKING:
     import typer
 
-    from taichisoft.geometry import GeometryKind
-    from taichisoft.mesh import VolumeMesh
+    from taichisoft.meshes.volume_mesh import VolumeMesh
+    from taichisoft.plugin_system.geometry import GeometryKind
 
 
 @hookimpl

@@ -5,12 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from taichisoft import plugins
-from taichisoft.errors import MeshError, PluginError
-from taichisoft.geometry import Geometry, GeometryKind
-from taichisoft.mesh import VolumeMesh
+from taichisoft.errors import MeshError, PluginError, nearest
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.failure import failures_of
-from taichisoft.scenes.validation_errors import nearest
+from taichisoft.plugin_system.geometry import Geometry, GeometryKind
 from taichisoft_meshing.quality.limits import QUALITY, quality_limits
 
 DEFAULT_KIND = "pneunet_finger"

@@ -11,7 +11,7 @@ import typer
 from taichisoft.errors import MeshError
 
 if TYPE_CHECKING:
-    from taichisoft.mesh import VolumeMesh
+    from taichisoft.meshes.volume_mesh import VolumeMesh
 
 FOLDER_VARIABLE = "TAICHISOFT_CACHE"
 

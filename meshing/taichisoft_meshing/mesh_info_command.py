@@ -10,7 +10,7 @@ from taichisoft.errors import GoalMissed
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taichisoft.mesh import VolumeMesh
+    from taichisoft.meshes.volume_mesh import VolumeMesh
 
 
 def mesh_info(

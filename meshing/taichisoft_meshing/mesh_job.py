@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import MeshError
-from taichisoft.geometry import Geometry
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft_meshing.geometry_file import make_geometry
 from taichisoft_meshing.mesh_request import mesh_as_asked
 from taichisoft_meshing.quality.check import cautions, faults, missed_limits

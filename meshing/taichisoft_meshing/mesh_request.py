@@ -3,10 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from taichisoft.errors import MeshError
-from taichisoft.geometry import Geometry
-from taichisoft.mesh import VolumeMesh
-from taichisoft.scenes.validation_errors import nearest
+from taichisoft.errors import MeshError, nearest
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft_meshing.geometry_file import mesh_geometry
 
 

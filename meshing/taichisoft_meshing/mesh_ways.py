@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.gmsh_session import GmshFailure, gmsh_session
 
 Way = TypeVar("Way")

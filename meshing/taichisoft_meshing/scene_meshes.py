@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.fingerprint import fingerprint
 from taichisoft_meshing.geometry_file import find_kind, read_tables
 from taichisoft_meshing.mesh_cache import cache_folder, not_kept, read_entry, write_entry

@@ -4,8 +4,8 @@ import math
 from dataclasses import dataclass, field
 
 from taichisoft.errors import MeshError
-from taichisoft.geometry import Geometry
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft_meshing.quality.tetrahedra import edge_lengths
 
 WITHIN = 0.15

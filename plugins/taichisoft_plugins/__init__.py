@@ -4,13 +4,13 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.hookspecs import hookimpl
+from taichisoft.plugin_system.hookspecs import hookimpl
 
 if TYPE_CHECKING:
     import typer
 
-    from taichisoft.run_option import RunOption
-    from taichisoft.session import Session
+    from taichisoft.plugin_system.run_option import RunOption
+    from taichisoft.session.session import Session
 
 
 @hookimpl
@@ -38,7 +38,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
 @hookimpl
 def taichisoft_run_options() -> "Mapping[str, RunOption]":
     """Options of `taichisoft run` that bring these outputs."""
-    from taichisoft.run_option import RunOption
+    from taichisoft.plugin_system.run_option import RunOption
 
     return {
         "--every": RunOption("recording", "Record every N-th step and the last one.", "every", int, "N"),

@@ -14,8 +14,8 @@ from taichisoft.errors import TaichisoftError
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-    from taichisoft.simulation import StepReport
     from taichisoft.state import State
+    from taichisoft.step.report import StepReport
 
 FILE_NAME = "run.csv"
 

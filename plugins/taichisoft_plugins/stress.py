@@ -8,7 +8,7 @@ f_a = -w s R g_a, with w the element's volume at rest and g_a the gradients of i
 
 import numpy as np
 
-from taichisoft.elements import edge_frames, lame_parameters, linear_tetrahedra
+from taichisoft.bodies.elements import edge_frames, lame_parameters, linear_tetrahedra
 
 
 class StressLaw:

@@ -5,13 +5,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from taichisoft.bodies.rigid_body import Obstacle, RigidBody
+from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.contact import bounding_volumes
 from taichisoft.kernels.bounding_volumes import refit
 from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.kernels.surface_motion import move_vertices
-from taichisoft.mapped_surface import MappedSurface
-from taichisoft.rigid_body import Obstacle, RigidBody
-from taichisoft.soft_body import SoftBody
+from taichisoft.meshes.mapped_surface import MappedSurface
 
 # On a body that keeps its shape, faces whose normals differ by less than this from the first one's make one plane
 # facet [rad]; edges inside a facet touch nothing that the facet does not.

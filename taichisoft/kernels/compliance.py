@@ -5,17 +5,7 @@ tree leads to from a group's nodes are visited.
 """
 
 from taichisoft.kernels.launch import Kernel, kernel
-from taichisoft.kernels.runtime import (
-    CHUNK,
-    THREADS,
-    Integers,
-    IntegerTable,
-    Matrices,
-    ScalarTable,
-    Vectors,
-    ti,
-    vec3,
-)
+from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Matrices, ScalarTable, Vectors, ti, vec3
 from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
 
 GROUP = TILE

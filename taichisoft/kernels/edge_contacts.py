@@ -9,16 +9,7 @@ from taichisoft.kernels.bounding_volumes import find_leaves, meets, meets_beam
 from taichisoft.kernels.contact_store import COINCIDENT, store
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.local_distance import edge_pseudonormal, in_normal_cone, normal_cone
-from taichisoft.kernels.runtime import (
-    IntegerBlocks,
-    Integers,
-    IntegerTable,
-    Scalars,
-    Vectors,
-    VectorTable,
-    ti,
-    vec3,
-)
+from taichisoft.kernels.runtime import IntegerBlocks, Integers, IntegerTable, Scalars, Vectors, VectorTable, ti, vec3
 
 
 @kernel

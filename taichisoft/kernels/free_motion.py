@@ -1,17 +1,7 @@
 """What moves the bodies besides contact: momentum balance of the nodes, motion of the rigid bodies."""
 
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import (
-    Integers,
-    Matrices,
-    ScalarBlocks,
-    Scalars,
-    ScalarTable,
-    Vectors,
-    mat3,
-    ti,
-    vec3,
-)
+from taichisoft.kernels.runtime import Integers, Matrices, ScalarBlocks, Scalars, ScalarTable, Vectors, mat3, ti, vec3
 
 
 @kernel

@@ -2,16 +2,7 @@
 
 from taichisoft.kernels.contact_store import store
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import (
-    IntegerBlocks,
-    Integers,
-    IntegerTable,
-    Scalars,
-    Vectors,
-    VectorTable,
-    ti,
-    vec3,
-)
+from taichisoft.kernels.runtime import IntegerBlocks, Integers, IntegerTable, Scalars, Vectors, VectorTable, ti, vec3
 
 
 @kernel

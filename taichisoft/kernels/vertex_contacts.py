@@ -8,16 +8,7 @@ from taichisoft.kernels.bounding_volumes import find_leaves, meets, squared_dist
 from taichisoft.kernels.contact_store import COINCIDENT, store
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.local_distance import closest_on_triangle, is_local_minimum, outward_normal
-from taichisoft.kernels.runtime import (
-    IntegerBlocks,
-    Integers,
-    IntegerTable,
-    Scalars,
-    Vectors,
-    VectorTable,
-    ti,
-    vec3,
-)
+from taichisoft.kernels.runtime import IntegerBlocks, Integers, IntegerTable, Scalars, Vectors, VectorTable, ti, vec3
 
 
 @kernel

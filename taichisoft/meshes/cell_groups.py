@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 
 
 @dataclass(frozen=True)

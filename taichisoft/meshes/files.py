@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 
+from taichisoft.atomic_file import whole_file
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
 from taichisoft.meshes.cell_groups import grouped_cells
 from taichisoft.meshes.file_kind import existing_file, require_suffix, unreadable
 from taichisoft.meshes.mesh_content import MeshContent
 from taichisoft.meshes.meshio_content import GROUP_PREFIX, read_with_meshio
 from taichisoft.meshes.msh_reader import is_msh41, read_msh41
 from taichisoft.meshes.msh_writer import write_msh
-from taichisoft.whole_file import whole_file
+from taichisoft.meshes.volume_mesh import VolumeMesh
 
 VOLUME_SUFFIXES = (".msh", ".vtk", ".vtu")
 

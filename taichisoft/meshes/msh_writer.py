@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.mesh import VolumeMesh
 from taichisoft.meshes.cell_groups import GroupedCells, grouped_cells
+from taichisoft.meshes.volume_mesh import VolumeMesh
 
 # Dimension, and gmsh's number of the linear cell.
 TRIANGLE = (2, 2)

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from taichisoft.atomic_file import whole_file
 from taichisoft.errors import MeshError
 from taichisoft.meshes.file_kind import existing_file, unreadable
-from taichisoft.whole_file import whole_file
 
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply")
 

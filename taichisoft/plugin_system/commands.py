@@ -7,10 +7,10 @@ from typing import Annotated, Any
 
 import typer
 
-from taichisoft import plugins
 from taichisoft.errors import PluginError
+from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.registry import DISABLE
-from taichisoft.run_option import TAKES, add_run_options
+from taichisoft.plugin_system.run_options import TAKES, add_run_options
 
 FILE_OPTION = "--plugin"
 FOLDER_OPTION = "--plugins-dir"

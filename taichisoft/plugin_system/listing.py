@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
-from taichisoft import plugins
+from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.commands import command_names, commands_by_plugin
 from taichisoft.plugin_system.registry import Origin, hook_names
-from taichisoft.run_option import HOOK, options_by_plugin, run_options
+from taichisoft.plugin_system.run_options import HOOK, options_by_plugin, run_options
 
 LIFE_CYCLE = [name for name in hook_names() if name not in (*plugins.KINDS.values(), "taichisoft_commands", HOOK)]
 

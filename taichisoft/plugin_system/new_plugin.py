@@ -7,8 +7,9 @@ import string
 import sys
 from pathlib import Path
 
-from taichisoft import __version__, plugins
+from taichisoft import __version__
 from taichisoft.errors import PluginError
+from taichisoft.plugin_system import plugins
 
 TEMPLATES = Path(__file__).parent / "plugin_template"
 

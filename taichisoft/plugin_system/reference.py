@@ -10,16 +10,18 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from taichisoft import hookspecs
-from taichisoft.controller import Control, Controller, Observation
-from taichisoft.geometry import Geometry, GeometryKind
-from taichisoft.keys import KeyEvent
-from taichisoft.output import Output, OutputFactory
+from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
+from taichisoft.control.keys import KeyEvent
+from taichisoft.control.observation import Observation
+from taichisoft.control.slider import Slider
+from taichisoft.plugin_system import hookspecs
+from taichisoft.plugin_system.geometry import Geometry, GeometryKind
 from taichisoft.plugin_system.registry import hook_names
-from taichisoft.run_option import RunOption
-from taichisoft.session import Session
-from taichisoft.simulation import StepReport
-from taichisoft.slider import Slider
+from taichisoft.plugin_system.run_option import RunOption
+from taichisoft.session.output import Output, OutputFactory
+from taichisoft.session.session import Session
+from taichisoft.step.report import StepReport
 
 COMMAND = "python -m taichisoft.plugin_system.reference docs/plugins.md"
 MARK = f"<!-- From here on written by `{COMMAND}`; a test compares. -->\n"

@@ -8,9 +8,8 @@ from typing import Any, Literal
 
 import pluggy
 
-from taichisoft import hookspecs
-from taichisoft.errors import PluginError
-from taichisoft.scenes.validation_errors import nearest
+from taichisoft.errors import PluginError, nearest
+from taichisoft.plugin_system import hookspecs
 
 DISABLE = "TAICHISOFT_DISABLE_PLUGINS"
 TRACE = "TAICHISOFT_TRACE_PLUGINS"

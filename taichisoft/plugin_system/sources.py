@@ -8,8 +8,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from taichisoft import hookspecs
 from taichisoft.errors import PluginError
+from taichisoft.plugin_system import hookspecs
 from taichisoft.plugin_system.failure import plugin_failure
 from taichisoft.plugin_system.registry import DISABLE, Origin, Registry
 

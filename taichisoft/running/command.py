@@ -10,20 +10,22 @@ from typing import Any
 import rich
 from rich.console import Console
 
-from taichisoft import plugins
+from taichisoft.building.controller_factory import make_controller
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
 from taichisoft.errors import SceneError, TaichisoftError
-from taichisoft.output import OutputFactory
-from taichisoft.profile import Profile, profiled
+from taichisoft.plugin_system import plugins
 from taichisoft.running.display import print_profile, print_summary, print_warning, progress_bar, warn_if_slow
-from taichisoft.running.key_log import KeyReplay
 from taichisoft.running.live_status import live_status
 from taichisoft.running.log_display import logged_to
 from taichisoft.running.loop import INTERRUPTED, run_session
-from taichisoft.scene import Scene
-from taichisoft.scenes.controller_factory import make_controller
-from taichisoft.scenes.file import load_scene, scene_to_toml
-from taichisoft.session import Session
-from taichisoft.simulation import Simulation, StepReport
+from taichisoft.running.profile import Profile, profiled
+from taichisoft.scenes.file import scene_to_toml
+from taichisoft.scenes.scene import Scene
+from taichisoft.session.key_log import KeyReplay
+from taichisoft.session.output import OutputFactory
+from taichisoft.session.session import Session
+from taichisoft.step.report import StepReport
 
 
 def run_scene(

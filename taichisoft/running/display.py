@@ -11,11 +11,11 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from taichisoft import plugins
-from taichisoft.profile import REST, TOTAL, Profile
-from taichisoft.running.pace import KEEPING_UP
-from taichisoft.session import Session
-from taichisoft.simulation import StepReport
+from taichisoft.plugin_system import plugins
+from taichisoft.running.profile import REST, TOTAL, Profile
+from taichisoft.session.pace import KEEPING_UP
+from taichisoft.session.session import Session
+from taichisoft.step.report import StepReport
 
 
 @contextmanager

@@ -2,10 +2,10 @@
 
 from collections.abc import Callable, Iterator
 
-from taichisoft.keys import KeyEvent
-from taichisoft.plugins import notify
-from taichisoft.running.key_log import FILE_NAME, KeyLog
-from taichisoft.session import BINDINGS, Session
+from taichisoft.control.keys import KeyEvent
+from taichisoft.plugin_system.plugins import notify
+from taichisoft.session.key_log import FILE_NAME, KeyLog
+from taichisoft.session.session import BINDINGS, Session
 
 # They change when steps are made, not which: a replay goes on without them.
 WAITING_KEYS = ("space", "s")

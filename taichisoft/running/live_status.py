@@ -10,8 +10,8 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from taichisoft.session import Session
-from taichisoft.simulation import StepReport
+from taichisoft.session.session import Session
+from taichisoft.step.report import StepReport
 
 REFRESHES = 8
 """Per second of wall-clock time."""

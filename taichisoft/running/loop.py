@@ -5,15 +5,17 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from taichisoft.controller import Control, Controller
+from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.errors import GoalMissed, PluginError, TaichisoftError
-from taichisoft.output import Output
-from taichisoft.plugins import notify, plugin_failure
+from taichisoft.plugin_system.plugins import notify, plugin_failure
 from taichisoft.running.interruption import held_back
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
-from taichisoft.session import Session
-from taichisoft.simulation import Simulation, StepReport
+from taichisoft.session.output import Output
+from taichisoft.session.session import Session
+from taichisoft.simulation import Simulation
+from taichisoft.step.report import StepReport
 
 COMPLETED = "completed"
 STOPPED = "stopped"

@@ -11,9 +11,8 @@ from pydantic import ValidationError
 from taichisoft.errors import SceneError
 from taichisoft.meshes.files import VOLUME_SUFFIXES
 from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
-from taichisoft.scene import Scene
 from taichisoft.scenes.overrides import apply_override
-from taichisoft.scenes.reader import find_scene, read_with_plugin
+from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import find_file
 from taichisoft.scenes.validation_errors import first_problem
 
@@ -24,32 +23,6 @@ FILE_KEYS = {
     "collision_surface": ("meshes", SURFACE_SUFFIXES),
     "script": ("scripts", (".toml", ".csv")),
 }
-
-
-def load_scene(name: str | Path, overrides: Sequence[str] = (), controller: str | None = None) -> Scene:
-    """Read a scene by path or by the name of a shipped one; files that it names become absolute paths.
-
-    It is TOML unless a plug-in reads files of its suffix.
-
-    Args:
-        name: path or name.
-        overrides: "key.key=value" with TOML values, applied before anything is inherited or checked.
-        controller: name of a controller to take instead of the scene's own, whose settings are then dropped.
-
-    Raises:
-        SceneError: the file is missing or cannot be read, or something in it is not valid.
-        PluginError: the plug-in that reads its format failed.
-    """
-    path = find_scene(name)
-    document = read_with_plugin(path)
-    if document is None:
-        document = _read_toml(path)
-    if controller is not None:
-        _choose_controller(document, controller)
-    for override in overrides:
-        apply_override(document, override)
-    source = " with --set ".join([str(path), *overrides])  # the error may be in either
-    return scene_from_dict(document, source, folder=path.parent)
 
 
 def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: Path | None = None) -> Scene:
@@ -78,7 +51,7 @@ def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), contr
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{source}: not readable as TOML: {error}") from error
     if controller is not None:
-        _choose_controller(document, controller)
+        choose_controller(document, controller)
     for override in overrides:
         apply_override(document, override)
     try:
@@ -92,19 +65,12 @@ def scene_to_toml(scene: Scene) -> str:
     return tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))
 
 
-def _choose_controller(document: dict[str, Any], name: str) -> None:
+def choose_controller(document: dict[str, Any], name: str) -> None:
     """Settings are meant for the controller that the scene names; period and time limit for any."""
     table = document.setdefault("controller", {})
     if isinstance(table, dict) and table.get("name") != name:
         table.pop("settings", None)
         table["name"] = name
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise SceneError(f"{path}: not readable as TOML: {error}") from error
 
 
 def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:

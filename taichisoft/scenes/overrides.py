@@ -3,8 +3,7 @@
 import tomllib
 from typing import Any
 
-from taichisoft.errors import SceneError
-from taichisoft.scenes.validation_errors import nearest
+from taichisoft.errors import SceneError, nearest
 
 # Tables whose keys are names that the user gave: a new one here is a misspelt one, not a default to be replaced.
 NAMED_TABLES = ("soft_bodies", "rigid_bodies", "obstacles")

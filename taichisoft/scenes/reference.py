@@ -8,7 +8,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from taichisoft import scene
+from taichisoft.scenes import scene
 
 HEADING = """# Scenes
 

@@ -1,10 +1,11 @@
 """What pydantic found wrong, as one line for the user: key, value, and what would be valid."""
 
-import difflib
 from collections.abc import Sequence
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+
+from taichisoft.errors import nearest
 
 LONGEST_VALUE = 80  # of a value that is shown: a line must stay readable when the value is a whole table
 
@@ -22,12 +23,6 @@ def first_problem(error: ValidationError, table: type[BaseModel], prefix: str = 
     problem = min(problems, key=lambda found: found["type"] != "extra_forbidden")
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     return _describe(problem, problems, table, prefix) + more
-
-
-def nearest(name: str, valid: Sequence[str], what: str) -> str:
-    """The hint that ends an error about a name: the most similar valid one, or all of them."""
-    near = difflib.get_close_matches(name, valid, n=1)
-    return f"did you mean '{near[0]}'?" if near else f"{what}: {', '.join(valid) or 'none'}"
 
 
 def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], prefix: str) -> str:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.sparse as sparse
 
-from taichisoft.solver.cholesky import Cholesky
+from taichisoft.cholesky.solver import Cholesky
 from taichisoft_benchmarks.errors import PeerMissing
 from taichisoft_benchmarks.measures.factorisation import arithmetic, system_matrix
 from taichisoft_benchmarks.peers import cholmod, superlu

@@ -5,10 +5,9 @@ import sys
 import numpy as np
 import pytest
 
-from taichisoft.controller import Control
-from taichisoft.model import Model
-from taichisoft.scenes.file import load_scene
-from taichisoft.simulation import Simulation
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation, make_model
+from taichisoft.control.control import Control
 from taichisoft_benchmarks.errors import PeerMissing
 from taichisoft_benchmarks.peers.drake_deformable import DrakePeer
 from taichisoft_benchmarks.peers.mujoco_flex import MujocoPeer
@@ -18,7 +17,7 @@ STEPS = 30
 
 
 def test_who_is_not_installed_says_what_to_install(monkeypatch):
-    model = Model(load_scene("finger-hanging"))
+    model = make_model(load_scene("finger-hanging"))
     for package, peer in (("mujoco", MujocoPeer), ("pydrake.multibody.plant", DrakePeer)):
         monkeypatch.setitem(sys.modules, package, None)
         with pytest.raises(PeerMissing, match=r"is not installed; pip install 'taichisoft\[peers\]'"):
@@ -44,7 +43,7 @@ def test_the_finger_hangs_as_ours_does(package, peer, tmp_path, monkeypatch):
 
 def bend(scene_overrides: list[str], in_mujoco: bool) -> float:
     """Largest displacement of the inflated finger [mm]."""
-    model = Model(load_scene("finger-inflated", scene_overrides))
+    model = make_model(load_scene("finger-inflated", scene_overrides))
     simulation, other = Simulation(model), MujocoPeer(model)
     for step in range(STEPS):
         pressure = {"finger.cavity": float(step)}

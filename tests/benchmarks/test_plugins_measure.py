@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from taichisoft.plugins import plugin_registry
+from taichisoft.plugin_system.plugins import plugin_registry
 from taichisoft_benchmarks.case_file import cases_from_dict, read_cases
 from taichisoft_benchmarks.descriptors import PluginsCase
 from taichisoft_benchmarks.measures.plugins import measure_plugins

@@ -5,8 +5,8 @@ import pytest
 from conftest import make_block
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.mesh import boundary_triangles
 from taichisoft.meshes.files import read_volume_mesh
+from taichisoft.meshes.volume_mesh import boundary_triangles
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_benchmarks.deformed_cavity import DeformedCavity
 from taichisoft_benchmarks.quadratic_bend import elastic_forces, quadratic_bend

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichisoft.scene import Controller, Scene
-from taichisoft.simulation import Simulation
+from taichisoft.building.simulation import Simulation
+from taichisoft.scenes.scene import Controller, Scene
 from taichisoft_benchmarks.case_file import cases_from_dict, read_cases
 from taichisoft_benchmarks.descriptors import RecordingCase
 from taichisoft_benchmarks.measures import recording as measure

@@ -7,7 +7,7 @@ import os
 import sys
 from pathlib import Path
 
-from taichisoft.keys import KeyStream
+from taichisoft.control.keys import KeyStream
 from taichisoft_controllers import terminal_mode
 from taichisoft_controllers.terminal_keys import TerminalKeys
 

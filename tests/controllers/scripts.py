@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.controller import Control, Observation
-from taichisoft.scene import Scene
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
+from taichisoft.scenes.scene import Scene
 from taichisoft_controllers.scripted import ScriptedController
 
 CAVITIES = ("left.base", "left.tip", "right.base")

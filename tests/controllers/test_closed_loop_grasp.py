@@ -5,13 +5,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.controller import Observation
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running.loop import run
-from taichisoft.scene import Push
-from taichisoft.scenes.file import load_scene
-from taichisoft.simulation import Simulation
+from taichisoft.scenes.scene import Push
 from taichisoft.state import State
 from taichisoft_controllers.closed_loop import ClosedLoopController
 from taichisoft_controllers.grasp_sequence import Phase

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.controller import Observation
+from taichisoft.control.observation import Observation
 from taichisoft_controllers.grasp_sensing import Grasp, GraspSensing
 
 FINGERS = ("left", "right", "third")

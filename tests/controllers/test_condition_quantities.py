@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.controller import Observation
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scene import Scene
-from taichisoft.scenes.file import load_scene
-from taichisoft.simulation import Simulation
+from taichisoft.scenes.scene import Scene
 from taichisoft_controllers.condition_reader import Quantity
 from taichisoft_controllers.quantities import QUANTITIES, Moment, bind_quantity
 

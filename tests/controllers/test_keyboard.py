@@ -9,11 +9,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.controller import Control, Observation
+from taichisoft.control.control import Control
+from taichisoft.control.keys import KeyEvent
+from taichisoft.control.observation import Observation
+from taichisoft.control.slider import Slider
 from taichisoft.errors import SceneError
-from taichisoft.keys import KeyEvent
-from taichisoft.scene import Limits
-from taichisoft.slider import Slider
+from taichisoft.scenes.scene import Limits
 from taichisoft_controllers.keyboard import KeyboardController
 
 CAVITIES = ("finger1.cavity", "finger2.front", "finger2.back", "finger3.cavity")

@@ -54,7 +54,7 @@ def test_the_cube_is_lifted_by_keys_and_ctrl_and_c_ends_the_run(tmp_path: Path) 
 
 
 FAILING_PLUGIN = """
-from taichisoft.hookspecs import hookimpl
+from taichisoft.plugin_system.hookspecs import hookimpl
 
 @hookimpl
 def taichisoft_step_done(report):

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.controller import Control, Observation
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.scripted import ScriptedController
 

@@ -9,7 +9,7 @@ import pytest
 from pydantic import BaseModel
 from scripts import controller_of, follow, made_up_model, write
 
-from taichisoft.controller import Observation
+from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_controllers.quantities import QUANTITIES

@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.keys import KeyEvent
+from taichisoft.control.keys import KeyEvent
 from taichisoft_controllers.key_parser import KeyParser
 
 SENT = [

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from taichisoft.building.simulation import Simulation
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
-from taichisoft.solver.active_set import ActiveSet
+from taichisoft.step.active_set import ActiveSet
 
 
 @pytest.fixture

@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichisoft.building.body_meshes import load_mesh
 from taichisoft.errors import MeshError, PluginError, SceneError
-from taichisoft.mesh import VolumeMesh
-from taichisoft.scene import BodyMesh
-from taichisoft.scenes.body_meshes import load_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.scenes.scene import BodyMesh
 
 Install = Callable[..., None]
 TETRAHEDRON = VolumeMesh("made", np.vstack([np.zeros(3), np.eye(3)]), np.array([[0, 1, 2, 3]]))

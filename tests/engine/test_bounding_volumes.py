@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
+from taichisoft.building.simulation import make_model
 from taichisoft.contact import bounding_volumes
 from taichisoft.contact.bounding_volumes import LEAF_TRIANGLES
 from taichisoft.contact.detection import ContactPairs
@@ -58,7 +59,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Model]:
     with pytest.MonkeyPatch.context() as patch:
         for leaf_triangles in (LEAF_TRIANGLES, 1, ALL):
             patch.setattr(bounding_volumes, "LEAF_TRIANGLES", leaf_triangles)
-            models[leaf_triangles] = Model(scene)
+            models[leaf_triangles] = make_model(scene)
     return models
 
 
@@ -142,7 +143,7 @@ def test_every_feature_belongs_to_one_leaf_that_holds_it(models: dict[int, Model
 def test_trees_are_shallow(tmp_path: Path) -> None:
     """A search goes down no further than some log2 of the number of leaves."""
     trimesh.creation.icosphere(subdivisions=4).export(tmp_path / "ball.obj", digits=17)
-    model = Model(scene_from_dict({"rigid_bodies": {"ball": {"surface": str(tmp_path / "ball.obj"), "mass": 1}}}))
+    model = make_model(scene_from_dict({"rigid_bodies": {"ball": {"surface": str(tmp_path / "ball.obj"), "mass": 1}}}))
     volumes = model.surfaces.volumes
     depth = np.zeros(len(volumes.escape), dtype=int)
     for node, behind in enumerate(volumes.escape):

@@ -11,9 +11,9 @@ import scipy.sparse as sparse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from taichisoft.cholesky import fronts
+from taichisoft.cholesky.solver import Cholesky
 from taichisoft.errors import MeshError, NotPositiveDefinite
-from taichisoft.solver import fronts
-from taichisoft.solver.cholesky import Cholesky
 
 
 def random_pattern(seed: int, sizes: list[int], neighbours: float) -> sparse.csr_matrix:

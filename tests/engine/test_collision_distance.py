@@ -11,11 +11,11 @@ import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 
+from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.contact.detection import ContactPairs
 from taichisoft.contact.selection import ContactSelection
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
 
 REACH = 5.0
 NO_CONTACTS = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
@@ -27,7 +27,7 @@ def two_bodies(folder: Path, first: trimesh.Trimesh, second: trimesh.Trimesh) ->
     for name, surface in (("first", first), ("second", second)):
         surface.export(folder / f"{name}.obj", digits=17)
         bodies[name] = {"surface": str(folder / f"{name}.obj"), "mass": 1.0}
-    return Model(scene_from_dict({"rigid_bodies": bodies}))
+    return make_model(scene_from_dict({"rigid_bodies": bodies}))
 
 
 def find(model: Model, reach: float = REACH, depth: float = REACH) -> ContactPairs:

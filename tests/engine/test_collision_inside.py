@@ -8,11 +8,11 @@ import pytest
 import trimesh
 from conftest import make_block
 
+from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.contact.detection import ContactPairs
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
 
 FAR = 500.0
 
@@ -29,7 +29,7 @@ def boxes() -> Model:
     """A large and a small box, far apart at the start."""
     bodies = {"large": {"box": [40, 30, 20], "mass": 1}, "small": {"box": [4, 4, 4], "mass": 1}}
     bodies["small"]["position"] = [FAR, 0, 0]
-    return Model(scene_from_dict({"rigid_bodies": bodies}))
+    return make_model(scene_from_dict({"rigid_bodies": bodies}))
 
 
 @pytest.mark.parametrize("depth", [0.0, 1e-6, 0.5, 1.9])
@@ -67,7 +67,7 @@ def test_points_in_a_ball(tmp_path: Path) -> None:
         ball.export(tmp_path / f"{name}.obj", digits=17)
         bodies[name] = {"surface": str(tmp_path / f"{name}.obj"), "mass": 1}
     bodies["small"]["position"] = [FAR, 0, 0]
-    model = Model(scene_from_dict({"rigid_bodies": bodies}))
+    model = make_model(scene_from_dict({"rigid_bodies": bodies}))
     pairs = pairs_at(model, [[0, 0, 0], [11.0, 12.0, 7.0]], depth=20.0)
     points = model.surfaces.position[slice(*model.surfaces.vertex_range[1])]
     heights = np.einsum("fd,pfd->pf", large.face_normals, points[:, None] - large.triangles[:, 0])
@@ -105,7 +105,7 @@ def test_a_floor_pushes_up_however_deep(tmp_path: Path) -> None:
     write_volume_mesh(make_block((1, 1, 1), (10.0, 10.0, 10.0)), tmp_path / "block.msh")
     body = {"mesh": str(tmp_path / "block.msh"), "mass": 1, "young_modulus": 100, "poisson_ratio": 0.3}
     floor = {"plane": {"point": [0, 0, -20], "normal": [0, 0, 2]}}
-    model = Model(scene_from_dict({"soft_bodies": {"block": body}, "obstacles": {"floor": floor}}))
+    model = make_model(scene_from_dict({"soft_bodies": {"block": body}, "obstacles": {"floor": floor}}))
     model.surfaces.update(model.rest_position - [0, 0, 100], np.zeros((0, 3)), np.zeros((0, 3, 3)))
     pairs = model.detection.find(5.0, 5.0)
     np.testing.assert_allclose(np.sort(pairs.distance), [-85.0] * 4 + [-75.0] * 4, rtol=1e-12)

@@ -5,10 +5,10 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from taichisoft.controller import Control
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 from taichisoft.errors import ControlError
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
 
 
 @pytest.fixture

@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.controller import Control
+from taichisoft.bodies.rotations import turn_towards
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 from taichisoft.errors import ControlError, SceneError
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.placement import turn_towards
-from taichisoft.simulation import Simulation
 
 STEP = 0.01
 

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from taichisoft.controller import Control
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 from taichisoft.errors import SimulationDiverged
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
 
 
 @pytest.fixture

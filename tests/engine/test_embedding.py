@@ -5,7 +5,7 @@ from conftest import make_block
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from taichisoft.scenes.embedding import embed
+from taichisoft.bodies.embedding import embed
 
 MESH = make_block((3, 2, 2), (30.0, 20.0, 20.0))
 

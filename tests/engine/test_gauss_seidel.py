@@ -9,9 +9,9 @@ import trimesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from taichisoft.building.simulation import Simulation
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
-from taichisoft.solver.gauss_seidel import GaussSeidel
+from taichisoft.step.gauss_seidel import GaussSeidel
 
 
 @dataclass

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from taichisoft.keys import KeyEvent, KeyStream
-from taichisoft.running.key_log import KeyLog, KeyLogError, KeyReplay
+from taichisoft.control.keys import KeyEvent, KeyStream
+from taichisoft.session.key_log import KeyLog, KeyLogError, KeyReplay
 
 # Some library that Taichi loads lets this process round subnormal numbers to 0.
 values = st.none() | st.floats(allow_nan=False, allow_infinity=False, allow_subnormal=False)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from rich.console import Console
 
-from taichisoft.keys import KeyEvent
+from taichisoft.control.keys import KeyEvent
 from taichisoft.running import live_status as module
 from taichisoft.running.live_status import LiveStatus, live_status
-from taichisoft.running.pace import Pace
+from taichisoft.session.pace import Pace
 
 
 def session(**changes: Any) -> Any:

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 
 TUTORIAL = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"
 

@@ -9,10 +9,11 @@ import pytest
 import trimesh
 from conftest import make_block
 
+from taichisoft.building.simulation import make_model
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.mapped_surface import enclosed_volume
-from taichisoft.mesh import VolumeMesh
 from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict
 
@@ -25,7 +26,7 @@ def hollow(block: Callable[..., str]) -> dict[str, Any]:
 
 
 def model(body: dict[str, Any], **tables: Any) -> Model:
-    return Model(scene_from_dict({"soft_bodies": {"block": body}, **tables}))
+    return make_model(scene_from_dict({"soft_bodies": {"block": body}, **tables}))
 
 
 NOWHERE = {"box": [[50, 0, 0], [60, 1, 1]]}
@@ -111,13 +112,13 @@ def test_bodies_that_overlap_at_the_start_are_refused(
 def test_soft_bodies_that_overlap_are_refused(hollow: dict[str, Any]) -> None:
     bodies = {"left": hollow, "right": {**hollow, "translation": [19.0, 1.0, 2.0]}}
     with pytest.raises(SceneError, match="bodies 'left' and 'right' overlap at the start by 1 mm"):
-        Model(scene_from_dict({"soft_bodies": bodies}))
+        make_model(scene_from_dict({"soft_bodies": bodies}))
 
 
 def test_an_inertia_that_is_none_is_refused() -> None:
     cube = {"box": [1, 1, 1], "mass": 1, "inertia": [[1, 0, 0], [0, -1, 0], [0, 0, 1]]}
     with pytest.raises(SceneError, match=r"rigid_bodies\.cube\.inertia = .*: must be symmetric and positive definite"):
-        Model(scene_from_dict({"rigid_bodies": {"cube": cube}}))
+        make_model(scene_from_dict({"rigid_bodies": {"cube": cube}}))
 
 
 def test_mass_and_inertia_come_from_the_surface(tmp_path: Path) -> None:
@@ -126,7 +127,7 @@ def test_mass_and_inertia_come_from_the_surface(tmp_path: Path) -> None:
     box.vertices += [10, 0, 0]
     box.export(tmp_path / "box.obj", digits=17)
     table = {"surface": str(tmp_path / "box.obj"), "scale": 2, "density": 1e-3, "position": [0, 0, 5]}
-    (body,) = Model(scene_from_dict({"rigid_bodies": {"box": table}})).rigid_bodies
+    (body,) = make_model(scene_from_dict({"rigid_bodies": {"box": table}})).rigid_bodies
     assert body.mass == pytest.approx(0.048, rel=1e-12)
     expected = 0.048 / 12 * np.diag([4**2 + 6**2, 2**2 + 6**2, 2**2 + 4**2])
     np.testing.assert_allclose(body.inertia, expected, atol=1e-12)
@@ -159,7 +160,7 @@ def obstacle_file(folder: Path, surface: trimesh.Trimesh) -> np.ndarray:
         "rigid_bodies": {"cube": {"box": [1, 1, 1], "mass": 1, "position": [0, 0, 9]}},
         "obstacles": {"table": {"surface": str(folder / "table.obj")}},
     }
-    triangles = Model(scene_from_dict(tables)).obstacles[0].triangles
+    triangles = make_model(scene_from_dict(tables)).obstacles[0].triangles
     assert triangles is not None
     return triangles
 

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft.meshes.files import read_unchecked_mesh, read_volume_mesh, write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft_meshing.gmsh_session import gmsh_session
 
 NODES = np.vstack([np.zeros(3), np.eye(3), np.ones(3)])

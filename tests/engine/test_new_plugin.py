@@ -10,8 +10,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from taichisoft import plugins
 from taichisoft.errors import PluginError
+from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.new_plugin import FILES, TEMPLATES, check_name, write_project
 from taichisoft.plugin_system.registry import Registry
 

@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from taichisoft.controller import Control, Observation
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
 
 
 def beam(block: Callable[..., str], **changes: object) -> dict:

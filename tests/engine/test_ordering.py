@@ -5,7 +5,7 @@ import scipy.sparse as sparse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from taichisoft.solver.ordering import find_supernodes
+from taichisoft.cholesky.ordering import find_supernodes
 
 
 def true_fill(pattern: np.ndarray, order: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import trimesh
 
+from taichisoft.building.simulation import make_model
 from taichisoft.errors import SceneError
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict
@@ -18,7 +19,7 @@ def box(size: list[float], position: list[float], rotation: tuple[float, float, 
 
 
 def model(**bodies: dict[str, Any]) -> Model:
-    return Model(scene_from_dict({"rigid_bodies": bodies}))
+    return make_model(scene_from_dict({"rigid_bodies": bodies}))
 
 
 CROSSED = {
@@ -85,4 +86,4 @@ def test_a_rod_through_a_soft_plate_and_through_a_table_without_sides_is_refused
         {"obstacles": {"plate": {"surface": str(tmp_path / "table.obj")}}},
     ):
         with pytest.raises(SceneError, match=r"^bodies '(plate|rod)' and '(plate|rod)' overlap at the start"):
-            Model(scene_from_dict({**rod, **others}))
+            make_model(scene_from_dict({**rod, **others}))

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from taichisoft.running.pace import FORGIVEN, Pace
+from taichisoft.session.pace import FORGIVEN, Pace
 
 
 class Clock:

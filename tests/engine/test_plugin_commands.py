@@ -9,9 +9,9 @@ import pytest
 import typer
 
 import taichisoft.simulation  # noqa: F401 - Taichi may say something when it starts: not in the middle of a test
-from taichisoft import plugins
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
+from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.commands import command_names, with_plugin_commands
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 

@@ -9,15 +9,15 @@ from typing import Any
 import pytest
 
 import taichisoft
-from taichisoft import plugins
 from taichisoft.errors import PluginError
-from taichisoft.hookspecs import hookimpl
+from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.failure import plugin_traceback
+from taichisoft.plugin_system.hookspecs import hookimpl
 from taichisoft.plugin_system.listing import list_plugins
 
 Install = Callable[..., None]
 PUSH = """
-from taichisoft.hookspecs import hookimpl
+from taichisoft.plugin_system.hookspecs import hookimpl
 __version__ = "2.1"
 
 @hookimpl

@@ -7,10 +7,10 @@ from typing import Any
 
 import pytest
 
-from taichisoft import plugins
 from taichisoft.errors import ControllerFailed, PluginError
-from taichisoft.hookspecs import PROJECT, hookimpl
+from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system import sources as plugin_sources
+from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
 from taichisoft.plugin_system.listing import list_plugins
 from taichisoft.plugin_system.registry import Registry
 

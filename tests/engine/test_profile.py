@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import pytest
 
+from taichisoft.building.simulation import Simulation
 from taichisoft.kernels.launch import Kernel
-from taichisoft.profile import REST, TOTAL, profiled
+from taichisoft.running.profile import REST, TOTAL, profiled
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
 
 
 @pytest.fixture

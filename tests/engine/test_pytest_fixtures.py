@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 
 from taichisoft import run
-from taichisoft.controller import Control, Observation
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
 from taichisoft.model import Model
+from taichisoft.plugin_system.plugins import plugin_registry
 from taichisoft.plugin_system.registry import Registry
-from taichisoft.plugins import plugin_registry
-from taichisoft.scene import Scene
-from taichisoft.simulation import Simulation
+from taichisoft.scenes.scene import Scene
 
 
 class CloseAndLift:

@@ -11,11 +11,11 @@ import numpy as np
 import pytest
 
 from taichisoft import run
-from taichisoft.controller import Control
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 from taichisoft.errors import ControlError, GoalMissed, PluginError, SimulationDiverged, TaichisoftError
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.session import count_steps
-from taichisoft.simulation import Simulation
+from taichisoft.session.session import count_steps
 from taichisoft_plugins.recording.output import RecordingOutput
 
 STEP = 0.01

@@ -7,8 +7,8 @@ from typing import Any
 
 import pytest
 
-from taichisoft import plugins
 from taichisoft.command_line import main
+from taichisoft.plugin_system import plugins
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 
 Command = Callable[..., tuple[int, str, str]]
@@ -16,7 +16,7 @@ Command = Callable[..., tuple[int, str, str]]
 COUNTER = """
 from pathlib import Path
 from taichisoft import Control, hookimpl
-from taichisoft.run_option import RunOption
+from taichisoft.plugin_system.run_option import RunOption
 
 class Counter:
     def __init__(self, folder, start: int = 0, file: Path = Path("count"), loud: bool = False):

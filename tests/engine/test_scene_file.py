@@ -5,8 +5,9 @@ from typing import Any
 
 import pytest
 
+from taichisoft.building.scene_files import load_scene
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import load_scene, scene_from_dict, scene_to_toml
+from taichisoft.scenes.file import scene_from_dict, scene_to_toml
 from taichisoft.scenes.shipped import data_folder
 
 SCENE = """

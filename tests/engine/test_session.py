@@ -8,17 +8,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.controller import Control, Observation
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.control.keys import KeyEvent
+from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed, PluginError, SceneError
-from taichisoft.hookspecs import hookimpl
-from taichisoft.keys import KeyEvent
-from taichisoft.plugins import register_plugin, unregister_plugin
-from taichisoft.running.key_log import KeyReplay
+from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.plugin_system.plugins import register_plugin, unregister_plugin
 from taichisoft.running.loop import run_session
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.session import Session
-from taichisoft.simulation import Simulation, StepReport
+from taichisoft.session.key_log import KeyReplay
+from taichisoft.session.session import Session
 from taichisoft.state import State
+from taichisoft.step.report import StepReport
 
 STEP = 0.01
 

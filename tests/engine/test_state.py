@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichisoft.controller import Control
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 from taichisoft.errors import StateError
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
 from taichisoft.state import State
 
 
@@ -110,7 +110,7 @@ def test_arrays_of_something_else_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_state_of_another_model_does_not_fit(simulation: Simulation) -> None:
-    simulation.state.check_fits(simulation.model)
+    simulation.model.check(simulation.state)
     smaller = replace(simulation.state, position=simulation.state.position[1:])
     with pytest.raises(StateError, match=r"another model: its position has shape \(63, 3\), the model's \(64, 3\)"):
-        smaller.check_fits(simulation.model)
+        simulation.model.check(smaller)

@@ -14,8 +14,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from conftest import make_block
 
 from taichisoft.errors import MeshError
-from taichisoft.hookspecs import hookimpl
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.hookspecs import hookimpl
 
 
 class Block:

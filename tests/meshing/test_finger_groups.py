@@ -3,13 +3,14 @@
 import numpy as np
 import pytest
 
+from taichisoft.bodies.selection import select_elements, select_nodes
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
-from taichisoft.scene import Selection
-from taichisoft.scenes.selection import select_elements, select_nodes
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.scenes.scene import Selection
+from taichisoft_meshing.finger.dimensions import ElementSizes
 from taichisoft_meshing.finger.kind import finger_from_dict
 from taichisoft_meshing.finger.mesher import mesh_finger
-from taichisoft_meshing.finger.parameters import ElementSizes, FingerParameters
+from taichisoft_meshing.finger.parameters import FingerParameters
 
 BASE = Selection(box=((-10.0, 0.0, -20.0), (0.0, 30.0, 20.0)))
 STIFF_LAYER = Selection(box=((-100.0, 22.5, -8.0), (-19.0, 28.0, 8.0)))

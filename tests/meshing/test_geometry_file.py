@@ -8,12 +8,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft import plugins
 from taichisoft.command_line import main
 from taichisoft.errors import MeshError, PluginError
-from taichisoft.hookspecs import hookimpl
-from taichisoft.mesh import VolumeMesh
 from taichisoft.meshes.files import read_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system.hookspecs import hookimpl
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 
 

@@ -8,9 +8,9 @@ import pytest
 from conftest import make_block
 
 from taichisoft.command_line import main
-from taichisoft.mesh import VolumeMesh
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.surface_files import write_stl
+from taichisoft.meshes.volume_mesh import VolumeMesh
 
 
 @pytest.fixture

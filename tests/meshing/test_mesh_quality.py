@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import make_block
 
-from taichisoft.mesh import VolumeMesh, boundary_triangles
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.quality.check import cautions, faults, missed_limits
 from taichisoft_meshing.quality.limits import QualityLimits
 from taichisoft_meshing.quality.mesh_quality import measure

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from conftest import make_block
 
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.limits import QualityLimits
 from taichisoft_meshing.quality.mesh_quality import measure
 from taichisoft_meshing.quality.open_view import TILT, Side, open_view

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft import plugins
+from taichisoft.building.body_meshes import load_meshes
+from taichisoft.building.scene_files import load_scene
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.hookspecs import hookimpl
-from taichisoft.mesh import VolumeMesh
-from taichisoft.scenes.body_meshes import load_meshes
-from taichisoft.scenes.file import load_scene, scene_from_dict, scene_to_toml
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.scenes.file import scene_from_dict, scene_to_toml
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing import fingerprint
 from taichisoft_meshing.mesh_cache import cache_folder

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.size_search import MOST_MESHES, WITHIN, size_for_nodes
 
 

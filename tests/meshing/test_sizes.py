@@ -9,13 +9,14 @@ import pytest
 from fingers import sharp_fingers
 from hypothesis import given, settings
 
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.finger.boxes import slot_boxes
 from taichisoft_meshing.finger.cavity_walls import thin_walls, walled_boxes
+from taichisoft_meshing.finger.dimensions import ElementSizes
 from taichisoft_meshing.finger.kind import PneunetFinger, finger_from_dict
 from taichisoft_meshing.finger.layers import layer_boxes, layer_count
 from taichisoft_meshing.finger.mesher import mesh_finger
-from taichisoft_meshing.finger.parameters import ElementSizes, FingerParameters
+from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.quality.tetrahedra import radius_ratios
 from taichisoft_meshing.quality.wall_rays import find_walls
 

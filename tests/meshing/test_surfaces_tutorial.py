@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichisoft.mapped_surface import enclosed_volume
-from taichisoft.mesh import tetrahedron_volumes
+from taichisoft.meshes.mapped_surface import enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
+from taichisoft.meshes.volume_mesh import tetrahedron_volumes
 from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
 
 MESHES = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"

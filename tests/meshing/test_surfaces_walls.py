@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from solid_shapes import box, save
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import boundary_triangles, tetrahedron_volumes
+from taichisoft.meshes.volume_mesh import boundary_triangles, tetrahedron_volumes
 from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
 from taichisoft_meshing.bodies.wall_splitting import cut_edges, through_edges
 from taichisoft_meshing.quality.mesh_quality import measure

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from taichisoft.command_line import main
-from taichisoft.mapped_surface import enclosed_volume
 from taichisoft.meshes.files import read_volume_mesh
-from taichisoft.plugins import unregister_plugin
+from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.plugin_system.plugins import unregister_plugin
 from taichisoft.scenes.shipped import data_folder
 
 FOLDER = data_folder() / "plugins"

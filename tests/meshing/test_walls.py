@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from conftest import make_block
 
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality import walls as wall_quality
 from taichisoft_meshing.quality.surfaces import measure_surfaces
 from taichisoft_meshing.quality.wall_rays import MANY, Walls, find_walls

@@ -6,11 +6,11 @@ from types import SimpleNamespace
 import fake_run
 import numpy as np
 
-from taichisoft.rigid_body import make_obstacle, make_rigid_body
-from taichisoft.scenes.body_meshes import load_meshes
-from taichisoft.scenes.file import load_scene
-from taichisoft.scenes.placement import rotation_from_degrees
-from taichisoft.soft_body import make_soft_body
+from taichisoft.bodies.rigid_body import make_obstacle, make_rigid_body
+from taichisoft.bodies.rotations import rotation_from_degrees
+from taichisoft.bodies.soft_body import make_soft_body
+from taichisoft.building.body_meshes import load_meshes
+from taichisoft.building.scene_files import load_scene
 from taichisoft_plugins.recording.output import RecordingOutput
 
 LENGTH, INNER_SIDE = 115.0, 30.0

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.scene import Scene
+from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.csv_output import BUFFERED_STEPS, CsvOutput
 
 STEP = 0.01

@@ -11,10 +11,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from taichisoft.elements import lame_parameters
-from taichisoft.mapped_surface import MappedSurface
-from taichisoft.mesh import VolumeMesh
-from taichisoft.scene import Scene
+from taichisoft.bodies.elements import lame_parameters
+from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.recording.output import RecordingOutput
 
 STEP = 0.01

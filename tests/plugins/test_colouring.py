@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.meshes.surface_files import read_surface, write_stl
-from taichisoft.scenes.placement import rotation_from_degrees
 from taichisoft_plugins.drawing.caption import caption_parts, paint_caption
 from taichisoft_plugins.drawing.colour_scale import AIR, SOFT, ColourScale, round_up
 from taichisoft_plugins.drawing.colouring import PLAIN, Colouring

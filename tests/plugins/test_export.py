@@ -113,8 +113,8 @@ def test_an_element_group_is_a_cell_array(tmp_path: Path, block) -> None:
     """Groups of one body only are 0 in the others."""
     from conftest import make_block
 
-    from taichisoft.mesh import VolumeMesh
     from taichisoft.meshes.files import write_volume_mesh
+    from taichisoft.meshes.volume_mesh import VolumeMesh
 
     mesh = make_block((2, 1, 1), (20.0, 10.0, 10.0))
     grouped = VolumeMesh("block", mesh.nodes, mesh.elements, {}, {"stiff": np.array([1, 5, 6])})

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from taichisoft.errors import GoalMissed, TaichisoftError
-from taichisoft.scene import Scene
+from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.metrics import MetricsOutput
 
 STEP = 0.1

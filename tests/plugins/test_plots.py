@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import tiny_run
 
-from taichisoft.controller import Observation
+from taichisoft.control.observation import Observation
 from taichisoft_plugins.plots.curve import Curve, Panel, pieces
 from taichisoft_plugins.plots.figure import draw_figure
 from taichisoft_plugins.plots.panels import PANELS, TIME_AXIS, RunCurves

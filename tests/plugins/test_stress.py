@@ -8,8 +8,8 @@ import pytest
 from conftest import make_block
 from scipy.spatial.transform import Rotation
 
-from taichisoft.elasticity import Elasticity
-from taichisoft.elements import lame_parameters, linear_tetrahedra
+from taichisoft.bodies.elasticity import Elasticity
+from taichisoft.bodies.elements import lame_parameters, linear_tetrahedra
 from taichisoft_plugins.stress import element_stress, nodal_mean, von_mises
 
 MESH = make_block((2, 2, 3), (20.0, 25.0, 30.0))

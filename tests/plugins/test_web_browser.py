@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running.loop import run_session
-from taichisoft.scenes.file import load_scene
-from taichisoft.session import Session
-from taichisoft.simulation import Simulation
+from taichisoft.session.session import Session
 from taichisoft_controllers.keyboard import KeyboardController
 from taichisoft_plugins.web.output import WebOutput
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from fake_run import CUBE, CUBE_FACES
 
-from taichisoft.controller import Control
-from taichisoft.scene import Scene
-from taichisoft.simulation import Simulation
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.web import recorded_frames

@@ -12,13 +12,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.controller import Control
-from taichisoft.keys import KeyEvent
-from taichisoft.running.key_log import KeyReplay
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.control.keys import KeyEvent
 from taichisoft.running.loop import run_session
-from taichisoft.scene import Scene
-from taichisoft.session import Session
-from taichisoft.simulation import Simulation
+from taichisoft.scenes.scene import Scene
+from taichisoft.session.key_log import KeyReplay
+from taichisoft.session.session import Session
 from taichisoft_benchmarks.measures.web_viewer import Viewer
 from taichisoft_controllers.keyboard import KeyboardController
 from taichisoft_plugins.web.output import WebOutput

@@ -70,8 +70,8 @@ GOING_ON = """
 import sys
 from pathlib import Path
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scenes.file import load_scene
-from taichisoft.simulation import Simulation
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
 from taichisoft_plugins.recording.output import RecordingOutput
 
 simulation = Simulation(load_scene(TINY_GRIPPER))

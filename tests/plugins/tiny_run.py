@@ -9,10 +9,11 @@ import typer
 from click.testing import Result
 from typer.testing import CliRunner
 
-from taichisoft.controller import Control, Observation
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft.scenes.file import load_scene
-from taichisoft.simulation import Simulation
 from taichisoft_plugins import taichisoft_commands
 from taichisoft_plugins.recording.output import RecordingOutput
 

@@ -7,10 +7,10 @@ import hashlib
 
 import numpy as np
 
-from taichisoft.controller import Control
-from taichisoft.scene import Scene
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation
+from taichisoft.scenes.scene import Scene
 from taichisoft.state import State
 
 STEPS = 12

@@ -4,9 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.controller import Control
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.simulation import Simulation, StepReport
+from taichisoft.step.report import StepReport
 
 GRAVITY = 9810.0
 CONTACT_DISTANCE = 1.0

@@ -7,9 +7,9 @@ import pytest
 from conftest import Figures
 from scenes import advance, silicone, simulate
 
-from taichisoft.controller import Control
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 from taichisoft.model import Model
-from taichisoft.simulation import Simulation
 
 SIZE = (30.0, 20.0, 20.0)
 CAVITY = "block.cavity"

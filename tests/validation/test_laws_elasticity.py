@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scenes import silicone, simulate
 from scipy.spatial.transform import Rotation
 
-from taichisoft.mesh import VolumeMesh, boundary_triangles
 from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft.model import Model
 
 SIZE = (30.0, 20.0, 10.0)

@@ -8,15 +8,15 @@ from pathlib import Path
 import falling_finger
 import pytest
 
+from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.model import Model
-from taichisoft.simulation import Simulation
 from taichisoft.state import State
 
 
 @pytest.fixture(scope="module")
 def model() -> Model:
     """A scene with soft bodies, cavities, a rigid body and contacts."""
-    return Model(falling_finger.make_scene())
+    return make_model(falling_finger.make_scene())
 
 
 @pytest.fixture(scope="module")

@@ -9,9 +9,9 @@ import pytest
 import tutorial
 from conftest import Figures
 
-from taichisoft.controller import Control
-from taichisoft.simulation import Simulation
-from taichisoft.solver.gauss_seidel import GaussSeidel
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.step.gauss_seidel import GaussSeidel
 
 FRICTION = 0.6
 

@@ -12,9 +12,8 @@ import pytest
 import tutorial
 from conftest import Figures
 
-from taichisoft.controller import Control
-from taichisoft.model import Model
-from taichisoft.simulation import Simulation
+from taichisoft.building.simulation import Simulation, make_model
+from taichisoft.control.control import Control
 
 TOLERANCE = 1e-6
 
@@ -64,7 +63,7 @@ def test_internal_forces_are_those_of_sofa(shared: Path, figures: Figures) -> No
     Tolerance 1e-9 of the largest force: two programs sum the same terms in another order (measured 1e-14).
     """
     run = np.load(shared / "reference" / "internal_force_coarse.npz")
-    model = Model(tutorial.finger_scene(shared))
+    model = make_model(tutorial.finger_scene(shared))
     assert model.elasticity is not None
     force = model.elasticity.internal_force(run["x"])
     expected = run["F_step7_500_plus_1000"]
@@ -77,7 +76,7 @@ def test_selections_are_those_of_sofa(shared: Path, mesh: str) -> None:
     """The nodes and tetrahedra, the clamped nodes, the stiff layer's tetrahedra and the cavity's surface."""
     setup = np.load(shared / "reference" / f"finger_{mesh}_setup.npz")
     file = tutorial.COARSE if mesh == "coarse" else tutorial.FINE
-    (body,) = Model(tutorial.finger_scene(shared, file)).soft_bodies
+    (body,) = make_model(tutorial.finger_scene(shared, file)).soft_bodies
     np.testing.assert_array_equal(body.rest_position, setup["nodes"])
     np.testing.assert_array_equal(body.elements, setup["tets"])
     np.testing.assert_array_equal(np.flatnonzero(body.anchor_stiffness), np.sort(setup["fixed"]))

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import scipy.sparse as sparse
 
-from taichisoft.scene import Scene
+from taichisoft.scenes.scene import Scene
 from taichisoft_benchmarks import calibration
 from taichisoft_benchmarks.descriptors import FactorisationCase
 from taichisoft_benchmarks.errors import PeerMissing
@@ -23,7 +23,7 @@ DENSE_MFLOP = 2.0 * calibration.DENSE_SIZE**3 / 1e6
 
 def measure_factorisation(case: FactorisationCase, scene: Scene) -> Measured:
     """Median times of the matrix of the first step."""
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.simulation import Simulation
 
     simulation = Simulation(scene)
     simulation.step()  # assembles the matrix, and leaves it with the solver

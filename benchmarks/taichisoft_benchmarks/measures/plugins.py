@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.hookspecs import hookimpl
-from taichisoft.scene import Scene
+from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.scenes.scene import Scene
 from taichisoft_benchmarks.descriptors import PluginsCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 from taichisoft_benchmarks.measures.steps import window_medians
@@ -26,10 +26,10 @@ def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
     The figures by part are those of the last window. The summary of the contacts stands apart: the report of a step
     needs it in any case, and the observation takes it over.
     """
-    from taichisoft.contact.summary import summarise_contacts
-    from taichisoft.plugins import notify, register_plugin, unregister_plugin
-    from taichisoft.scenes.controller_factory import make_controller
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.simulation import Simulation
+    from taichisoft.control.contact_summary import summarise_contacts
+    from taichisoft.plugin_system.plugins import notify, register_plugin, unregister_plugin
 
     simulation = Simulation(scene)
     controller = make_controller(scene)

@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.scene import Scene
+from taichisoft.scenes.scene import Scene
 from taichisoft_benchmarks.descriptors import RecordingCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 
 if TYPE_CHECKING:
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.simulation import Simulation
 
 
 def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
@@ -22,7 +22,7 @@ def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
     pairs is taken. The time with the output has the writing of its last frames in it. `output_ms` is what passes within
     the output: it leaves out what it does to the caches of the steps, and scatters far less on a busy machine.
     """
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.simulation import Simulation
 
     simulation = Simulation(scene)
     start = simulation.state
@@ -54,7 +54,7 @@ def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
 
 def _run(simulation: "Simulation", scene: Scene, steps: int, folder: Path | None) -> tuple[float, float]:
     """Wall time of the steps, and of it in the output [s]; they are recorded into the folder, if there is one."""
-    from taichisoft.scenes.controller_factory import make_controller
+    from taichisoft.building.controller_factory import make_controller
     from taichisoft_plugins.recording.output import RecordingOutput
 
     controller = make_controller(scene)

@@ -6,7 +6,7 @@ from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from taichisoft.scene import Scene
+from taichisoft.scenes.scene import Scene
 from taichisoft_benchmarks.descriptors import RenderingCase
 from taichisoft_benchmarks.measures.measured import Measured
 
@@ -50,8 +50,8 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
 
 def _record(case: RenderingCase, scene: Scene, folder: Path) -> int:
     """Let the scene's controller drive; returns the number of nodes."""
-    from taichisoft.scenes.controller_factory import make_controller
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.simulation import Simulation
     from taichisoft_plugins.recording.output import RecordingOutput
 
     simulation = Simulation(scene)

@@ -10,12 +10,12 @@ from taichisoft_benchmarks.scenes import Meshes, scene_of
 def measure_start(case: StartCase, meshes: Meshes) -> Measured:
     """Import, model and first step; the runner gives a cold case an empty folder for compiled kernels."""
     started = time.perf_counter()
-    import taichisoft.simulation
+    import taichisoft.building.simulation
 
     imported = time.perf_counter()
-    model = taichisoft.simulation.Model(scene_of(case, meshes))
+    model = taichisoft.building.simulation.make_model(scene_of(case, meshes))
     made = time.perf_counter()
-    taichisoft.simulation.Simulation(model).step()
+    taichisoft.building.simulation.Simulation(model).step()
     stepped = time.perf_counter()
     return Measured(
         {

@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.scene import Scene
+from taichisoft.scenes.scene import Scene
 from taichisoft_benchmarks.descriptors import Simulated
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 
 if TYPE_CHECKING:
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.simulation import Simulation
 
 PROFILED_STEPS = 30
 
@@ -19,8 +19,8 @@ PROFILED_STEPS = 30
 def measure_steps(case: Simulated, scene: Scene) -> Measured:
     """Make the case's steps; what the first one takes with the preparation is told apart from the rest."""
     started = time.perf_counter()
-    from taichisoft.scenes.controller_factory import make_controller
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.simulation import Simulation
 
     simulation = Simulation(scene)
     controller = make_controller(scene)
@@ -63,7 +63,7 @@ def _phases(simulation: "Simulation", controller: Any) -> dict[str, float]:
 
     They are steps of their own, because measuring phases takes time too.
     """
-    from taichisoft.profile import TOTAL, profiled
+    from taichisoft.running.profile import TOTAL, profiled
 
     with profiled(simulation) as profile:
         for _ in range(PROFILED_STEPS):

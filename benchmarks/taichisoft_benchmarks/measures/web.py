@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.scene import Scene
+from taichisoft.scenes.scene import Scene
 from taichisoft_benchmarks.descriptors import WebCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 
 if TYPE_CHECKING:
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.simulation import Simulation
 
 PATIENCE = 60.0
 """For the viewer to tell what it has seen [s]; usually at once."""
@@ -24,7 +24,7 @@ def measure_web(case: WebCase, scene: Scene) -> Measured:
 
     The times of steps are compared in the second half of the run, where the viewer has come.
     """
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.simulation import Simulation
 
     simulation = Simulation(scene)
     start = simulation.state
@@ -61,9 +61,9 @@ def _run(
     simulation: "Simulation", scene: Scene, steps: int, seen: dict[str, float] | None
 ) -> tuple[list[float], float]:
     """Wall times of the steps [s], and simulated over wall-clock time; with `seen` there is a page, watched."""
+    from taichisoft.building.controller_factory import make_controller
     from taichisoft.running.loop import run_session
-    from taichisoft.scenes.controller_factory import make_controller
-    from taichisoft.session import Session
+    from taichisoft.session.session import Session
     from taichisoft_plugins.web.output import WebOutput
 
     outputs: Any = [] if seen is None else [WebOutput(Path(), "127.0.0.1:0")]

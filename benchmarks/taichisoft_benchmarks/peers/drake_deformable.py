@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.mesh import tetrahedron_volumes
+from taichisoft.meshes.volume_mesh import tetrahedron_volumes
 from taichisoft_benchmarks.errors import PeerMissing
 
 if TYPE_CHECKING:
+    from taichisoft.bodies.soft_body import SoftBody
     from taichisoft.model import Model
-    from taichisoft.soft_body import SoftBody
 
 METRE = 1e-3
 """[m] per millimetre: Drake's tolerances are meant for SI units."""

@@ -7,8 +7,8 @@ import numpy as np
 from taichisoft_benchmarks.errors import PeerMissing
 
 if TYPE_CHECKING:
+    from taichisoft.bodies.soft_body import SoftBody
     from taichisoft.model import Model
-    from taichisoft.soft_body import SoftBody
 
 NEEDS = "pip install 'taichisoft[peers]'"
 PLANE_SIZE = 1000.0

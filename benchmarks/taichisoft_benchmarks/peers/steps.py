@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from taichisoft.scene import Scene
+from taichisoft.scenes.scene import Scene
 from taichisoft_benchmarks.descriptors import PeerCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 from taichisoft_benchmarks.measures.steps import window_medians
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
+from taichisoft.building.simulation import make_model
 
 
 class Peer(Protocol):
@@ -40,12 +41,11 @@ def measure_peer(case: PeerCase, scene: Scene) -> Measured:
     Raises:
         PeerMissing: the program is not installed, or cannot do the case.
     """
-    from taichisoft.model import Model
-    from taichisoft.scenes.controller_factory import make_controller
-    from taichisoft.simulation import Simulation
+    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.simulation import Simulation
 
     started = time.perf_counter()
-    model = Model(scene)
+    model = make_model(scene)
     peer = _factory(case.peer)(model)
     prepared = time.perf_counter() - started
     observation = Simulation(model).observe()  # of the start: the scripts look at the time only

@@ -10,8 +10,8 @@ from typing import Annotated, Any
 from pydantic import Field
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
-from taichisoft.scene import Table
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.scenes.scene import Table
 from taichisoft_meshing.bodies.step_mesher import StepSolid, mesh_step, read_step
 from taichisoft_meshing.bodies.tables import Base, Count, Sizes, checked, preset_sizes
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.bodies.meshed_body import compare_volumes, meshed_body, with_base
 from taichisoft_meshing.bodies.size_growth import set_sizes
 from taichisoft_meshing.bodies.solid_shells import shells_of_solid

@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.bodies.closed_shells import Shell, undirected_sides
 from taichisoft_meshing.bodies.hollow_body import HollowBody
 from taichisoft_meshing.bodies.meshed_body import TRIANGLE, compare_volumes, meshed_body, with_base

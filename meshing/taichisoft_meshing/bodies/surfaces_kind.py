@@ -11,8 +11,8 @@ import numpy as np
 from pydantic import BeforeValidator, Field
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
-from taichisoft.scene import Positive, Table
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.scenes.scene import Positive, Table
 from taichisoft_meshing.bodies.hollow_body import HollowBody, read_hollow_body
 from taichisoft_meshing.bodies.surface_mesher import keep_surfaces, remesh_surfaces
 from taichisoft_meshing.bodies.tables import Base, Count, Sizes, checked, preset_sizes

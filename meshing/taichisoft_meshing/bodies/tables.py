@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field, ValidationError, model_validator
 
 from taichisoft.errors import MeshError
-from taichisoft.scene import Positive, Table, Vector
+from taichisoft.scenes.scene import Positive, Table, Vector
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_meshing.bodies.surface_repair import NEAR, diagonal
 

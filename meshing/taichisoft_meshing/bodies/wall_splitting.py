@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from taichisoft.mesh import VolumeMesh, boundary_triangles
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.bodies.closed_shells import undirected_sides
 from taichisoft_meshing.bodies.meshed_body import TETRAHEDRON, TRIANGLE
 from taichisoft_meshing.bodies.tables import FittedSizes

@@ -8,7 +8,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_meshing.finger.cavity_walls import thin_walls
 from taichisoft_meshing.finger.parameters import FingerParameters

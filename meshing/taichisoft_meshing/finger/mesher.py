@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.mapped_surface import enclosed_volume
-from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft_meshing.finger.element_sizes import mesh_with_sizes
 from taichisoft_meshing.finger.groups import element_groups
 from taichisoft_meshing.finger.parameters import FingerParameters

@@ -5,8 +5,8 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from taichisoft.errors import MeshError
-from taichisoft.mapped_surface import enclosed_volume
-from taichisoft.mesh import boundary_triangles
+from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.volume_mesh import boundary_triangles
 
 # [mm] Nodes this near the plane x = 0 lie in the base.
 BASE_TOLERANCE = 1e-9

@@ -1,16 +1,12 @@
 """Walls of a finger that are given by their thickness: the positions that follow."""
 
-from typing import TYPE_CHECKING
+from pydantic import BaseModel
 
+from taichisoft_meshing.finger.dimensions import FingerDimensions
 from taichisoft_meshing.finger.walls import THINNEST_WALL, at_most
 
-if TYPE_CHECKING:
-    from pydantic import BaseModel
 
-    from taichisoft_meshing.finger.parameters import FingerParameters
-
-
-def positions_from_walls(finger: "FingerParameters") -> "dict[str, BaseModel]":
+def positions_from_walls(finger: FingerDimensions) -> dict[str, BaseModel]:
     """Tables that change, by name, for the thicknesses that are given: see `finger.Walls`.
 
     Raises:

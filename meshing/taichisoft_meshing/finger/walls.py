@@ -1,9 +1,6 @@
 """The rules between a finger's dimensions: every wall of silicone must remain."""
 
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger.dimensions import FingerDimensions
 
 # [mm] A thinner wall cannot be cast, and its elements would be flat.
 THINNEST_WALL = 0.1
@@ -15,7 +12,7 @@ ROUNDING = 1e-9
 MOST_ELEMENTS = 5_000_000
 
 
-def check_walls(finger: "FingerParameters") -> None:
+def check_walls(finger: FingerDimensions) -> None:
     """Raise ValueError, "key = value: what would be valid", for the first dimension that leaves no wall."""
     _check_taper(finger)
     _check_channel(finger)
@@ -28,13 +25,13 @@ def check_walls(finger: "FingerParameters") -> None:
     _check_sizes(finger)
 
 
-def _check_taper(finger: "FingerParameters") -> None:
+def _check_taper(finger: FingerDimensions) -> None:
     body = finger.body
     at_most("body.tip_height", body.tip_height, body.height - THINNEST_WALL, "below body.height")
     at_most("body.taper_length", body.taper_length, body.length - THINNEST_WALL, "below body.length")
 
 
-def _check_channel(finger: "FingerParameters") -> None:
+def _check_channel(finger: FingerDimensions) -> None:
     body, channel = finger.body, finger.channel
     at_least("channel.start", channel.start, THINNEST_WALL, "to leave a wall at the base")
     at_least("channel.end", channel.end, channel.start + THINNEST_WALL, "beyond channel.start")
@@ -46,7 +43,7 @@ def _check_channel(finger: "FingerParameters") -> None:
     at_least("channel.bottom", channel.bottom, lowest, "to leave a wall above the underside at channel.end")
 
 
-def _check_chambers(finger: "FingerParameters") -> None:
+def _check_chambers(finger: FingerDimensions) -> None:
     channel, chambers = finger.channel, finger.chambers
     last_end = chambers.first + (chambers.count - 1) * chambers.pitch + chambers.width
     if chambers.count > 1:
@@ -64,7 +61,7 @@ def _check_chambers(finger: "FingerParameters") -> None:
     at_most("chambers.height", chambers.height, highest, "to leave a wall above the underside")
 
 
-def _check_slots(finger: "FingerParameters") -> None:
+def _check_slots(finger: FingerDimensions) -> None:
     body, slots = finger.body, finger.slots
     if slots.count == 0:
         return
@@ -82,7 +79,7 @@ def _check_slots(finger: "FingerParameters") -> None:
     at_most("slots.depth", slots.depth, above, "to leave a wall below the channel")
 
 
-def _check_slots_miss_chambers(finger: "FingerParameters") -> None:
+def _check_slots_miss_chambers(finger: FingerDimensions) -> None:
     """A slot that reaches as high as the chambers must pass between them."""
     slots, chambers = finger.slots, finger.chambers
     reach = finger.channel.bottom - chambers.height - THINNEST_WALL
@@ -101,7 +98,7 @@ def _check_slots_miss_chambers(finger: "FingerParameters") -> None:
                 )
 
 
-def _check_fillets(finger: "FingerParameters") -> None:
+def _check_fillets(finger: FingerDimensions) -> None:
     """Between two fillets a flat face must remain, as between a fillet and the next edge."""
     slots, chambers = finger.slots, finger.chambers
     if slots.count:
@@ -113,7 +110,7 @@ def _check_fillets(finger: "FingerParameters") -> None:
     at_most("chambers.fillet_radius", chambers.fillet_radius, chambers.height - THINNEST_WALL, "below chambers.height")
 
 
-def _check_base(finger: "FingerParameters") -> None:
+def _check_base(finger: FingerDimensions) -> None:
     body, channel, inlet = finger.body, finger.channel, finger.inlet
     at_most("body.base_length", body.base_length, channel.start - THINNEST_WALL, "to end before the channel")
     if finger.slots.count:
@@ -127,7 +124,7 @@ def _check_base(finger: "FingerParameters") -> None:
         at_most("inlet.plug", inlet.plug, channel.start - THINNEST_WALL, "to leave a bore before channel.start")
 
 
-def _check_stiff_layer(finger: "FingerParameters") -> None:
+def _check_stiff_layer(finger: FingerDimensions) -> None:
     body, layer = finger.body, finger.stiff_layer
     if layer.thickness == 0:
         return
@@ -138,7 +135,7 @@ def _check_stiff_layer(finger: "FingerParameters") -> None:
     at_most("stiff_layer.width", layer.width, body.width, "body.width")
 
 
-def _check_sizes(finger: "FingerParameters") -> None:
+def _check_sizes(finger: FingerDimensions) -> None:
     sizes = finger.mesh
     at_most("mesh.largest", sizes.largest, finger.body.length, "body.length: elements larger than the body")
     at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from taichisoft.mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft_meshing.quality.surfaces import SurfaceQuality, cavities_outside, measure_surfaces
 from taichisoft_meshing.quality.tetrahedra import dihedral_angles, edge_lengths, radius_ratios
 from taichisoft_meshing.quality.walls import WallQuality, measure_walls

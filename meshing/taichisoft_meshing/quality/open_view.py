@@ -6,7 +6,7 @@ from enum import IntEnum
 
 import numpy as np
 
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.surfaces import SurfaceQuality
 
 TILT = np.radians(25.0)

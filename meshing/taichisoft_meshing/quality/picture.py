@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.atomic_file import whole_file
 from taichisoft.errors import MeshError
-from taichisoft.mesh import VolumeMesh
-from taichisoft.whole_file import whole_file
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.limits import QualityLimits
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
 from taichisoft_meshing.quality.open_view import OpenView, Side, open_view

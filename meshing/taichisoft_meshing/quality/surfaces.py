@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.mapped_surface import enclosed_volume
-from taichisoft.mesh import VolumeMesh, boundary_triangles
-from taichisoft.surface import count_open_edges
+from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import count_open_edges
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.quality.shells import connected_triangles
 
 OUTER = "outer"

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.surfaces import OUTER, SurfaceQuality
 from taichisoft_meshing.quality.wall_rays import Walls, find_walls
 

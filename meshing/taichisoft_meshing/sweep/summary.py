@@ -7,8 +7,8 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
+from taichisoft.atomic_file import whole_file
 from taichisoft.errors import MeshError
-from taichisoft.whole_file import whole_file
 from taichisoft_meshing.sweep.plan import Variant
 from taichisoft_meshing.sweep.process import Outcome
 

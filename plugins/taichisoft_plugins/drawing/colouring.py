@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from taichisoft.scenes.embedding import embed
+from taichisoft.bodies.embedding import embed
 from taichisoft_plugins.drawing import node_values
 from taichisoft_plugins.drawing.colour_scale import AIR, SOFT, ColourScale, round_up
 from taichisoft_plugins.drawing.framing import spread

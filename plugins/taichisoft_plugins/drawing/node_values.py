@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from taichisoft.scene import Scene
-from taichisoft.scenes.selection import select_nodes
+from taichisoft.bodies.selection import select_nodes
+from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.recording.reader import RecordedSoftBody, Recording
 from taichisoft_plugins.stress import StressLaw, nodal_mean, von_mises
 

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.mapped_surface import MappedSurface
+from taichisoft.bodies.embedding import embed
+from taichisoft.meshes.mapped_surface import MappedSurface
 from taichisoft.meshes.surface_files import read_surface
-from taichisoft.scenes.embedding import embed
 from taichisoft_plugins.drawing.style import StyleError
 from taichisoft_plugins.recording.reader import RecordedSoftBody, RecordedSurface, Recording
 

@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from taichisoft.whole_file import whole_file
+from taichisoft.atomic_file import whole_file
 
 VERTEX, TRIANGLE, TETRAHEDRON = 1, 5, 10
 """VTK's numbers of the types of cells."""

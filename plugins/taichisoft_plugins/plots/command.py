@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from taichisoft.whole_file import whole_file
+from taichisoft.atomic_file import whole_file
 from taichisoft_plugins.plots.panels import PANELS
 from taichisoft_plugins.plots.plots import FORMATS, PlotError, draw_plots
 from taichisoft_plugins.recording.reader import read_recording

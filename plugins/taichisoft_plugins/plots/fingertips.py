@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from taichisoft.scene import SoftBody
-from taichisoft.scenes.selection import select_nodes
+from taichisoft.bodies.selection import select_nodes
+from taichisoft.scenes.scene import SoftBody
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.reader import RecordedSoftBody, Recording
 
@@ -40,7 +40,7 @@ def tip_motion(recording: Recording) -> TipMotion:
     Raises:
         RecordingError: the recording has no positions, or its scene is not understood.
     """
-    from taichisoft.fingertips import Fingertips
+    from taichisoft.control.fingertips import Fingertips
 
     scene = tomllib.loads(recording.scene)["soft_bodies"] if recording.soft_bodies else {}
     tips = Fingertips(tuple(_finger(recording, body, scene[body.name]) for body in recording.soft_bodies))

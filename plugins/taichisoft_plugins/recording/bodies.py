@@ -13,9 +13,9 @@ from taichisoft.scenes.file import scene_to_toml
 from taichisoft_plugins.recording.layout import LAYOUT
 
 if TYPE_CHECKING:
-    from taichisoft.mapped_surface import MappedSurface
+    from taichisoft.bodies.soft_body import SoftBody
+    from taichisoft.meshes.mapped_surface import MappedSurface
     from taichisoft.model import Model
-    from taichisoft.soft_body import SoftBody
 
 
 PACKAGES = ("taichi", "numpy", "scipy", "h5py")

@@ -11,8 +11,8 @@ from taichisoft_plugins.recording.rows import Frame, RowMaker, SolverFigures
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-    from taichisoft.simulation import StepReport
     from taichisoft.state import State
+    from taichisoft.step.report import StepReport
 
 BUFFERED_FRAMES = 100
 """Frames kept in memory between two writes: what a killed run loses at most ..."""

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from taichisoft.mesh import VolumeMesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 
 
 @dataclass(frozen=True)

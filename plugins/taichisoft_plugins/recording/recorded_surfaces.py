@@ -5,8 +5,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-from taichisoft.mapped_surface import MappedSurface
-from taichisoft.scenes.placement import matrices_from_quaternions
+from taichisoft.bodies.rotations import matrices_from_quaternions
+from taichisoft.meshes.mapped_surface import MappedSurface
 from taichisoft_plugins.recording.recorded_bodies import RecordedPlane, RecordedSurface, numbered
 
 Row = Callable[[str, int], np.ndarray]

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
+from taichisoft.building.simulation import Simulation
 from taichisoft.errors import StateError, TaichisoftError
-from taichisoft.mapped_surface import MappedSurface
+from taichisoft.meshes.mapped_surface import MappedSurface
 from taichisoft.model import Model
-from taichisoft.scene import Scene
 from taichisoft.scenes.file import scene_from_toml
-from taichisoft.simulation import Simulation
+from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.recording.reader import Recording
 
 SAME_PLACE = 1e-6

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from taichisoft.run_option import requested, takes_run_options
+from taichisoft.plugin_system.run_options import requested, takes_run_options
 from taichisoft_plugins.recording.layout import FILE_NAME
 from taichisoft_plugins.recording.reader import Recording, read_recording
 

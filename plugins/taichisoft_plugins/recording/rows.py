@@ -11,8 +11,8 @@ from taichisoft_plugins.recording.layout import CONTACT_QUANTITIES, STEP_QUANTIT
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-    from taichisoft.simulation import StepReport
     from taichisoft.state import State
+    from taichisoft.step.report import StepReport
 
 
 @dataclass
@@ -133,7 +133,9 @@ class RowMaker:
             return report.normal_forces, report.friction_forces, report.slip_speeds
         if not len(frame.state.contact_key):
             return {}, {}, {}
-        from taichisoft.contact.summary import summarise_contacts  # a run that goes on from a state with contacts
+        from taichisoft.control.contact_summary import (
+            summarise_contacts,  # a run that goes on from a state with contacts
+        )
 
         summary = summarise_contacts(self._model, frame.state)
         return summary.normal_forces, summary.friction_forces, summary.slip_speeds

@@ -9,8 +9,8 @@ from taichisoft_plugins.rendering.render import RenderError
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-    from taichisoft.simulation import StepReport
     from taichisoft.state import State
+    from taichisoft.step.report import StepReport
 
 
 class DrawnAtEnd(ABC):

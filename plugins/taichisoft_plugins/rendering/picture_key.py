@@ -14,7 +14,7 @@ from taichisoft_plugins.rendering.render import render_pictures
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-    from taichisoft.session import Session
+    from taichisoft.session.session import Session
     from taichisoft.state import State
 
 MOST_WAITING = 8

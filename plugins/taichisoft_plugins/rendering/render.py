@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.atomic_file import whole_file
 from taichisoft.errors import TaichisoftError
 from taichisoft.running.interruption import held_back
-from taichisoft.whole_file import whole_file
 from taichisoft_plugins.doctor.system_libraries import install_line, packages_for
 from taichisoft_plugins.drawing.drawer import check_style
 from taichisoft_plugins.drawing.style import Style

@@ -12,7 +12,7 @@ from typing import IO, Protocol
 
 import numpy as np
 
-from taichisoft.whole_file import whole_file
+from taichisoft.atomic_file import whole_file
 from taichisoft_plugins.rendering.render import RenderError, make_folder, write_png
 
 FRAME_NAME = re.compile(r"frame_\d{5,}\.png")

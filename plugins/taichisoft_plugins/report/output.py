@@ -4,16 +4,16 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichisoft.atomic_file import whole_file
 from taichisoft.errors import TaichisoftError
-from taichisoft.whole_file import whole_file
 from taichisoft_plugins.recording.needed import NeededRecording
 from taichisoft_plugins.report.contents import collect
 from taichisoft_plugins.report.page import report_page
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-    from taichisoft.simulation import StepReport
     from taichisoft.state import State
+    from taichisoft.step.report import StepReport
 
 FILE_NAME = "report.html"
 

@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.mapped_surface import MappedSurface
-from taichisoft.scenes.placement import matrices_from_quaternions
+from taichisoft.bodies.rotations import matrices_from_quaternions
+from taichisoft.meshes.mapped_surface import MappedSurface
 from taichisoft_plugins.web.frame import Cast, PagePlane, PageSurface
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from taichisoft_plugins.web.errors import require_viser
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-    from taichisoft.session import Session
-    from taichisoft.simulation import StepReport
+    from taichisoft.session.session import Session
     from taichisoft.state import State
+    from taichisoft.step.report import StepReport
     from taichisoft_plugins.web.page_link import PageLink
 
 

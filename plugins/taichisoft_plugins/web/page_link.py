@@ -11,18 +11,18 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.keys import KeyEvent
-from taichisoft.session import BINDINGS
-from taichisoft.slider import Slider
+from taichisoft.control.keys import KeyEvent
+from taichisoft.control.slider import Slider
+from taichisoft.session.session import BINDINGS
 from taichisoft_plugins.web.address import Address
 from taichisoft_plugins.web.errors import WebError
 from taichisoft_plugins.web.live_bodies import live_bodies
 from taichisoft_plugins.web.messages import Farewell, Opening, Ready, Snapshot, SpeedWanted, receive, send
 
 if TYPE_CHECKING:
-    from taichisoft.session import Session
-    from taichisoft.simulation import StepReport
+    from taichisoft.session.session import Session
     from taichisoft.state import State
+    from taichisoft.step.report import StepReport
 
 SNAPSHOTS_PER_SECOND = 30.0
 SECONDS_BETWEEN_UNCHANGED = 0.2

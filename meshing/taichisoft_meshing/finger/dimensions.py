@@ -1,0 +1,200 @@
+"""The dimensions of a finger: a block with a slanted tip, slots across its underside and air chambers inside.
+
+Axes as in the mesh: the base is the plane x = 0 and the finger points to -x; y goes from the slotted side
+(0) to the stiff back; z is centred. Positions along the finger are distances from the base, all in [mm].
+"""
+
+import math
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+Length = Annotated[float, Field(gt=0)]
+LengthOrNone = Annotated[float, Field(ge=0)]  # 0: there is no such thing
+Count = Annotated[int, Field(ge=1)]
+CountOrNone = Annotated[int, Field(ge=0)]
+
+
+class _Table(BaseModel):
+    """A table of a finger file: no unknown keys, no text or truth values for numbers, no NaN or infinity."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+
+class Walls(_Table):
+    """Thicknesses of silicone; one that is given takes the place of the positions that it decides."""
+
+    side: Length | None = None
+    """[mm] along z, from the cavity to the outside: decides channel.width and chambers.depth."""
+    back: Length | None = None
+    """[mm] along y, above the channel: decides channel.top, and shifts channel.bottom with it."""
+    floor: Length | None = None
+    """[mm] along y, below the chambers, to the underside at the base: decides chambers.height."""
+    web: Length | None = None
+    """[mm] along y, from the slots up to the channel: decides slots.depth."""
+    slot: Length | None = None
+    """[mm] along x, from a slot to the chambers beside it: decides slots.width, first and pitch."""
+
+
+class Body(_Table):
+    """The block of silicone."""
+
+    length: Length = 115.0
+    """[mm] along x, from the base to the tip."""
+    height: Length = 30.0
+    """[mm] along y."""
+    width: Length = 20.0
+    """[mm] along z."""
+    tip_height: Length = 10.0
+    """[mm] along y, of the face at the tip; below it the underside rises."""
+    taper_length: Length = 20.0
+    """[mm] along x, over which the underside rises to the tip's face."""
+    base_length: Length = 10.0
+    """[mm] along x, of the part that is held: element group "base_block"."""
+
+
+class Slots(_Table):
+    """Cuts across the underside, which let the finger bend."""
+
+    count: CountOrNone = 6
+    width: Length = 2.5
+    """[mm] along x."""
+    depth: Length = 16.5
+    """[mm] along y, from the underside."""
+    pitch: Length = 13.0
+    """[mm] along x, from one slot to the next."""
+    first: Length = 23.9106
+    """[mm] from the base to the near side of the first slot."""
+    fillet_radius: LengthOrNone = 0.0
+    """[mm] of the two edges at the bottom of the cut, across the finger; 0: sharp."""
+
+
+class Channel(_Table):
+    """The air duct that joins the chambers."""
+
+    start: Length = 16.0
+    """[mm] from the base to its near end."""
+    end: Length = 99.0
+    """[mm] from the base to its far end."""
+    bottom: Length = 19.5
+    """[mm] y of its lower side."""
+    top: Length = 22.0
+    """[mm] y of its upper side."""
+    width: Length = 15.0
+    """[mm] along z."""
+
+
+class Chambers(_Table):
+    """The air chambers that hang from the channel."""
+
+    count: Count = 7
+    width: Length = 5.0
+    """[mm] along x."""
+    pitch: Length = 13.0
+    """[mm] along x, from one chamber to the next."""
+    first: Length = 16.0
+    """[mm] from the base to the near side of the first chamber."""
+    height: Length = 11.0
+    """[mm] along y, below the channel."""
+    depth: Length = 15.0
+    """[mm] along z."""
+    fillet_radius: LengthOrNone = 0.0
+    """[mm] of the two lower edges across the finger; 0: sharp."""
+
+
+class Inlet(_Table):
+    """The hole that the air comes through, closed by the tube that is glued into it: it belongs to the cavity."""
+
+    diameter: LengthOrNone = 0.0
+    """[mm] of the bore along x into the middle of the channel's near end; 0: no hole."""
+    plug: Length = 5.0
+    """[mm] from the base to where the bore is closed; the mesh is solid there."""
+
+
+class StiffLayer(_Table):
+    """A layer of stiffer silicone in the back: element group "stiff_layer"."""
+
+    thickness: LengthOrNone = 5.5
+    """[mm] along y; 0: no layer."""
+    bottom: Length = 22.5
+    """[mm] y of its lower side."""
+    start: LengthOrNone = 19.0
+    """[mm] from the base to its near end."""
+    end: Length = 100.0
+    """[mm] from the base to its far end."""
+    width: Length = 16.0
+    """[mm] along z."""
+
+
+class ElementSizes(_Table):
+    """How fine the tetrahedra are; equal sizes mesh evenly and heed no walls."""
+
+    largest: Length = 18.0
+    """[mm] edge length far from the cavity."""
+    smallest: Length = 9.0
+    """[mm] edge length at the cavity and in the thin walls around it."""
+    elements_across_walls: Count = 2
+    """Layers of elements in the thin walls of the cavity, once `smallest` is small enough for them not to be flat."""
+    curvature: CountOrNone = 8
+    """Edges around a full turn of a fillet or bore; 0: no finer where the surface is curved."""
+
+
+class FingerDimensions(_Table):
+    """All tables of a finger, whose values need not fit together: `FingerParameters` are those that do."""
+
+    wall: Length | None = None
+    """[mm] short for walls.side."""
+    walls: Walls = Walls()
+    body: Body = Body()
+    slots: Slots = Slots()
+    channel: Channel = Channel()
+    chambers: Chambers = Chambers()
+    inlet: Inlet = Inlet()
+    stiff_layer: StiffLayer = StiffLayer()
+    mesh: ElementSizes = ElementSizes()
+
+    @property
+    def outline(self) -> list[tuple[float, float]]:
+        """Corners (x, y) [mm] of the side view without slots, in order around it."""
+        body = self.body
+        return [
+            (0.0, 0.0),
+            (0.0, body.height),
+            (-body.length, body.height),
+            (-body.length, body.height - body.tip_height),
+            (-(body.length - body.taper_length), 0.0),
+        ]
+
+    def underside(self, distance: float) -> float:
+        """The y [mm] of the underside, slots apart, at a distance [mm] from the base."""
+        body = self.body
+        beyond = max(distance - (body.length - body.taper_length), 0.0)
+        return (body.height - body.tip_height) * beyond / body.taper_length
+
+    @property
+    def cavity_volume(self) -> float:
+        """Air in the channel, the chambers and the inlet [mm^3]."""
+        channel, chambers, inlet = self.channel, self.chambers, self.inlet
+        duct = (channel.end - channel.start) * (channel.top - channel.bottom) * channel.width
+        side_view = chambers.width * chambers.height - 2 * _corner(chambers.fillet_radius)
+        bore = math.pi / 4 * inlet.diameter**2 * max(channel.start - inlet.plug, 0.0)
+        return duct + chambers.count * side_view * chambers.depth + bore
+
+    @property
+    def solid_volume(self) -> float:
+        """Silicone and air [mm^3]: the block less its taper and its slots."""
+        body, slots = self.body, self.slots
+        taper = body.taper_length * (body.height - body.tip_height) / 2
+        cuts = slots.count * (slots.width * slots.depth - 2 * _corner(slots.fillet_radius))
+        return (body.length * body.height - taper - cuts) * body.width
+
+    @property
+    def is_curved(self) -> bool:
+        """Whether a surface is, so that flat triangles miss some of the volume."""
+        fillets = self.chambers.fillet_radius, self.slots.fillet_radius * self.slots.count
+        return any(fillets) or self.inlet.diameter > 0
+
+
+def _corner(radius: float) -> float:
+    """Area [mm^2] between a right angle and the arc that rounds it."""
+    return (1 - math.pi / 4) * radius**2

@@ -1,0 +1,1 @@
+"""What is simulated: soft bodies with their elements and cavities, rigid bodies, obstacles."""

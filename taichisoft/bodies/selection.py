@@ -1,0 +1,79 @@
+"""Nodes and elements of a mesh that a scene selects by box or by group."""
+
+import numpy as np
+
+from taichisoft.errors import SceneError
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.scenes.scene import Selection, Vector
+
+# A node on the face of a box belongs to it, whatever the last digit of its coordinate in the file [mm].
+BOX_TOLERANCE = 1e-9
+
+
+def select_nodes(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndarray:
+    """Indices of the nodes inside the box, or of the group's nodes; `key` begins the error.
+
+    Raises:
+        SceneError: nothing is selected, or the mesh has no such group.
+    """
+    if selection.box is not None:
+        selected = np.flatnonzero(_inside(mesh.nodes, selection.box))
+        return _not_empty(selected, _box_key(key, selection.box), "node", mesh.nodes, mesh)
+    return np.unique(_group(mesh, selection.group or "", key, surfaces=True))
+
+
+def select_elements(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndarray:
+    """Indices of the elements whose mean of nodes lies inside the box, or of the element group.
+
+    Raises:
+        SceneError: nothing is selected, or the mesh has no such group.
+    """
+    if selection.box is not None:
+        means = mesh.nodes[mesh.elements].mean(axis=1)
+        selected = np.flatnonzero(_inside(means, selection.box))
+        return _not_empty(selected, _box_key(key, selection.box), "element", means, mesh)
+    return _group(mesh, selection.group or "", key, surfaces=False)
+
+
+def surface_group(mesh: VolumeMesh, name: str, key: str) -> np.ndarray:
+    """Triangles (count, 3) of a named surface of the mesh.
+
+    Raises:
+        SceneError: the mesh has no such surface group.
+    """
+    if name not in mesh.surface_groups:
+        known = ", ".join(sorted(mesh.surface_groups)) or "none"
+        raise SceneError(f"{key}.group = '{name}': {mesh.source} has no such surface group; there are: {known}")
+    return mesh.surface_groups[name]
+
+
+def _group(mesh: VolumeMesh, name: str, key: str, surfaces: bool) -> np.ndarray:
+    if surfaces and name in mesh.surface_groups:
+        return mesh.surface_groups[name].reshape(-1)
+    if name in mesh.element_groups:
+        elements = mesh.element_groups[name]
+        return mesh.elements[elements].reshape(-1) if surfaces else elements
+    known = sorted({*mesh.element_groups, *(mesh.surface_groups if surfaces else ())})
+    raise SceneError(
+        f"{key}.group = '{name}': {mesh.source} has no such group; there are: {', '.join(known) or 'none'}"
+    )
+
+
+def _box_key(key: str, box: tuple[Vector, Vector]) -> str:
+    """The box as the scene file has it."""
+    return f"{key}.box = {[list(corner) for corner in box]}"
+
+
+def _inside(points: np.ndarray, box: tuple) -> np.ndarray:
+    lower, upper = np.asarray(box)
+    return ((points >= lower - BOX_TOLERANCE) & (points <= upper + BOX_TOLERANCE)).all(axis=1)
+
+
+def _not_empty(selected: np.ndarray, key: str, what: str, points: np.ndarray, mesh: VolumeMesh) -> np.ndarray:
+    if not len(selected):
+        lower, upper = points.min(axis=0), points.max(axis=0)
+        raise SceneError(
+            f"{key}: selects no {what} of {mesh.source}, whose {what}s span "
+            f"{np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm"
+        )
+    return selected

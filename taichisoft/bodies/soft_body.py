@@ -1,0 +1,180 @@
+"""A soft body made ready for computing: placed, its materials, masses, anchors, surfaces and cavities."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichisoft.bodies.elements import lame_parameters
+from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.rotations import rotation_from_degrees
+from taichisoft.bodies.selection import select_elements, select_nodes, surface_group
+from taichisoft.errors import MeshError
+from taichisoft.meshes.mapped_surface import MappedSurface, enclosed_volume
+from taichisoft.meshes.surface import closed_outward
+from taichisoft.meshes.surface_files import read_surface
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
+from taichisoft.scenes import scene as settings
+
+# A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
+# mesh cuts the corners of a fine surface.
+EMBEDDING_MARGIN = 0.05
+# Nor may it lie far from every element within that box: the weights are extrapolated, and errors of the elements'
+# motion with them.
+SMALLEST_WEIGHT = -0.2
+
+
+@dataclass(frozen=True)
+class Cavity:
+    """An air chamber.
+
+    Attributes:
+        name: "body.cavity".
+        surface: closed surface, facing from the air into the silicone, over the body's own nodes.
+        rest_volume: [mm^3].
+    """
+
+    name: str
+    surface: MappedSurface
+    rest_volume: float
+
+
+@dataclass(frozen=True)
+class SoftBody:
+    """Arrays of one soft body; node indices count within the body.
+
+    Attributes:
+        name: the body's name in the scene.
+        settings: its table in the scene.
+        mesh: what it was made of, not placed yet.
+        nodes: where its nodes stand in the arrays of the model.
+        rest_position: placed nodes [mm], shape (node_count, 3).
+        elements: shape (element_count, nodes_per_element).
+        lame: Lame's lambda and mu [kPa] of each element, shape (element_count, 2).
+        node_mass: [kg], shape (node_count,).
+        anchor_stiffness: [mN/mm] of the spring at each node, 0 where there is none, shape (node_count,).
+        tip_nodes: what the scene's `tip` selects, None where it has none.
+        surface: what touches other bodies.
+        cavities: the air chambers.
+    """
+
+    name: str
+    settings: settings.SoftBody
+    mesh: VolumeMesh
+    nodes: slice
+    rest_position: np.ndarray
+    elements: np.ndarray
+    lame: np.ndarray
+    node_mass: np.ndarray
+    anchor_stiffness: np.ndarray
+    tip_nodes: np.ndarray | None
+    surface: MappedSurface
+    cavities: tuple[Cavity, ...]
+
+
+def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_node: int) -> SoftBody:
+    """Compute the arrays of a soft body made of `mesh`; `first_node` is its place in the model.
+
+    Raises:
+        MeshError: a file is not fit to simulate.
+        SceneError: a selection selects nothing.
+    """
+    key = f"soft_bodies.{name}"
+    node_count = len(mesh.nodes)
+    turn = rotation_from_degrees(body.rotation)
+    rest_position = mesh.nodes @ turn.T + np.asarray(body.translation)
+    anchor_stiffness = np.zeros(node_count)
+    for index, anchor in enumerate(body.anchors):
+        anchor_stiffness[select_nodes(mesh, anchor, f"{key}.anchors.{index}")] = anchor.stiffness
+    return SoftBody(
+        name=name,
+        settings=body,
+        mesh=mesh,
+        nodes=slice(first_node, first_node + node_count),
+        rest_position=rest_position,
+        elements=mesh.elements,
+        lame=_materials(mesh, body, key),
+        node_mass=_node_masses(mesh, body),
+        anchor_stiffness=anchor_stiffness,
+        tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
+        surface=_collision_surface(mesh, body),
+        cavities=tuple(
+            _make_cavity(mesh, f"{name}.{cavity_name}", cavity, f"{key}.cavities.{cavity_name}")
+            for cavity_name, cavity in body.cavities.items()
+        ),
+    )
+
+
+def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> np.ndarray:
+    young_modulus = np.full(len(mesh.elements), body.young_modulus)
+    poisson_ratio = np.full(len(mesh.elements), body.poisson_ratio)
+    for index, region in enumerate(body.regions):
+        selected = select_elements(mesh, region, f"{key}.regions.{index}")
+        young_modulus[selected] = region.young_modulus
+        if region.poisson_ratio is not None:
+            poisson_ratio[selected] = region.poisson_ratio
+    return lame_parameters(young_modulus, poisson_ratio)
+
+
+def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:
+    node_count = len(mesh.nodes)
+    if body.mass is not None:
+        return np.full(node_count, body.mass / node_count)
+    nodes_per_element = mesh.elements.shape[1]
+    share = (body.density or 0.0) * tetrahedron_volumes(mesh.nodes, mesh.elements) / nodes_per_element
+    return np.bincount(mesh.elements.ravel(), np.repeat(share, nodes_per_element), node_count)
+
+
+def _collision_surface(mesh: VolumeMesh, body: settings.SoftBody) -> MappedSurface:
+    """The scene's own surface, else the group "outer", else the mesh's boundary; without the walls of cavities."""
+    if body.collision_surface is not None:
+        vertices, triangles = read_surface(body.collision_surface)
+        used, triangles = np.unique(_outermost(vertices, triangles, body.collision_surface), return_inverse=True)
+        return _follow(mesh, vertices[used], triangles.reshape(-1, 3), body.collision_surface)
+    source = f"{mesh.source}: outer surface"
+    if "outer" in mesh.surface_groups:
+        triangles = closed_outward(mesh.nodes, mesh.surface_groups["outer"], source)
+    else:
+        triangles = _outermost(mesh.nodes, boundary_triangles(mesh.elements), source)
+    return MappedSurface.of_nodes(triangles)
+
+
+def _outermost(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
+    """The connected parts of a closed surface that enclose silicone: the walls of cavities have a negative volume."""
+    import trimesh
+
+    triangles = closed_outward(vertices, triangles, source)
+    part = trimesh.graph.connected_component_labels(triangles[:, [[0, 1], [1, 2]]].reshape(-1, 2))[triangles[:, 0]]
+    encloses = {label: enclosed_volume(vertices, triangles[part == label]) > 0.0 for label in set(part)}
+    return triangles[[encloses[label] for label in part]]
+
+
+def _make_cavity(mesh: VolumeMesh, name: str, cavity: settings.Cavity, key: str) -> Cavity:
+    if cavity.surface is not None:
+        vertices, triangles = read_surface(cavity.surface)
+        surface = _follow(mesh, vertices, triangles, cavity.surface)
+    else:
+        triangles = surface_group(mesh, cavity.group or "", key)
+        source = f"{mesh.source}: cavity '{cavity.group}'"
+        surface = MappedSurface.of_nodes(closed_outward(mesh.nodes, triangles, source))
+    return Cavity(name, surface, enclosed_volume(surface.positions(mesh.nodes), surface.triangles))
+
+
+def _follow(mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, source: str) -> MappedSurface:
+    """A surface of its own, embedded in the elements.
+
+    Raises:
+        MeshError: it is not closed, or sticks out of the body.
+    """
+    triangles = closed_outward(vertices, triangles, source)
+    lower, upper = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
+    margin = EMBEDDING_MARGIN * (upper - lower).max()
+    nodes, weights = embed(vertices, mesh.nodes, mesh.elements)
+    outside = ((vertices < lower - margin) | (vertices > upper + margin)).any(axis=1)
+    outside |= weights.min(axis=1) < SMALLEST_WEIGHT
+    if outside.any():
+        raise MeshError(
+            f"{source}: vertex {int(np.argmax(outside))} at {np.round(vertices[outside][0], 3).tolist()} mm lies "
+            f"outside the body {mesh.source} ({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm); "
+            "give the surface of this mesh, in its coordinates, or mesh the body more finely"
+        )
+    return MappedSurface(nodes, weights, triangles.astype(np.int32))

@@ -1,0 +1,1 @@
+"""Sparse Cholesky factorisation on blocks of 3x3."""

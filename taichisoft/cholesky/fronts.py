@@ -1,0 +1,205 @@
+"""How the fronts of a sparse Cholesky factorisation lie in memory, and the tasks that compute them.
+
+Indices are in scalars, three for a node, unless said otherwise. A panel has rows for its own columns, padded to whole
+tiles, and then for its rows below, padded likewise.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import scipy.sparse as sparse
+
+from taichisoft.cholesky.ordering import Supernodes
+from taichisoft.errors import MeshError
+from taichisoft.kernels.tiles import TILE
+
+# A subtree becomes one task when it holds at most this share of all the arithmetic.
+SUBTREE_SHARE = 1 / 16
+# A front above all such subtrees is cut into pieces of at least this many multiplications, about 20 microseconds.
+PIECE_WORK = 2.0e5
+LARGEST_PIECE_COUNT = 6
+LARGEST_INDEX = 2**31 - 1
+# Ends a range of rows or columns of tiles that goes to the end of a front.
+ALL = 2**20
+
+
+@dataclass(frozen=True)
+class Fronts:
+    """Arrays that the kernels read.
+
+    Attributes:
+        table: a row for each supernode, and one that closes the ranges. Columns: number of own columns, the same
+            padded, number of rows below, start of the panel and of the update matrix in columns of tiles; and where
+            the front's ranges begin in the lists of matrix blocks, of children and of rows; its first column in
+            elimination order; and how many of its rows below are own columns of its parent.
+        block_pairs: position of the row and the column node of each stored block, shape (block_count, 2).
+        block_place: where each row of each block begins in the memory of all fronts, shape (block_count, 3).
+        child: children of every supernode, ascending, shape (count - number of roots + 1,).
+        position: rows below of every supernode in elimination order, each list padded to whole tiles with the number
+            of rows of the matrix.
+        relative: the same rows in the parent's panel and the update matrix that follows it. Padding repeats the
+            last row, so that the zeros which it adds go to no entry of another task.
+        size: columns of tiles of all panels and update matrices.
+        tasks: see `_share_out`, shape (task_count, 7).
+        pieces: number of pieces that each front is computed in, shape (count,).
+    """
+
+    table: np.ndarray
+    block_pairs: np.ndarray
+    block_place: np.ndarray
+    child: np.ndarray
+    position: np.ndarray
+    relative: np.ndarray
+    size: int
+    tasks: np.ndarray
+    pieces: np.ndarray
+
+
+def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
+    """Give every part of every front its place.
+
+    Raises:
+        MeshError: there are more numbers than the kernels can count.
+    """
+    width = 3 * np.diff(supernodes.first_column)
+    columns = _padded(width)
+    rest = 3 * np.diff(supernodes.row_start) - width
+    tiles = _padded(rest) // TILE
+    padding = columns - width
+    panel_start = _offsets((columns // TILE + tiles) * columns)
+    update_start = panel_start[-1] + _offsets(TILE * tiles * (tiles + 1) // 2)
+    if TILE * update_start[-1] > LARGEST_INDEX:
+        raise MeshError(
+            f"the soft bodies' {len(supernodes.order)} nodes need {TILE * update_start[-1]:.3g} numbers for the "
+            f"factorisation, of which the kernels can count {LARGEST_INDEX:.3g}; mesh the bodies more coarsely"
+        )
+    tasks, pieces = _share_out(supernodes.parent, width, columns, rest)
+    block_pairs, block_start, local_row, local_column = _place_blocks(adjacency, supernodes)
+    owner = np.repeat(np.arange(supernodes.count), np.diff(block_start))
+    child_start, child = _children(supernodes.parent)
+    row_start = _offsets(TILE * tiles)
+    table = np.column_stack(
+        [
+            np.append(width, 0),
+            np.append(columns, 0),
+            np.append(rest, 0),
+            panel_start,
+            update_start,
+            block_start,
+            child_start,
+            row_start,
+            3 * supernodes.first_column,
+            np.zeros(supernodes.count + 1),
+        ]
+    ).astype(np.int32)
+    position = np.full(row_start[-1] + 1, 3 * len(supernodes.order), dtype=np.int32)
+    relative = np.zeros_like(position)
+    for s, parent in enumerate(supernodes.parent):
+        if parent >= 0:
+            below = supernodes.rows[supernodes.row_start[s] + width[s] // 3 : supernodes.row_start[s + 1]]
+            above = supernodes.rows[supernodes.row_start[parent] : supernodes.row_start[parent + 1]]
+            place = slice(row_start[s], row_start[s] + rest[s])
+            position[place] = _scalars(3 * below)
+            local = 3 * np.searchsorted(above, below)
+            relative[place] = _scalars(np.where(local < width[parent], local, local + padding[parent]))
+            relative[place.stop : row_start[s + 1]] = relative[place.stop - 1]
+            table[s, 9] = np.searchsorted(relative[place], columns[parent])
+    block_row = np.where(local_row < width[owner], local_row, local_row + padding[owner])[:, None] + np.arange(3)
+    block_column = panel_start[owner] + local_column
+    block_place = TILE * (block_row // TILE * columns[owner][:, None] + block_column[:, None]) + block_row % TILE
+    return Fronts(
+        table=table,
+        block_pairs=block_pairs,
+        block_place=block_place.astype(np.int32),
+        child=child,
+        position=position,
+        relative=relative,
+        size=int(update_start[-1]),
+        tasks=tasks,
+        pieces=pieces,
+    )
+
+
+def _padded(count: np.ndarray) -> np.ndarray:
+    return TILE * -(-count // TILE)
+
+
+def _offsets(sizes: np.ndarray) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(sizes)])
+
+
+def _scalars(first: np.ndarray) -> np.ndarray:
+    """The three scalars of each node from the first one."""
+    return (first[:, None] + np.arange(3)).reshape(-1)
+
+
+def _place_blocks(
+    adjacency: sparse.csr_matrix, supernodes: Supernodes
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Blocks of the lower triangle by columns: node positions, start per supernode, row and column in its panel."""
+    position = np.empty(len(supernodes.order), dtype=np.int64)
+    position[supernodes.order] = np.arange(len(supernodes.order))
+    owner = np.repeat(np.arange(supernodes.count), np.diff(supernodes.first_column))
+    pattern = adjacency.tocoo()
+    row, column = position[pattern.row], position[pattern.col]
+    lower = row >= column
+    row, column = row[lower], column[lower]
+    by_column = np.lexsort((row, column))
+    row, column = row[by_column], column[by_column]
+    s = owner[column]
+    start = np.searchsorted(s, np.arange(supernodes.count + 1))
+    # Rows are ascending within a supernode, so one search over (supernode, row) finds every local row.
+    key = np.repeat(np.arange(supernodes.count), np.diff(supernodes.row_start)) * (len(owner) + 1) + supernodes.rows
+    local_row = np.searchsorted(key, s * (len(owner) + 1) + row) - supernodes.row_start[s]
+    local_column = column - supernodes.first_column[s]
+    return np.column_stack([row, column]), start, 3 * local_row, 3 * local_column
+
+
+def _children(parent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Children of every supernode as one list, with the start of each, ascending."""
+    child = np.flatnonzero(parent >= 0)
+    child = child[np.argsort(parent[child], kind="stable")]
+    start = np.searchsorted(parent[child], np.arange(len(parent) + 1))
+    return start, np.append(child, 0).astype(np.int32)
+
+
+def _share_out(
+    parent: np.ndarray, width: np.ndarray, columns: np.ndarray, rest: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Tasks in an order that respects what they wait for, and the number of pieces that each front is computed in.
+
+    A task is a range of supernodes, the pieces of its front that must be finished before it starts, a range of
+    rows of tiles of the panel, and one of columns of tiles of the update matrix. Small subtrees are one task each, the
+    fronts above them are cut: first the rows of the panel's own columns, then the rows below, then the update matrix.
+    A task comes the earlier, the more work lies on its way to the root.
+    """
+    work = 1.0 * width * (width + rest) ** 2
+    subtree_work, first = work.copy(), np.arange(len(parent))
+    for s, above in enumerate(parent):
+        if above >= 0:
+            subtree_work[above] += subtree_work[s]
+            first[above] = min(first[above], first[s])
+    small = subtree_work <= SUBTREE_SHARE * work.sum()
+    path = np.where(small, subtree_work, work)
+    for s in range(len(parent) - 1, -1, -1):
+        if parent[s] >= 0:
+            path[s] += path[parent[s]]
+    pieces = np.ones(len(parent), dtype=np.int32)
+    tasks = []
+    for s in np.argsort(-path, kind="stable"):
+        parts = int(min(LARGEST_PIECE_COUNT, work[s] // PIECE_WORK, rest[s] // (2 * TILE)))
+        if small[s] and parent[s] >= 0 and small[parent[s]]:
+            continue
+        if small[s] or parts < 2:
+            tasks.append((first[s] if small[s] else s, s + 1, 0, 0, ALL, 0, ALL))
+            continue
+        pivot_tiles, tiles = columns[s] // TILE, _padded(rest[s]) // TILE
+        pieces[s] = 1 + 2 * parts
+        tasks.append((s, s + 1, 0, 0, pivot_tiles, 0, 0))
+        rows = pivot_tiles + np.arange(parts + 1) * tiles // parts
+        tasks += [(s, s + 1, 1, a, b, 0, 0) for a, b in pairwise(rows)]
+        # Columns of a triangle: equal areas.
+        cuts = np.round(tiles * (1.0 - np.sqrt(1.0 - np.arange(parts + 1) / parts))).astype(int)
+        tasks += [(s, s + 1, 1 + parts, 0, 0, a, b) for a, b in pairwise(cuts)]
+    return np.array(tasks, dtype=np.int32), pieces

@@ -1,0 +1,1 @@
+"""What a controller sees and what it may ask for."""

@@ -1,0 +1,33 @@
+"""What a controller asks for."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Control:
+    """What a controller asks for; whatever it does not mention stays as it was asked for last.
+
+    The scene's `[limits]` stand between what is asked for and what happens.
+
+    Attributes:
+        pressure: [kPa] by cavity name ("finger1.cavity"); a cavity is driven by pressure or by volume.
+        volume_growth: [mm^3] over the rest volume, by cavity name; the pressure is then a result.
+        base_translation: where all anchors shall go [mm] from their rest positions, shape (3,).
+        base_rotation: rotation vector [rad] of all anchors about the scene's base pivot, shape (3,).
+        base_velocity: of all anchors [mm/s], shape (3,), until something else is asked for; instead of
+            base_translation.
+        base_angular_velocity: [rad/s] about the scene's base pivot, in world axes, shape (3,); instead of
+            base_rotation.
+        signals: numbers of the controller's own by name, such as a set point, for outputs to record.
+    """
+
+    pressure: Mapping[str, float] = field(default_factory=dict)
+    volume_growth: Mapping[str, float] = field(default_factory=dict)
+    base_translation: np.ndarray | None = None
+    base_rotation: np.ndarray | None = None
+    base_velocity: np.ndarray | None = None
+    base_angular_velocity: np.ndarray | None = None
+    signals: Mapping[str, float] = field(default_factory=dict)

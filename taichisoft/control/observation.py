@@ -1,0 +1,57 @@
+"""What a controller sees."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What a controller sees before a step; it depends on the state alone. Arrays are read-only.
+
+    A finger is a soft body with anchors: its tip is what its `tip` in the scene selects. Pairs of bodies are named
+    "finger1|cube", in the scene's order; those further apart than `contact.alarm_distance` are left out.
+
+    Attributes:
+        time: [s] at the start of the step.
+        step: index of the step about to be made.
+        pressures: [kPa] of the last step, by cavity name.
+        volumes: cavity volumes [mm^3], by cavity name.
+        flows: rate of change of each cavity's volume [mm^3/s], by cavity name.
+        tip_positions: mean of the tip's nodes [mm], shape (3,), by finger.
+        tip_velocities: mean of the tip's nodes [mm/s], shape (3,), by finger.
+        bending_angles: by how much the tip has turned against the base [rad], from 0 to pi, by finger.
+        base_translation: of all anchors from their rest positions [mm], shape (3,).
+        base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
+        object_positions: centre of mass [mm] of each rigid body, shape (3,), by name.
+        object_rotations: unit quaternion (w, x, y, z) of each rigid body, shape (4,), by name.
+        object_velocities: of the centre of mass [mm/s], shape (3,), by name.
+        object_angular_velocities: [rad/s] in world axes, shape (3,), by name.
+        contact_counts: contacts that press, by pair.
+        normal_forces: sum of the normal forces in the last step [mN], by pair.
+        friction_forces: sum of the magnitudes of the friction forces in the last step [mN], by pair.
+        slip_speeds: fastest sliding of a contact that presses [mm/s], by pair.
+        clipped: what of the last request the scene's limits held back: names of cavities, "base_translation" and
+            "base_rotation".
+    """
+
+    time: float
+    step: int
+    pressures: Mapping[str, float] = field(default_factory=dict)
+    volumes: Mapping[str, float] = field(default_factory=dict)
+    flows: Mapping[str, float] = field(default_factory=dict)
+    tip_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
+    tip_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)
+    bending_angles: Mapping[str, float] = field(default_factory=dict)
+    base_translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    base_rotation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    object_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
+    object_rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
+    object_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)
+    object_angular_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)
+    contact_counts: Mapping[str, int] = field(default_factory=dict)
+    normal_forces: Mapping[str, float] = field(default_factory=dict)
+    friction_forces: Mapping[str, float] = field(default_factory=dict)
+    slip_speeds: Mapping[str, float] = field(default_factory=dict)
+    clipped: tuple[str, ...] = ()

@@ -1,0 +1,93 @@
+"""A controller's wishes, checked and taken over into the state as far as the scene's limits allow."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from taichisoft.bodies.rotations import compose_rotation_vectors
+from taichisoft.control.control import Control
+from taichisoft.control.limits import limit_base, limit_pressures
+from taichisoft.errors import ControlError, nearest
+from taichisoft.model import Model
+from taichisoft.state import State
+
+
+def apply_control(model: Model, state: State, control: Control) -> State:
+    """The state with what `control` asks for; what it does not mention stays as it was asked for last.
+
+    Raises:
+        ControlError: no `Control`, an unknown cavity, something driven in two ways, or a value that is no finite
+            number.
+    """
+    if not isinstance(control, Control):
+        raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
+    imposed, request = _cavity_requests(model, state, control)
+    for name, value in control.signals.items():
+        if not isinstance(value, int | float):
+            raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
+    base_velocity = state.base_velocity.copy()
+    base_request = state.base_request.copy()
+    for row, (pose, velocity) in enumerate(
+        (("base_translation", "base_velocity"), ("base_rotation", "base_angular_velocity"))
+    ):
+        if getattr(control, pose) is not None and getattr(control, velocity) is not None:
+            raise ControlError(f"control: {pose} and {velocity} are both given; give one of them")
+        if getattr(control, pose) is not None:
+            base_request[row] = _finite(getattr(control, pose), f"control.{pose}", (3,))
+            base_velocity[row] = 0.0
+        elif getattr(control, velocity) is not None:
+            base_velocity[row] = _finite(getattr(control, velocity), f"control.{velocity}", (3,))
+            base_request[row] = state.base_translation if row == 0 else state.base_rotation
+    limits, time_step = model.scene.limits, model.scene.time.step
+    if base_velocity[0].any():
+        base_request[0] = state.base_translation + time_step * base_velocity[0]
+    if base_velocity[1].any():
+        base_request[1] = compose_rotation_vectors(time_step * base_velocity[1], state.base_rotation)
+    translation, rotation = limit_base(limits, time_step, state, base_request)
+    return replace(
+        state,
+        cavity_volume_imposed=imposed,
+        cavity_request=request,
+        cavity_target=limit_pressures(limits, time_step, state, imposed, request),
+        base_request=base_request,
+        base_velocity=base_velocity,
+        base_translation=translation,
+        base_rotation=rotation,
+    )
+
+
+def _cavity_requests(model: Model, state: State, control: Control) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each cavity is driven by volume, and the pressure [kPa] or growth [mm^3] asked for."""
+    for key in ("pressure", "volume_growth", "signals"):
+        if not isinstance(getattr(control, key), Mapping):
+            raise ControlError(f"control.{key} = {getattr(control, key)!r}: must be a dictionary by name")
+    both = sorted(control.pressure.keys() & control.volume_growth.keys())
+    if both:
+        raise ControlError(f"control: cavity '{both[0]}' is given a pressure and a volume growth; give one of them")
+    imposed, request = state.cavity_volume_imposed.copy(), state.cavity_request.copy()
+    names = model.cavities.names
+    for wishes, by_volume, what in (
+        (control.pressure, False, "pressure"),
+        (control.volume_growth, True, "volume_growth"),
+    ):
+        for name, value in wishes.items():
+            if name not in names:
+                raise ControlError(
+                    f"control.{what}: no cavity is called '{name}'; {nearest(str(name), list(names), 'there are')}"
+                )
+            index = names.index(name)
+            imposed[index] = by_volume
+            request[index] = _finite(value, f"control.{what}['{name}']", ())
+    return imposed, request
+
+
+def _finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray:
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers") from error
+    if array.shape != shape or not np.isfinite(array).all():
+        wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
+        raise ControlError(f"{key} = {value!r}: must be {wanted}")
+    return array

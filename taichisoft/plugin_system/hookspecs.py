@@ -1,0 +1,125 @@
+"""The hooks that a plug-in may implement, all of them; the built-in features use the same ones."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pluggy
+
+if TYPE_CHECKING:
+    import typer
+
+    from taichisoft.control.controller import Controller
+    from taichisoft.meshes.volume_mesh import VolumeMesh
+    from taichisoft.plugin_system.geometry import GeometryKind
+    from taichisoft.plugin_system.run_option import RunOption
+    from taichisoft.session.output import OutputFactory
+    from taichisoft.session.session import Session
+    from taichisoft.step.report import StepReport
+
+
+PROJECT = "taichisoft"
+hookspec = pluggy.HookspecMarker(PROJECT)
+hookimpl = pluggy.HookimplMarker(PROJECT)
+
+
+@hookspec
+def taichisoft_controllers() -> "Mapping[str, Callable[..., Controller]]":  # type: ignore[empty-body]
+    """Controllers by name; called when a run looks for its controller.
+
+    Each value makes a controller. Its arguments are the keys that `controller.settings` of a scene may have; those
+    without a default must be there.
+    """
+
+
+@hookspec
+def taichisoft_outputs() -> "Mapping[str, OutputFactory]":  # type: ignore[empty-body]
+    """Outputs by name; called when a run looks for its outputs.
+
+    Each value makes an output from the folder into which it may write; its other arguments, with defaults, are what
+    `taichisoft_run_options` may set.
+    """
+
+
+@hookspec
+def taichisoft_run_options() -> "Mapping[str, RunOption]":  # type: ignore[empty-body]
+    """Options of `taichisoft run` by name ("--web"); called when the command line is read.
+
+    Each value is a `RunOption` (taichisoft.plugin_system.run_option): which output takes part in the run when the
+    option is given, and which argument of its factory gets the value.
+    """
+
+
+@hookspec
+def taichisoft_geometry_kinds() -> "Mapping[str, GeometryKind]":  # type: ignore[empty-body]
+    """Kinds of bodies that `taichisoft mesh` can mesh; called when it has read a file, whose `kind` names one.
+
+    Each value makes a geometry from the file's tables without `kind`, and from the file's path: it begins every error,
+    and files that the tables name are looked for beside it.
+    """
+
+
+@hookspec
+def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":  # type: ignore[empty-body]
+    """Makers of meshes for scenes, by the suffix (".toml") of files that are no meshes; called when a model needs one.
+
+    Each value makes a mesh of the file whose path it is given first. Its other arguments are the keys that
+    `soft_bodies.NAME.mesh` of a scene may have beside `file`. What it logs to a logger below "taichisoft" is shown by
+    `taichisoft run`.
+    """
+
+
+@hookspec
+def taichisoft_scene_readers() -> "Mapping[str, Callable[[Path], Mapping[str, Any]]]":  # type: ignore[empty-body]
+    """Readers of scenes in other formats than TOML, by suffix (".yaml"); called when a scene is not a TOML file.
+
+    Each value reads a file into the tables that the same scene would have in TOML. Overrides, inheritance, file names
+    and checks come after it.
+    """
+
+
+@hookspec
+def taichisoft_commands(application: "typer.Typer") -> None:
+    """Add sub-commands to the command line; called once when `taichisoft` starts, also for `--help`.
+
+    Args:
+        application: an empty one, whose commands and groups become those of `taichisoft`.
+    """
+
+
+@hookspec
+def taichisoft_run_begins(session: "Session") -> None:
+    """A run is about to make its first step: the controller has been reset, and the outputs have begun.
+
+    Args:
+        session: the run in progress.
+    """
+
+
+@hookspec
+def taichisoft_step_done(session: "Session", report: "StepReport") -> None:
+    """A step is done, and every output has recorded it. Costs nothing where no plug-in implements it.
+
+    Args:
+        session: the run in progress.
+        report: what happened in the step.
+    """
+
+
+@hookspec
+def taichisoft_run_ends(session: "Session", outcome: str) -> None:
+    """A run has ended, however it did, and so have its outputs.
+
+    Args:
+        session: the run, at its last good state.
+        outcome: "completed", "stopped" by its user, "interrupted", or the text of the error.
+    """
+
+
+@hookspec
+def taichisoft_picture_wanted(session: "Session") -> None:
+    """Somebody asks for a picture of the present state; called between two steps, also while the run is paused.
+
+    Args:
+        session: the run in progress.
+    """

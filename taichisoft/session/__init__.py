@@ -1,0 +1,1 @@
+"""A run in progress, as hooks, outputs and displays may see it."""

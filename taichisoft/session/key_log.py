@@ -1,0 +1,106 @@
+"""The keys of a session in a file: one JSON object a line, with the number of steps made before the key was taken."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+from taichisoft.control.keys import KeyEvent
+from taichisoft.errors import TaichisoftError
+
+FILE_NAME = "keys.jsonl"
+
+
+class KeyLogError(TaichisoftError):
+    """A key log cannot be written or read."""
+
+
+class KeyLog:
+    """Writes each key as it is taken, so that a killed session leaves all of them."""
+
+    def __init__(self, path: Path):
+        """Begin the file.
+
+        Raises:
+            KeyLogError: it cannot be written.
+        """
+        self._path = path
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = path.open("w", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def add(self, step: int, event: KeyEvent) -> None:
+        """A key that was taken after so many steps of the session."""
+        more: dict[str, Any] = {"ctrl": True} if event.ctrl else {}
+        if event.value is not None:
+            more["value"] = event.value
+        self._write({"step": step, "key": event.key, **more})
+
+    def end(self, step: int) -> None:
+        """The session made so many steps in all."""
+        self._write({"step": step, "end": True})
+        self._file.close()
+
+    def _write(self, line: dict[str, Any]) -> None:
+        try:
+            self._file.write(json.dumps(line) + "\n")
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> KeyLogError:
+        return KeyLogError(f"{self._path}: cannot be written: {error.strerror or error}")
+
+
+class KeyReplay:
+    """The keys of an earlier session, each to be taken when as many steps are made as then.
+
+    Attributes:
+        step_count: steps of that session; if it was killed, those up to its last key.
+    """
+
+    def __init__(self, path: Path):
+        """Read the whole file.
+
+        Raises:
+            KeyLogError: it is missing, or a line is not what a session writes.
+        """
+        self._events: list[tuple[int, KeyEvent]] = []
+        self.step_count = 0
+        try:
+            lines = path.read_text(encoding="utf-8").splitlines()
+        except (OSError, UnicodeDecodeError) as error:
+            raise KeyLogError(f"{path}: not readable as a key log: {error}") from error
+        for number, line in enumerate(lines, 1):
+            step, event = _parse(line, f"{path}, line {number}")
+            if step < self.step_count:
+                raise KeyLogError(f"{path}, line {number}: step = {step}: must not be below {self.step_count}")
+            self.step_count = step
+            if event is not None:
+                self._events.append((step, event))
+
+    def take(self, step: int) -> list[KeyEvent]:
+        """The keys that were taken after so many steps."""
+        taken = []
+        while self._events and self._events[0][0] <= step:
+            taken.append(self._events.pop(0)[1])
+        return taken
+
+
+def _parse(line: str, where: str) -> tuple[int, KeyEvent | None]:
+    try:
+        content = json.loads(line)
+    except json.JSONDecodeError as error:
+        raise KeyLogError(f"{where}: not readable as JSON: {error}") from error
+    valid = 'must look like {"step": 12, "key": "+"} or {"step": 40, "end": true}'
+    if not isinstance(content, dict) or type(content.get("step")) is not int or content["step"] < 0:
+        raise KeyLogError(f"{where}: {line.strip()}: {valid}")
+    if content.get("end") is True:
+        return content["step"], None
+    if not isinstance(content.get("key"), str) or not isinstance(content.get("ctrl", False), bool):
+        raise KeyLogError(f"{where}: {line.strip()}: {valid}")
+    value = content.get("value")
+    if value is not None and (type(value) not in (int, float) or not math.isfinite(value)):
+        raise KeyLogError(f"{where}: value = {value!r}: must be a finite number")
+    return content["step"], KeyEvent(content["key"], content.get("ctrl", False), value)

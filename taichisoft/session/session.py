@@ -1,0 +1,120 @@
+"""A run in progress, as those who watch or steer it see it: life-cycle hooks, key sources, displays."""
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from taichisoft.control.keys import KeyEvent, KeyStream
+from taichisoft.errors import TaichisoftError
+from taichisoft.session.key_log import KeyReplay
+from taichisoft.session.output import Output
+from taichisoft.session.pace import Pace
+from taichisoft.simulation import Simulation
+
+RECENT_KEYS = 8
+
+# What the run itself does with keys; all others go to the controller.
+BINDINGS = {
+    "space": "pause, and go on",
+    "s": "make a single step",
+    "r": "start anew from the first state",
+    "p": "take a picture",
+    "?": "show the keys",
+    "escape": "end the run (as Ctrl and c)",
+}
+
+
+class Session:
+    """What belongs to a run, and how it goes at the moment.
+
+    Attributes:
+        simulation, controller, outputs: what the run is made of.
+        folder: where results go; None when nothing is written.
+        duration: simulated time after which it ends [s]; infinite when somebody ends it.
+        step_count: the same in steps.
+        keys: where key events are put, from any thread.
+        pace: how fast it shall go and how fast it goes.
+        paused: whether it waits for a key.
+        single_steps: to be made although it is paused.
+        shows_help: whether somebody wants to see what the keys do.
+        steps_made: since it began; starting anew does not set it back.
+        recent_keys: the last key events that were taken.
+        replay: keys of an earlier session, which are taken instead of those in `keys`; None where there is none.
+        first_state: where it began, and begins anew.
+        stops: whether it ends before the next step.
+    """
+
+    def __init__(
+        self,
+        simulation: Simulation,
+        controller: Any,
+        outputs: Sequence[Output] = (),
+        duration: float | None = None,
+        folder: Path | None = None,
+        speed: float | None = None,
+        replay: KeyReplay | None = None,
+    ):
+        """Put a run together.
+
+        Args:
+            simulation: goes on from its present state.
+            controller: see `taichisoft.control.controller.Controller`.
+            outputs: see `taichisoft.session.output.Output`.
+            duration: [s]; the scene's when it is not given, infinite for a run that somebody else ends.
+            folder: where the key log goes.
+            speed: simulated over wall-clock time; None for as fast as it goes.
+            replay: keys of an earlier session.
+
+        Raises:
+            TaichisoftError: the duration is not a positive number.
+        """
+        self.simulation = simulation
+        self.controller = controller
+        self.outputs = outputs
+        self.duration = duration if duration is not None else simulation.model.scene.time.duration
+        self.step_count = count_steps(self.duration, simulation.model.scene.time.step)
+        self.folder = folder
+        self.pace = Pace(speed)
+        self.keys = KeyStream()
+        self.paused = False
+        self.single_steps = 0
+        self.shows_help = False
+        self.steps_made = 0
+        self.recent_keys: deque[KeyEvent] = deque(maxlen=RECENT_KEYS)
+        self.replay = replay
+        self.first_state = simulation.state
+        self.stops = False
+
+    @property
+    def replaying(self) -> bool:
+        """Whether the keys come from an earlier session."""
+        return self.replay is not None
+
+    @property
+    def bindings(self) -> dict[str, str]:
+        """What each key does: the controller's own, then the run's."""
+        return {**getattr(self.controller, "bindings", {}), **BINDINGS}
+
+    @property
+    def finished(self) -> bool:
+        """Whether all steps are made: of its duration since the last start, or those of the session it replays."""
+        if self.replay is not None:
+            return self.steps_made >= self.replay.step_count
+        return self.simulation.state.step - self.first_state.step >= self.step_count
+
+    def stop(self) -> None:
+        """End the run before the next step, its outputs complete; from any thread."""
+        self.stops = True
+
+
+def count_steps(duration: float, time_step: float) -> float:
+    """Whole steps in a duration, at least one; both in [s]. Infinite for an infinite duration.
+
+    Raises:
+        TaichisoftError: the duration is not a positive number.
+    """
+    if not duration > 0.0:
+        raise TaichisoftError(f"duration = {duration:g}: must be a positive number of seconds")
+    return max(1, round(duration / time_step)) if math.isfinite(duration) else math.inf
