@@ -1,12 +1,18 @@
-"""A short way from Python into a Taichi kernel.
+"""A short way from Python into a Taichi kernel, whose arrays come in bundles.
 
 Taichi 1.7.4 looks at every argument of every launch anew: some 10 microseconds for each array, which for the twenty
 launches of a step is longer than the arithmetic; and it takes an array of integers for one of floats. `kernel` compiles
 through Taichi at the first call, checks arrays against the annotations, hands over pointers, and keeps what it has set
-up: a launch with the very arrays of an earlier one costs 2 to 5 microseconds, whatever their number. It uses Taichi's
-inner interface, so its version is pinned.
+up: a launch with the very bundles of an earlier one costs 2 to 5 microseconds, whatever the number of their arrays.
+
+A bundle is a NamedTuple of arrays, such as the elements of a body; its fields are annotated with the array types of
+`runtime`. Taichi sees its arrays one by one, `elements.lame` as `elements_lame`; inside the kernel they are put
+together again, and functions decorated with `func` take the bundle whole. All of this uses Taichi's inner interface, so
+that its version is pinned.
 """
 
+import ast
+import inspect
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -23,23 +29,46 @@ REMEMBERED = 16
 
 
 def kernel(function: Callable[..., None]) -> "Kernel":
-    """Decorate a kernel that takes numpy arrays and numbers, and returns nothing."""
+    """Decorate a kernel that takes bundles, numpy arrays and numbers, and returns nothing."""
     return Kernel(function)
 
 
+def func(function: Callable[..., Any]) -> Any:
+    """Decorate a function that kernels call; it takes bundles by reference."""
+    for name, annotation in function.__annotations__.items():
+        if _is_bundle(annotation):
+            function.__annotations__[name] = ti.template()
+    return ti.func(function)
+
+
 class Kernel:
-    """A Taichi kernel whose arguments are annotated with ti.i32, ti.f64 and the array types of `runtime`."""
+    """A Taichi kernel whose parameters are annotated with ti.i32, ti.f64, the array types of `runtime`, or bundles."""
 
     def __init__(self, function: Callable[..., None]):
         """Nothing is compiled before the first call."""
         self.__doc__ = function.__doc__
         self.__name__ = function.__name__
+        parameters = inspect.signature(function).parameters.values()
+        self._names = [parameter.name for parameter in parameters]
+        self._bundles = {p.name: p.annotation for p in parameters if _is_bundle(p.annotation)}
+        flat = [one for parameter in parameters for one in _flattened(parameter)]
+        function.__signature__ = inspect.Signature(flat)  # type: ignore[attr-defined]
+        function.bundles = self._bundles  # type: ignore[attr-defined]
         self._kernel = ti.kernel(function)
-        self._parameters = [_describe(parameter.annotation) for parameter in self._kernel._primal.arguments]
-        kinds = [(kind, dimensions) for kind, dimensions, _ in self._parameters]
-        self._arrays = [index for index, (_, dimensions) in enumerate(kinds) if dimensions]
-        self._pick_arrays = itemgetter(*self._arrays, self._arrays[0])  # once more: of one it would make no tuple
-        self._numbers = [(index, kind) for index, (kind, dimensions) in enumerate(kinds) if not dimensions]
+        self._described = [_describe(parameter.annotation) for parameter in flat]
+        self._flat_names = [parameter.name for parameter in flat]
+        # Numbers are handed over at every launch: where they stand among the arguments, and among the flat ones.
+        numbers = [p.name for p in flat if not _describe(p.annotation)[1]]
+        self._numbers = [
+            (
+                self._names.index(name),
+                self._flat_names.index(name),
+                _describe(flat[self._flat_names.index(name)].annotation)[0],
+            )
+            for name in numbers
+        ]
+        held = [index for index, name in enumerate(self._names) if name not in numbers]
+        self._pick_held = itemgetter(*held, held[0])  # once more: of one it would make no tuple
         self._remembered: dict[tuple[int, ...], tuple[Any, tuple[Any, ...]]] = {}
         self._compiled: Any = None
 
@@ -50,47 +79,52 @@ class Kernel:
             TypeError: an array is not contiguous, or not of the annotated type and number of dimensions; or there are
                 too many arguments or too few.
         """
-        if len(arguments) != len(self._parameters):
-            raise TypeError(f"kernel {self.__name__} takes {len(self._parameters)} arguments, not {len(arguments)}")
-        identity = tuple(map(id, self._pick_arrays(arguments)))
+        if len(arguments) != len(self._names):
+            raise TypeError(f"kernel {self.__name__} takes {len(self._names)} arguments, not {len(arguments)}")
+        identity = tuple(map(id, self._pick_held(arguments)))
         known = self._remembered.get(identity)
         context = known[0] if known else self._prepare(identity, arguments)
-        for index, kind in self._numbers:
+        for index, place, kind in self._numbers:
             if kind is int:
-                context.set_arg_int((index,), int(arguments[index]))
+                context.set_arg_int((place,), int(arguments[index]))
             else:
-                context.set_arg_float((index,), float(arguments[index]))
+                context.set_arg_float((place,), float(arguments[index]))
         self._program.launch_kernel(self._compiled, context)
 
     def _prepare(self, identity: tuple[int, ...], arguments: tuple[Any, ...]) -> Any:
         """A launch context with the pointers of these arrays."""
-        self._check(arguments)
+        flat: list[Any] = []
+        for name, argument in zip(self._names, arguments, strict=True):
+            if name in self._bundles and not isinstance(argument, self._bundles[name]):
+                raise TypeError(
+                    f"kernel {self.__name__}, {name}: must be {self._bundles[name].__name__}, not {argument!r}"
+                )
+            flat += argument if name in self._bundles else [argument]
+        self._check(flat)
         if self._compiled is None:
-            self._compile(arguments)
+            self._compile(flat)
         context = self._taichi_kernel.make_launch_context()
-        for index in self._arrays:
-            array = arguments[index]
-            address = array.__array_interface__["data"][0]
-            shape = array.shape[: self._parameters[index][2]]
-            context.set_arg_external_array_with_shape((index,), address, array.nbytes, shape, 0)
+        for place, (array, (_, dimensions, outer)) in enumerate(zip(flat, self._described, strict=True)):
+            if dimensions:
+                address = array.__array_interface__["data"][0]
+                context.set_arg_external_array_with_shape((place,), address, array.nbytes, array.shape[:outer], 0)
         if len(self._remembered) == REMEMBERED:
             del self._remembered[next(iter(self._remembered))]
         # Holding the arrays keeps their identities theirs.
         self._remembered[identity] = context, arguments
         return context
 
-    def _check(self, arguments: tuple[Any, ...]) -> None:
-        for index in self._arrays:
-            array, (kind, dimensions, _) = arguments[index], self._parameters[index]
-            if array.dtype != kind or array.ndim != dimensions or not array.flags.c_contiguous:
+    def _check(self, flat: list[Any]) -> None:
+        for name, array, (kind, dimensions, _) in zip(self._flat_names, flat, self._described, strict=True):
+            if dimensions and (array.dtype != kind or array.ndim != dimensions or not array.flags.c_contiguous):
                 raise TypeError(
-                    f"kernel {self.__name__}, argument {index}: must be a contiguous {kind.__name__} array of "
-                    f"{dimensions} dimensions, not {array.dtype} of {array.ndim}"
+                    f"kernel {self.__name__}, {name}: must be a contiguous {kind.__name__} array of {dimensions} "
+                    f"dimensions, not {array.dtype} of {array.ndim}"
                 )
 
-    def _compile(self, arguments: tuple[Any, ...]) -> None:
+    def _compile(self, flat: list[Any]) -> None:
         primal = self._kernel._primal
-        self._taichi_kernel = primal.compiled_kernels[primal.ensure_compiled(*arguments)]
+        self._taichi_kernel = primal.compiled_kernels[primal.ensure_compiled(*flat)]
         self._program = ti.lang.impl.get_runtime().prog
         capabilities = self._program.get_device_caps()
         self._compiled = self._program.compile_kernel(self._program.config(), capabilities, self._taichi_kernel)
@@ -113,6 +147,21 @@ def timed_launches(add: Callable[[float], None]) -> Iterator[None]:
         Kernel.__call__ = launch  # type: ignore[method-assign]
 
 
+def _is_bundle(annotation: Any) -> bool:
+    return isinstance(annotation, type) and issubclass(annotation, tuple) and hasattr(annotation, "_fields")
+
+
+def _flattened(parameter: inspect.Parameter) -> list[inspect.Parameter]:
+    """A parameter, or those of a bundle's arrays."""
+    if not _is_bundle(parameter.annotation):
+        return [parameter]
+    fields = parameter.annotation.__annotations__
+    return [
+        parameter.replace(name=f"{parameter.name}_{field}", annotation=annotation)
+        for field, annotation in fields.items()
+    ]
+
+
 def _describe(annotation: Any) -> tuple[type, int, int]:
     """Type of number, dimensions of the numpy array (0 for a number), and those that are not within an element."""
     if annotation is ti.i32 or annotation is ti.f64:
@@ -121,3 +170,32 @@ def _describe(annotation: Any) -> tuple[type, int, int]:
     element_dimensions = getattr(element, "ndim", 0)
     scalar = element.dtype if element_dimensions else element
     return np.int32 if scalar is ti.i32 else np.float64, annotation.ndim + element_dimensions, annotation.ndim
+
+
+def _with_bundles(tree_and_context: Callable[..., Any]) -> Callable[..., Any]:
+    """Taichi's reading of a kernel's source, with the arrays of bundles as parameters.
+
+    The body then begins with `elements = ti.static(Elements(elements_corners, ...))`: names, without a copy.
+    """
+
+    def read(self: Any, *arguments: Any, **named: Any) -> Any:
+        tree, context = tree_and_context(self, *arguments, **named)
+        bundles = getattr(self.func, "bundles", {})
+        definition = tree.body[0]
+        for parameter in reversed(definition.args.args if bundles else []):
+            if parameter.arg not in bundles:
+                continue
+            fields = [f"{parameter.arg}_{field}" for field in bundles[parameter.arg]._fields]
+            made = ast.parse(f"{parameter.arg} = ti.static({ast.unparse(parameter.annotation)}({', '.join(fields)}))")
+            definition.body.insert(0, made.body[0])
+        if bundles:
+            definition.args.args = [ast.arg(name) for name in inspect.signature(self.func).parameters]
+            for node in ast.walk(definition):
+                if not hasattr(node, "lineno"):
+                    ast.copy_location(node, definition)
+        return tree, context
+
+    return read
+
+
+ti.lang.kernel_impl._get_tree_and_ctx = _with_bundles(ti.lang.kernel_impl._get_tree_and_ctx)

@@ -1,10 +1,19 @@
 """Kernels take exactly the arrays that they are annotated with: a wrong one is an error, never misread memory."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
-from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import Scalars, Vectors, ti
+from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels.runtime import Scalars, Vectors, ti, vec3
+
+
+class Particles(NamedTuple):
+    """A bundle of two arrays."""
+
+    position: Vectors
+    mass: Scalars
 
 
 @kernel
@@ -33,7 +42,7 @@ def test_arrays_may_change_size_between_calls() -> None:
     ids=["integers", "single precision", "one dimension", "not contiguous"],
 )
 def test_an_array_of_another_kind_is_refused(vectors: np.ndarray) -> None:
-    with pytest.raises(TypeError, match="add_up, argument 0: must be a contiguous float64 array of 2 dimensions"):
+    with pytest.raises(TypeError, match="add_up, vectors: must be a contiguous float64 array of 2 dimensions"):
         add_up(vectors, 1.0, 0, np.zeros(4))
 
 
@@ -58,3 +67,38 @@ def test_an_array_that_reuses_the_place_of_a_dead_one_is_not_taken_for_it() -> N
         vectors = np.full((4 + k % 3, 3), float(k))  # freed in the next turn, unless a launch still points to it
         add_up(vectors, 1.0, 0, result)
         np.testing.assert_array_equal(result, 3.0 * k)
+
+
+@func
+def weighted(i: ti.i32, particles: Particles, factor: ti.f64) -> vec3:
+    return factor * particles.mass[i] * particles.position[i]
+
+
+@kernel
+def double(factor: ti.f64, particles: Particles, result: Particles, masses: Scalars):
+    for i in range(particles.mass.shape[0]):
+        result.position[i] = weighted(i, particles, factor)
+        result.mass[i] = masses[i]
+
+
+def particles(count: int) -> Particles:
+    return Particles(np.arange(3.0 * count).reshape(count, 3), np.full(count, 2.0))
+
+
+def test_a_bundle_is_taken_whole_and_changed_in_place() -> None:
+    for count in (4, 2, 4):
+        some, result, masses = particles(count), particles(count), np.arange(float(count))
+        for _ in range(2):
+            double(3.0, some, result, masses)
+            np.testing.assert_array_equal(result.position, 6.0 * some.position)
+            np.testing.assert_array_equal(result.mass, masses)
+
+
+def test_something_else_than_the_bundle_is_refused() -> None:
+    with pytest.raises(TypeError, match="kernel double, particles: must be Particles, not"):
+        double(1.0, (np.ones((4, 3)), np.ones(4)), particles(4), np.ones(4))
+
+
+def test_an_array_of_another_kind_in_a_bundle_is_refused() -> None:
+    with pytest.raises(TypeError, match="double, result_mass: must be a contiguous float64 array of 1 dimensions"):
+        double(1.0, particles(4), particles(4)._replace(mass=np.ones(4, dtype=np.int32)), np.ones(4))
