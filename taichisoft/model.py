@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from taichisoft.bodies.cavities import Cavities
+from taichisoft.bodies.cavities import Cavities, CavityVolumes
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.bodies.rigid_body import make_obstacle, make_rigid_body
 from taichisoft.bodies.rotations import matrices_from_quaternions
@@ -98,8 +98,8 @@ class Model:
             cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
             cavity_request=np.zeros(cavity_count),
             cavity_target=np.zeros(cavity_count),
-            cavity_impulse=np.zeros(cavity_count),
-            cavity_volume=self.cavities.volumes(self.rest_position),
+            cavity_pressure=np.zeros(cavity_count),
+            cavity_volume=CavityVolumes(self.cavities, self.node_count).volumes(self.rest_position),
             contact_key=np.zeros(0, dtype=np.int32),
             contact_point=np.zeros((0, 3)),
             contact_normal=np.zeros((0, 3)),

@@ -31,7 +31,7 @@ class State:
         cavity_volume_imposed: whether a cavity is driven by volume, else by pressure, shape (cavity_count,).
         cavity_request: pressure [kPa] or volume growth [mm^3] that was asked for, before limits, (cavity_count,).
         cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
-        cavity_impulse: multipliers of the last step, pressure times step [kPa s], shape (cavity_count,).
+        cavity_pressure: in the last step, imposed or found [kPa], shape (cavity_count,).
         cavity_volume: [mm^3], shape (cavity_count,).
         contact_key: pair of bodies of each contact of the last step (warm start), shape (contact_count,).
         contact_point: where it was [mm], shape (contact_count, 3).
@@ -55,7 +55,7 @@ class State:
     cavity_volume_imposed: np.ndarray
     cavity_request: np.ndarray
     cavity_target: np.ndarray
-    cavity_impulse: np.ndarray
+    cavity_pressure: np.ndarray
     cavity_volume: np.ndarray
     contact_key: np.ndarray
     contact_point: np.ndarray

@@ -156,6 +156,8 @@ class ContactSurfaces:
         self._node_position = np.zeros((node_count, 3))
         self._rigid_position = np.zeros((rigid_count, 3))
         self._rigid_rotation = np.zeros((rigid_count, 3, 3))
+        from taichisoft.kernels.surface_motion import Carriers
+        self.carriers = Carriers(self.vertex_owner, self._local, self.vertex_nodes, self.vertex_weights)
 
     @property
     def count(self) -> int:

@@ -6,7 +6,7 @@ from taichisoft.kernels.runtime import IntegerBlocks, Integers, IntegerTable, Sc
 
 
 class Contacts(NamedTuple):
-    """Pairs of points on two surfaces, in arrays with room for more than there are; the first body has the lower number.
+    """Pairs of points on two surfaces, in arrays with room for more; the first body has the lower number.
 
     Attributes:
         count: number of contacts, shape (1,); what stands behind them in the other arrays means nothing.

@@ -1,7 +1,18 @@
 """Vertices of contact surfaces that follow their bodies."""
 
+from typing import NamedTuple
+
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import SOFT, Integers, IntegerTable, Matrices, ScalarTable, Vectors, ti, vec3
+
+
+class Carriers(NamedTuple):
+    """What each vertex follows."""
+
+    owner: Integers
+    local: Vectors
+    nodes: IntegerTable
+    weights: ScalarTable
 
 
 @kernel
