@@ -5,12 +5,15 @@ from dataclasses import replace
 
 import numpy as np
 
-from taichisoft.contact.detection import ContactPairs
+from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft.contact.reduction import ContactReduction
 from taichisoft.control.control import Control
 from taichisoft.control.limits import clipped
 from taichisoft.control.observation import Observation
 from taichisoft.control.observer import Observer
 from taichisoft.control.requests import apply_control
+from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.active_set import ActiveSet
@@ -35,6 +38,9 @@ class Simulation:
         self.model = model
         self.state = model.initial_state()
         self.report: StepReport | None = None
+        self._moving = MovingSurfaces(model.surfaces)
+        self._detection = ContactDetection(model.surfaces, self._moving)
+        self._reduction = ContactReduction(model.surfaces.body_size, model.scene.contact.spacing)
         self._soft = SoftMotion(self.model)
         self._rigid = RigidMotion(self.model)
         self._problem = ConstraintProblem(self.model, self._rigid)
@@ -64,8 +70,8 @@ class Simulation:
         self._soft.update(state)
         self._rigid.update(state)
         candidates = self._find_contacts(state)
-        contacts = self._choose_contacts(state, candidates)
-        velocity, contact_impulse, contact_slip = self._solve_contacts(state, contacts)
+        contacts, last_impulse = self._choose_contacts(state, candidates)
+        velocity, contact_impulse, contact_slip = self._solve_contacts(state, contacts, last_impulse)
         next_state = self._move(state, velocity, contacts, contact_impulse, contact_slip)
         self._check_divergence(state, next_state)
         self.state = next_state
@@ -76,25 +82,29 @@ class Simulation:
         """What a controller sees: it depends on the state alone, so that a restored run is observed alike."""
         return self._observer.observe(self.state)
 
-    def _find_contacts(self, state: State) -> ContactPairs:
-        if self.model.detection.is_needed:
-            self.model.surfaces.update(state.position, state.rigid_position, self._rigid.rotation)
+    def _find_contacts(self, state: State) -> Contacts:
+        if self._detection.is_needed:
+            self._moving.update(state.position, state.rigid_position, self._rigid.rotation)
         alarm = self.model.scene.contact.alarm_distance
-        return self.model.detection.find(reach=alarm, depth=alarm)
+        return self._detection.find(reach=alarm, depth=alarm)
 
-    def _choose_contacts(self, state: State, candidates: ContactPairs) -> ContactPairs:
-        spacing = self.model.scene.contact.spacing
-        return self.model.contact_selection.spread_out(candidates, spacing, state.contact_key, state.contact_point)
+    def _choose_contacts(self, state: State, candidates: Contacts) -> tuple[Contacts, np.ndarray]:
+        """The contacts that become constraints, and the impulse of each in the last step."""
+        settings = self.model.scene.contact
+        contacts = self._reduction.reduce(candidates, state)
+        radius = max(settings.spacing, settings.contact_distance)
+        last_impulse = self._reduction.last_impulses(contacts, state, radius)
+        return contacts.trimmed(), last_impulse[: contacts.count[0]]
 
-    def _solve_contacts(self, state: State, contacts: ContactPairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def _solve_contacts(
+        self, state: State, contacts: Contacts, last_impulse: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Velocities of the nodes with contacts and imposed volumes; impulse and sliding speed of each contact.
 
         Contacts that are expected to stay open are left out at first, see `active_set`.
         """
-        problem, active_set, settings = self._problem, self._active_set, self.model.scene.contact
+        problem, active_set = self._problem, self._active_set
         problem.iterations = 0
-        radius = max(settings.spacing, settings.contact_distance)
-        last_impulse = self.model.contact_selection.last_impulses(contacts, state, radius)
         active_set.begin(contacts, last_impulse, state.velocity)
         while True:
             problem.lay_out(state, contacts.take(np.flatnonzero(active_set.chosen)))
@@ -103,9 +113,9 @@ class Simulation:
             velocity = self._push(problem)
             if not active_set.add_missed(velocity):
                 break
-        impulse = np.zeros((contacts.count, 3))
+        impulse = np.zeros((len(last_impulse), 3))
         impulse[active_set.chosen] = problem.rows.contact_impulse
-        slip = np.zeros(contacts.count)
+        slip = np.zeros(len(last_impulse))
         slip[active_set.chosen] = problem.slip
         return velocity, impulse, slip
 
@@ -124,7 +134,7 @@ class Simulation:
         self,
         state: State,
         node_velocity: np.ndarray,
-        contacts: ContactPairs,
+        contacts: Contacts,
         contact_impulse: np.ndarray,
         contact_slip: np.ndarray,
     ) -> State:
@@ -145,17 +155,17 @@ class Simulation:
             rigid_angular_velocity=rigid.angular.copy(),
             cavity_impulse=self._problem.cavity_impulse,
             cavity_volume=self.model.cavities.volumes(position),
-            contact_key=contacts.key,
+            contact_body_pair=contacts.bodies,
             contact_point=contacts.middle,
             contact_normal=contacts.normal,
             contact_impulse=contact_impulse,
             contact_slip=contact_slip,
         )
 
-    def _make_report(self, candidates: ContactPairs, control: Control, started: float) -> StepReport:
+    def _make_report(self, candidates: Contacts, control: Control, started: float) -> StepReport:
         contact, time_step, problem = self.model.scene.contact, self.model.scene.time.step, self._problem
         summary = self._observer.contacts(self.state)
-        nearest = candidates.distance.min() if candidates.count else np.inf
+        nearest = candidates.distance[: candidates.count[0]].min(initial=np.inf)
         return StepReport(
             step=self.state.step - 1,
             time=self.state.time,
@@ -164,7 +174,7 @@ class Simulation:
             normal_forces=summary.normal_forces,
             friction_forces=summary.friction_forces,
             slip_speeds=summary.slip_speeds,
-            contact_count=len(self.state.contact_key),
+            contact_count=len(self.state.contact_point),
             contact_points=self.state.contact_point,
             contact_forces=self.state.contact_impulse / time_step,
             max_penetration=float(max(0.0, contact.contact_distance - nearest)),

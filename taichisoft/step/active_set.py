@@ -8,8 +8,8 @@ is the same as with all, to the tolerance of the solver.
 
 import numpy as np
 
-from taichisoft.contact.detection import ContactPairs
 from taichisoft.kernels import contact_rows
+from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
 from taichisoft.step.rigid_motion import RigidMotion
 
@@ -39,7 +39,7 @@ class ActiveSet:
         self._normal = np.empty((count, 3))
         self._speed = np.empty(count)
 
-    def begin(self, contacts: ContactPairs, last_impulse: np.ndarray, node_velocity: np.ndarray) -> None:
+    def begin(self, contacts: Contacts, last_impulse: np.ndarray, node_velocity: np.ndarray) -> None:
         """Choose the contacts that are expected to push.
 
         Args:
@@ -47,9 +47,9 @@ class ActiveSet:
             last_impulse: of each in the last step, 0 where it is new [mN s], shape (contact_count, 3).
             node_velocity: of the soft nodes in the last step [mm/s], shape (node_count, 3).
         """
-        if contacts.count != len(self._bodies):
-            self._make_room(contacts.count)
-        if not contacts.count:
+        if len(contacts.distance) != len(self._bodies):
+            self._make_room(len(contacts.distance))
+        if not len(contacts.distance):
             self.chosen = np.zeros(0, dtype=bool)
             return
         self._bodies[:] = contacts.bodies
@@ -72,7 +72,7 @@ class ActiveSet:
         return bool(missed.any())
 
     def _measure(self, node_velocity: np.ndarray) -> None:
-        surfaces, rigid = self._model.surfaces, self._rigid_motion
+        carriers, rigid = self._model.surfaces.carriers, self._rigid_motion
         self._node_velocity[:] = node_velocity
         contact_rows.separation_speed(
             len(self._model.soft_bodies),
@@ -82,9 +82,9 @@ class ActiveSet:
             self._vertex_weights,
             self._points,
             self._normal,
-            surfaces.vertex_nodes,
-            surfaces.vertex_weights,
-            surfaces.vertex_owner,
+            carriers.nodes,
+            carriers.weights,
+            carriers.owner,
             self._node_velocity,
             rigid.position,
             rigid.linear,

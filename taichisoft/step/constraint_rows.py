@@ -12,7 +12,7 @@ class Rows:
 
     Attributes:
         count: of rows, three for each contact and then one for each cavity.
-        bodies, vertices, vertex_weights, points, normal: as in ContactPairs.
+        bodies, vertices, vertex_weights, points, normal: as in Contacts.
         approach: gap over time step of each contact [mm/s], shape (contact_count,).
         friction: coefficient of each contact, shape (contact_count,).
         basis: normal and two tangents of each contact, as rows, shape (contact_count, 3, 3).
@@ -29,7 +29,7 @@ class Rows:
 
     def __init__(self, model: Model, count: int, cavity_count: int):
         """Make the arrays; the first of `count` contacts has the rows 0, 1 and 2."""
-        slots = 6 * model.surfaces.vertex_nodes.shape[1]
+        slots = 6 * model.surfaces.carriers.nodes.shape[1]
         self.count = 3 * count + cavity_count
         self.bodies = np.empty((count, 2), dtype=np.int32)
         self.vertices = np.empty((count, 2, 3), dtype=np.int32)

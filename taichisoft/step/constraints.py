@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from taichisoft.contact.detection import ContactPairs
 from taichisoft.kernels import compliance, contact_rows
+from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.constraint_rows import Rows
@@ -52,13 +52,13 @@ class ConstraintProblem:
             del self._kept[next(iter(self._kept))]
         return rows
 
-    def lay_out(self, state: State, contacts: ContactPairs) -> None:
+    def lay_out(self, state: State, contacts: Contacts) -> None:
         """Lay out the rows at the positions of `state`."""
         self._state = state
         cavities = np.flatnonzero(state.cavity_volume_imposed)
-        self.rows = rows = self._rows_of(contacts.count, len(cavities))
+        self.rows = rows = self._rows_of(len(contacts.distance), len(cavities))
         rows.cavities[:] = cavities
-        if not contacts.count:
+        if not len(contacts.distance):
             return
         rows.bodies[:] = contacts.bodies
         rows.vertices[:] = contacts.vertices
@@ -67,7 +67,7 @@ class ConstraintProblem:
         rows.normal[:] = contacts.normal
         rows.friction[:] = self._model.friction[rows.bodies[:, 0], rows.bodies[:, 1]]
         rows.approach[:] = (contacts.distance - self._model.scene.contact.contact_distance) / self._time_step
-        surfaces = self._model.surfaces
+        carriers = self._model.surfaces.carriers
         contact_rows.lay_out(
             len(self._model.soft_bodies),
             len(self._model.rigid_bodies),
@@ -76,9 +76,9 @@ class ConstraintProblem:
             rows.vertex_weights,
             rows.points,
             rows.normal,
-            surfaces.vertex_nodes,
-            surfaces.vertex_weights,
-            surfaces.vertex_owner,
+            carriers.nodes,
+            carriers.weights,
+            carriers.owner,
             self._rigid_motion.position,
             rows.basis,
             rows.node,
