@@ -38,7 +38,7 @@ class MovingSurfaces:
         poses.rigid_position[:] = rigid_position
         poses.rigid_rotation[:] = rigid_rotation
         move_vertices(surfaces.carriers, poses, self.moved)
-        refit(surfaces.moving, surfaces.trees, self.moved)
+        refit(surfaces.topology.moving, surfaces.trees, self.moved)
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner [mm] of each surface's bounding box, each (surface_count, 3)."""

@@ -50,7 +50,7 @@ def _refuse_crossed_surfaces(surfaces: ContactSurfaces, moving: MovingSurfaces, 
     shrunk = position - margin * _vertex_normals(topology.triangles, position)
     edges = [topology.edges[start:stop] for start, stop in surfaces.edge_range]
     triangles = [topology.triangles[start:stop] for start, stop in surfaces.triangle_range]
-    for first, second in surfaces.possible_pairs.tolist():
+    for first, second in topology.pairs.tolist():
         if not _meet(lower[first], upper[first], lower[second], upper[second]):
             continue
         shifted = shrunk + margin * SHIFT

@@ -57,6 +57,9 @@ class ContactReduction:
 
         The result is in arrays that the next call uses again.
         """
+        if not found.count[0]:
+            self._kept.count[0] = 0
+            return self._kept
         if len(found.distance) > len(self._kept.distance):
             self._make_room(len(found.distance))
         self._remember(state)
@@ -69,8 +72,9 @@ class ContactReduction:
         They go on from the nearest contact within `radius` [mm] then; the impulse of a new one is 0. The array is used
         again by the next call.
         """
-        self._remember(state)
-        kernels.last_impulses(contacts, self._last, radius, self._space, self._impulse)
+        if contacts.count[0]:
+            self._remember(state)
+            kernels.last_impulses(contacts, self._last, radius, self._space, self._impulse)
         return self._impulse
 
     def _remember(self, state: State) -> None:

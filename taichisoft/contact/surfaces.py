@@ -41,8 +41,6 @@ class ContactSurfaces:
         carriers: what the vertices follow.
         planes: the half-spaces.
         trees: trees over the triangles.
-        moving: surfaces that can move, shape (moving_count,).
-        possible_pairs: pairs of surfaces of which at least one can move, shape (pair_count, 2).
         vertex_range, triangle_range, edge_range: where each surface's features stand, shape (surface_count, 2).
         vertex_is_feature, edge_is_feature: whether it may touch other surfaces (flat ones of rigid bodies do not).
         body_size: smallest extent of each body that can move at the start [mm], infinite for others, by body number.
@@ -76,15 +74,11 @@ class ContactSurfaces:
         self.trees = bounding_volumes.build(
             self.topology, self.triangle_range, self.carriers.local, self.vertex_is_feature, self.edge_is_feature
         )
-        moves = np.array([part.owner != STATIC for part in parts])
-        self.moving = np.flatnonzero(moves).astype(np.int32)
-        first, second = np.triu_indices(len(parts), 1)
-        self.possible_pairs = np.column_stack([first, second])[moves[first] | moves[second]].astype(np.int32)
         self.body_size = np.full(first_obstacle + len(obstacles), np.inf)
         for part in parts:
             if part.owner != STATIC:
                 self.body_size[part.body] = np.ptp(part.vertices, axis=0).min()
-        for array in (*self.topology, *self.carriers, *self.planes, *self.trees, self.moving, self.possible_pairs):
+        for array in (*self.topology, *self.carriers, *self.planes, *self.trees):
             array.setflags(write=False)
 
     @property
@@ -98,11 +92,11 @@ def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequ
     for body in soft:
         vertices, nodes = body.surface.positions(body.rest_position), body.surface.nodes + body.nodes.start
         parts.append(_Part(len(parts), SOFT, vertices, body.surface.triangles, nodes, body.surface.weights))
-    for number, other in enumerate((*rigid, *obstacles), len(soft)):
+    others: list[RigidBody | Obstacle] = [*rigid, *obstacles]
+    for index, other in enumerate(others):
         if other.vertices is not None and other.triangles is not None:
-            owner = number - len(soft) if isinstance(other, RigidBody) else STATIC
-            no_node = np.zeros((len(other.vertices), 1))
-            parts.append(_Part(number, owner, other.vertices, other.triangles, no_node, no_node))
+            owner, no_node = index if index < len(rigid) else STATIC, np.zeros((len(other.vertices), 1))
+            parts.append(_Part(len(soft) + index, owner, other.vertices, other.triangles, no_node, no_node))
     return parts
 
 
@@ -124,6 +118,8 @@ def _join(parts: Sequence[_Part]) -> Surfaces:
     fan_start, fan = _incidence(triangles, sum(vertex_counts))
     star_start, star = _incidence(edges, sum(vertex_counts))
     edge, end = np.divmod(star, 2)
+    moves = np.array([part.owner != STATIC for part in parts])
+    first, second = np.triu_indices(len(parts), 1)
     return Surfaces(
         body=np.array([part.body for part in parts], dtype=np.int32),
         triangles=triangles,
@@ -135,6 +131,8 @@ def _join(parts: Sequence[_Part]) -> Surfaces:
         first_triangle=(fan[fan_start[:-1]] // 3).astype(np.int32),
         fan_start=fan_start,
         fan=fan,
+        moving=np.flatnonzero(moves).astype(np.int32),
+        pairs=np.column_stack([first, second])[moves[first] | moves[second]].astype(np.int32),
     )
 
 

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels.launch import func
 from taichisoft.kernels.runtime import (
     IntegerBlocks,
     Integers,
@@ -20,8 +20,7 @@ from taichisoft.kernels.sorting import sort_rows
 
 ivec3 = ti.types.vector(3, ti.i32)
 
-# A search through trees finds contacts in the order of the trees; each carries its place in an order of its own: the
-# group of features that it belongs to, and the number of each feature. These are the columns of a table of places.
+# Columns of the place of a contact in the order of all.
 GROUP, FIRST_FEATURE, SECOND_FEATURE, PLACE_COLUMNS = range(4)
 
 
@@ -87,6 +86,28 @@ def copy_contact(source: Contacts, c: ti.i32, target: Contacts, k: ti.i32):
             target.vertices[k, side, corner] = source.vertices[c, side, corner]
 
 
+class SearchSpace(NamedTuple):
+    """Work space of the search for contacts, with the contacts in the order in which a search through trees finds them.
+
+    Attributes:
+        leaf: leaves of the other surface near a feature, shape (most_leaves,).
+        triangle, weights: triangles within reach of a vertex, and the barycentric weights of the points closest to it,
+            shapes (most_triangles,) and (most_triangles, 3).
+        deepest: least distance of a vertex of each pair of surfaces below 0, 0 for none [mm], shape (pair_count,).
+        place: place of each contact found in the order of all: the GROUP of features that it belongs to, and the
+            number of each feature, shape (capacity, PLACE_COLUMNS).
+        order, spare: the order of the places, and work space to find it, shape (capacity,).
+    """
+
+    leaf: Integers
+    triangle: Integers
+    weights: Vectors
+    deepest: Scalars
+    place: ScalarTable
+    order: Integers
+    spare: Integers
+
+
 @func
 def append(
     group: ti.i32,
@@ -96,8 +117,8 @@ def append(
     second_body: ti.i32,
     normal: vec3,
     distance: ti.f64,
+    space: SearchSpace,
     found: Contacts,
-    places: ScalarTable,
 ) -> ti.i32:
     """Add a contact, whose sides are still to be set, and return its number.
 
@@ -105,9 +126,9 @@ def append(
     """
     c = ti.min(found.count[0], found.distance.shape[0] - 1)
     found.count[0] = found.count[0] + 1
-    places[c, GROUP] = group
-    places[c, FIRST_FEATURE] = first_feature
-    places[c, SECOND_FEATURE] = second_feature
+    space.place[c, GROUP] = group
+    space.place[c, FIRST_FEATURE] = first_feature
+    space.place[c, SECOND_FEATURE] = second_feature
     found.bodies[c, 0] = first_body
     found.bodies[c, 1] = second_body
     found.normal[c] = normal
@@ -124,12 +145,10 @@ def set_side(c: ti.i32, side: ti.i32, vertices: ivec3, weights: vec3, point: vec
     found.points[c, side] = point
 
 
-@kernel
-def put_in_order(found: Contacts, places: ScalarTable, order: Integers, spare: Integers, contacts: Contacts):
-    """Write the contacts found to `contacts` in the order of their places; `order` and `spare` are work space."""
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        contacts.count[0] = found.count[0]
-        sort_rows(found.count[0], places, order, spare)
-        for k in range(found.count[0]):
-            copy_contact(found, order[k], contacts, k)
+@func
+def put_in_order(space: SearchSpace, found: Contacts, contacts: Contacts):
+    """Write the contacts found to `contacts` in the order of their places."""
+    sort_rows(found.count[0], space.place, space.order, space.spare)
+    for k in range(found.count[0]):
+        copy_contact(found, space.order[k], contacts, k)
+    contacts.count[0] = found.count[0]

@@ -18,6 +18,8 @@ class Surfaces(NamedTuple):
         star_start, star: the other ends of the edges of vertex v are star[star_start[v] : star_start[v + 1]].
         first_triangle: the triangle of the lowest number at each vertex, shape (vertex_count,).
         fan_start, fan: corners (3 * triangle + corner) that vertex v is, fan[fan_start[v] : fan_start[v + 1]].
+        moving: surfaces that can move, shape (moving_count,).
+        pairs: pairs of surfaces of which at least one can move, shape (pair_count, 2).
     """
 
     body: Integers
@@ -30,6 +32,8 @@ class Surfaces(NamedTuple):
     first_triangle: Integers
     fan_start: Integers
     fan: Integers
+    moving: Integers
+    pairs: IntegerTable
 
 
 class Planes(NamedTuple):
