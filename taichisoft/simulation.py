@@ -7,8 +7,9 @@ from functools import partial
 import numpy as np
 
 from taichisoft.bodies.cavities import CavityVolumes
-from taichisoft.contact.detection import ContactDetection, ContactPairs
-from taichisoft.contact.selection import ContactSelection
+from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft.contact.reduction import ContactReduction
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.control.observer import Observer
@@ -21,6 +22,9 @@ from taichisoft.step.divergence import DivergenceCheck
 from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
+
+NO_CONTACTS = Contacts.with_room(0)
+NO_IMPULSES = np.zeros((0, 3))
 
 
 class Simulation:
@@ -40,6 +44,9 @@ class Simulation:
         self._volumes = CavityVolumes(model.cavities, model.node_count)
         self._soft = SoftMotion(model, model.elasticity, self._volumes) if model.elasticity is not None else None
         self._rigid = RigidMotion(model)
+        self._moving = MovingSurfaces(model.surfaces)
+        self._detection = ContactDetection(model.surfaces, self._moving)
+        self._reduction = ContactReduction(model.surfaces.body_size, model.scene.contact.spacing)
         self._constraints = Constraints(model, self._soft, self._rigid, self._volumes)
         self._check_divergence = DivergenceCheck(model)
         self._observer = Observer(model, self._volumes)
@@ -82,6 +89,20 @@ class Simulation:
             self._soft.solve_free_motion(start)
         self._rigid.solve_free_motion(start)
 
+    def _find_contacts(self, start: State) -> tuple[Contacts, np.ndarray, float]:
+        """The contacts that become constraints, the impulse of each in the last step, and the deepest penetration."""
+        settings = self.model.scene.contact
+        if not self._detection.is_needed:
+            return NO_CONTACTS, NO_IMPULSES, 0.0
+        self._moving.update(start.position, start.rigid_position, self._rigid.state.rotation)
+        found = self._detection.find(reach=settings.alarm_distance, depth=settings.alarm_distance)
+        contacts = self._reduction.reduce(found, start)
+        radius = max(settings.spacing, settings.contact_distance)
+        last_impulse = self._reduction.last_impulses(contacts, start, radius)
+        nearest = found.distance[: found.count[0]].min(initial=np.inf)
+        penetration = max(0.0, settings.contact_distance - float(nearest))
+        return contacts, last_impulse[: contacts.count[0]], penetration
+
     def _integrate(self, start: State, contacts: Contacts) -> State:
         """The state that the velocities lead to."""
         time_step, rigid, solved = self.model.scene.time.step, self._rigid.state, self._constraints
@@ -102,7 +123,7 @@ class Simulation:
             rigid_angular_velocity=rigid.angular.copy(),
             cavity_pressure=solved.cavity_pressure,
             cavity_volume=self._volumes.volumes(position),
-            contact_key=contacts.bodies[:count, 0] * 32768 + contacts.bodies[:count, 1],
+            contact_body_pair=contacts.bodies[:count].copy(),
             contact_point=0.5 * (points[:, 0] + points[:, 1]),
             contact_normal=contacts.normal[:count].copy(),
             contact_impulse=solved.contact_impulse,
@@ -124,17 +145,3 @@ class Simulation:
             step_time=time.perf_counter() - started,
             observe=partial(self._observer.observe, end),
         )
-
-    # INTERIM
-    def _find_contacts(self, state: State):
-        if self.model.detection.is_needed:
-            self.model.surfaces.update(state.position, state.rigid_position, self._rigid.state.rotation)
-        alarm = self.model.scene.contact.alarm_distance
-        candidates = self.model.detection.find(reach=alarm, depth=alarm)
-        spacing = self.model.scene.contact.spacing
-        pairs = self.model.contact_selection.spread_out(candidates, spacing, state.contact_key, state.contact_point)
-        settings = self.model.scene.contact
-        radius = max(settings.spacing, settings.contact_distance)
-        last = self.model.contact_selection.last_impulses(pairs, state, radius)
-        nearest = candidates.distance.min() if candidates.count else np.inf
-        return Contacts(np.array([pairs.count],dtype=np.int32), pairs.bodies, pairs.vertices, pairs.weights, pairs.points, pairs.normal, pairs.distance), last, float(max(0.0, settings.contact_distance - nearest))

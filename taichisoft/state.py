@@ -33,7 +33,7 @@ class State:
         cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
         cavity_pressure: in the last step, imposed or found [kPa], shape (cavity_count,).
         cavity_volume: [mm^3], shape (cavity_count,).
-        contact_key: pair of bodies of each contact of the last step (warm start), shape (contact_count,).
+        contact_body_pair: numbers of the two bodies of each contact of the last step, shape (contact_count, 2).
         contact_point: where it was [mm], shape (contact_count, 3).
         contact_normal: unit vector from its first body to its second, shape (contact_count, 3).
         contact_impulse: on its second body [mN s], shape (contact_count, 3).
@@ -57,7 +57,7 @@ class State:
     cavity_target: np.ndarray
     cavity_pressure: np.ndarray
     cavity_volume: np.ndarray
-    contact_key: np.ndarray
+    contact_body_pair: np.ndarray
     contact_point: np.ndarray
     contact_normal: np.ndarray
     contact_impulse: np.ndarray

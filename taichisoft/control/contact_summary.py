@@ -4,7 +4,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from taichisoft.contact.detection import bodies_of_key
 from taichisoft.model import Model
 from taichisoft.state import State
 
@@ -28,16 +27,15 @@ class ContactSummary:
 
 def summarise_contacts(model: Model, state: State) -> ContactSummary:
     """Counts, forces and sliding in the step that led to `state`."""
-    if not len(state.contact_key):
+    if not len(state.contact_body_pair):
         return ContactSummary()
     forces = state.contact_impulse / model.scene.time.step
     along = np.einsum("cd,cd->c", forces, state.contact_normal)
     across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
-    order = np.argsort(state.contact_key, kind="stable")
-    key = state.contact_key[order]
-    start = np.flatnonzero(np.diff(key, prepend=-1))
-    pairs = (bodies_of_key(pair) for pair in key[start])
-    names = [f"{model.body_names[first]}|{model.body_names[second]}" for first, second in pairs]
+    order = np.lexsort(state.contact_body_pair.T[::-1])
+    body_pair = state.contact_body_pair[order]
+    start = np.flatnonzero(np.diff(body_pair, axis=0, prepend=-1).any(axis=1))
+    names = [f"{model.body_names[first]}|{model.body_names[second]}" for first, second in body_pair[start]]
     return ContactSummary(
         counts=dict(zip(names, np.add.reduceat(along[order] > 0.0, start, dtype=np.int64).tolist(), strict=True)),
         normal_forces=dict(zip(names, np.add.reduceat(along[order], start).tolist(), strict=True)),

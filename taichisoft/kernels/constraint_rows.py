@@ -19,7 +19,7 @@ from taichisoft.kernels.runtime import (
     ti,
     vec3,
 )
-from taichisoft.kernels.surface_motion import Carriers
+from taichisoft.kernels.surfaces import Carriers
 
 # Entries of `Rows.size`.
 CONTACTS, CAVITIES = range(2)

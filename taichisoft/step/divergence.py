@@ -68,9 +68,8 @@ class _Leaps:
         """Bodies of these shapes [mm], each (count, 3), whose points begin at these places among all."""
         self.names = names
         self._limit = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
-        self.points = kernels.Points(
-            *(np.empty((starts[-1], 3)) for _ in range(3)), np.array(starts, dtype=np.int32), np.empty(len(names))
-        )
+        before, velocity, after = (np.empty((starts[-1], 3)) for _ in range(3))
+        self.points = kernels.Points(before, velocity, after, np.array(starts, dtype=np.int32), np.empty(len(names)))
 
     def check(self, before: np.ndarray, velocity: np.ndarray, after: np.ndarray, step: int, time_step: float) -> None:
         """Raise SimulationDiverged where a point is nowhere or too far away."""

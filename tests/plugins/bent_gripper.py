@@ -68,7 +68,7 @@ def gripper_state(model: SimpleNamespace, step: int) -> SimpleNamespace:
     cavities = np.zeros(len(model.soft_bodies))
     state.cavity_volume_imposed = cavities > 0
     state.cavity_request = state.cavity_target = state.cavity_impulse = state.cavity_volume = cavities
-    state.contact_key = np.ones(count, dtype=np.int32)
+    state.contact_body_pair = np.tile(np.array([0, 1], dtype=np.int32), (count, 1))
     state.contact_point = middle - 21.0 * inwards
     state.contact_normal = inwards
     state.contact_impulse = 300.0 * inwards * model.scene.time.step
@@ -86,7 +86,7 @@ def record_gripper(folder: Path) -> Path:
         cavities = [cavity.name for body in model.soft_bodies for cavity in body.cavities]
         report.pressures, report.volumes = dict.fromkeys(cavities, FRAMES[step][1]), dict.fromkeys(cavities, 0.0)
         report.normal_forces = report.friction_forces = report.slip_speeds = {}
-        report.contact_count = len(state.contact_key)
+        report.contact_count = len(state.contact_body_pair)
         report.contact_points = state.contact_point
         report.contact_forces = state.contact_impulse / model.scene.time.step
         output.record(state, report)

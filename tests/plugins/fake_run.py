@@ -92,7 +92,7 @@ def fake_state(step: int) -> SimpleNamespace:
         cavity_target=np.array([2.5 * step]),
         cavity_impulse=np.array([2.0 * step * STEP]),
         cavity_volume=np.array([100.0 + step]),
-        contact_key=np.full(contacts, 1, dtype=np.int32),
+        contact_body_pair=np.tile(np.array([0, 1], dtype=np.int32), (contacts, 1)),
         contact_point=np.full((contacts, 3), float(step)),
         contact_normal=np.tile([0.0, 0.0, 1.0], (contacts, 1)),
         contact_impulse=np.full((contacts, 3), -STEP * step),

@@ -95,7 +95,7 @@ STEP_QUANTITIES = {
 """Datasets of the group `steps`."""
 
 CONTACT_QUANTITIES = {
-    "key": Quantity("32768 * first body + second body", "contacts", "contact_key"),
+    "body_pair": Quantity("numbers of the first and second body", "contacts", "contact_body_pair"),
     "point": Quantity("mm", "contacts", "contact_point"),
     "normal": Quantity("1", "contacts", "contact_normal"),
     "impulse": Quantity("mN s", "contacts", "contact_impulse"),

@@ -84,7 +84,7 @@ class RowMaker:
 
     def rows(self, frames: Sequence[Frame], first_contact: int) -> dict[str, np.ndarray]:
         """Of each dataset of `steps`, shape (frame_count, ...); `first_contact` is the first frame's offset."""
-        counts = np.array([len(frame.state.contact_key) for frame in frames])
+        counts = np.array([len(frame.state.contact_body_pair) for frame in frames])
         offsets = {"contact_offset": first_contact + np.cumsum(counts) - counts, "contact_count": counts}
         numbers = [self._numbers(frame) for frame in frames]
         result = {}
@@ -131,7 +131,7 @@ class RowMaker:
         report = frame.report
         if report is not None:
             return report.normal_forces, report.friction_forces, report.slip_speeds
-        if not len(frame.state.contact_key):
+        if not len(frame.state.contact_body_pair):
             return {}, {}, {}
         from taichisoft.control.contact_summary import (
             summarise_contacts,  # a run that goes on from a state with contacts
