@@ -13,7 +13,7 @@ from taichisoft.errors import StateError
 
 @dataclass(frozen=True)
 class State:
-    """The state between two steps; `Simulation.step` makes a new one and leaves the old one untouched.
+    """The state between two steps, in read-only arrays; `Simulation.step` makes a new one and leaves the old one.
 
     Attributes:
         time: [s].
@@ -62,6 +62,14 @@ class State:
     contact_normal: np.ndarray
     contact_impulse: np.ndarray
     contact_slip: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: what was computed from a state stays true of it."""
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                value = value.view()
+                value.flags.writeable = False
+                object.__setattr__(self, name, value)
 
     def copy(self) -> "State":
         """A state that shares no array with this one."""

@@ -4,13 +4,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from taichisoft.control.observation import Pair
 from taichisoft.model import Model
 from taichisoft.state import State
 
 
 @dataclass(frozen=True)
 class ContactSummary:
-    """Figures by pair ("finger1|cube", in the scene's order) of all bodies between which contacts were found.
+    """Figures by pair of bodies, in the scene's order ("finger1", "cube"), between which contacts were found.
 
     Attributes:
         counts: contacts that press.
@@ -19,10 +20,10 @@ class ContactSummary:
         slip_speeds: fastest sliding of a contact that presses [mm/s].
     """
 
-    counts: dict[str, int] = field(default_factory=dict)
-    normal_forces: dict[str, float] = field(default_factory=dict)
-    friction_forces: dict[str, float] = field(default_factory=dict)
-    slip_speeds: dict[str, float] = field(default_factory=dict)
+    counts: dict[Pair, int] = field(default_factory=dict)
+    normal_forces: dict[Pair, float] = field(default_factory=dict)
+    friction_forces: dict[Pair, float] = field(default_factory=dict)
+    slip_speeds: dict[Pair, float] = field(default_factory=dict)
 
 
 def summarise_contacts(model: Model, state: State) -> ContactSummary:
@@ -35,7 +36,7 @@ def summarise_contacts(model: Model, state: State) -> ContactSummary:
     order = np.lexsort(state.contact_body_pair.T[::-1])
     body_pair = state.contact_body_pair[order]
     start = np.flatnonzero(np.diff(body_pair, axis=0, prepend=-1).any(axis=1))
-    names = [f"{model.body_names[first]}|{model.body_names[second]}" for first, second in body_pair[start]]
+    names = [(model.body_names[first], model.body_names[second]) for first, second in body_pair[start]]
     return ContactSummary(
         counts=dict(zip(names, np.add.reduceat(along[order] > 0.0, start, dtype=np.int64).tolist(), strict=True)),
         normal_forces=dict(zip(names, np.add.reduceat(along[order], start).tolist(), strict=True)),
