@@ -166,9 +166,9 @@ def peers_table(results: Results) -> str:
 
 
 def phases_table(results: Results) -> str:
-    """The time of each phase of a step [ms]: a column for each case without sweep."""
+    """The time of each phase of a step and the part of it in Python [ms]: a column for each case without sweep."""
     columns = {
-        name: case.phases
+        name: {**case.phases, "of it in Python": case.figures["python_ms"].median}
         for name, case in _measured(results, kind="steps")
         if case.phases and not case.parameter
     }

@@ -93,7 +93,7 @@ def derive(cases: Mapping[str, CaseResult]) -> dict[str, float]:
         first, last = members[0], members[-1]
         if "threads" in first.parameter:
             for metric in first.figures.keys() & last.figures.keys():
-                if metric.endswith("_ms") and not metric.startswith(("cholmod", "superlu")):
+                if metric.endswith("_ms") and not metric.startswith(("cholmod", "superlu", "python")):
                     gain = first.figures[metric].median / last.figures[metric].median
                     found[f"{name}.{metric.removesuffix('_ms')}_gain"] = float(f"{gain:.4g}")
         if "count" in first.parameter and "peak_mb" in first.figures:

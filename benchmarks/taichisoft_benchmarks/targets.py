@@ -22,11 +22,12 @@ def targets_of(results: Results) -> Iterator[tuple[str, str, dict[str, str]]]:
     """
     for case, metrics in tomllib.loads(FILE.read_text(encoding="utf-8")).items():
         for metric, about in metrics.items():
+            theirs = about.get("peers", metric)
             columns = {
                 OURS: _value(results, case, metric),
                 "target": f"{about['target']:g}" if "target" in about else NOTHING,
                 "SOFA": f"{about['sofa']:g}" if "sofa" in about else NOTHING,
-                **{name: _value(results, f"{case}_{peer}", metric) for peer, name in PEERS.items()},
+                **{name: _value(results, f"{case}_{peer}", theirs) for peer, name in PEERS.items()},
             }
             yield about["label"], f"{case}.{metric}", columns
 

@@ -60,6 +60,7 @@ def test_a_case_gives_figures_as_lines_and_as_json_and_compares_with_itself(benc
     figures = dict(line.split()[:2] for line in lines if not line.startswith("#"))
     assert figures["tiny.nodes"] == "626"
     assert float(figures["tiny.step_ms"]) > 0.0
+    assert 0.0 < float(figures["tiny.python_ms"]) < float(figures["tiny.phases.step_ms"])
     document = json.loads((tmp_path / "out/results.json").read_text())
     case = document["cases"]["tiny"]
     assert len(case["figures"]["step_ms"]["values"]) == 2

@@ -43,7 +43,7 @@ def test_filling_twice_gives_the_same():
 
 def test_a_peer_stands_beside_ours_with_what_it_leaves_out():
     cases = {
-        "finger_coarse": case_of({"step_ms": [1.0]}, facts={"nodes": 376, "displacement_mm": 12.3}),
+        "finger_coarse": case_of({"step_ms": [1.0], "python_ms": [0.2]}, facts={"nodes": 376, "displacement_mm": 12.3}),
         "finger_coarse_mujoco": case_of(
             {"step_ms": [3.5]},
             group="finger_coarse_mujoco",
@@ -54,6 +54,7 @@ def test_a_peer_stands_beside_ours_with_what_it_leaves_out():
     }
     tables = page.fill_page("<!-- bench:targets -->\n<!-- end --><!-- bench:peers -->\n<!-- end -->", results_of(cases))
     assert "| `finger_coarse.step_ms` | 1 | 1 | 6 | 3.5 | - | - |" in tables
+    assert "| `finger_coarse.python_ms` | 0.2 | 0.15 | - | 3.5 | - | - |" in tables  # their whole step
     assert "| `finger_coarse_mujoco` | 12.3 | 10.5 | 9 | no air |" in tables
     assert "| `finger_coarse_drake` | - | - | - | drake is not installed |" in tables
 
