@@ -111,7 +111,7 @@ def main() -> None:
 
 
 def _measure(case: Case, meshes: Meshes) -> Measured:
-    """Measure by kind.
+    """Measure a case in the way of its kind.
 
     Raises:
         TaichisoftError: the case cannot be made, or failed.

@@ -42,7 +42,7 @@ def test_two_meshes_are_no_series() -> None:
 
 
 def test_the_state_of_rest_does_not_depend_on_the_steps_that_led_to_it() -> None:
-    """To twice what a node may still move when the finger is said to be at rest."""
+    """The tolerance is twice what a node may still move when the finger counts as resting."""
     nodes, _, first = bend("tutorial-coarse")
     assert nodes == 626
     assert bend("tutorial-coarse", step=1.0, damping=0.3)[2] == pytest.approx(first, abs=2e-4)
@@ -50,7 +50,7 @@ def test_the_state_of_rest_does_not_depend_on_the_steps_that_led_to_it() -> None
 
 @pytest.mark.parametrize(("name", "expected"), [("pneunetCutCoarse.vtk", 12.3), ("pneunetCut.vtk", 28.6)])
 def test_the_tutorials_own_meshes_bend_as_is_known(shared: Path, name: str, expected: float) -> None:
-    """To the last digit that is known, from a calculation in numpy."""
+    """Their displacements come from a calculation in numpy and are known to one digit after the point."""
     folder = shared / "tutorial-meshes"
     assert bend(str(folder / name), even_mass=True, **tutorial_surfaces(folder))[2] == pytest.approx(expected, abs=0.05)
 
@@ -60,7 +60,7 @@ def point(name: str, nodes: int, across: int | None) -> Point:
 
 
 def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With made-up figures: measuring takes minutes."""
+    """The figures are made up: measuring takes minutes."""
 
     def measured(sizes, even_sizes, tutorial_meshes):
         graded = [point(f"{size:g}", int(50000 / size**2), 1 + (size < 5)) for size in sizes]

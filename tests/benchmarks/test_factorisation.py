@@ -1,4 +1,4 @@
-"""What the factorisations of other libraries are given is our matrix."""
+"""The factorisations of other libraries are given our matrix."""
 
 import sys
 

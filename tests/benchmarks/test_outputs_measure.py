@@ -1,4 +1,4 @@
-"""What recording costs is measured on the same steps, without and with it."""
+"""The cost of recording is measured on the same steps, without and with it."""
 
 from pathlib import Path
 

@@ -76,7 +76,7 @@ def test_an_element_that_is_turned_inside_out_is_an_error() -> None:
 
 @pytest.mark.parametrize("quadratic", [False, True])
 def test_pressure_is_the_slope_of_the_volume(quadratic: bool) -> None:
-    """In a block whose sides are curved, along any motion, by Euler's relation for a function of degree three."""
+    """A block with curved sides has the volume of Euler's relation for functions of degree three, along any motion."""
     elements = make_elements(BLOCK.nodes, BLOCK.elements, quadratic)
     cavity = DeformedCavity(elements, boundary_triangles(BLOCK.elements))
     rest = elements.nodes

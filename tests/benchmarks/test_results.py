@@ -1,4 +1,4 @@
-"""What is said of repetitions, and results as JSON."""
+"""Figures of repetitions, and results as JSON."""
 
 import json
 

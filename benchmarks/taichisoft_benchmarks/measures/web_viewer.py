@@ -88,7 +88,7 @@ class Viewer:
 
 
 def main() -> None:
-    """Watch the page."""
+    """Watch the page, and print how often each surface moved."""
     with Viewer(sys.argv[1]) as viewer:
         viewer.watch()
     rates = {name: (len(at) - 1) / (at[-1] - at[0]) for name, at in viewer.moments.items() if len(at) > 1}

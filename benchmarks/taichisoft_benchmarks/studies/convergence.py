@@ -63,7 +63,7 @@ class Point:
 
 @dataclass(frozen=True)
 class Study:
-    """What was measured.
+    """The measurements of all meshes.
 
     Attributes:
         graded: Meshes as `taichisoft mesh` makes them.
