@@ -17,7 +17,7 @@ test: system-libraries browser lint
 	.venv/bin/pytest
 
 bench: system-libraries
-	.venv/bin/taichisoft bench --json out/bench/results.json $(OPTIONS)
+	.venv/bin/taichisoft bench --output out/bench $(OPTIONS)
 
 lint: .venv/installed
 	.venv/bin/ruff check

@@ -30,7 +30,7 @@ def test_the_python_of_the_readme_inflates_the_finger():
     assert report.volumes["finger.cavity"] > 1.02 * cavity.rest_volume[0]
 
 
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -1,4 +1,4 @@
-"""What the factorisations of other libraries are given is our matrix."""
+"""The factorisations of other libraries are given our matrix."""
 
 import sys
 
@@ -9,7 +9,7 @@ import scipy.sparse as sparse
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft_benchmarks.errors import PeerMissing
 from taichisoft_benchmarks.measures.factorisation import arithmetic, system_matrix
-from taichisoft_benchmarks.peers import cholmod, superlu
+from taichisoft_benchmarks.peers.factorisations import prepare_cholmod, prepare_superlu
 
 
 def chain(node_count: int) -> tuple[Cholesky, np.ndarray]:
@@ -33,14 +33,14 @@ def test_the_matrix_is_whole_and_symmetric():
 
 def test_superlu_factorises_it():
     solver, dense = chain(5)
-    factor = superlu.prepare(system_matrix(solver.block_pairs, solver.blocks, 5))()
+    factor = prepare_superlu(system_matrix(solver.block_pairs, solver.blocks, 5))()
     assert np.allclose(factor.solve(dense @ np.arange(15.0)), np.arange(15.0))
 
 
 def test_cholmod_factorises_it():
     cvxopt = pytest.importorskip("cvxopt")
     solver, dense = chain(5)
-    factor = cholmod.prepare(system_matrix(solver.block_pairs, solver.blocks, 5))()
+    factor = prepare_cholmod(system_matrix(solver.block_pairs, solver.blocks, 5))()
     x = cvxopt.matrix(dense @ np.arange(15.0))
     cvxopt.cholmod.solve(factor, x)
     assert np.allclose(np.array(x).ravel(), np.arange(15.0))
@@ -49,7 +49,7 @@ def test_cholmod_factorises_it():
 def test_without_cvxopt_it_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "cvxopt", None)
     with pytest.raises(PeerMissing, match=r"cvxopt is not installed; pip install 'taichisoft\[peers\]'"):
-        cholmod.prepare(sparse.identity(3).tocsc())
+        prepare_cholmod(sparse.identity(3).tocsc())
 
 
 def test_the_arithmetic_of_a_full_matrix_is_a_third_of_its_cube():

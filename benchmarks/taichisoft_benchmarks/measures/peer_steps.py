@@ -8,29 +8,28 @@ from typing import TYPE_CHECKING, Protocol
 import numpy as np
 
 from taichisoft.scenes.scene import Scene
-from taichisoft_benchmarks.descriptors import PeerCase
+from taichisoft_benchmarks.cases import PeerCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 from taichisoft_benchmarks.measures.steps import window_medians
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
-from taichisoft.building.simulation import make_model
 
 
 class Peer(Protocol):
     """Another program, set up with a model of ours; node arrays are in the order of the model's soft nodes."""
 
     does_not: str
-    """What it leaves out of the job."""
+    """What the program leaves out of the job."""
 
     def positions(self) -> np.ndarray:
-        """Of the nodes [mm], shape (node_count, 3)."""
+        """Positions of the nodes [mm], shape (node_count, 3)."""
 
     def step(self, force: np.ndarray) -> None:
         """One time step of the scene with these forces on the nodes [mN], shape (node_count, 3)."""
 
     def facts(self) -> dict[str, int]:
-        """What the run turned out to be, at its end."""
+        """What the run turned out to be at its end."""
 
 
 def measure_peer(case: PeerCase, scene: Scene) -> Measured:
@@ -42,13 +41,13 @@ def measure_peer(case: PeerCase, scene: Scene) -> Measured:
         PeerMissing: the program is not installed, or cannot do the case.
     """
     from taichisoft.building.controller_factory import make_controller
-    from taichisoft.building.simulation import Simulation
+    from taichisoft.building.simulation import Simulation, make_model
 
     started = time.perf_counter()
     model = make_model(scene)
     peer = _factory(case.peer)(model)
     prepared = time.perf_counter() - started
-    observation = Simulation(model).observe()  # of the start: the scripts look at the time only
+    observation = Simulation(model).observe()  # at the start: the scripts look at the time only
     controller = make_controller(scene)
     controller.reset(model)
     seconds = []
@@ -68,9 +67,9 @@ def pressure_forces(model: "Model", position: np.ndarray, pressure: dict[str, fl
     """Forces of the air on the nodes [mN], shape (node_count, 3).
 
     Args:
-        model: knows the walls of the cavities.
-        position: of the nodes [mm], shape (node_count, 3).
-        pressure: [kPa] by cavity name.
+        model: model with the walls of the cavities.
+        position: positions of the nodes [mm], shape (node_count, 3).
+        pressure: pressure [kPa] by cavity name.
     """
     cavities = model.cavities
     cavities.update(position)

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from taichisoft_benchmarks.case_file import cases_from_dict, choose, read_cases
-from taichisoft_benchmarks.descriptors import PeerCase
+from taichisoft_benchmarks.cases import PeerCase, cases_from_dict, choose, read_cases
 from taichisoft_benchmarks.errors import BenchmarkError
 
 STEPS = {

@@ -1,4 +1,4 @@
-"""What recording costs is measured on the same steps, without and with it."""
+"""The cost of recording is measured on the same steps, without and with it."""
 
 from pathlib import Path
 
@@ -7,9 +7,8 @@ import pytest
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.scenes.scene import Controller, Scene
-from taichisoft_benchmarks.case_file import cases_from_dict, read_cases
-from taichisoft_benchmarks.descriptors import RecordingCase
-from taichisoft_benchmarks.measures import recording as measure
+from taichisoft_benchmarks.cases import RecordingCase, cases_from_dict, read_cases
+from taichisoft_benchmarks.measures import outputs
 
 
 def test_the_cost_is_the_median_of_the_pairs(taichisoft_scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -22,9 +21,9 @@ def test_the_cost_is_the_median_of_the_pairs(taichisoft_scene: Scene, monkeypatc
             (folder / "recording.h5").write_bytes(bytes(40_000))
         return next(seconds), 0.02
 
-    monkeypatch.setattr(measure, "_run", run)
+    monkeypatch.setattr(outputs, "_recorded_run", run)
     case = RecordingCase(kind="recording", title="", scene="", finger="", steps=10, pairs=3)
-    figures = measure.measure_recording(case, taichisoft_scene).figures
+    figures = outputs.measure_recording(case, taichisoft_scene).figures
     assert figures["cost_ms"] == pytest.approx(1e3 * 0.5 / 10)  # 0.5, 1.0 and 0.1 s
     assert figures["cost_percent"] == pytest.approx(100.0 * 0.5 / 2.0)
     assert figures["output_ms"] == pytest.approx(1e3 * 0.02 / 10)
@@ -38,7 +37,7 @@ def test_a_recording_is_written_and_measured(taichisoft_scene: Scene) -> None:
     )
     scene = taichisoft_scene.model_copy(update={"controller": Controller(name="keyboard")})
     assert isinstance(named.case, RecordingCase)
-    figures = measure.measure_recording(named.case, scene).figures
+    figures = outputs.measure_recording(named.case, scene).figures
     assert min(figures["step_ms"], figures["output_ms"]) > 0.0 and figures["kb_per_step"] > 1.0
 
 

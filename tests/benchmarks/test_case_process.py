@@ -1,9 +1,9 @@
-"""What the process of a case is given."""
+"""The process of a case: its environment, and its time limit."""
 
 from pathlib import Path
 
-from taichisoft_benchmarks.case_file import cases_from_dict
-from taichisoft_benchmarks.child import environment_of, measure_in_child
+from taichisoft_benchmarks.case_process import environment_of, measure_in_process
+from taichisoft_benchmarks.cases import cases_from_dict
 from taichisoft_benchmarks.scenes import Meshes
 
 START = {"kind": "start", "title": "", "scene": "gripper", "finger": "finger1"}
@@ -28,4 +28,4 @@ def test_a_cold_start_finds_no_compiled_kernel(tmp_path):
 
 def test_a_process_that_takes_too_long_is_ended(tmp_path):
     (named,) = cases_from_dict({"case": {**START, "time_limit": 0.01}})
-    assert measure_in_child(named.case, Meshes(None, tmp_path)).problem == "no answer within 0.01 s"
+    assert measure_in_process(named.case, Meshes(None, tmp_path)).problem == "no answer within 0.01 s"
