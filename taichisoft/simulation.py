@@ -48,7 +48,7 @@ class Simulation:
         self._detection = ContactDetection(model.surfaces, self._moving)
         self._reduction = ContactReduction(model.surfaces.body_size, model.scene.contact.spacing)
         self._constraints = Constraints(model, self._soft, self._rigid, self._volumes)
-        self._check_divergence = DivergenceCheck(model)
+        self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model, self._volumes)
 
     def restore(self, state: State) -> None:
@@ -74,7 +74,7 @@ class Simulation:
         contacts, last_impulse, max_penetration = self._find_contacts(start)
         self._constraints.solve(start, contacts, last_impulse)
         end = self._integrate(start, contacts)
-        self._check_divergence(start, end)
+        self._divergence_check.check(start, end)
         self.state = end
         self.report = self._make_report(end, control, max_penetration, started)
         return self.report

@@ -3,6 +3,7 @@
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -27,7 +28,7 @@ def apply_control(model: Model, state: State, control: Control) -> State:
     for name, value in control.signals.items():
         if not isinstance(value, int | float):
             raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
-    changes = {
+    changes: dict[str, Any] = {
         "cavity_volume_imposed": imposed,
         "cavity_request": request,
         "cavity_target": limit_pressures(model.scene.limits, model.scene.time.step, state, imposed, request),

@@ -121,7 +121,7 @@ class Constraints:
         self._measure_volume_rates(state)
 
     def _assemble_soft_compliance(self, soft: SoftMotion) -> None:
-        solver = soft.solver
+        solver = soft.system.solver
         small = self._row_count * solver.symbolic.factor_entries < SMALL_COMPLIANCE
         assemble = compliance.soft_compliance_serially if small else compliance.soft_compliance
         self._problem.columns.done[0] = 0

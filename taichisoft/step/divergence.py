@@ -39,8 +39,8 @@ class DivergenceCheck:
                 count=np.zeros(len(soft), dtype=np.int32),
             )
 
-    def __call__(self, before: State, after: State) -> None:
-        """Check a step.
+    def check(self, before: State, after: State) -> None:
+        """Compare the states of a step.
 
         Raises:
             SimulationDiverged: a value is not finite, a body explodes, or too many of its elements are inverted.

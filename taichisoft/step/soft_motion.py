@@ -17,7 +17,7 @@ class SoftMotion:
     Attributes:
         free_velocity: of the nodes after the step, without the impulses of contacts and of imposed volumes [mm/s],
             shape (node_count, 3); the same array in every step.
-        solver: the direct solver, which has factorised this step's matrix A.
+        system: elastic forces and matrix of the step, and the direct solver that has factorised it.
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, volumes: CavityVolumes):
@@ -30,8 +30,7 @@ class SoftMotion:
         """
         self._model = model
         self._volumes = volumes
-        self._system = ElasticSystem(elasticity)
-        self.solver = self._system.solver
+        self.system = ElasticSystem(elasticity)
         mass = elasticity.node_mass[:, None]
         self._weight = mass * model.gravity
         self._drag = mass * elasticity.node_rayleigh_mass[:, None]
@@ -54,25 +53,25 @@ class SoftMotion:
         Raises:
             SimulationDiverged: the system matrix is not positive definite.
         """
-        self._system.position[:], self._system.velocity[:] = state.position, state.velocity
+        self.system.position[:], self.system.velocity[:] = state.position, state.velocity
         self._volumes.update(state.position)
-        self._system.assemble()
+        self.system.assemble()
         self._factorise(state)
         # In place: the memory of large results that are thrown away costs more than the sums.
         np.multiply(self._drag, state.velocity, out=self._force)
         np.subtract(self._weight, self._force, out=self._force)
-        self._force += self._system.force
+        self._force += self.system.force
         self._add_anchors_and_pressures(state)
         self._force *= self._model.scene.time.step
         np.add(self.response(self._force), state.velocity, out=self.free_velocity)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], (node_count, 3), by impulses on the nodes [mN s], (node_count, 3)."""
-        return self.solver.solve(node_impulse)
+        return self.system.solver.solve(node_impulse)
 
     def _factorise(self, state: State) -> None:
         try:
-            self.solver.factorise()
+            self.system.solver.factorise()
         except NotPositiveDefinite as error:
             body = self._model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
@@ -84,8 +83,8 @@ class SoftMotion:
         kernels.add_anchors_and_pressures(
             self._anchors,
             self._base,
-            self._system.position,
-            self._system.velocity,
+            self.system.position,
+            self.system.velocity,
             self._model.cavities.surfaces,
             self._volumes.gradient,
             self._pressure,

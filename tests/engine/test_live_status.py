@@ -22,7 +22,13 @@ def session(**changes: Any) -> Any:
     bodies = [SimpleNamespace(name="ball"), SimpleNamespace(name="cube")]
     report = SimpleNamespace(
         pressures={"left.air": 50.0, "right.air": 50.04},
-        normal_forces={"left|cube": 120.4, "cube|right": 80.0, "ball|cube": 5.0, "cube|floor": 7.0, "left|right": 9.0},
+        normal_forces={
+            ("left", "cube"): 120.4,
+            ("cube", "right"): 80.0,
+            ("ball", "cube"): 5.0,
+            ("cube", "floor"): 7.0,
+            ("left", "right"): 9.0,
+        },
     )
     pace = Pace(speed=1.0)
     pace.real_time_factor = 0.99
@@ -65,7 +71,7 @@ def test_it_says_how_the_run_goes() -> None:
 
 def test_pressures_that_differ_are_named() -> None:
     run = session()
-    run.simulation.report.pressures["right.air"] = 20.0
+    run.simulation.report.observation.pressures["right.air"] = 20.0
     assert "left.air 50.0 kPa, right.air 20.0 kPa" in picture(run)
 
 

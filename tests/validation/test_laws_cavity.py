@@ -77,7 +77,7 @@ def test_pressure_does_not_depend_on_the_time_step(hollow: Callable[[float], Sim
     for step in (0.02, 0.01, 0.005, 0.001):
         simulation = hollow(step)
         report = advance(simulation, 0.5, Control(pressure={CAVITY: 100.0}))
-        assert report.pressures[CAVITY] == pytest.approx(100.0, rel=1e-12)
+        assert report.observation.pressures[CAVITY] == pytest.approx(100.0, rel=1e-12)
         shapes[step] = simulation.state.position
     displacement = np.abs(shapes[0.001] - simulation.model.rest_position).max()
     assert displacement > 0.2
@@ -90,9 +90,9 @@ def test_volume_and_pressure_are_dual(hollow: Callable[[float], Simulation], fig
     """The pressure that an imposed volume takes, imposed, gives that volume. Tolerance 1e-9: rest, as above."""
     by_volume = hollow(0.01)
     report = advance(by_volume, 0.5, Control(volume_growth={CAVITY: 100.0}))
-    pressure = report.pressures[CAVITY]
+    pressure = report.observation.pressures[CAVITY]
     assert pressure > 1.0
     by_pressure = hollow(0.01)
     report = advance(by_pressure, 0.5, Control(pressure={CAVITY: pressure}))
-    growth = report.volumes[CAVITY] - by_pressure.model.cavities.rest_volume[0]
+    growth = report.observation.volumes[CAVITY] - by_pressure.model.cavities.rest_volume[0]
     figures.close("growth of the volume [mm^3]", growth, 100.0, 1e-7)

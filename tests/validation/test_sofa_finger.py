@@ -44,7 +44,7 @@ def test_the_finger_follows_sofa(shared: Path, figures: Figures, name: str, mesh
             control = Control(volume_growth={"finger.cavity": float(value)})
         else:
             control = Control(pressure={"finger.cavity": float(value) / step})
-        pressure = simulation.step(control).pressures["finger.cavity"]
+        pressure = simulation.step(control).observation.pressures["finger.cavity"]
         position = simulation.state.position
         miss = position - every_node[k] if every_node is not None else position[tip] - run["tip"][k]
         worst = max(worst, np.abs(miss).max())

@@ -23,19 +23,21 @@ DENSE_MFLOP = 2.0 * machine.DENSE_SIZE**3 / 1e6
 
 def measure_factorisation(case: FactorisationCase, scene: Scene) -> Measured:
     """Median times to factorise the matrix of the first step."""
-    from taichisoft.building.simulation import Simulation
+    from taichisoft.bodies.elasticity import ElasticSystem
+    from taichisoft.building.simulation import make_model
 
-    simulation = Simulation(scene)
-    simulation.step()  # assembles the matrix, and leaves it with the solver
-    model = simulation.model
+    model = make_model(scene)
     assert model.elasticity is not None
-    solver = model.elasticity.solver
-    matrix = system_matrix(solver.block_pairs, solver.blocks, model.node_count)
+    system = ElasticSystem(model.elasticity)
+    system.position[:] = model.rest_position
+    system.assemble()
+    solver, symbolic = system.solver, system.solver.symbolic
+    matrix = system_matrix(symbolic.block_pairs, solver.blocks, model.node_count)
     contestants: dict[str, Callable[[], Any]] = {"factorise": solver.factorise}
     facts: dict[str, Any] = {
         "nodes": model.node_count,
         "unknowns": matrix.shape[0],
-        "factor_entries": int(solver.factor_entries),
+        "factor_entries": int(symbolic.factor_entries),
     }
     for name, prepare in (("cholmod", prepare_cholmod), ("superlu", prepare_superlu)):
         try:

@@ -71,12 +71,14 @@ def pressure_forces(model: "Model", position: np.ndarray, pressure: dict[str, fl
         position: positions of the nodes [mm], shape (node_count, 3).
         pressure: pressure [kPa] by cavity name.
     """
-    cavities = model.cavities
-    cavities.update(position)
+    from taichisoft.bodies.cavities import CavityVolumes
+
+    cavities, volumes = model.cavities, CavityVolumes(model.cavities, model.node_count)
+    volumes.update(position.copy())
     by_cavity = np.array([pressure.get(name, 0.0) for name in cavities.names])
-    by_entry = np.repeat(by_cavity, np.diff(cavities.entry_start))
+    by_entry = np.repeat(by_cavity, np.diff(cavities.surfaces.entry_start))
     force = np.zeros((model.node_count, 3))
-    np.add.at(force, cavities.entry_node, by_entry[:, None] * cavities.gradient)
+    np.add.at(force, cavities.surfaces.entry_node, by_entry[:, None] * volumes.gradient)
     return force
 
 
