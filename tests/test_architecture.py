@@ -62,6 +62,14 @@ LAYERS = {
         "machine",
         "errors",
     ],
+    "taichisoft_controllers": [
+        "__init__",
+        "closed_loop",
+        "keyboard",
+        "scripted",
+        "settings",
+        "model_names",
+    ],
 }
 PACKAGES = [
     ENGINE,
