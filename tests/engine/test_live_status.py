@@ -20,7 +20,7 @@ def session(**changes: Any) -> Any:
     goal = SimpleNamespace(object="cube")
     scene = SimpleNamespace(gravity=(-9810.0, 0.0, 0.0), goal=goal, soft_bodies={"left": None, "right": None})
     bodies = [SimpleNamespace(name="ball"), SimpleNamespace(name="cube")]
-    report = SimpleNamespace(
+    observation = SimpleNamespace(
         pressures={"left.air": 50.0, "right.air": 50.04},
         normal_forces={
             ("left", "cube"): 120.4,
@@ -30,6 +30,7 @@ def session(**changes: Any) -> Any:
             ("left", "right"): 9.0,
         },
     )
+    report = SimpleNamespace(observation=observation)
     pace = Pace(speed=1.0)
     pace.real_time_factor = 0.99
     parts = {
