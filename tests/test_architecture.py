@@ -41,6 +41,7 @@ LAYERS = {
         "cholesky",
         "state",
         "atomic_file",
+        "child_process",
         "kernels",
         "errors",
     ],

@@ -2,13 +2,11 @@
 
 import json
 import os
-import signal
-import subprocess
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from taichisoft.child_process import run_python
 from taichisoft_benchmarks.descriptors import Case, StartCase
 from taichisoft_benchmarks.measures.measured import Measured
 from taichisoft_benchmarks.scenes import Meshes
@@ -41,36 +39,18 @@ def measure_in_child(case: Case, meshes: Meshes) -> Answer:
             "made": str(meshes.made),
         }
         (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
-        problem = _run(case, folder)
+        problem = run_python(
+            ["-m", "taichisoft_benchmarks.case_process", folder / "job.json", folder / "result.json"],
+            case.time_limit,
+            {**os.environ, **environment_of(case, folder)},
+            folder,  # some programs leave logs where they run
+        ).problem
         if problem:
             return Answer(problem=problem)
         answer = json.loads((folder / "result.json").read_text(encoding="utf-8"))
     if "measured" in answer:
         return Answer(Measured(**answer["measured"]))
     return Answer(skipped=answer.get("skipped", ""), problem=answer.get("problem", ""))
-
-
-def _run(case: Case, folder: Path) -> str:
-    """One line when the process did not come to its end."""
-    try:
-        child = subprocess.run(
-            [sys.executable, "-m", "taichisoft_benchmarks.case_process", folder / "job.json", folder / "result.json"],
-            env={**os.environ, **environment_of(case, folder)},
-            cwd=folder,  # some programs leave logs where they run
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=case.time_limit,
-        )
-    except subprocess.TimeoutExpired:
-        return f"no answer within {case.time_limit:g} s"
-    if child.returncode < 0:
-        return f"the process was ended by {signal.Signals(-child.returncode).name}"
-    if child.returncode > 0:
-        lines = child.stderr.strip().splitlines()
-        return lines[-1] if lines else f"exit code {child.returncode}"
-    return ""
 
 
 def environment_of(case: Case, folder: Path) -> dict[str, str]:

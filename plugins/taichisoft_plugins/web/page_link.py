@@ -11,6 +11,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.child_process import how_it_ended
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.slider import Slider
 from taichisoft.session.session import BINDINGS
@@ -73,11 +74,7 @@ class PageLink:
         self._sender.join(END_LIMIT)
         if not self._sender.is_alive():  # otherwise the page reads nothing any more
             self._tell(Farewell(outcome))
-        try:
-            self._process.wait(END_LIMIT)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        self._end_process()
 
     def _open(self, address: Address) -> int:
         """Send the first message and wait for the answer; a process that hangs is ended."""
@@ -89,8 +86,7 @@ class PageLink:
             assert isinstance(answer, Ready)
             return answer.port
         except (OSError, EOFError) as error:
-            self._process.wait()
-            raise WebError(f"no page at {address.url}: {self._last_words()}") from error
+            raise WebError(f"no page at {address.url}: {self._end_process()}") from error
         finally:
             watchdog.cancel()
 
@@ -126,7 +122,7 @@ class PageLink:
                 continue
             sent, last = newest, time.monotonic()
             if not self._tell(self._snapshot()):
-                warnings.warn(f"the web page is gone; the run goes on: {self._last_words()}", stacklevel=1)
+                warnings.warn(f"the web page is gone; the run goes on: {self._end_process()}", stacklevel=1)
                 return
         self._tell(self._snapshot())
 
@@ -180,8 +176,12 @@ class PageLink:
             return False
         return True
 
-    def _last_words(self) -> str:
-        """What the process complained of last."""
+    def _end_process(self) -> str:
+        """Wait for the end of the process, and say in one line why it ended."""
+        try:
+            exit_code = self._process.wait(END_LIMIT)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            exit_code = self._process.wait()
         self._errors.seek(0)
-        lines = self._errors.read().decode(errors="replace").strip().splitlines()
-        return lines[-1] if lines else "its process ended without a word"
+        return how_it_ended(exit_code, self._errors.read()) or "its process ended"
