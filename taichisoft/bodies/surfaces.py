@@ -28,21 +28,30 @@ class Poses(Protocol):
 
 
 @dataclass(frozen=True)
-class BodySurface:
-    """A surface and what carries it: soft nodes, a rigid body, or nothing that moves.
+class Surface:
+    """A surface of a body; two kinds of it know where its vertices are, in a state and in a frame of a recording.
 
     Attributes:
         name: Name of the body, or of the cavity ("finger1.cavity").
         kind: What the surface belongs to.
         triangles: Vertex indices, outward, shape (triangle_count, 3).
-        shape: A map from all soft nodes to the vertices, or the vertices [mm], shape (vertex_count, 3): those of a rigid
-            body in its own frame, those of an obstacle in the world.
-        rigid_body: Index of the rigid body that carries the vertices; None for other surfaces.
     """
 
     name: str
     kind: SurfaceKind
     triangles: np.ndarray
+
+
+@dataclass(frozen=True)
+class BodySurface(Surface):
+    """A surface and what carries it: soft nodes, a rigid body, or nothing that moves.
+
+    Attributes:
+        shape: A map from all soft nodes to the vertices, or the vertices [mm], shape (vertex_count, 3): those of a rigid
+            body in its own frame, those of an obstacle in the world.
+        rigid_body: Index of the rigid body that carries the vertices; None for other surfaces.
+    """
+
     shape: MappedSurface | np.ndarray
     rigid_body: int | None = None
 
