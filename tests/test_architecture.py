@@ -45,6 +45,21 @@ LAYERS = {
         "kernels",
         "errors",
     ],
+    "taichisoft_plugins": [
+        "__init__",
+        "doctor",
+        "report",
+        "rendering",
+        "web",
+        "paraview",
+        "plots",
+        "csv_output",
+        "metrics",
+        "drawing",
+        "stress",
+        "recording",
+        "system_libraries",
+    ],
 }
 PACKAGES = [
     ENGINE,
