@@ -47,7 +47,7 @@ fits = import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 13)
 # the libraries themselves milliseconds.
 define missing_packages
 import ctypes, sys
-from taichisoft_plugins.doctor.system_libraries import SYSTEM_LIBRARIES
+from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES
 
 for library in SYSTEM_LIBRARIES if sys.platform == "linux" else ():
     try:

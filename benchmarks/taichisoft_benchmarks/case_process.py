@@ -7,8 +7,6 @@ and a crash stay its own. It is `python -m taichisoft_benchmarks.case_process JO
 
 import json
 import os
-import signal
-import subprocess
 import sys
 import warnings
 from collections.abc import Callable
@@ -17,6 +15,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+from taichisoft.child_process import run_python
 from taichisoft.errors import TaichisoftError
 from taichisoft_benchmarks import cases
 from taichisoft_benchmarks.cases import Case, MeshingCase, StartCase
@@ -52,7 +51,12 @@ def measure_in_process(case: Case, meshes: Meshes) -> Answer:
             "made": str(meshes.made),
         }
         (folder / "job.json").write_text(json.dumps(job), encoding="utf-8")
-        problem = _run(case, folder)
+        problem = run_python(
+            ["-m", "taichisoft_benchmarks.case_process", folder / "job.json", folder / "result.json"],
+            case.time_limit,
+            {**os.environ, **environment_of(case, folder)},
+            folder,  # some programs leave logs where they run
+        ).problem
         if problem:
             return Answer(problem=problem)
         answer = json.loads((folder / "result.json").read_text(encoding="utf-8"))
@@ -69,29 +73,6 @@ def environment_of(case: Case, folder: Path) -> dict[str, str]:
     if isinstance(case, StartCase) and case.cold:
         changes["TI_OFFLINE_CACHE_FILE_PATH"] = str(folder / "kernels")
     return changes
-
-
-def _run(case: Case, folder: Path) -> str:
-    """Run the process; returns one line when it did not come to its end."""
-    try:
-        child = subprocess.run(
-            [sys.executable, "-m", "taichisoft_benchmarks.case_process", folder / "job.json", folder / "result.json"],
-            env={**os.environ, **environment_of(case, folder)},
-            cwd=folder,  # some programs leave logs where they run
-            stdin=subprocess.DEVNULL,
-            capture_output=True,
-            text=True,
-            errors="replace",
-            timeout=case.time_limit,
-        )
-    except subprocess.TimeoutExpired:
-        return f"no answer within {case.time_limit:g} s"
-    if child.returncode < 0:
-        return f"the process was ended by {signal.Signals(-child.returncode).name}"
-    if child.returncode > 0:
-        lines = child.stderr.strip().splitlines()
-        return lines[-1] if lines else f"exit code {child.returncode}"
-    return ""
 
 
 def main() -> None:

@@ -30,6 +30,8 @@ def gripper_model() -> SimpleNamespace:
         node_count = bodies[-1].nodes.stop
     return SimpleNamespace(
         scene=scene,
+        body_names=(*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles),
+        cavities=SimpleNamespace(names=[cavity.name for body in bodies for cavity in body.cavities]),
         soft_bodies=tuple(bodies),
         rigid_bodies=tuple(make_rigid_body(name, body) for name, body in scene.rigid_bodies.items()),
         obstacles=tuple(make_obstacle(name, obstacle) for name, obstacle in scene.obstacles.items()),

@@ -63,6 +63,8 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
     )
     return SimpleNamespace(
         scene=scene,
+        body_names=("finger", "cube", *(("floor",) if floor else ())),
+        cavities=SimpleNamespace(names=("finger.cavity",)),
         soft_bodies=(finger,),
         rigid_bodies=(SimpleNamespace(name="cube", vertices=CUBE, triangles=CUBE_FACES),),
         obstacles=(plane,) if floor else (),

@@ -92,11 +92,11 @@ def test_colours_of_soft_bodies_and_cavities_mean_what_the_bars_say(gripper):
 def test_there_is_no_bar_for_what_cannot_be_seen(gripper, tmp_path):
     for style in (Style(cavity_pressure=False), Style(opacity=1.0)):
         assert Colouring(gripper, style, FRAMES, gripper.surfaces).scales == ()
-    fake_run.fake_run([RecordingOutput(tmp_path, fields="positions")], steps=2)
-    with read_recording(tmp_path / "recording.h5") as bare:
-        assert Colouring(bare, Style(), FRAMES, bare.surfaces).scales == ()
-        assert caption_parts(bare, 1) == ["0.01 s", "cube raised 0.0 mm"]
-        ForceArrows(bare, FRAMES, 10.0).paint(None, None, 1)  # would fail if it tried to paint
+    fake_run.fake_run([RecordingOutput(tmp_path)], steps=0)
+    with read_recording(tmp_path / "recording.h5") as start:  # without any pressure or contact
+        assert Colouring(start, Style(), [0], start.surfaces).scales == ()
+        assert caption_parts(start, 0) == ["0.00 s", "cube raised 0.0 mm"]
+        ForceArrows(start, [0], 10.0).paint(None, None, 0)  # would fail if it tried to paint
 
 
 def test_a_colour_scale_is_linear_and_holds_its_ends():
@@ -122,8 +122,8 @@ def test_the_caption_has_time_pressure_and_height(gripper):
 def test_different_pressures_are_all_in_the_caption(pressures, text):
     rows = {"pressure": np.array(pressures), "rigid_position": np.zeros((0, 3))}
     recording = SimpleNamespace(
-        times=np.zeros(3), has=rows.__contains__, cavities=pressures, row=lambda name, frame: rows[name], last_start=0,
-        rigid_bodies=(), up=np.array([0.0, 0.0, 1.0]),
+        times=np.zeros(3), cavities=pressures, row=lambda name, frame: rows[name], last_start=0,
+        scene=SimpleNamespace(rigid_bodies=(), up=np.array([0.0, 0.0, 1.0])),
     )  # fmt: skip
     assert caption_parts(recording, 1) == ["0.00 s", text]
 
@@ -142,7 +142,7 @@ def test_a_caption_that_is_too_long_goes_on_in_the_next_line():
 def test_twice_the_force_is_twice_the_arrow(gripper):
     from taichisoft_plugins.drawing.camera import fit_camera
 
-    camera = fit_camera(gripper.surfaces[0].vertices(0), gripper.up, "front", 16 / 9)
+    camera = fit_camera(gripper.surfaces[0].vertices(0), gripper.scene.up, "front", 16 / 9)
     lengths = []
     for radius in (50.0, 100.0):
         picture = Image.new("RGB", (640, 360))

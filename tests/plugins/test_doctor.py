@@ -8,9 +8,9 @@ import typer
 from typer.testing import CliRunner
 
 import taichisoft_plugins
+from taichisoft.child_process import ChildResult
 from taichisoft_plugins.doctor import command as doctor_command
-from taichisoft_plugins.doctor.system_libraries import SYSTEM_LIBRARIES, packages_for
-from taichisoft_plugins.rendering.child_process import ChildResult
+from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, packages_for
 
 
 @pytest.fixture

@@ -25,15 +25,14 @@ def model(goal: bool = True) -> Any:
             "time": {"step": STEP},
             "goal": {"object": "cube", "hold": 2.0, "tolerance": 1.0, "creep": 0.1} if goal else None,
             "obstacles": {"floor": {"plane": {"point": (-20.0 * UP).tolist(), "normal": UP.tolist()}}},
+            "soft_bodies": {
+                name: {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
+                for name in ("finger1", "finger2")
+            },
             "rigid_bodies": {name: {"box": [10, 10, 10], "mass": 0.001} for name in ("other", "cube")},
         }
     )
-    return SimpleNamespace(
-        scene=scene,
-        gravity=np.array(scene.gravity),
-        rigid_bodies=[SimpleNamespace(name="other"), SimpleNamespace(name="cube")],
-        soft_bodies=[SimpleNamespace(name="finger1"), SimpleNamespace(name="finger2")],
-    )
+    return SimpleNamespace(scene=scene)
 
 
 def report(step: int, **changes: Any) -> Any:

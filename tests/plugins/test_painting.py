@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from taichisoft.bodies.surfaces import Plane
 from taichisoft_plugins.drawing.camera import fit_camera, project
 from taichisoft_plugins.drawing.floor import Floor
 from taichisoft_plugins.drawing.painting import arrow_outline, paint_polygon, text_colour
@@ -14,7 +15,6 @@ from taichisoft_plugins.drawing.smooth_edges import smooth_edges
 from taichisoft_plugins.drawing.stage import NOTHING
 from taichisoft_plugins.drawing.translucency import in_layers, laid_over
 from taichisoft_plugins.drawing.walls import reaches_under, square_of_plane
-from taichisoft_plugins.recording.reader import RecordedPlane
 
 RIGHT, FRONT, UP = np.eye(3)
 SIZE = (320, 180)
@@ -49,7 +49,7 @@ def test_silicone_throws_a_weaker_shadow_and_nothing_under_the_plane_throws_one(
 def test_the_floor_is_dark_under_a_body_and_fades_into_the_background():
     background = np.array([0.8, 0.8, 0.8])
     points = fake_run.CUBE + np.array([0.0, 0.0, 5.0])
-    floor = Floor(RecordedPlane("floor", np.zeros(3), UP), points, background)
+    floor = Floor(Plane("floor", np.zeros(3), UP), points, background)
     camera = fit_camera(3 * points, UP, "front", SIZE[0] / SIZE[1])
     empty = np.full((180, 320, 3), 204, dtype=np.uint8)
     picture = floor.paint(empty, camera, [(points, fake_run.CUBE_FACES, 1.0)]).astype(int)
@@ -64,14 +64,14 @@ def test_the_floor_is_dark_under_a_body_and_fades_into_the_background():
 
 
 def test_slopes_and_walls_end_at_the_floor():
-    floor = RecordedPlane("floor", np.zeros(3), UP)
-    slope = RecordedPlane("slope", np.zeros(3), np.array([0.6, 0.0, 0.8]))
+    floor = Plane("floor", np.zeros(3), UP)
+    slope = Plane("slope", np.zeros(3), np.array([0.6, 0.0, 0.8]))
     vertices, triangles = square_of_plane(slope, fake_run.CUBE, [floor])
     assert vertices[:, 2].min() == pytest.approx(0.0, abs=1e-9)
     assert vertices[:, 2].max() > 5.0
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     assert (np.cross(b - a, c - a) @ slope.normal > 0).all(), "seen from where things are"
-    sunk, _ = square_of_plane(RecordedPlane("w", np.array([0, 0, -9.0]), -UP), fake_run.CUBE, [floor])
+    sunk, _ = square_of_plane(Plane("w", np.array([0, 0, -9.0]), -UP), fake_run.CUBE, [floor])
     assert len(sunk) == 0
     assert reaches_under(floor, fake_run.CUBE) and not reaches_under(floor, fake_run.CUBE + np.array([0, 0, 4.9]))
 

@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from taichisoft.child_process import ChildResult, run_python
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.rendering import pictures
-from taichisoft_plugins.rendering.child_process import ChildResult, run_python
 from taichisoft_plugins.rendering.pictures import PicturesOutput, key_moments
 from taichisoft_plugins.rendering.render import RenderError, render_pictures
 

@@ -9,8 +9,8 @@ from importlib.metadata import metadata
 
 import typer
 
-from taichisoft_plugins.doctor.system_libraries import SYSTEM_LIBRARIES, install_line, packages_for
-from taichisoft_plugins.rendering.child_process import run_python
+from taichisoft.child_process import run_python
+from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, install_line, packages_for
 
 TIME_LIMIT = 90.0
 

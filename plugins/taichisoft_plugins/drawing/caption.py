@@ -16,15 +16,15 @@ BODIES = 3
 def caption_parts(recording: Recording, frame: int) -> list[str]:
     """What the caption says; pressures only where and when there are any."""
     parts = [f"{recording.times[frame]:.2f} s"]
-    if recording.has("pressure") and recording.cavities:
+    if recording.cavities:
         pressures = recording.row("pressure", frame)
         if not np.isnan(pressures).all():
             parts.append(_pressures(pressures))
     start = recording.row("rigid_position", recording.last_start if frame >= recording.last_start else 0)
-    rises = (recording.row("rigid_position", frame) - start) @ recording.up
-    for body, rise in list(zip(recording.rigid_bodies, rises, strict=True))[:BODIES]:
+    rises = (recording.row("rigid_position", frame) - start) @ recording.scene.up
+    for name, rise in list(zip(recording.scene.rigid_bodies, rises, strict=True))[:BODIES]:
         # Less than half of the last digit is not "-0.0".
-        parts.append(f"{body.name} raised {round(float(rise), 1) + 0.0:.1f} mm")
+        parts.append(f"{name} raised {round(float(rise), 1) + 0.0:.1f} mm")
     return parts
 
 

@@ -93,8 +93,8 @@ def _embedded(
 
 
 def _pressure_scale(recording: Recording, frames: Sequence[int]) -> ColourScale | None:
-    """None where no pressure was recorded, or none but zero."""
-    if not (recording.has("pressure") and recording.cavities):
+    """None where there is no cavity, or no pressure but zero."""
+    if not recording.cavities:
         return None
     pressures = recording.column("pressure")[np.unique(frames)]
     lowest, highest = np.nanmin(pressures, initial=0.0), np.nanmax(pressures, initial=0.0)

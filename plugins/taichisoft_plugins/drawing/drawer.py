@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from taichisoft.bodies.surfaces import Plane
 from taichisoft_plugins.drawing.camera import scene_axes
 from taichisoft_plugins.drawing.camera_path import camera_path
 from taichisoft_plugins.drawing.colour_bars import ROOM
@@ -16,7 +17,7 @@ from taichisoft_plugins.drawing.style import Style, StyleError
 from taichisoft_plugins.drawing.surface_painter import SurfacePainter
 from taichisoft_plugins.drawing.visual_surface import with_visual_surfaces
 from taichisoft_plugins.drawing.walls import is_floor, reaches_under, square_of_plane
-from taichisoft_plugins.recording.reader import RecordedPlane, Recording
+from taichisoft_plugins.recording.reader import Recording
 
 HELD_BACK = {"soft": 0.55, "rigid": 1.0, "obstacle": 1.0}
 """How much of the light a kind of surface holds back [-]; silicone lets some through."""
@@ -39,7 +40,7 @@ class Drawer:
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int]):
         check_style(recording, style)
         width, height = style.size
-        up = recording.up
+        up = recording.scene.up
         self._surfaces = with_visual_surfaces(recording, style.surface)
         points = outermost_points(self._surfaces, frames)
         radius = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
@@ -85,7 +86,7 @@ class Drawer:
         picture = self._painter.paint(picture, camera, vertices, colours)
         return self._signs.paint(smooth_edges(picture), camera, frame)
 
-    def _hide_what_is_under(self, floors: Sequence[RecordedPlane], points: np.ndarray) -> None:
+    def _hide_what_is_under(self, floors: Sequence[Plane], points: np.ndarray) -> None:
         """The floor is painted behind everything, so what reaches under it must be cut off; mostly nothing does."""
         for floor in floors:
             obstacles = [surface.vertices(0) for surface in self._surfaces if surface.kind == "obstacle"]

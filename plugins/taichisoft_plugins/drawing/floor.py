@@ -8,9 +8,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from taichisoft.bodies.surfaces import Plane
 from taichisoft_plugins.drawing.camera import Camera, pixel_matrix, scene_axes
 from taichisoft_plugins.drawing.shadow import PIXELS, SUN, Thrower, shadow
-from taichisoft_plugins.recording.reader import RecordedPlane
 
 SQUARE = 2.2
 """Half width of what takes shadows, in radii of what stands on the floor [-]."""
@@ -33,7 +33,7 @@ class Floor:
         background: its colour, red, green and blue [-], shape (3,).
     """
 
-    def __init__(self, plane: RecordedPlane, points: np.ndarray, background: np.ndarray):
+    def __init__(self, plane: Plane, points: np.ndarray, background: np.ndarray):
         middle = points.mean(axis=0)
         self._radius = np.linalg.norm(points - middle, axis=1).max()
         self._centre = middle - plane.normal * ((middle - plane.point) @ plane.normal)

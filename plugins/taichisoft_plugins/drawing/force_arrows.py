@@ -23,19 +23,15 @@ class ForceArrows:
     """Arrows of one scale over all frames: twice the force is twice the length.
 
     Args:
-        recording: stays open; where it has no contacts there are no arrows.
+        recording: stays open.
         frames: all that will be drawn.
         radius: of the scene [mm].
     """
 
     def __init__(self, recording: Recording, frames: Sequence[int], radius: float):
         self._recording = recording
-        self._strongest = 0.0
-        if recording.has("contact_count"):
-            forces = (recording.contacts(frame)[1] for frame in spread(frames, LOOKS))
-            self._strongest = max(
-                (float(np.linalg.norm(force, axis=1).max(initial=0.0)) for force in forces), default=0
-            )
+        forces = (recording.contacts(frame)[1] for frame in spread(frames, LOOKS))
+        self._strongest = max((float(np.linalg.norm(force, axis=1).max(initial=0.0)) for force in forces), default=0)
         self._length = LONGEST * radius / self._strongest if self._strongest else 0.0  # [mm/mN]
 
     def paint(self, picture: Any, camera: Camera, frame: int) -> None:

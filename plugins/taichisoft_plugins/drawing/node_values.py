@@ -1,14 +1,12 @@
 """What the colours of soft bodies can mean: a number at every node of a recording."""
 
-import tomllib
 from collections.abc import Callable
 
 import numpy as np
 
 from taichisoft.bodies.selection import select_nodes
-from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.recording.reader import RecordedSoftBody, Recording
-from taichisoft_plugins.stress import StressLaw, nodal_mean, von_mises
+from taichisoft_plugins.stress import nodal_mean, stress_laws, von_mises
 
 NodeValues = Callable[[RecordedSoftBody, int], np.ndarray]
 """Gives the values of a body's nodes in a frame, shape (node_count,)."""
@@ -16,8 +14,7 @@ NodeValues = Callable[[RecordedSoftBody, int], np.ndarray]
 
 def displacement(recording: Recording) -> NodeValues:
     """Distance of each node from where it would be if the body had moved with the base and kept its shape [mm]."""
-    scene = Scene.model_validate(tomllib.loads(recording.scene))
-    pivot = _base_pivot(recording, scene)
+    pivot = _base_pivot(recording)
 
     def values(body: RecordedSoftBody, frame: int) -> np.ndarray:
         from scipy.spatial.transform import Rotation
@@ -31,11 +28,7 @@ def displacement(recording: Recording) -> NodeValues:
 
 def stress(recording: Recording) -> NodeValues:
     """Von Mises stress at each node [kPa], the mean of the elements around it."""
-    scene = Scene.model_validate(tomllib.loads(recording.scene))
-    laws = {}
-    for body in recording.soft_bodies:
-        polar = scene.soft_bodies[body.name].corotation == "polar"
-        laws[body.name] = StressLaw(body.rest_position, body.elements, body.young_modulus, body.poisson_ratio, polar)
+    laws = dict(zip(recording.scene.soft_bodies, stress_laws(recording), strict=True))
 
     def values(body: RecordedSoftBody, frame: int) -> np.ndarray:
         of_elements = von_mises(laws[body.name].stress(recording.row("position", frame)[body.nodes]))
@@ -44,8 +37,9 @@ def stress(recording: Recording) -> NodeValues:
     return values
 
 
-def _base_pivot(recording: Recording, scene: Scene) -> np.ndarray:
+def _base_pivot(recording: Recording) -> np.ndarray:
     """The point about which the base turns [mm], as the engine finds it."""
+    scene = recording.scene
     if scene.base_pivot is not None:
         return np.array(scene.base_pivot)
     anchored = []

@@ -22,7 +22,6 @@ def with_visual_surfaces(recording: Recording, path: Path | None) -> list[Record
     Raises:
         MeshError: the file is missing or unreadable.
         StyleError: it does not fit one of the soft bodies; says which.
-        RecordingError: an older version wrote the recording, without the meshes.
     """
     if path is None:
         return list(recording.surfaces)

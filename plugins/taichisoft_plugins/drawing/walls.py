@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from taichisoft.bodies.surfaces import Plane
 from taichisoft_plugins.drawing.camera import scene_axes
-from taichisoft_plugins.recording.reader import RecordedPlane
 
 SQUARE = 2.2
 """Half width of what is drawn of a plane, in radii of what stands before it [-]."""
@@ -13,18 +13,18 @@ UPRIGHT = 0.99
 """Cosine of the angle to gravity from which a plane is a floor."""
 
 
-def is_floor(plane: RecordedPlane, up: np.ndarray) -> bool:
+def is_floor(plane: Plane, up: np.ndarray) -> bool:
     """Whether things stand on it as on level ground."""
     return bool(plane.normal @ up >= UPRIGHT)
 
 
-def reaches_under(floor: RecordedPlane, vertices: np.ndarray, far: float = 0.5) -> bool:
+def reaches_under(floor: Plane, vertices: np.ndarray, far: float = 0.5) -> bool:
     """Whether one of the vertices [mm], shape (vertex_count, 3), is more than `far` [mm] under the floor."""
     return bool(((vertices - floor.point) @ floor.normal < -far).any())
 
 
 def square_of_plane(
-    plane: RecordedPlane, points: np.ndarray, floors: Sequence[RecordedPlane], half: float = SQUARE
+    plane: Plane, points: np.ndarray, floors: Sequence[Plane], half: float = SQUARE
 ) -> tuple[np.ndarray, np.ndarray]:
     """The drawn part of a plane.
 
@@ -49,7 +49,7 @@ def square_of_plane(
     return corners, np.array(fan, dtype=int).reshape(-1, 3)
 
 
-def _above(corners: np.ndarray, floor: RecordedPlane) -> np.ndarray:
+def _above(corners: np.ndarray, floor: Plane) -> np.ndarray:
     """The part of a convex polygon above a floor."""
     kept: list[np.ndarray] = []
     height = (corners - floor.point) @ floor.normal

@@ -2,7 +2,6 @@
 
 import json
 import queue
-import signal
 import subprocess
 import sys
 import threading
@@ -12,6 +11,8 @@ from tempfile import TemporaryFile
 from typing import Any, Self
 
 import numpy as np
+
+from taichisoft.child_process import how_it_ended
 
 WORKER = ("-m", "taichisoft_plugins.rendering.render_process")
 """What Python is started with; `render_process` says what it reads and writes."""
@@ -113,9 +114,5 @@ class FrameProcess:
             self.problem = "the process stopped drawing"
             return
         self._log.seek(0)
-        lines = self._log.read().decode(errors="replace").strip().splitlines()
         self.refused = code == REFUSED
-        if code < 0:
-            self.problem = f"the process was ended by {signal.Signals(-code).name}"
-        else:
-            self.problem = lines[-1] if lines else f"the process ended early, with exit code {code}"
+        self.problem = how_it_ended(code, self._log.read()) or "the process ended before its last frame"

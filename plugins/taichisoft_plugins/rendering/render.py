@@ -11,11 +11,11 @@ import numpy as np
 from taichisoft.atomic_file import whole_file
 from taichisoft.errors import TaichisoftError
 from taichisoft.running.interruption import held_back
-from taichisoft_plugins.doctor.system_libraries import install_line, packages_for
 from taichisoft_plugins.drawing.drawer import check_style
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.rendering.frame_process import FrameProcess
+from taichisoft_plugins.system_libraries import install_line, packages_for
 
 START_LIMIT = 60.0
 """For the start of Open3D on a busy machine [s]; usually 3."""

@@ -13,6 +13,7 @@ from typing import IO, Protocol
 import numpy as np
 
 from taichisoft.atomic_file import whole_file
+from taichisoft.child_process import last_line
 from taichisoft_plugins.rendering.render import RenderError, make_folder, write_png
 
 FRAME_NAME = re.compile(r"frame_\d{5,}\.png")
@@ -154,9 +155,8 @@ def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Itera
                 process.stdin.close()
         if problem:
             log.seek(0)
-            lines = log.read().decode(errors="replace").strip().splitlines()
-            said = re.sub(r"^\[.*?\] *", "", lines[-1]) if lines else problem  # without its part's name and address
-            raise RenderError(f"{path}: ffmpeg failed: {said}")
+            said = re.sub(r"^\[.*?\] *", "", last_line(log.read()))  # without its part's name and address
+            raise RenderError(f"{path}: ffmpeg failed: {said or problem}")
 
 
 @contextmanager

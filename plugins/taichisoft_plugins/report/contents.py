@@ -1,7 +1,6 @@
 """What a report shows: found in the folder of a run, or said to be missing."""
 
 import json
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -80,12 +79,12 @@ def collect(path: Path, began: float | None = None) -> ReportContents:
     with read_recording(path) as recording:
         times = recording.times
         contents = ReportContents(
-            title=tomllib.loads(recording.scene).get("title") or path.parent.resolve().name,
+            title=recording.scene.title or path.parent.resolve().name,
             outcome=recording.outcome,
             recording=path,
             duration=float(times[-1]) if len(times) else 0.0,
             restarts=int((times[1:] < times[:-1]).sum()),
-            scene=recording.scene,
+            scene=recording.scene_text,
             versions={**recording.versions, "report by taichisoft": taichisoft.__version__},
         )
         _add_plots(contents, recording)
@@ -101,7 +100,7 @@ def _add_plots(contents: ReportContents, recording: Recording) -> None:
         contents.missing.append(f"There are no plots: {error}.")
         return
     contents.plots = plots.picture.decode()
-    contents.missing += [f"There is no plot of {name}: {why}." for name, why in plots.left_out.items()]
+    contents.missing += [f"There is no plot of {name}: nothing of the kind in this run." for name in plots.left_out]
 
 
 def _add_pictures(contents: ReportContents, folder: Path, began: float | None) -> None:

@@ -9,9 +9,9 @@ class SystemLibrary:
     """A package of the system.
 
     Attributes:
-        package: its name for apt-get.
-        file: the shared library that is loaded from it; empty for a driver, which is found by other ways.
-        needed_by: import names of the Python packages that need it.
+        package: Its name for apt-get.
+        file: The shared library that is loaded from it; empty for a driver, which is found by other ways.
+        needed_by: Import names of the Python packages that need it.
     """
 
     package: str
@@ -36,7 +36,7 @@ SYSTEM_LIBRARIES = (
 def packages_for(problem: str, module: str) -> list[str]:
     """The packages to install when `module` fails with `problem`.
 
-    The loader names one missing library at a time; when it names none of ours, all that the module needs.
+    The loader names one missing library at a time; when it names none of ours, these are all that the module needs.
     """
     named = re.search(r"lib[\w+-]+\.so(\.\d+)*", problem)
     exact = [library.package for library in SYSTEM_LIBRARIES if named and library.file == named[0]]
@@ -44,5 +44,5 @@ def packages_for(problem: str, module: str) -> list[str]:
 
 
 def install_line(packages: list[str]) -> str:
-    """The command that installs them."""
+    """The command that installs packages."""
     return f"sudo apt-get install --no-install-recommends {' '.join(packages)}"
