@@ -10,12 +10,12 @@ from PIL import Image
 
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.meshes.surface_files import read_surface, write_stl
-from taichisoft_plugins.drawing.caption import caption_parts, paint_caption
-from taichisoft_plugins.drawing.colour_scale import AIR, SOFT, ColourScale, round_up
 from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
 from taichisoft_plugins.drawing.drawer import check_style
 from taichisoft_plugins.drawing.force_arrows import ForceArrows
 from taichisoft_plugins.drawing.node_values import displacement, stress
+from taichisoft_plugins.drawing.overlay import caption_parts, paint_caption
+from taichisoft_plugins.drawing.scales import AIR, SOFT, ColourScale, round_up
 from taichisoft_plugins.drawing.style import Style, StyleError
 from taichisoft_plugins.drawing.visual_surface import with_visual_surfaces
 from taichisoft_plugins.recording.output import RecordingOutput

@@ -107,7 +107,7 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
     ("options", "problem"),
     [
         (["--size", "large"], "size 'large' must be written as width x height in pixels, 1280x720"),
-        (["--size", "8x8"], "width and height must be from 16"),
+        (["--size", "8x8"], "width and height must be whole numbers from 16"),
         (["--eye", "1,2"], "eye '1,2' must be three numbers in mm, as 300,-200,150"),
         (["--eye", "1,2,3", "--view", "top"], "give either --eye or --view"),
         (["--view", "behind"], "no view is called 'behind'; there are: iso"),

@@ -49,7 +49,7 @@ def test_without_a_name_it_is_beside_the_recording(tmp_path, worker) -> None:
     [
         ({"file": Path("film.mov")}, "film.mov: a video ends with"),
         ({"fps": -1.0}, "-1 frames per second"),
-        ({"size": "0x0"}, "width and height must be from 16"),
+        ({"size": "0x0"}, "width and height must be whole numbers from 16"),
         ({"slow_motion": 0.0}, "slow motion 0: must be positive"),
         ({"view": "nowhere"}, "no view is called 'nowhere'"),
     ],

@@ -6,8 +6,7 @@ import numpy as np
 
 from taichisoft.bodies.embedding import embed
 from taichisoft_plugins.drawing import node_values
-from taichisoft_plugins.drawing.colour_scale import AIR, SOFT, ColourScale, round_up
-from taichisoft_plugins.drawing.framing import spread
+from taichisoft_plugins.drawing.scales import AIR, SOFT, ColourScale, round_up, sample_frames
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import RecordedSoftBody, RecordedSurface, Recording
 
@@ -23,9 +22,9 @@ QUANTITIES = {
     "displacement": (node_values.displacement, "displacement [mm]"),
     "stress": (node_values.stress, "stress [kPa]"),
 }
-LOOKS = 40
-"""Frames, at most, in which the range of a quantity is looked for."""
-SHARE = 0.995
+SAMPLES = 40
+"""Number of frames, at most, in which the range of a quantity is looked for."""
+COVERED_SHARE = 0.995
 """Part of the values that the range covers: single elements at an edge would make all others look alike."""
 
 
@@ -33,16 +32,16 @@ class Colouring:
     """Gives every surface its colours.
 
     Args:
-        recording: stays open.
-        style: what the user chose.
-        frames: all that will be drawn.
-        surfaces: all that will be drawn.
+        recording: The recording, which stays open.
+        style: What the user chose.
+        frames: All frames that will be drawn.
+        surfaces: All surfaces that will be drawn.
 
     Attributes:
-        scales: what the colours mean.
+        scales: What the colours mean.
 
     Raises:
-        RecordingError: what colours shall mean was not recorded.
+        RecordingError: What colours shall mean was not recorded.
     """
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int], surfaces: Sequence[RecordedSurface]):
@@ -59,7 +58,7 @@ class Colouring:
         self.scales = tuple(scale for scale in (self._scale, self._pressure_scale) if scale is not None)
 
     def colours(self, surface: RecordedSurface, frame: int) -> np.ndarray:
-        """Red, green and blue [-] of all its vertices, shape (3,), or of each, shape (vertex_count, 3)."""
+        """Red, green and blue [-] of a surface, shape (3,), or of each of its vertices, shape (vertex_count, 3)."""
         if surface.kind == "soft" and self._scale is not None:
             body, nodes, weights = self._bodies[surface.name]
             values = np.einsum("vk,vk->v", weights, self._values(body, frame)[nodes])
@@ -71,19 +70,17 @@ class Colouring:
         return np.array(PLAIN[surface.kind])
 
     def _highest(self, frames: Sequence[int]) -> float:
-        """Of the quantity in the frames."""
-        some = spread(frames, LOOKS)
-        bodies = self._recording.soft_bodies
-        highest = max(
-            (float(np.quantile(self._values(body, frame), SHARE)) for body in bodies for frame in some), default=0.0
-        )
+        """The high end of the range of the quantity in the frames."""
+        samples = sample_frames(frames, SAMPLES)
+        values = [self._values(body, frame) for body in self._recording.soft_bodies for frame in samples]
+        highest = max((float(np.quantile(some, COVERED_SHARE)) for some in values), default=0.0)
         return round_up(highest) if highest > 0 else 1.0
 
 
 def _embedded(
     recording: Recording, surfaces: Sequence[RecordedSurface]
 ) -> dict[str, tuple[RecordedSoftBody, np.ndarray, np.ndarray]]:
-    """Of each soft body, and the nodes and weights of its surface's vertices, each (vertex_count, 4)."""
+    """By name, each soft body with the nodes and the weights of its surface's vertices, each (vertex_count, 4)."""
     vertices = {surface.name: surface.vertices(0) for surface in surfaces if surface.kind == "soft"}
     position = recording.row("position", 0)
     return {
@@ -93,7 +90,7 @@ def _embedded(
 
 
 def _pressure_scale(recording: Recording, frames: Sequence[int]) -> ColourScale | None:
-    """None where there is no cavity, or no pressure but zero."""
+    """The scale of the pressures; None where there is no cavity, or no pressure but zero."""
     if not recording.cavities:
         return None
     pressures = recording.column("pressure")[np.unique(frames)]

@@ -1,4 +1,4 @@
-"""What the colours of soft bodies can mean: a number at every node of a recording."""
+"""Values at the nodes of soft bodies that colours can show: displacement and stress."""
 
 from collections.abc import Callable
 
@@ -13,7 +13,7 @@ NodeValues = Callable[[RecordedSoftBody, int], np.ndarray]
 
 
 def displacement(recording: Recording) -> NodeValues:
-    """Distance of each node from where it would be if the body had moved with the base and kept its shape [mm]."""
+    """Distance of each node from its place if the body had moved with the base and kept its shape [mm]."""
     pivot = _base_pivot(recording)
 
     def values(body: RecordedSoftBody, frame: int) -> np.ndarray:

@@ -6,15 +6,16 @@ slanted line lie far apart; the nearer a pixel is to such a step, the more of th
 
 import numpy as np
 
-CONTRAST, RELATIVE_CONTRAST = np.uint8(12), np.uint8(3)
-"""Difference of brightness among neighbours from which a pixel lies at an edge: so much of 255, and the largest shifted
-by so many bits. Bytes make this quick where it is done for every pixel."""
+CONTRAST = np.uint8(12)
+"""Difference of brightness among neighbours, of 255, from which a pixel lies at an edge."""
+RELATIVE_SHIFT = np.uint8(3)
+"""Bits by which the brightest neighbour is shifted for the least difference relative to it; bytes are quick."""
 REACH = 14
 """How far along an edge its ends are looked for [pixels]."""
 
 
-def smooth_edges(image: np.ndarray) -> np.ndarray:
-    """The image with smooth edges, shape (height, width, 3), dtype uint8."""
+def antialias(image: np.ndarray) -> np.ndarray:
+    """The image, shape (height, width, 3), dtype uint8, with smooth edges."""
     from PIL import Image
 
     height, width, _ = image.shape
@@ -25,7 +26,7 @@ def smooth_edges(image: np.ndarray) -> np.ndarray:
     for neighbour in around:
         np.minimum(low, neighbour, out=low)
         np.maximum(high, neighbour, out=high)
-    rows, columns = np.nonzero(high - low > np.maximum(high >> RELATIVE_CONTRAST, CONTRAST))
+    rows, columns = np.nonzero(high - low > np.maximum(high >> RELATIVE_SHIFT, CONTRAST))
     if not len(rows):
         return image
     pixel = (rows + 1) * width + columns + 1
