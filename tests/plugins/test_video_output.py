@@ -10,9 +10,9 @@ from PIL import Image
 from taichisoft.errors import TaichisoftError
 from taichisoft_plugins.drawing.style import StyleError
 from taichisoft_plugins.recording.output import RecordingOutput
-from taichisoft_plugins.rendering import frame_process, video_output
+from taichisoft_plugins.rendering import frame_process, outputs
+from taichisoft_plugins.rendering.outputs import VideoOutput
 from taichisoft_plugins.rendering.render import RenderError
-from taichisoft_plugins.rendering.video_output import VideoOutput
 
 WORKER = Path(__file__).with_name("fake_worker.py")
 
@@ -81,6 +81,6 @@ def test_whoever_stops_the_drawing_still_has_the_run(tmp_path, monkeypatch) -> N
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(video_output, "render_video", stop)
+    monkeypatch.setattr(outputs, "render_video", stop)
     with pytest.raises(RenderError, match=r"no video: interrupted; `taichisoft render .*recording\.h5` draws"):
         fake_run.fake_run([RecordingOutput(tmp_path), VideoOutput(tmp_path)], steps=2)

@@ -13,6 +13,7 @@ from taichisoft.child_process import run_python
 from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, install_line, packages_for
 
 TIME_LIMIT = 90.0
+"""Longest duration of an import or a check [s]."""
 
 IMPORTS = {
     "taichi": "import taichi; taichi.init(arch=taichi.cpu); print(*taichi.__version__, sep='.')",
@@ -22,10 +23,13 @@ IMPORTS = {
     "open3d": "import open3d; print(open3d.__version__)",
     "viser": "import viser; print(viser.__version__)",
 }
-"""Python code by module, each run in a process of its own; it prints the version last."""
+"""Python code by module, each run in a process of its own; the last that it prints is the version."""
+
+CHECKS = {"EGL": "egl", "picture": "picture", "ffmpeg": "video"}
+"""Names of functions of `checks` by what they look at."""
 
 OPTIONAL = {"viser": "for `taichisoft run --web`: pip install 'taichisoft[web]'"}
-"""What for and how to get it, by module that need not be there."""
+"""Modules that need not be there, with what they are for and how to get them."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +37,11 @@ class Finding:
     """One row of the answer.
 
     Attributes:
-        subject: what was looked at.
-        found: a version, or what is wrong.
-        ok: whether it will do.
-        packages: what apt-get should install; empty when that would not help.
-        needed: whether taichisoft does not do without it.
+        subject: What was looked at.
+        found: A version, or what is wrong.
+        ok: Whether it will do.
+        packages: What apt-get should install; empty when that would not help.
+        needed: Whether taichisoft cannot do without it.
     """
 
     subject: str
@@ -48,7 +52,7 @@ class Finding:
 
     @property
     def verdict(self) -> str:
-        """One word."""
+        """The word that begins the row."""
         return "ok" if self.ok else "MISSING" if self.needed else "without"
 
 
@@ -70,8 +74,9 @@ def examine() -> list[Finding]:
     # Two at a time: each import reads some hundred megabytes.
     with ThreadPoolExecutor(max_workers=2) as pool:
         imports = [pool.submit(_examine_import, module, code) for module, code in IMPORTS.items()]
-        others = [pool.submit(job) for job in (_examine_egl, _examine_picture, _examine_video, _examine_libraries)]
-    return [_examine_python(), *(job.result() for job in (*imports, *others))]
+        checks = [pool.submit(_examine, subject, check) for subject, check in CHECKS.items()]
+        libraries = pool.submit(_examine_libraries)
+    return [_examine_python(), *(job.result() for job in (*imports, *checks, libraries))]
 
 
 def _examine_python() -> Finding:
@@ -92,37 +97,23 @@ def _examine_import(module: str, code: str) -> Finding:
     return Finding(module, child.output.split()[-1], True)
 
 
-def _examine_egl() -> Finding:
-    """By which driver Open3D draws without a display: a picture that fails does not say."""
-    if sys.platform != "linux":
-        return Finding("EGL", "only needed on Linux", True)
-    child = run_python(["-m", "taichisoft_plugins.doctor.egl_check"], TIME_LIMIT)
-    if child.problem:
-        return Finding("EGL", child.problem, False, tuple(packages_for(child.problem, "open3d")))
-    return Finding("EGL", child.output.strip(), True)
-
-
-def _examine_picture() -> Finding:
-    child = run_python(["-m", "taichisoft_plugins.doctor.picture_check"], TIME_LIMIT)
-    if child.problem:
-        return Finding("picture", child.problem, False, tuple(packages_for(child.problem, "open3d")))
-    return Finding("picture", "drawn off-screen", True)
-
-
-def _examine_video() -> Finding:
-    child = run_python(["-m", "taichisoft_plugins.doctor.video_check"], TIME_LIMIT)
-    return Finding("ffmpeg", child.problem or child.output.strip(), not child.problem)
+def _examine(subject: str, check: str) -> Finding:
+    """Run one of the functions of `checks`."""
+    if check == "egl" and sys.platform != "linux":
+        return Finding(subject, "only needed on Linux", True)
+    child = run_python(["-m", "taichisoft_plugins.doctor.checks", check], TIME_LIMIT)
+    # What writes videos is a program that pip brings.
+    packages = packages_for(child.problem, "open3d") if child.problem and check != "video" else []
+    return Finding(subject, child.problem or child.output.strip(), not child.problem, tuple(packages))
 
 
 def _examine_libraries() -> Finding:
-    """Try all at once: an import stops at the first one that is missing."""
+    """Try all libraries at once: an import stops at the first one that is missing."""
     if sys.platform != "linux":
         return Finding("libraries", "only looked at on Linux", True)
-    missing = []
-    for library in SYSTEM_LIBRARIES:
-        if library.file and run_python(["-c", f"import ctypes; ctypes.CDLL('{library.file}')"], 20).problem:
-            missing.append(library)
-    if missing:
-        files = ", ".join(library.file for library in missing)
-        return Finding("libraries", files, False, tuple(library.package for library in missing))
-    return Finding("libraries", "all found", True)
+    loads = "import ctypes; ctypes.CDLL('{}')".format
+    missing = [
+        library for library in SYSTEM_LIBRARIES if library.file and run_python(["-c", loads(library.file)], 20).problem
+    ]
+    found = ", ".join(library.file for library in missing) or "all found"
+    return Finding("libraries", found, not missing, tuple(library.package for library in missing))

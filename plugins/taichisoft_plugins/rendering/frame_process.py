@@ -15,13 +15,13 @@ import numpy as np
 from taichisoft.child_process import how_it_ended
 
 WORKER = ("-m", "taichisoft_plugins.rendering.render_process")
-"""What Python is started with; `render_process` says what it reads and writes."""
+"""Arguments of Python for the process; `render_process` says what it reads and writes."""
 
 REFUSED = 3
 """Exit code of a process that was asked for what no second attempt could give."""
 
 POLL = 0.1
-"""Somebody who wants everything to stop waits at most so long [s]."""
+"""Longest time that somebody waits who wants everything to stop [s]."""
 
 
 class FrameProcess:
@@ -30,12 +30,12 @@ class FrameProcess:
     At most two frames are in memory. The process does not hear the terminal's Ctrl and c: who reads decides.
 
     Attributes:
-        problem: why there was no further frame, one line; empty before.
-        refused: whether that would be the same in a new process.
+        problem: One line that says why there was no further frame; empty before.
+        refused: Whether that would be the same in a new process.
 
     Args:
-        job: of `render_process`.
-        shape: of a frame: height, width, 3.
+        job: What `render_process` reads.
+        shape: Shape of a frame: height, width, 3.
     """
 
     def __init__(self, job: dict[str, Any], shape: tuple[int, int, int]):
@@ -71,8 +71,8 @@ class FrameProcess:
         """The next frame, shape (height, width, 3), dtype uint8; None when there is none, see `problem`.
 
         Args:
-            time_limit: after which the process is taken to hang [s].
-            stop_if_asked: called while we wait; may raise.
+            time_limit: Duration after which the process is taken to hang [s].
+            stop_if_asked: Is called while we wait, and may raise.
         """
         latest = time.monotonic() + time_limit
         while True:
@@ -90,7 +90,7 @@ class FrameProcess:
             return np.frombuffer(frame, np.uint8).reshape(self._shape)
 
     def _read(self) -> None:
-        """Pass frames on, and at the end an empty one."""
+        """Pass all frames on, and an empty one at the end."""
         size = int(np.prod(self._shape))
         assert self._process.stdout is not None
         with self._process.stdout as frames:
@@ -107,7 +107,7 @@ class FrameProcess:
                 continue
 
     def _note_end(self) -> None:
-        """The frames have ended; the process may still be busy with that."""
+        """Note why the frames have ended; the process may still be busy with its end."""
         try:
             code = self._process.wait(timeout=10.0)
         except subprocess.TimeoutExpired:
