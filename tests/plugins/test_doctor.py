@@ -71,7 +71,7 @@ def test_what_is_optional_is_no_fault(doctor, monkeypatch):
 def test_a_driver_that_egl_cannot_use_is_reported(monkeypatch):
     monkeypatch.setenv("EGL_PLATFORM", "device")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
-    finding = doctor_command._examine("EGL", "egl")
+    finding = doctor_command._examine("EGL")
     assert not finding.ok
     assert finding.found == "no driver for EGL_PLATFORM=device"
     assert {"libegl1", "libgl1-mesa-dri"} <= set(finding.packages)
@@ -79,7 +79,7 @@ def test_a_driver_that_egl_cannot_use_is_reported(monkeypatch):
 
 def test_an_ffmpeg_that_does_not_start_is_reported(monkeypatch):
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
-    finding = doctor_command._examine("ffmpeg", "video")
+    finding = doctor_command._examine("ffmpeg")
     assert not finding.ok
     assert finding.found == "/nowhere/ffmpeg: ffmpeg cannot be started: No such file or directory"
 

@@ -3,30 +3,39 @@
 import platform
 import re
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import metadata
 
 import typer
 
-from taichisoft.child_process import run_python
+from taichisoft.child_process import last_line, run_python
 from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, install_line, packages_for
 
 TIME_LIMIT = 90.0
 """Longest duration of an import or a check [s]."""
 
-IMPORTS = {
-    "taichi": "import taichi; taichi.init(arch=taichi.cpu); print(*taichi.__version__, sep='.')",
-    "gmsh": "import gmsh; gmsh.initialize(); print(gmsh.__version__)",
-    "h5py": "import h5py; print(h5py.__version__)",
-    "matplotlib": "import matplotlib; matplotlib.use('Agg'); import matplotlib.pyplot; print(matplotlib.__version__)",
-    "open3d": "import open3d; print(open3d.__version__)",
-    "viser": "import viser; print(viser.__version__)",
+CHECK = ("-m", "taichisoft_plugins.doctor.checks")
+PROGRAMS: dict[str, tuple[Sequence[str], str]] = {
+    "taichi": (
+        ("-c", "import taichi; taichi.init(arch=taichi.cpu); print(*taichi.__version__, sep='.')"),
+        "taichi",
+    ),
+    "gmsh": (("-c", "import gmsh; gmsh.initialize(); print(gmsh.__version__)"), "gmsh"),
+    "h5py": (("-c", "import h5py; print(h5py.__version__)"), "h5py"),
+    "matplotlib": (
+        ("-c", "import matplotlib as m; m.use('Agg'); import matplotlib.pyplot; print(m.__version__)"),
+        "matplotlib",
+    ),
+    "open3d": (("-c", "import open3d; print(open3d.__version__)"), "open3d"),
+    "viser": (("-c", "import viser; print(viser.__version__)"), "viser"),
+    "EGL": ((*CHECK, "egl"), "open3d"),
+    "picture": ((*CHECK, "picture"), "open3d"),
+    "ffmpeg": ((*CHECK, "video"), ""),
 }
-"""Python code by module, each run in a process of its own; the last that it prints is the version."""
-
-CHECKS = {"EGL": "egl", "picture": "picture", "ffmpeg": "video"}
-"""Names of functions of `checks` by what they look at."""
+"""By what is looked at, the arguments of a Python process whose last line of output is the answer, and the module whose
+system libraries are missing when it fails."""
 
 OPTIONAL = {"viser": "for `taichisoft run --web`: pip install 'taichisoft[web]'"}
 """Modules that need not be there, with what they are for and how to get them."""
@@ -73,10 +82,9 @@ def examine() -> list[Finding]:
     """All findings, in the order in which they are shown."""
     # Two at a time: each import reads some hundred megabytes.
     with ThreadPoolExecutor(max_workers=2) as pool:
-        imports = [pool.submit(_examine_import, module, code) for module, code in IMPORTS.items()]
-        checks = [pool.submit(_examine, subject, check) for subject, check in CHECKS.items()]
-        libraries = pool.submit(_examine_libraries)
-    return [_examine_python(), *(job.result() for job in (*imports, *checks, libraries))]
+        jobs = [pool.submit(_examine, subject) for subject in PROGRAMS]
+        jobs.append(pool.submit(_examine_libraries))
+    return [_examine_python(), *(job.result() for job in jobs)]
 
 
 def _examine_python() -> Finding:
@@ -87,24 +95,18 @@ def _examine_python() -> Finding:
     return Finding("python", platform.python_version() + needed, ok)
 
 
-def _examine_import(module: str, code: str) -> Finding:
-    child = run_python(["-c", code], TIME_LIMIT)
-    if child.problem and module in OPTIONAL:
-        absent = "not installed" if "No module named" in child.problem else child.problem
-        return Finding(module, f"{absent}; {OPTIONAL[module]}", False, needed=False)
-    if child.problem:
-        return Finding(module, child.problem, False, tuple(packages_for(child.problem, module)))
-    return Finding(module, child.output.split()[-1], True)
-
-
-def _examine(subject: str, check: str) -> Finding:
-    """Run one of the functions of `checks`."""
-    if check == "egl" and sys.platform != "linux":
+def _examine(subject: str) -> Finding:
+    """Run one of PROGRAMS."""
+    if subject == "EGL" and sys.platform != "linux":
         return Finding(subject, "only needed on Linux", True)
-    child = run_python(["-m", "taichisoft_plugins.doctor.checks", check], TIME_LIMIT)
-    # What writes videos is a program that pip brings.
-    packages = packages_for(child.problem, "open3d") if child.problem and check != "video" else []
-    return Finding(subject, child.problem or child.output.strip(), not child.problem, tuple(packages))
+    arguments, module = PROGRAMS[subject]
+    child = run_python(arguments, TIME_LIMIT)
+    if not child.problem:
+        return Finding(subject, last_line(child.output), True)
+    if subject in OPTIONAL:
+        absent = "not installed" if "No module named" in child.problem else child.problem
+        return Finding(subject, f"{absent}; {OPTIONAL[subject]}", False, needed=False)
+    return Finding(subject, child.problem, False, tuple(packages_for(child.problem, module) if module else ()))
 
 
 def _examine_libraries() -> Finding:

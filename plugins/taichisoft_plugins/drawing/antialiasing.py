@@ -4,6 +4,8 @@ The idea is that of fast approximate antialiasing (FXAA): along an edge between 
 slanted line lie far apart; the nearer a pixel is to such a step, the more of the other row's colour it gets.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
 CONTRAST = np.uint8(12)
@@ -41,23 +43,17 @@ def antialias(image: np.ndarray) -> np.ndarray:
 
 def _directions(flat: np.ndarray, pixel: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Steps (differences of flat indices) across the edge at each pixel, to its other side, and along it."""
-    middle = 2 * flat[pixel]
-    up, down, left, right = (flat[pixel + step] for step in (-width, width, -1, 1))
-    corner = {(v, h): flat[pixel + v * width + h] for v in (-1, 1) for h in (-1, 1)}
-    rows_differ = (
-        np.abs(corner[-1, -1] + corner[1, -1] - 2 * left)
-        + 2 * np.abs(up + down - middle)
-        + np.abs(corner[-1, 1] + corner[1, 1] - 2 * right)
-    )
-    columns_differ = (
-        np.abs(corner[-1, -1] + corner[-1, 1] - 2 * up)
-        + 2 * np.abs(left + right - middle)
-        + np.abs(corner[1, -1] + corner[1, 1] - 2 * down)
-    )
-    level = rows_differ >= columns_differ
-    own = flat[pixel]
-    before, after = np.where(level, up, left), np.where(level, down, right)
-    side = np.where(np.abs(before - own) >= np.abs(after - own), -1, 1)
+    near = {(row, column): flat[pixel + row * width + column] for row in (-1, 0, 1) for column in (-1, 0, 1)}
+
+    def curvature(line: Sequence[tuple[int, int]]) -> np.ndarray:
+        before, middle, after = (near[place] for place in line)
+        return np.abs(before + after - 2 * middle)
+
+    vertical = [curvature([(-1, column), (0, column), (1, column)]) for column in (-1, 0, 1)]
+    horizontal = [curvature([(row, -1), (row, 0), (row, 1)]) for row in (-1, 0, 1)]
+    level = vertical[0] + 2 * vertical[1] + vertical[2] >= horizontal[0] + 2 * horizontal[1] + horizontal[2]
+    before, after = np.where(level, near[-1, 0], near[0, -1]), np.where(level, near[1, 0], near[0, 1])
+    side = np.where(np.abs(before - near[0, 0]) >= np.abs(after - near[0, 0]), -1, 1)
     return side * np.where(level, width, 1), np.where(level, 1, width)
 
 

@@ -1,12 +1,11 @@
 """A child process that draws: each of its frames arrives within a time limit, or the process is ended."""
 
 import json
-import queue
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from tempfile import TemporaryFile
 from typing import Any, Self
 
@@ -27,7 +26,7 @@ POLL = 0.1
 class FrameProcess:
     """Reads frames from a process of its own, which cannot hang or crash the caller; use it in a `with` statement.
 
-    At most two frames are in memory. The process does not hear the terminal's Ctrl and c: who reads decides.
+    One frame is read ahead. The process does not hear the terminal's Ctrl and c: who reads decides.
 
     Attributes:
         problem: One line that says why there was no further frame; empty before.
@@ -42,8 +41,6 @@ class FrameProcess:
         self.problem = ""
         self.refused = False
         self._shape = shape
-        self._frames: queue.Queue[bytes] = queue.Queue(maxsize=1)
-        self._closed = False
         # Files instead of pipes: a process that neither reads nor is read from cannot block us.
         self._log = TemporaryFile()  # noqa: SIM115 - closed in __exit__
         with TemporaryFile() as description:
@@ -56,16 +53,19 @@ class FrameProcess:
                 stderr=self._log,
                 start_new_session=True,
             )
-        threading.Thread(target=self._read, name="frames", daemon=True).start()
+        self._reader = ThreadPoolExecutor(1)
+        self._coming = self._read_ahead()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._closed = True
         self._process.kill()
         self._process.wait()
+        self._reader.shutdown()
         self._log.close()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
 
     def next_frame(self, time_limit: float, stop_if_asked: Callable[[], None]) -> np.ndarray | None:
         """The next frame, shape (height, width, 3), dtype uint8; None when there is none, see `problem`.
@@ -75,36 +75,23 @@ class FrameProcess:
             stop_if_asked: Is called while we wait, and may raise.
         """
         latest = time.monotonic() + time_limit
-        while True:
+        stop_if_asked()
+        while not wait([self._coming], POLL).done:
             stop_if_asked()
-            try:
-                frame = self._frames.get(timeout=POLL)
-            except queue.Empty:
-                if time.monotonic() < latest:
-                    continue
+            if time.monotonic() >= latest:
                 self.problem = f"no answer within {time_limit:g} s"
                 return None
-            if not frame:
-                self._note_end()
-                return None
-            return np.frombuffer(frame, np.uint8).reshape(self._shape)
+        frame = self._coming.result()
+        if len(frame) < np.prod(self._shape):
+            self._note_end()
+            return None
+        self._coming = self._read_ahead()
+        return np.frombuffer(frame, np.uint8).reshape(self._shape)
 
-    def _read(self) -> None:
-        """Pass all frames on, and an empty one at the end."""
-        size = int(np.prod(self._shape))
+    def _read_ahead(self) -> Future[bytes]:
+        """Begin to read the next frame; what comes is shorter when there is none."""
         assert self._process.stdout is not None
-        with self._process.stdout as frames:
-            frame = b"all"
-            while frame:
-                frame = frames.read(size)
-                self._pass_on(frame if len(frame) == size else b"")
-
-    def _pass_on(self, frame: bytes) -> None:
-        while not self._closed:
-            try:
-                return self._frames.put(frame, timeout=POLL)
-            except queue.Full:
-                continue
+        return self._reader.submit(self._process.stdout.read, int(np.prod(self._shape)))
 
     def _note_end(self) -> None:
         """Note why the frames have ended; the process may still be busy with its end."""
