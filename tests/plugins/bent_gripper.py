@@ -28,8 +28,10 @@ def gripper_model() -> SimpleNamespace:
     for name, body in scene.soft_bodies.items():
         bodies.append(make_soft_body(name, body, meshes[name], node_count))
         node_count = bodies[-1].nodes.stop
+    anchored = np.concatenate([body.rest_position[body.anchor_stiffness > 0] for body in bodies])
     return SimpleNamespace(
         scene=scene,
+        base_pivot=anchored.mean(axis=0),
         body_names=(*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles),
         cavities=SimpleNamespace(names=[cavity.name for body in bodies for cavity in body.cavities]),
         soft_bodies=tuple(bodies),

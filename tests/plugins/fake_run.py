@@ -63,6 +63,7 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
     )
     return SimpleNamespace(
         scene=scene,
+        base_pivot=np.zeros(3),
         body_names=("finger", "cube", *(("floor",) if floor else ())),
         cavities=SimpleNamespace(names=("finger.cavity",)),
         soft_bodies=(finger,),

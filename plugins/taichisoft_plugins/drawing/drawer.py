@@ -32,11 +32,10 @@ class Drawer:
     Raises:
         StyleError: The style does not fit the recording.
         MeshError: The style's surface file is missing or unreadable.
-        RecordingError: Something that the style wants drawn was not recorded.
     """
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int]):
-        check_style(recording, style)
+        style.check(recording.scene)
         width, height = style.size
         up = recording.scene.up
         self._surfaces = with_visual_surfaces(recording, style.surface)
@@ -77,7 +76,7 @@ class Drawer:
                 if surface.kind in SHADOW_OPACITY
             ]
             picture = self._floor.paint(picture, camera, casters)
-        colours = {surface.name: self._colouring.colours(surface, frame) for surface in self._surfaces}
+        colours = self._colouring.colours(frame)
         for name, corners, _ in self._walls:
             vertices[name], colours[name] = corners, np.array(PLAIN["obstacle"])
         picture = self._painter.paint(picture, camera, vertices, colours)
@@ -89,12 +88,3 @@ class Drawer:
             obstacles = [surface.vertices(0) for surface in self._surfaces if surface.kind == "obstacle"]
             if any(reaches_under(floor, vertices) for vertices in obstacles):
                 self._painter.hide_behind(floor.name, *square_of_plane(floor, points, [], half=20.0))
-
-
-def check_style(recording: Recording, style: Style) -> None:
-    """Check that a style fits a recording, before anything is drawn.
-
-    Raises:
-        StyleError: The style follows a body that is not there; the message says which there are.
-    """
-    style.check_bodies([surface.name for surface in recording.surfaces if surface.kind in ("soft", "rigid")])

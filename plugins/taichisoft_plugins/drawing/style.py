@@ -4,9 +4,12 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taichisoft.errors import TaichisoftError
+
+if TYPE_CHECKING:
+    from taichisoft.scenes.scene import Scene
 
 VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
 COLOURINGS = ("none", "displacement", "stress")
@@ -91,12 +94,13 @@ class Style:
         red, green, blue = _colour(self.background)
         return red, green, blue
 
-    def check_bodies(self, bodies: Sequence[str]) -> None:
-        """Check that the body to follow is among the soft and rigid bodies of a scene.
+    def check(self, scene: "Scene") -> None:
+        """Check that the body to follow is in a scene, before anything is computed or drawn.
 
         Raises:
             StyleError: It is not; the message says which bodies there are.
         """
+        bodies = [*scene.soft_bodies, *scene.rigid_bodies]
         if self.followed is not None and self.followed not in bodies:
             raise StyleError(f"view '{self.view}': no body is called '{self.followed}'; there are: {', '.join(bodies)}")
 

@@ -118,7 +118,7 @@ class VideoOutput(DrawnAtEnd):
             StyleError: The view follows a body that is not there.
         """
         super().begin(model, state)
-        self.style.check_bodies([*model.scene.soft_bodies, *model.scene.rigid_bodies])
+        self.style.check(model.scene)
 
     def draw(self, recording: Path) -> None:
         """Draw the whole run, with a progress bar."""

@@ -11,7 +11,6 @@ import numpy as np
 from taichisoft.atomic_file import whole_file
 from taichisoft.errors import TaichisoftError
 from taichisoft.running.interruption import held_back
-from taichisoft_plugins.drawing.drawer import check_style
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.frame_process import FrameProcess
@@ -47,7 +46,7 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
     """
     style = style or Style()
     with read_recording(recording) as opened:
-        check_style(opened, style)
+        style.check(opened.scene)
         names: dict[int, list[str]] = {}
         for name, time in times.items():
             names.setdefault(opened.frame_at(time), []).append(name)

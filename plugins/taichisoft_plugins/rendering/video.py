@@ -10,7 +10,6 @@ import rich
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from taichisoft.running.interruption import held_back
-from taichisoft_plugins.drawing.drawer import check_style
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.render import RenderError, draw_frames
@@ -50,7 +49,7 @@ def render_video(
     check_video(file, fps)
     check_slow_motion(slow_motion)
     with read_recording(recording) as opened:
-        check_style(opened, style)
+        style.check(opened.scene)
         shown = video_frames(opened, fps * slow_motion)
     drawn, repetitions = np.unique(shown, return_counts=True)
     times = iter(repetitions)
