@@ -33,7 +33,7 @@ class FrameProcess:
         refused: Whether that would be the same in a new process.
 
     Args:
-        job: What `render_process` reads.
+        job: What `render_process` reads; paths may be among its values.
         shape: Shape of a frame: height, width, 3.
     """
 
@@ -44,7 +44,7 @@ class FrameProcess:
         # Files instead of pipes: a process that neither reads nor is read from cannot block us.
         self._log = TemporaryFile()  # noqa: SIM115 - closed in __exit__
         with TemporaryFile() as description:
-            description.write(json.dumps(job).encode())
+            description.write(json.dumps(job, default=str).encode())
             description.seek(0)
             self._process = subprocess.Popen(
                 [sys.executable, *WORKER],

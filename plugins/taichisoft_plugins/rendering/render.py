@@ -4,11 +4,10 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import named_os_errors, whole_file
 from taichisoft.errors import TaichisoftError
 from taichisoft.running.interruption import held_back
 from taichisoft_plugins.drawing.style import Style
@@ -57,7 +56,8 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
         for name in names[next(unwritten)]:
             write_png(image, folder / f"{name}.png")
 
-    make_folder(folder)
+    with named_os_errors(folder, RenderError):
+        folder.mkdir(parents=True, exist_ok=True)
     with held_back() as stop_if_asked:
         draw_frames(recording, style, frames, write, stop_if_asked)
     return [folder / f"{name}.png" for name in times]
@@ -97,7 +97,7 @@ def draw_frames(
         RenderError: Drawing failed again, or cannot succeed; the message says what to install if that could help.
     """
     width, height = style.size
-    job = {"recording": str(recording), "style": _plain(style), "frames": [int(frame) for frame in frames]}
+    job = {"recording": str(recording), "style": asdict(style), "frames": [int(frame) for frame in frames]}
     start_limit = START_LIMIT + LOOK_LIMIT * len(frames)
     frame_limit = FRAME_LIMIT * max(1.0, width * height / 1e6)
     done = 0
@@ -134,20 +134,3 @@ def write_png(image: np.ndarray, path: Path) -> None:
 
     with whole_file(path, RenderError) as partial:
         Image.fromarray(image).save(partial, format="PNG")
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder for results, and those above it.
-
-    Raises:
-        RenderError: The folder cannot be made.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RenderError(f"{folder}: cannot be made: {error.strerror or error}") from error
-
-
-def _plain(style: Style) -> dict[str, Any]:
-    """The style as JSON can write it."""
-    return {key: str(value) if isinstance(value, Path) else value for key, value in asdict(style).items()}

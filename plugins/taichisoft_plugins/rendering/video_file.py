@@ -12,9 +12,9 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import named_os_errors, whole_file
 from taichisoft.child_process import last_line
-from taichisoft_plugins.rendering.render import RenderError, make_folder, write_png
+from taichisoft_plugins.rendering.render import RenderError, write_png
 
 FRAME_NAME = re.compile(r"frame_\d{5,}\.png")
 FASTEST = {".mp4": 240.0, ".gif": 50.0, "": 1e6}
@@ -67,7 +67,8 @@ def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[AddFra
         RenderError: The video cannot be written.
     """
     check_video(path, fps)
-    make_folder(path.parent)
+    with named_os_errors(path, RenderError):
+        path.parent.mkdir(parents=True, exist_ok=True)
     if not path.suffix:
         with _frame_folder(path) as add_frame:
             yield add_frame
@@ -143,14 +144,13 @@ def _frame_folder(path: Path) -> Iterator[AddFrame]:
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     numbers = count()
     try:
-        partial.mkdir()
-        yield lambda image: write_png(image, partial / f"frame_{next(numbers):05d}.png")
-        if path.exists():
-            _check_frame_folder(path)
-            shutil.rmtree(path)
-        partial.replace(path)
-    except OSError as failure:
-        raise RenderError(f"{path}: cannot be written: {failure.strerror or failure}") from failure
+        with named_os_errors(path, RenderError):
+            partial.mkdir()
+            yield lambda image: write_png(image, partial / f"frame_{next(numbers):05d}.png")
+            if path.exists():
+                _check_frame_folder(path)
+                shutil.rmtree(path)
+            partial.replace(path)
     finally:
         shutil.rmtree(partial, ignore_errors=True)
 
