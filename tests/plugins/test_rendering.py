@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import fake_run
+import fake_worker
 import numpy as np
 import pytest
 
@@ -17,7 +18,6 @@ from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.rendering import frame_process, render
 from taichisoft_plugins.rendering.render import RenderError, draw_frames, render_pictures
 
-WORKER = Path(__file__).with_name("fake_worker.py")
 STYLE = Style(size=(32, 16))
 
 
@@ -27,7 +27,7 @@ def worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Sim
     log = tmp_path / "started"
 
     def begin(what: str = "nothing", at: int = 0, times: int = 0) -> SimpleNamespace:
-        monkeypatch.setattr(frame_process, "WORKER", (str(WORKER), str(log), what, str(at), str(times)))
+        monkeypatch.setattr(frame_process, "WORKER", fake_worker.worker(log, what, at, times))
         return SimpleNamespace(
             starts=lambda: [int(line.split()[0]) for line in log.read_text().splitlines()],
             processes=lambda: [int(line.split()[1]) for line in log.read_text().splitlines()],

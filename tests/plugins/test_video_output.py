@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import fake_run
+import fake_worker
 import pytest
 from PIL import Image
 
@@ -14,16 +15,13 @@ from taichisoft_plugins.rendering import frame_process, outputs
 from taichisoft_plugins.rendering.outputs import VideoOutput
 from taichisoft_plugins.rendering.render import RenderError
 
-WORKER = Path(__file__).with_name("fake_worker.py")
-
 
 @pytest.fixture
 def worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Draws frames of one colour, their index; or misbehaves."""
 
     def begin(what: str = "nothing", at: int = 0, times: int = 0) -> None:
-        arguments = (str(WORKER), str(tmp_path / "started"), what, str(at), str(times))
-        monkeypatch.setattr(frame_process, "WORKER", arguments)
+        monkeypatch.setattr(frame_process, "WORKER", fake_worker.worker(tmp_path / "started", what, at, times))
 
     return begin
 
