@@ -19,8 +19,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
     from taichisoft_plugins.csv_output import CsvOutput
     from taichisoft_plugins.metrics import MetricsOutput
     from taichisoft_plugins.recording.output import RecordingOutput
-    from taichisoft_plugins.rendering.pictures import PicturesOutput
-    from taichisoft_plugins.rendering.video_output import VideoOutput
+    from taichisoft_plugins.rendering.outputs import PicturesOutput, VideoOutput
     from taichisoft_plugins.report.output import ReportOutput
     from taichisoft_plugins.web.output import WebOutput
 

@@ -63,6 +63,7 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
     )
     return SimpleNamespace(
         scene=scene,
+        base_pivot=np.zeros(3),
         body_names=("finger", "cube", *(("floor",) if floor else ())),
         cavities=SimpleNamespace(names=("finger.cavity",)),
         soft_bodies=(finger,),
@@ -92,7 +93,7 @@ def fake_state(step: int) -> SimpleNamespace:
         cavity_volume_imposed=np.array([step % 2 == 0]),
         cavity_request=np.array([3.0 * step]),
         cavity_target=np.array([2.5 * step]),
-        cavity_impulse=np.array([2.0 * step * STEP]),
+        cavity_pressure=np.array([2.0 * step]),
         cavity_volume=np.array([100.0 + step]),
         contact_body_pair=np.tile(np.array([0, 1], dtype=np.int32), (contacts, 1)),
         contact_point=np.full((contacts, 3), float(step)),
@@ -108,11 +109,14 @@ def fake_report(step: int) -> SimpleNamespace:
     return SimpleNamespace(
         step=step,
         time=step * STEP,
-        pressures={"finger.cavity": 2.0 * step},
-        volumes={"finger.cavity": 100.0 + step},
-        normal_forces={"cube|finger": 3.0 * step},
-        friction_forces={"finger|cube": 1.0 * step},
-        slip_speeds={"finger|cube": 0.5 * step},
+        observation=SimpleNamespace(
+            pressures={"finger.cavity": 2.0 * step},
+            volumes={"finger.cavity": 100.0 + step},
+            normal_forces={("cube", "finger"): 3.0 * step},
+            friction_forces={("finger", "cube"): 1.0 * step},
+            slip_speeds={("finger", "cube"): 0.5 * step},
+            clipped=(),
+        ),
         contact_count=contacts,
         contact_points=np.full((contacts, 3), float(step)),
         contact_forces=np.full((contacts, 3), -STEP * step) / STEP,
@@ -120,7 +124,6 @@ def fake_report(step: int) -> SimpleNamespace:
         iterations=step,
         residual=1e-6,
         converged=step % 2 == 0,
-        clipped=(),
         signals={},
         step_time=0.02,
     )

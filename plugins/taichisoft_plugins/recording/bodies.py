@@ -31,9 +31,11 @@ class RecordedSurface(Surface):
 
     Attributes:
         vertices: Gives the positions of the vertices [mm], shape (vertex_count, 3), in a frame.
+        mapping: The map from all soft nodes to the vertices; None for surfaces that keep their shape.
     """
 
     vertices: Callable[[int], np.ndarray]
+    mapping: MappedSurface | None = None
 
 
 @dataclass(frozen=True)
@@ -85,6 +87,7 @@ def write_constants(file: Any, model: "Model", every: int, cavities: list[str], 
     attributes["scene"] = scene_to_toml(model.scene)
     attributes["every"] = every
     attributes["gravity"] = np.array(model.scene.gravity, dtype=np.float64)
+    attributes["base_pivot"] = model.base_pivot
     attributes["step_size"] = float(model.scene.time.step)
     attributes["outcome"] = "unfinished"
     for name, columns in (("cavities", cavities), ("pairs", pairs)):

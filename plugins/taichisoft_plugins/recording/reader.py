@@ -1,7 +1,6 @@
 """Reading a recording: what was simulated, and what was in every frame."""
 
 import json
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 
 from taichisoft.bodies.surfaces import BodySurface
 from taichisoft.control.observation import Pair
+from taichisoft.meshes.mapped_surface import MappedSurface
 from taichisoft.scenes.file import scene_from_toml
 from taichisoft.scenes.scene import Scene
 from taichisoft.state import State
@@ -37,6 +37,7 @@ class Recording:
         frame_count: Frames that were written whole; frame 0 is the state before the first step.
         cavities: Names of the columns of `column("pressure")` and `column("volume")`.
         pairs: Names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
+        base_pivot: The point about which the base turns [mm], shape (3,).
         surfaces: Everything with triangles: soft bodies with their cavities, rigid bodies, obstacles.
         planes: The infinite obstacles.
     """
@@ -54,10 +55,8 @@ class Recording:
         self.frame_count = int(file["frames"][0])
         self.cavities: list[str] = list(self._steps.attrs["cavities"])
         self.pairs: list[Pair] = [tuple(pair.split("|")) for pair in self._steps.attrs["pairs"]]
-        self.surfaces = tuple(
-            RecordedSurface(surface.name, surface.kind, surface.triangles, self._follow(surface))
-            for surface in read_surfaces(file)
-        )
+        self.base_pivot: np.ndarray = attributes["base_pivot"]
+        self.surfaces = tuple(map(self.follow, read_surfaces(file)))
         self.planes = tuple(read_planes(file))
 
     def __enter__(self) -> Self:
@@ -114,6 +113,15 @@ class Recording:
         """Points [mm] and forces [mN] on the second body of each contact, each of shape (contact_count, 3)."""
         return self._contact_rows("point", frame), self._contact_rows("impulse", frame) / self.step_size
 
+    def follow(self, surface: BodySurface) -> RecordedSurface:
+        """A surface of one of the bodies in the frames of this recording."""
+        mapping = surface.shape if isinstance(surface.shape, MappedSurface) else None
+
+        def vertices(frame: int) -> np.ndarray:
+            return surface.vertices(_RecordedPoses(self, frame))
+
+        return RecordedSurface(surface.name, surface.kind, surface.triangles, vertices, mapping)
+
     def state(self, frame: int) -> State:
         """The state in a frame, bit for bit: a run that goes on from it is the one that was recorded."""
         values: dict[str, Any] = {}
@@ -144,9 +152,6 @@ class Recording:
         for dataset in (*self._steps.values(), *self._file["contacts"].values()):
             dataset.refresh()
         self.frame_count = frame_count
-
-    def _follow(self, surface: BodySurface) -> Callable[[int], np.ndarray]:
-        return lambda frame: surface.vertices(_RecordedPoses(self, frame))
 
     def _contact_rows(self, name: str, frame: int) -> np.ndarray:
         start = int(self.row("contact_offset", frame))

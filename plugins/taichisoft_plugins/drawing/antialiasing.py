@@ -4,17 +4,20 @@ The idea is that of fast approximate antialiasing (FXAA): along an edge between 
 slanted line lie far apart; the nearer a pixel is to such a step, the more of the other row's colour it gets.
 """
 
+from collections.abc import Sequence
+
 import numpy as np
 
-CONTRAST, RELATIVE_CONTRAST = np.uint8(12), np.uint8(3)
-"""Difference of brightness among neighbours from which a pixel lies at an edge: so much of 255, and the largest shifted
-by so many bits. Bytes make this quick where it is done for every pixel."""
+CONTRAST = np.uint8(12)
+"""Difference of brightness among neighbours, of 255, from which a pixel lies at an edge."""
+RELATIVE_SHIFT = np.uint8(3)
+"""Bits by which the brightest neighbour is shifted for the least difference relative to it; bytes are quick."""
 REACH = 14
 """How far along an edge its ends are looked for [pixels]."""
 
 
-def smooth_edges(image: np.ndarray) -> np.ndarray:
-    """The image with smooth edges, shape (height, width, 3), dtype uint8."""
+def antialias(image: np.ndarray) -> np.ndarray:
+    """The image, shape (height, width, 3), dtype uint8, with smooth edges."""
     from PIL import Image
 
     height, width, _ = image.shape
@@ -25,7 +28,7 @@ def smooth_edges(image: np.ndarray) -> np.ndarray:
     for neighbour in around:
         np.minimum(low, neighbour, out=low)
         np.maximum(high, neighbour, out=high)
-    rows, columns = np.nonzero(high - low > np.maximum(high >> RELATIVE_CONTRAST, CONTRAST))
+    rows, columns = np.nonzero(high - low > np.maximum(high >> RELATIVE_SHIFT, CONTRAST))
     if not len(rows):
         return image
     pixel = (rows + 1) * width + columns + 1
@@ -40,23 +43,17 @@ def smooth_edges(image: np.ndarray) -> np.ndarray:
 
 def _directions(flat: np.ndarray, pixel: np.ndarray, width: int) -> tuple[np.ndarray, np.ndarray]:
     """Steps (differences of flat indices) across the edge at each pixel, to its other side, and along it."""
-    middle = 2 * flat[pixel]
-    up, down, left, right = (flat[pixel + step] for step in (-width, width, -1, 1))
-    corner = {(v, h): flat[pixel + v * width + h] for v in (-1, 1) for h in (-1, 1)}
-    rows_differ = (
-        np.abs(corner[-1, -1] + corner[1, -1] - 2 * left)
-        + 2 * np.abs(up + down - middle)
-        + np.abs(corner[-1, 1] + corner[1, 1] - 2 * right)
-    )
-    columns_differ = (
-        np.abs(corner[-1, -1] + corner[-1, 1] - 2 * up)
-        + 2 * np.abs(left + right - middle)
-        + np.abs(corner[1, -1] + corner[1, 1] - 2 * down)
-    )
-    level = rows_differ >= columns_differ
-    own = flat[pixel]
-    before, after = np.where(level, up, left), np.where(level, down, right)
-    side = np.where(np.abs(before - own) >= np.abs(after - own), -1, 1)
+    near = {(row, column): flat[pixel + row * width + column] for row in (-1, 0, 1) for column in (-1, 0, 1)}
+
+    def curvature(line: Sequence[tuple[int, int]]) -> np.ndarray:
+        before, middle, after = (near[place] for place in line)
+        return np.abs(before + after - 2 * middle)
+
+    vertical = [curvature([(-1, column), (0, column), (1, column)]) for column in (-1, 0, 1)]
+    horizontal = [curvature([(row, -1), (row, 0), (row, 1)]) for row in (-1, 0, 1)]
+    level = vertical[0] + 2 * vertical[1] + vertical[2] >= horizontal[0] + 2 * horizontal[1] + horizontal[2]
+    before, after = np.where(level, near[-1, 0], near[0, -1]), np.where(level, near[1, 0], near[0, 1])
+    side = np.where(np.abs(before - near[0, 0]) >= np.abs(after - near[0, 0]), -1, 1)
     return side * np.where(level, width, 1), np.where(level, 1, width)
 
 
