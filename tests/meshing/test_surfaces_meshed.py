@@ -12,8 +12,8 @@ from taichisoft.errors import MeshError
 from taichisoft.meshes.mapped_surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.bodies import surface_mesher
+from taichisoft_meshing.bodies.kinds import SurfacesBody
 from taichisoft_meshing.bodies.meshed_body import _surfaces, compare_volumes
-from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
 from taichisoft_meshing.gmsh_session import GmshFailure
 
 

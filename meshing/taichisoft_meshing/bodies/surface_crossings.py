@@ -9,13 +9,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft.meshes.edge_crossings import common_points, pairs_of_meeting_boxes
-from taichisoft_meshing.bodies.surface_repair import NEAR, diagonal
+from taichisoft_meshing.bodies.surface_geometry import NEAR, angles_between, area_vectors, diagonal, joined_sides
 
-# Of the diagonal: a vertex this near to a triangle of the same shell lies in it. Fine meshes have thin triangles, so
-# NEAR, the distance at which different shells touch, would be too large.
 SAME_SHELL_NEAR = 1e-9
+"""Distance at which a vertex lies in a triangle of its own shell, as a share of the diagonal [-]. Fine meshes have thin
+triangles, so NEAR, the distance at which different shells touch, would be too large."""
 
-FOLDED = 1e-6  # [rad] between two neighbours that lie upon each other
+FOLDED = 1e-6
+"""Largest angle between two neighbours that lie upon each other [rad]."""
 
 
 @dataclass(frozen=True)
@@ -39,16 +40,14 @@ def find_crossings(vertices: np.ndarray, triangles: np.ndarray, shell: np.ndarra
         triangles: vertex indices, shape (triangle_count, 3).
         shell: number of the shell that each triangle belongs to, shape (triangle_count,).
     """
-    edges, first, inverse = np.unique(
-        np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1), axis=0, return_index=True, return_inverse=True
-    )
-    own = first // 3
-    found = [_folds(vertices, triangles, np.argsort(inverse.ravel(), kind="stable").reshape(-1, 2) // 3)]
-    near = NEAR * diagonal(vertices)
-    for edge, triangle in pairs_of_meeting_boxes(vertices[edges], vertices[triangles], near):
+    edges, sides = joined_sides(triangles)
+    own = sides[:, 0] // 3
+    found = [_folds(vertices[triangles], sides // 3)]
+    size = diagonal(vertices)
+    for edge, triangle in pairs_of_meeting_boxes(vertices[edges], vertices[triangles], NEAR * size):
         apart = (edges[edge][:, :, None] != triangles[triangle][:, None, :]).all(axis=(1, 2))
         edge, triangle = edge[apart], triangle[apart]
-        reach = np.where(shell[own[edge]] == shell[triangle], SAME_SHELL_NEAR / NEAR, 1.0) * near
+        reach = np.where(shell[own[edge]] == shell[triangle], SAME_SHELL_NEAR, NEAR) * size
         place = common_points(vertices[edges[edge]], vertices[triangles[triangle]], reach)
         hit = np.isfinite(place).all(axis=1)
         found.append((np.column_stack([own[edge], triangle])[hit], place[hit]))
@@ -57,11 +56,7 @@ def find_crossings(vertices: np.ndarray, triangles: np.ndarray, shell: np.ndarra
     return Crossings(pairs, np.vstack([places for _, places in found])[once])
 
 
-def _folds(vertices: np.ndarray, triangles: np.ndarray, neighbours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Neighbours that lie upon each other: across their common edge the surface turns back."""
-    corners = vertices[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    one, other = normals[neighbours[:, 0]], normals[neighbours[:, 1]]
-    folded = (np.linalg.norm(np.cross(one, other), axis=1) < FOLDED) & (np.einsum("nd,nd->n", one, other) < 0)
-    return neighbours[folded], corners[neighbours[folded, 0]].mean(axis=1)
+def _folds(corners: np.ndarray, neighbours: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbours that lie upon each other, as across their common edge the surface turns back, and a place in each."""
+    folded = neighbours[angles_between(area_vectors(corners), neighbours) > np.pi - FOLDED]
+    return folded, corners[folded[:, 0]].mean(axis=1)
