@@ -93,7 +93,7 @@ def compare_volumes(mesh: VolumeMesh, silicone: float, cavities: Sequence[float]
             amount = f"{got:.6g} mm^3 in the mesh instead of {wanted:.6g}, {100 * off:.2g} % off"
             what = f"{mesh.source}: {name} has {amount}"
             if refused and off > (REFUSED if tolerance is None else tolerance):
-                raise MeshError(f"{what}; choose a smaller size")
+                raise MeshError(f"{what}; try another size")
             if not refused and tolerance is None and off > SAID:
                 warnings.warn(f"{what}: the curved surfaces are meshed coarsely", stacklevel=2)
 

@@ -49,10 +49,10 @@ def mesh(
     if len(files) > 1 and not surfaces:
         raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
     asked = options.asked_size(size, nodes, preset)
-    if surfaces:
-        job = options.surfaces_job(files, keep_surface, set_, asked)
+    if step or surfaces:
+        job = options.cad_job("step" if step else "surfaces", files, keep_surface, set_, asked)
     else:
-        job = (options.step_job if step else options.geometry_job)(files[0], set_, asked)
+        job = options.geometry_job(files[0], set_, asked)
     prepare(output)
     console = Console()
     with stages_bar(console, job.file.name) as stage:

@@ -53,24 +53,26 @@ def geometry_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str,
     return MeshJob(kind, overridden(tables, overrides), file, asked)
 
 
-def step_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str, Any]) -> "MeshJob":
-    """Prepare to mesh a STEP file as a geometry file of kind "step" would; arguments as for `geometry_job`."""
-    from taichisoft_meshing.mesh_job import MeshJob
-
-    path = Path(name).expanduser()
-    return MeshJob("step", overridden({"file": path.name}, overrides), path, asked)
-
-
-def surfaces_job(
-    names: Sequence[str], keep_surface: bool, overrides: Sequence[str] | None, asked: Mapping[str, Any]
+def cad_job(
+    kind: str, names: Sequence[str], keep_surface: bool, overrides: Sequence[str] | None, asked: Mapping[str, Any]
 ) -> "MeshJob":
-    """Prepare to mesh an outer surface and cavities as a geometry file of kind "surfaces" would."""
+    """Prepare to mesh files of CAD as a geometry file beside the first one would.
+
+    Args:
+        kind: "step" or "surfaces".
+        names: paths of the STEP file; or of the outer surface, then of cavities.
+        keep_surface: whether the triangles of surfaces are kept.
+        overrides: texts "key=value" for the tables of the geometry file.
+        asked: the result of `asked_size`.
+    """
     from taichisoft_meshing.mesh_job import MeshJob
 
-    outer = Path(names[0]).expanduser()
-    cavities = [os.path.relpath(Path(name).expanduser(), outer.parent) for name in names[1:]]
-    tables = {"outer": outer.name, "cavity": cavities, "keep_surface": keep_surface}
-    return MeshJob("surfaces", overridden(tables, overrides), outer, asked)
+    first, *others = (Path(name).expanduser() for name in names)
+    tables: dict[str, Any] = {"file": first.name}
+    if kind == "surfaces":
+        cavities = [os.path.relpath(cavity, first.parent) for cavity in others]
+        tables = {"outer": first.name, "cavity": cavities, "keep_surface": keep_surface}
+    return MeshJob(kind, overridden(tables, overrides), first, asked)
 
 
 def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dict[str, Any]:

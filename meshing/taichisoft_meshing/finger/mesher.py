@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft_meshing.bodies.meshed_body import compare_volumes
 from taichisoft_meshing.finger.boxes import Box, chamber_boxes, channel_box
 from taichisoft_meshing.finger.cavity_walls import layer_count, thin_walls
 from taichisoft_meshing.finger.groups import element_groups, surface_groups
@@ -14,10 +14,9 @@ from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.finger.solid import build_finger
 from taichisoft_meshing.gmsh_session import gmsh_session, obey_size_fields, tetrahedra
 
-# Largest error of a volume, as a share of the volume of the drawing: between flat faces only rounding may be missing,
-# but flat triangles cut the corners of fillets and of an inlet, or fill them.
-VOLUME_TOLERANCE = 1e-6
-CURVED_TOLERANCE = 0.02
+ROUNDING, CURVED = 1e-6, 0.02
+"""Largest errors of a volume, as shares of that of the drawing [-]: between flat faces only rounding is missing, and
+flat triangles cut the corners of fillets and of an inlet, or fill them."""
 
 GROWTH = 0.5
 """Growth of the element size for each millimetre of distance from the walls [-]."""
@@ -50,7 +49,8 @@ def mesh_finger(parameters: FingerParameters, source: str = "finger") -> VolumeM
     except ValueError as error:
         raise MeshError(f"{source}: {error}") from error
     mesh = VolumeMesh(f"{source} meshed by gmsh", nodes, elements, surface_groups(nodes, elements), groups).check()
-    _check_volumes(mesh, parameters, source)
+    air = parameters.cavity_volume
+    compare_volumes(mesh, parameters.solid_volume - air, [air], CURVED if parameters.is_curved else ROUNDING)
     return mesh
 
 
@@ -90,17 +90,3 @@ def _add_box_field(gmsh: Any, box: Box, inside: float, outside: float, distance:
         options |= {f"{axis}Min": low, f"{axis}Max": high}
     for option, value in options.items():
         field.setNumber(tag, option, value)
-
-
-def _check_volumes(mesh: VolumeMesh, finger: FingerParameters, source: str) -> None:
-    silicone = float(tetrahedron_volumes(mesh.nodes, mesh.elements).sum())
-    air = enclosed_volume(mesh.nodes, mesh.surface_groups["cavity"])
-    tolerance = CURVED_TOLERANCE if finger.is_curved else VOLUME_TOLERANCE
-    for what, meshed, wanted in (
-        ("silicone", silicone, finger.solid_volume - finger.cavity_volume),
-        ("cavity", air, finger.cavity_volume),
-    ):
-        if not abs(meshed - wanted) <= tolerance * wanted:
-            raise MeshError(
-                f"{source}: gmsh gave a {what} of {meshed:.6g} mm^3 instead of {wanted:.6g}; try another mesh.largest"
-            )
