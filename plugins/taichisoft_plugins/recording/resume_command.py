@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from taichisoft.errors import TaichisoftError
 from taichisoft.plugin_system.run_options import requested, takes_run_options
 from taichisoft_plugins.recording.layout import FILE_NAME
 from taichisoft_plugins.recording.reader import Recording, read_recording
@@ -48,7 +49,7 @@ def resume(
         scene = recorded_scene(recording, set_ or [], controller or asked.controller)
         folder = output or _new_folder(recording, frame)
         if (folder / FILE_NAME).resolve() == run.resolve():
-            raise typer.BadParameter(f"--output {folder}: would replace the recording; name another folder")
+            raise TaichisoftError(f"--output {folder}: would replace the recording; name another folder")
         if scene.goal is not None and base_has_moved(recording, frame):
             typer.echo("the goal of the scene is not judged: the base had moved before")
             scene = scene.model_copy(update={"goal": None})
