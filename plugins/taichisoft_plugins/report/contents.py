@@ -5,11 +5,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-import taichisoft
 from taichisoft.errors import TaichisoftError
 from taichisoft_plugins.metrics import FILE_NAME as METRICS
 from taichisoft_plugins.plots.plots import draw_plots
-from taichisoft_plugins.recording.reader import Recording, read_recording
+from taichisoft_plugins.recording.reader import Recording
 
 PICTURES, VIDEOS = (".png",), (".mp4", ".webm", ".gif")
 MOMENTS = ("before", "grasped", "lifted", "after")
@@ -37,26 +36,14 @@ class ReportContents:
     """Everything that a report shows.
 
     Attributes:
-        title: Title of the scene.
-        outcome: How the run ended.
-        recording: File of the recording.
-        duration: Simulated time since the last start [s].
-        restarts: How often the run was started anew.
-        scene: The resolved scene as TOML.
-        versions: Versions of what computed the run, and of what makes the report, by name.
+        recording: The recording, which stays open.
         pictures, videos: Files in the order in which they are shown.
         metrics: Figures of metrics.json by name.
         plots: Content of an SVG file; empty if there is none.
         missing: Sentences that say what the report has to do without.
     """
 
-    title: str
-    outcome: str
-    recording: Path
-    duration: float
-    restarts: int
-    scene: str
-    versions: dict[str, str]
+    recording: Recording
     pictures: list[MediaFile] = field(default_factory=list)
     videos: list[MediaFile] = field(default_factory=list)
     metrics: dict[str, Any] = field(default_factory=dict)
@@ -64,37 +51,24 @@ class ReportContents:
     missing: list[str] = field(default_factory=list)
 
 
-def collect(path: Path, began: float | None = None) -> ReportContents:
-    """Look at a recording and what lies beside it.
+def collect(recording: Recording, began: float | None = None) -> ReportContents:
+    """Draw the plots of a recording, and look for what lies beside it.
 
     Args:
-        path: File of the recording.
+        recording: The recording, which stays open.
         began: Time at which its run began [s since the epoch], to tell pictures of an earlier run in the same folder.
             Later that cannot be told: to copy a folder changes the times of its files.
-
-    Raises:
-        RecordingError: There is no such recording.
     """
-    with read_recording(path) as recording:
-        times = recording.times
-        contents = ReportContents(
-            title=recording.scene.title or path.parent.resolve().name,
-            outcome=recording.outcome,
-            recording=path,
-            duration=float(times[-1]) if len(times) else 0.0,
-            restarts=int((times[1:] < times[:-1]).sum()),
-            scene=recording.scene_text,
-            versions={**recording.versions, "report by taichisoft": taichisoft.__version__},
-        )
-        _add_plots(contents, recording)
+    contents = ReportContents(recording)
+    _add_plots(contents)
     _add_media(contents, began)
     _add_metrics(contents)
     return contents
 
 
-def _add_plots(contents: ReportContents, recording: Recording) -> None:
+def _add_plots(contents: ReportContents) -> None:
     try:
-        plots = draw_plots(recording, "svg")
+        plots = draw_plots(contents.recording, "svg")
     except TaichisoftError as error:
         contents.missing.append(f"There are no plots: {error}.")
         return
@@ -105,13 +79,13 @@ def _add_plots(contents: ReportContents, recording: Recording) -> None:
 def _add_media(contents: ReportContents, began: float | None) -> None:
     """Add all pictures and videos of the folder, except for the plots, which are drawn anew."""
     start = 0.0 if began is None else began - CLOCK_STEP
-    files = [path for path in contents.recording.parent.iterdir() if path.is_file()]
+    files = [path for path in contents.recording.path.parent.iterdir() if path.is_file()]
     found = sorted((path for path in files if not path.name.startswith((".", "plots."))), key=_rank)
     media = [MediaFile(path, path.stat().st_mtime < start) for path in found]
     contents.pictures = [one for one in media if one.path.suffix.lower() in PICTURES]
     contents.videos = [one for one in media if one.path.suffix.lower() in VIDEOS]
     if not contents.pictures:
-        contents.missing.append(f"There are no pictures: `taichisoft render {contents.recording}` draws them.")
+        contents.missing.append(f"There are no pictures: `taichisoft render {contents.recording.path}` draws them.")
 
 
 def _rank(path: Path) -> tuple[int, str]:
@@ -120,7 +94,7 @@ def _rank(path: Path) -> tuple[int, str]:
 
 
 def _add_metrics(contents: ReportContents) -> None:
-    path = contents.recording.parent / METRICS
+    path = contents.recording.path.parent / METRICS
     try:
         metrics = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(metrics, dict):

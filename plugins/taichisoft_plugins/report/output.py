@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from taichisoft.atomic_file import whole_file
 from taichisoft.errors import TaichisoftError
 from taichisoft_plugins.recording.needed import NeededRecording
+from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.report.contents import collect
 from taichisoft_plugins.report.page import report_page
 
@@ -66,12 +67,13 @@ def write_report(recording: Path, path: Path | None = None, began: float | None 
         ReportError: The page cannot be written, or a picture cannot be read.
     """
     path = path or recording.with_name(FILE_NAME)
-    contents = collect(recording, began)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        page = report_page(contents, path.parent)
-    except OSError as error:
-        raise ReportError(f"{path}: not written: {error}") from error
+    with read_recording(recording) as opened:
+        contents = collect(opened, began)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            page = report_page(contents, path.parent)
+        except OSError as error:
+            raise ReportError(f"{path}: not written: {error}") from error
     with whole_file(path, ReportError) as partial:
         partial.write_text(page, encoding="utf-8")
     return path

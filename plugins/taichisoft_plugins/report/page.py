@@ -9,6 +9,8 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
+import taichisoft
+from taichisoft_plugins.recording.reader import Recording
 from taichisoft_plugins.report.contents import MediaFile, ReportContents
 
 EMBEDDED_BYTES = 20_000_000
@@ -61,9 +63,13 @@ def report_page(contents: ReportContents, folder: Path) -> str:
     Raises:
         OSError: A picture or video cannot be read.
     """
+    recording = contents.recording
+    title = escape(recording.scene.title or recording.path.parent.resolve().name)
+    scene = f"<details><summary>resolved scene</summary><pre>{escape(recording.scene_text)}</pre></details>"
+    versions = {**recording.versions, "report by taichisoft": taichisoft.__version__}
     parts = [
-        f"<h1>{escape(contents.title)}</h1>",
-        _status(contents),
+        f"<h1>{title}</h1>",
+        _status(recording, contents.metrics.get("held")),
         _headlines(contents.metrics),
         _gallery("Pictures", contents.pictures, folder),
         _gallery("Video", contents.videos, folder),
@@ -73,28 +79,30 @@ def report_page(contents: ReportContents, folder: Path) -> str:
         else "",
         _section("Metrics", _table(_rows(contents.metrics))) if contents.metrics else "",
         _section("What is not here", _list(contents.missing)) if contents.missing else "",
-        _section("Scene", f"<details><summary>resolved scene</summary><pre>{escape(contents.scene)}</pre></details>"),
-        _section("Versions", _table(contents.versions.items())),
+        _section("Scene", scene),
+        _section("Versions", _table(versions.items())),
     ]
     return (
         f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
         f'<meta name="viewport" content="width=device-width, initial-scale=1">\n'
-        f"<title>{escape(contents.title)}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
+        f"<title>{title}</title>\n<style>{STYLE}</style>\n</head>\n<body>\n<main>\n"
         + "\n".join(part for part in parts if part)
         + "\n</main>\n</body>\n</html>\n"
     )
 
 
-def _status(contents: ReportContents) -> str:
-    held = contents.metrics.get("held")
-    pills = [("good" if contents.outcome == "completed" else "bad", contents.outcome)]
+def _status(recording: Recording, held: bool | None) -> str:
+    """How the run ended, whether its object was held, and how long it took."""
+    pills = [("good" if recording.outcome == "completed" else "bad", recording.outcome)]
     if held is not None:
         pills.insert(0, ("good", "held") if held else ("bad", "not held"))
-    texts = [f"{contents.duration:g} s simulated"]
-    if contents.restarts:
-        often = "once" if contents.restarts == 1 else f"{contents.restarts} times"
+    times = recording.times
+    restarts = int((times[1:] < times[:-1]).sum())
+    texts = [f"{times[-1] if len(times) else 0.0:g} s simulated"]
+    if restarts:
+        often = "once" if restarts == 1 else f"{restarts} times"
         texts.append(f"started anew {often}; shown is what came after the last start")
-    texts.append(str(contents.recording.name))
+    texts.append(recording.path.name)
     shown = "".join(f'<span class="pill {kind}">{escape(text)}</span>' for kind, text in pills)
     return f'<p class="status">{shown}{escape(" · ".join(texts))}</p>'
 
