@@ -79,7 +79,7 @@ def test_colours_of_soft_bodies_and_cavities_mean_what_the_bars_say(gripper):
     assert np.allclose(colouring.colours(0)[soft.name], SOFT[0])
     tips = soft.vertices(0)[:, 0] < -114.0
     assert (colouring.colours(2)[soft.name][tips, 1] < 0.4).all(), "violet"
-    assert np.allclose(colouring.colours(0)[cavity.name], AIR[0]), "before the first step no pressure is known"
+    assert np.allclose(colouring.colours(0)[cavity.name], AIR[0])
     assert np.allclose(colouring.colours(2)[cavity.name], AIR[-1])
     cube = next(surface for surface in gripper.surfaces if surface.kind == "rigid")
     assert tuple(colouring.colours(2)[cube.name]) == PLAIN["rigid"]
@@ -91,7 +91,7 @@ def test_there_is_no_bar_for_what_cannot_be_seen(gripper, tmp_path):
     fake_run.fake_run([RecordingOutput(tmp_path)], steps=0)
     with read_recording(tmp_path / "recording.h5") as start:  # without any pressure or contact
         assert Colouring(start, Style(), [0], start.surfaces).scales == ()
-        assert caption_parts(start, 0) == ["0.00 s", "cube raised 0.0 mm"]
+        assert caption_parts(start, 0) == ["0.00 s", "pressure 0.0 kPa", "cube raised 0.0 mm"]
         ForceArrows(start, [0], 10.0).paint(None, None, 0)  # would fail if it tried to paint
 
 
@@ -104,7 +104,7 @@ def test_a_colour_scale_is_linear_and_holds_its_ends():
 
 
 def test_the_caption_has_time_pressure_and_height(gripper):
-    assert caption_parts(gripper, 0) == ["0.00 s", "cube raised 0.0 mm"]
+    assert caption_parts(gripper, 0) == ["0.00 s", "pressure 0.0 kPa", "cube raised 0.0 mm"]
     assert caption_parts(gripper, 2) == ["0.02 s", "pressure 50.0 kPa", "cube raised 25.0 mm"]
 
 

@@ -58,8 +58,7 @@ class Colouring:
         """Red, green and blue [-] by surface, shape (3,), or of each of its vertices, shape (vertex_count, 3)."""
         colours = {surface.name: np.array(PLAIN[surface.kind]) for surface in self._surfaces}
         if self._pressure_scale is not None:
-            # Before the first step no pressure is known.
-            pressures = np.nan_to_num(self._recording.row("pressure", frame))
+            pressures = self._recording.row("pressure", frame)
             colours |= zip(self._recording.cavities, self._pressure_scale.colours(pressures), strict=True)
         if self._scale is not None:
             values = self._values(frame)
@@ -114,7 +113,7 @@ def _pressure_scale(recording: Recording, frames: Sequence[int]) -> ColourScale 
     if not recording.cavities:
         return None
     pressures = recording.column("pressure")[np.unique(frames)]
-    lowest, highest = np.nanmin(pressures, initial=0.0), np.nanmax(pressures, initial=0.0)
+    lowest, highest = np.min(pressures, initial=0.0), np.max(pressures, initial=0.0)
     if highest == lowest:
         return None
     ends = [round_up(abs(end)) * np.sign(end) if end else 0.0 for end in (lowest, highest)]

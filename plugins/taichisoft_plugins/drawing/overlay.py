@@ -103,12 +103,10 @@ def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour) 
 
 
 def caption_parts(recording: Recording, frame: int) -> list[str]:
-    """What the caption of a frame says; there are pressures only where and when they are known."""
+    """What the caption of a frame says."""
     parts = [f"{recording.times[frame]:.2f} s"]
     if recording.cavities:
-        pressures = recording.row("pressure", frame)
-        if not np.isnan(pressures).all():
-            parts.append(_pressure_text(pressures))
+        parts.append(_pressure_text(recording.row("pressure", frame)))
     start = recording.row("rigid_position", recording.last_start if frame >= recording.last_start else 0)
     rises = (recording.row("rigid_position", frame) - start) @ recording.scene.up
     for name, rise in list(zip(recording.scene.rigid_bodies, rises, strict=True))[:CAPTION_BODIES]:
@@ -138,7 +136,7 @@ def _pressure_text(values: np.ndarray) -> str:
         return f"pressure {texts[0]} kPa"
     if len(texts) <= SINGLE_PRESSURES:
         return f"pressures {', '.join(texts)} kPa"
-    return f"pressures from {np.nanmin(values):.1f} to {np.nanmax(values):.1f} kPa"
+    return f"pressures from {np.min(values):.1f} to {np.max(values):.1f} kPa"
 
 
 def _one_decimal(value: float) -> str:
