@@ -3,13 +3,13 @@
 import hmac
 import math
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.slider import Slider
 from taichisoft_plugins.web.messages import PageSetup, Snapshot, SpeedWanted
-from taichisoft_plugins.web.page import SPEEDS
+from taichisoft_plugins.web.page import SPEEDS, clamped
 
 MOVED_BY_VIEWER = 0.5
 """For so long [s] a slider that a viewer has moved is not set back to what the run has not heard of yet."""
@@ -51,7 +51,7 @@ class Controls:
             number, unlimited = self._speed
             unlimited.value = snapshot.speed is None
             if snapshot.speed is not None:
-                number.value = min(max(snapshot.speed, SPEEDS[0]), SPEEDS[1])
+                number.value = clamped(snapshot.speed, SPEEDS)
 
     def _ask_for_token(self, first: Snapshot) -> None:
         with self._gui.add_folder("control", order=1.0) as folder:
@@ -79,7 +79,7 @@ class Controls:
             self._add_speed(first)
             for key, effect in setup.run_bindings.items():
                 if key in HOTKEYS or key.isalnum():  # "?" is for terminals, which have no buttons
-                    self._add_button(effect, key)
+                    self._gui.add_button(effect, hint=f"key: {key}").on_click(self._sender_of(key))
                     self._add_hotkeys(effect, [key])
 
     def _add_slider(self, name: str, slider: Slider) -> None:
@@ -99,7 +99,7 @@ class Controls:
 
         @handle.on_update
         async def _(event: Any) -> None:
-            if event.client is not None and math.isfinite(handle.value):  # else it was `follow`
+            if event.client is not None and math.isfinite(handle.value):  # otherwise it was `follow`
                 moved[0] = time.monotonic()
                 self._send(KeyEvent(name, value=float(handle.value)))
 
@@ -112,36 +112,27 @@ class Controls:
             if event.client is not None and handle.value in labels:
                 self._send(KeyEvent(labels[handle.value]))
 
-    def _add_button(self, effect: str, key: str) -> None:
-        handle = self._gui.add_button(effect, hint=f"key: {key}")
-
-        @handle.on_click
-        async def _(event: Any) -> None:
-            self._send(KeyEvent(key))
-
     def _add_hotkeys(self, effect: str, keys: Iterable[str]) -> None:
         for key in keys:
             hotkey = HOTKEYS.get(key, key.upper() if len(key) == 1 and key.isascii() and key.isalnum() else None)
             if hotkey is not None:
-                self._add_hotkey(f"{key}: {effect}", hotkey, key)
+                self._gui.add_command(f"{key}: {effect}", hotkey=hotkey).on_trigger(self._sender_of(key))
 
-    def _add_hotkey(self, label: str, hotkey: Any, key: str) -> None:
-        handle = self._gui.add_command(label, hotkey=hotkey)
-
-        @handle.on_trigger
-        async def _(event: Any) -> None:
+    def _sender_of(self, key: str) -> Callable[[Any], Awaitable[None]]:
+        async def send_key(event: Any) -> None:
             self._send(KeyEvent(key))
 
+        return send_key
+
     def _add_speed(self, first: Snapshot) -> None:
-        speed = 1.0 if first.speed is None else min(max(first.speed, SPEEDS[0]), SPEEDS[1])
+        speed = 1.0 if first.speed is None else clamped(first.speed, SPEEDS)
         number = self._gui.add_slider("speed [x real time]", *SPEEDS, step=0.05, initial_value=speed)
         unlimited = self._gui.add_checkbox("as fast as it goes", first.speed is None)
         self._speed = number, unlimited
 
         async def changed(event: Any) -> None:
             if event.client is not None and math.isfinite(number.value):
-                wanted = min(max(number.value, SPEEDS[0]), SPEEDS[1])
-                self._send(SpeedWanted(None if unlimited.value else wanted))
+                self._send(SpeedWanted(None if unlimited.value else clamped(number.value, SPEEDS)))
 
         async def limited(event: Any) -> None:
             if event.client is not None:
@@ -162,4 +153,4 @@ def _all_keys(keys: str) -> list[str]:
 
 def _within(slider: Slider) -> float:
     """The value of a slider within its ends: a controller that only shows its pressure may have it beyond them."""
-    return float(min(max(slider.value, slider.lowest), slider.highest))
+    return clamped(slider.value, (slider.lowest, slider.highest))

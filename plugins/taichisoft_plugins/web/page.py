@@ -53,6 +53,11 @@ class Page:
         self._text.content = text
 
 
+def clamped(value: float, ends: tuple[float, float]) -> float:
+    """The number between two ends that is nearest to a value."""
+    return float(min(max(value, ends[0]), ends[1]))
+
+
 def make_server(host: str, port: int) -> Any:
     """A viser server that cannot be made public by its viewers."""
     import viser

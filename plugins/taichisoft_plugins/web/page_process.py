@@ -1,12 +1,14 @@
 """The process that serves the page of a run: `python -m taichisoft_plugins.web.page_process`, messages in the pipes.
 
-A process of its own, so that neither its work nor a viewer can slow the run. `page_link` starts it, nothing else does.
+The page has a process of its own so that neither its work nor a viewer can slow the run; only `page_link` starts it.
 """
 
 import os
 import sys
 import threading
 import time
+from collections.abc import Callable
+from contextlib import suppress
 from typing import IO, Any
 
 import numpy as np
@@ -26,7 +28,7 @@ SECONDS_TO_DELIVER = 0.5
 
 
 class Inbox:
-    """The newest snapshot; a thread reads all that come, so that the run never waits for the page."""
+    """Keeps the newest snapshot; a thread reads all that come, so that the run never waits for the page."""
 
     def __init__(self, stream: IO[bytes]):
         self._stream = stream
@@ -53,28 +55,12 @@ class Inbox:
             self._arrived.set()
 
 
-class Outbox:
-    """What viewers want, on its way to the run; from any thread."""
-
-    def __init__(self, stream: IO[bytes]):
-        self._stream = stream
-        self._lock = threading.Lock()
-
-    def put(self, message: Any) -> None:
-        """Send at once; when the run is gone, the inbox says so."""
-        with self._lock:
-            try:
-                send(self._stream, message)
-            except OSError:
-                return
-
-
 class LivePage:
     """The page of a run, with controls for every viewer who may have them."""
 
-    def __init__(self, setup: PageSetup, outbox: Outbox):
-        self._setup = setup
-        self._outbox = outbox
+    def __init__(self, setup: PageSetup, tell: Callable[[Any], None]):
+        """Serve the page; `tell` sends a message to the run, from any thread."""
+        self._setup, self._tell = setup, tell
         self._controls: dict[int, Controls] = {}
         self._snapshot = setup.first
         self._last_text = self._last_curves = 0.0
@@ -112,7 +98,7 @@ class LivePage:
         self.page.curves.show(np.array(self._history.times), np.array(self._history.rows))
 
     async def _arrived(self, client: Any) -> None:
-        self._controls[client.client_id] = Controls(client.gui, self._setup, self._snapshot, self._outbox.put)
+        self._controls[client.client_id] = Controls(client.gui, self._setup, self._snapshot, self._tell)
 
     async def _left(self, client: Any) -> None:
         self._controls.pop(client.client_id, None)
@@ -125,7 +111,7 @@ def frame_of(setup: PageSetup, snapshot: Snapshot) -> Frame:
 
 
 def status_line(snapshot: Snapshot) -> str:
-    """Time, speed and what the controller says, as Markdown."""
+    """One line of Markdown with the time, the speed and the status of the controller."""
     if snapshot.paused:
         speed = "paused"
     elif snapshot.real_time_factor == snapshot.real_time_factor:
@@ -140,10 +126,15 @@ def main() -> None:
     incoming, outgoing = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # viser prints
     setup = receive(incoming)
-    outbox = Outbox(outgoing)
-    live = LivePage(setup, outbox)
+    writing = threading.Lock()
+
+    def tell(message: Any) -> None:
+        with writing, suppress(OSError):  # when the run is gone, the inbox says so
+            send(outgoing, message)
+
+    live = LivePage(setup, tell)
     live.show(setup.first)
-    outbox.put(Ready(live.page.port))
+    tell(Ready(live.page.port))
     inbox = Inbox(incoming)
     shown = setup.first
     while inbox.end is None:

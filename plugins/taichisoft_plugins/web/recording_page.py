@@ -11,7 +11,7 @@ from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.web.address import Address
 from taichisoft_plugins.web.curves import MOST_POINTS, plotted_row
 from taichisoft_plugins.web.frame import Frame, PageScene
-from taichisoft_plugins.web.page import SPEEDS, Page
+from taichisoft_plugins.web.page import SPEEDS, Page, clamped
 
 UNFINISHED = "unfinished"
 FRAMES_PER_SECOND = 30.0
@@ -157,11 +157,11 @@ class RecordingPage:
         def _(event: Any) -> None:
             if event.client is not None:  # otherwise it followed the playback
                 playback.playing = False
-                playback.position = min(max(self._slider.value, 0.0), playback.length)
+                playback.position = clamped(self._slider.value, (0.0, playback.length))
 
         @speed.on_update
         def _(event: Any) -> None:
-            playback.speed = min(max(speed.value, SPEEDS[0]), SPEEDS[1])
+            playback.speed = clamped(speed.value, SPEEDS)
 
 
 def frame_of(recording: Recording, index: int) -> Frame:
