@@ -72,7 +72,7 @@ def observation(time: float, force: float = 0.0, **changes: Any) -> Observation:
     """What is seen at a time [s], with a force of the left finger on the cube [mN]."""
     values: dict[str, Any] = {
         "pressures": dict.fromkeys(CAVITIES, 0.0),
-        "normal_forces": {"left|cube": force},
+        "normal_forces": {("left", "cube"): force},
         "object_positions": {"cube": np.zeros(3)},
     }
     return Observation(time, round(time / TIME_STEP), **{**values, **changes})
