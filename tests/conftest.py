@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import settings
 
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
@@ -23,6 +24,16 @@ from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 FIGURES = pytest.StashKey[list[str]]()
+
+THOROUGH = 5000
+settings.register_profile("usual", settings(), deadline=None)  # no property depends on speed
+settings.register_profile("thorough", settings(), deadline=None, max_examples=THOROUGH)
+settings.load_profile("usual")
+
+
+def examples(count: int, **others: Any) -> settings:
+    """Try `count` examples instead of 100; `pytest --hypothesis-profile=thorough` tries its 5000 here, too."""
+    return settings(max_examples=THOROUGH if settings().max_examples == THOROUGH else count, **others)
 
 
 def make_block(cells: tuple[int, int, int], size: tuple[float, float, float], hollow: bool = False) -> VolumeMesh:

@@ -4,8 +4,8 @@ import itertools
 
 import numpy as np
 import pytest
+from conftest import examples
 from hypothesis import given
-from hypothesis import settings as how
 from hypothesis import strategies as st
 
 from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
@@ -66,7 +66,7 @@ def test_the_set_point_stays_while_nothing_slips() -> None:
     assert (set_point.force, set_point.raised_count) == (500.0, 0)
 
 
-@how(max_examples=40, deadline=None)
+@examples(40)
 @given(needed=st.floats(10.0, 5000.0), share=st.floats(0.02, 1.0))
 def test_an_object_that_slips_below_some_force_is_held_with_the_margin_over_it(needed: float, share: float) -> None:
     """The force follows by a share of the error at each call; the object slips whenever the force is below `needed`.

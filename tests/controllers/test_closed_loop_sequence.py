@@ -1,8 +1,8 @@
 """The phases of a closed-loop grasp on a toy of known friction: what is held, with what force, and what fails why."""
 
 import pytest
+from conftest import examples
 from hypothesis import given
-from hypothesis import settings as how
 from hypothesis import strategies as st
 from toy_grasp import FRICTION, STIFFNESS, STRONGEST, ToyGrasp, failure, run_toy
 
@@ -15,7 +15,7 @@ AT_FIRST = FRICTION * TUNING.set_point
 """What friction holds before the set point is raised [mN]."""
 
 
-@how(max_examples=15, deadline=None)
+@examples(15)
 @given(weight=st.floats(1.0, 0.9 * STRONGEST), period=st.sampled_from([0.01, 0.02, 0.05]))
 def test_one_tuning_holds_whatever_friction_can_hold(weight: float, period: float) -> None:
     """An object that slipped is held with the margin, less what the force grows by in a period.

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from conftest import make_block
-from hypothesis import given, settings
+from conftest import examples, make_block
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -72,7 +72,7 @@ def place(model: Model, seed: int, spread: float) -> None:
     model.surfaces.update(nodes, positions, Rotation.random(4, rng=random).as_matrix())
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(seed=st.integers(0, 10**6), spread=st.floats(1.0, 40.0), reach=st.floats(0.0, 10.0), depth=st.floats(0.0, 30.0))
 def test_the_contacts_are_those_of_every_feature_against_every_other(
     models: dict[int, Model], seed: int, spread: float, reach: float, depth: float
@@ -88,7 +88,7 @@ def test_the_contacts_are_those_of_every_feature_against_every_other(
             np.testing.assert_array_equal(getattr(found[leaf_triangles], field.name), of_brute_force)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seed=st.integers(0, 10**6), spread=st.floats(1.0, 40.0), reach=st.floats(0.0, 10.0))
 def test_the_contacts_with_a_plane_are_all_vertices_near_it(
     models: dict[int, Model], seed: int, spread: float, reach: float
@@ -103,7 +103,7 @@ def test_the_contacts_with_a_plane_are_all_vertices_near_it(
     np.testing.assert_array_equal(np.sort(pairs.vertices[on_plane, 0, 0]), expected)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seed=st.integers(0, 10**6))
 def test_every_box_is_that_of_the_triangles_below_it(models: dict[int, Model], seed: int) -> None:
     """Down to the leaves, after the vertices have moved: no box is too small, and none larger than it need be."""

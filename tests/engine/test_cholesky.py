@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.sparse as sparse
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.cholesky import fronts
@@ -44,7 +45,7 @@ def random_matrix(seed: int, pattern: sparse.csr_matrix) -> np.ndarray:
     return scale[:, None] * matrix * scale
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     seed=st.integers(0, 10**6),
     sizes=st.lists(st.integers(1, 30), min_size=1, max_size=4),

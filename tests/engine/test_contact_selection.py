@@ -1,11 +1,12 @@
 """The choice of contacts, and which of the last step they continue, against the definitions written out in numpy."""
 
 import numpy as np
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
+from taichisoft.contact.selection import CLEARLY_CLOSER, FIRST_CAPACITY, ContactSelection
 
 from taichisoft.contact.detection import ContactPairs
-from taichisoft.contact.selection import CLEARLY_CLOSER, FIRST_CAPACITY, ContactSelection
 
 BODIES = 4
 SIZE = np.array([100.0, 100.0, 5.0, np.inf])  # [mm]: contacts of body 2 may be as close as 1 mm
@@ -32,7 +33,7 @@ def apart(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.linalg.norm(first[:, None] - second, axis=2)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(seed=st.integers(0, 10**6), count=st.integers(0, 40) | st.integers(FIRST_CAPACITY, 3 * FIRST_CAPACITY))
 def test_what_is_dropped_is_near_a_closer_contact_that_is_kept(seed: int, count: int) -> None:
     """And of what is kept no two are near each other: alike in bodies and normal, and closer than the spacing."""
@@ -48,7 +49,7 @@ def test_what_is_dropped_is_near_a_closer_contact_that_is_kept(seed: int, count:
     assert (near & (kept.distance < pairs.distance[:, None]))[~is_kept].any(axis=1).all()
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(seed=st.integers(0, 10**6), count=st.integers(0, 40), last_count=st.integers(0, 2 * FIRST_CAPACITY))
 def test_each_contact_continues_the_nearest_of_the_last_step_that_is_still_free(
     seed: int, count: int, last_count: int

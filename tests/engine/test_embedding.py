@@ -1,8 +1,8 @@
 """Points that follow a mesh."""
 
 import numpy as np
-from conftest import make_block
-from hypothesis import given, settings
+from conftest import examples, make_block
+from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.bodies.embedding import embed
@@ -10,7 +10,7 @@ from taichisoft.bodies.embedding import embed
 MESH = make_block((3, 2, 2), (30.0, 20.0, 20.0))
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(seed=st.integers(0, 10**6))
 def test_points_inside_have_weights_of_a_tetrahedron(seed: int) -> None:
     """The weights give the point back, sum to one, none is negative; so any affine motion of the mesh carries it."""

@@ -6,7 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.building.simulation import Simulation
@@ -70,7 +71,7 @@ def simple_sweeps(problem: Problem, sweeps: int) -> np.ndarray:
     return impulse
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(
     seed=st.integers(0, 10**6),
     contacts=st.integers(0, 6),

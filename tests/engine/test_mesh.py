@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.errors import MeshError
@@ -53,7 +54,7 @@ def test_an_unsound_mesh_is_refused_in_one_line(mesh: VolumeMesh, message: str) 
     assert "\n" not in str(refused.value)
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(element=st.integers(0, 5), corner=st.integers(0, 3), index=st.integers(-2, 9))
 def test_what_passes_has_positive_elements_and_no_loose_node(element: int, corner: int, index: int) -> None:
     """One corner of a sound mesh replaced: refused, or at least every element by itself is sound."""
@@ -68,14 +69,14 @@ def test_what_passes_has_positive_elements_and_no_loose_node(element: int, corne
     assert set(range(8)) == set(mesh.elements.ravel().tolist())
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(node=st.integers(0, 7), axis=st.integers(0, 2), value=st.sampled_from([np.nan, np.inf, -np.inf]))
 def test_any_coordinate_that_is_not_finite_is_refused(node: int, axis: int, value: float) -> None:
     with pytest.raises(MeshError, match=f"node {node} has a coordinate that is not finite"):
         cube(nodes=with_entry(CUBE_NODES, (node, axis), value)).check()
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(order=st.permutations(range(8)), first=st.permutations(range(6)))
 def test_a_sound_mesh_stays_sound_however_it_is_numbered(order: list[int], first: list[int]) -> None:
     new_number = np.argsort(order)

@@ -7,7 +7,8 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from conftest import examples
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from taichisoft.errors import PluginError
@@ -80,7 +81,7 @@ def test_a_name_that_cannot_be_is_refused(tmp_path: Path, name: str, problem: st
     assert not (tmp_path / "new").exists()
 
 
-@settings(max_examples=50, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(name=st.from_regex(r"[A-Za-z][A-Za-z0-9._-]{0,20}[A-Za-z0-9]", fullmatch=True))
 def test_every_name_that_is_accepted_gives_a_module_that_can_be_imported(
     tmp_path_factory: pytest.TempPathFactory, name: str

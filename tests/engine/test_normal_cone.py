@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.kernels.launch import kernel
@@ -34,7 +35,7 @@ def measure(
 
 
 @pytest.mark.parametrize("triangle_count", [1, 2])
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(fold=st.floats(-3.1, 3.1), slant=st.floats(-2.0, 2.0), scale=st.floats(0.1, 100.0))
 def test_no_direction_in_the_cone_lies_outside_its_ball(
     triangle_count: int, fold: float, slant: float, scale: float

@@ -2,7 +2,8 @@
 
 import numpy as np
 import scipy.sparse as sparse
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.cholesky.ordering import find_supernodes
@@ -23,7 +24,7 @@ def grid(rows: int, columns: int) -> np.ndarray:
     return sparse.kron(*path).toarray() != 0
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(seed=st.integers(0, 10**6), size=st.integers(1, 40), neighbours=st.floats(0.0, 6.0))
 def test_supernodes_hold_the_fill(seed: int, size: int, neighbours: float) -> None:
     """Every entry of L lies in the rows of its column's supernode; and the tree is one that can be climbed."""

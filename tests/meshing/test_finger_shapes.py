@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import examples
 from fingers import finger_from_dict, read_finger, sharp_fingers
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 
 from taichisoft.meshes.mapped_surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
@@ -53,7 +54,7 @@ def assert_sound(mesh: VolumeMesh) -> None:
 
 
 # Generation from scratch: shrinking a failure of gmsh would take minutes, and the tables are readable as they are.
-@settings(max_examples=12, deadline=None, derandomize=True, suppress_health_check=list(HealthCheck))
+@examples(12, derandomize=True, suppress_health_check=list(HealthCheck))
 @given(sharp_fingers())
 def test_any_sharp_finger_has_the_volumes_of_its_drawing(tables: dict[str, Any]) -> None:
     body, slots, channel, chambers = (tables[name] for name in ("body", "slots", "channel", "chambers"))

@@ -5,7 +5,8 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.errors import MeshError
@@ -32,7 +33,7 @@ class Counted:
         return spiral(round(self.count(5.0 if size is None else size)))
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(
     dimension=st.floats(1.5, 3.0), factor=st.floats(1e3, 1e5), nodes=st.integers(50, 5000), start=st.floats(0.5, 50.0)
 )

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fingers import finger_from_dict, sharp_fingers
-from hypothesis import given, settings
+from hypothesis import given
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.finger.boxes import slot_boxes
@@ -69,7 +69,6 @@ def test_an_even_mesh_heeds_no_wall() -> None:
     assert layer_count(FingerParameters(mesh=ElementSizes(largest=1.0, smallest=1.0))) == 1
 
 
-@settings(deadline=None)
 @given(sharp_fingers())
 def test_layers_stay_inside_their_walls(tables: dict[str, Any]) -> None:
     """Between the cavity and what is behind each wall; those of neighbouring chambers do not meet."""

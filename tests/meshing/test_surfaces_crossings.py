@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
 from solid_shapes import Surface, arrays, ball, box, moved, surface_of
 
@@ -22,7 +23,7 @@ def crossings(*surfaces: Surface) -> Crossings:
 interval = st.tuples(st.integers(-4, 4), st.integers(1, 6)).map(lambda pair: (pair[0], pair[0] + pair[1]))
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.tuples(interval, interval, interval), st.tuples(interval, interval, interval), st.integers(0, 1000))
 def test_boxes_cross_unless_they_are_apart_or_one_is_inside_the_other(one: tuple, other: tuple, turn: int) -> None:
     """Whatever their corners: faces, edges and corners of both lie on a grid, so that they often just touch."""

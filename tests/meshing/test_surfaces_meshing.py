@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import HealthCheck, given, settings
+from conftest import examples
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 from solid_shapes import Surface, ball, box, save, together, turned_round
 
@@ -121,7 +122,7 @@ half_sides = st.tuples(*[st.floats(1.0, 4.0)] * 3)
 places = st.tuples(*[st.floats(-0.9, 0.9)] * 3)
 
 
-@settings(max_examples=6, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(half_sides, places, st.booleans())
 def test_any_box_in_a_box(tmp_path: Path, half: tuple, place: tuple, keep: bool) -> None:
     """With walls of at least 0.3 mm: exact volumes and a closed cavity."""

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import make_block
-from hypothesis import given, settings
+from conftest import examples, make_block
+from hypothesis import given
 from hypothesis import strategies as st
 from solid_shapes import box, save
 
@@ -16,7 +16,7 @@ from taichisoft_meshing.bodies.wall_splitting import cut_edges, through_edges
 from taichisoft_meshing.quality.mesh_quality import measure
 
 
-@settings(max_examples=20, deadline=None)
+@examples(20)
 @given(st.tuples(*[st.integers(1, 4)] * 3), st.integers(0, 1000))
 def test_cut_edges_keep_the_volume_and_the_boundary(cells: tuple[int, int, int], seed: int) -> None:
     """Of a block whose nodes are shaken: every part is positive, and all meet face to face."""

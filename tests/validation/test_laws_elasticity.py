@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import Figures, make_block
-from hypothesis import given, settings
+from conftest import Figures, examples, make_block
+from hypothesis import given
 from hypothesis import strategies as st
 from scenes import silicone, simulate
 from scipy.spatial.transform import Rotation
@@ -50,7 +50,7 @@ def _inner_and_largest_force(model: Model, deformation: np.ndarray) -> tuple[flo
 
 
 @pytest.mark.parametrize("corotation", ["edges", "polar"])
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(seed=st.integers(0, 10**6), angle=st.floats(0, np.pi), shift=st.floats(-1e3, 1e3))
 def test_a_rigid_motion_gives_no_force(
     models: dict[str, Model], corotation: str, seed: int, angle: float, shift: float
@@ -66,7 +66,7 @@ def test_a_rigid_motion_gives_no_force(
     assert np.abs(_forces(model, model.rest_position @ turn.T + shift)).max() < 1e-8
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(seed=st.integers(0, 10**6), stretch=st.floats(1e-3, 0.3))
 def test_affine_patch_with_polar_rotations(models: dict[str, Model], seed: int, stretch: float) -> None:
     """x = F X for any F with strains up to 30 %: every element has the same stress, so no inner node feels a force.
