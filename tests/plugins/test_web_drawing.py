@@ -10,7 +10,7 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.scenes.scene import Scene
 from taichisoft.session.session import Session
-from taichisoft_controllers.keyboard import KeyboardController
+from taichisoft_controllers.keyboard.controller import KeyboardController
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.web.address import find_address
