@@ -149,11 +149,10 @@ def in_normal_cone(e: ti.i32, normal: vec3, surfaces: Surfaces, position: Vector
     inside = 1
     for k in ti.static(range(2)):
         t = surfaces.edge_triangles[e, k]
-        if (
-            t >= 0
-            and normal.dot(inward(t, surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces, position)) > CONE_TOLERANCE
-        ):
-            inside = 0
+        if t >= 0:  # nested: behind `and` Taichi would call the function in any case
+            across = inward(t, surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces, position)
+            if normal.dot(across) > CONE_TOLERANCE:
+                inside = 0
     return inside
 
 

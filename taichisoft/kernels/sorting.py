@@ -27,7 +27,10 @@ def merge(start: ti.i32, middle: ti.i32, end: ti.i32, keys: ScalarTable, runs: I
     """Merge the two runs from `start` to `middle` and from there to `end`."""
     left, right = start, middle
     for k in range(start, end):
-        if left == middle or (right < end and comes_before(runs[right], runs[left], keys)):
+        from_right = left == middle
+        if left < middle and right < end:  # nested: behind `and` Taichi would call the function in any case
+            from_right = comes_before(runs[right], runs[left], keys)
+        if from_right:
             order[k] = runs[right]
             right += 1
         else:
@@ -36,9 +39,9 @@ def merge(start: ti.i32, middle: ti.i32, end: ti.i32, keys: ScalarTable, runs: I
 
 
 @func
-def comes_before(row: ti.i32, other: ti.i32, keys: ScalarTable) -> ti.i32:
+def comes_before(row: ti.i32, other: ti.i32, keys: ScalarTable) -> ti.u1:
     """Whether a row stands before another one."""
-    before, column = 0, 0
+    before, column = False, 0
     while column < keys.shape[1]:
         if keys[row, column] != keys[other, column]:
             before = keys[row, column] < keys[other, column]

@@ -1,6 +1,5 @@
 """The trees of boxes: they hold what they should, and finding contacts through them misses none."""
 
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -12,9 +11,11 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from taichisoft.building.simulation import make_model
-from taichisoft.contact import bounding_volumes
-from taichisoft.contact.bounding_volumes import LEAF_TRIANGLES
-from taichisoft.contact.detection import ContactPairs
+from taichisoft.contact import bounding_volumes, detection
+from taichisoft.contact.bounding_volumes import LEAF_TRIANGLES, most_leaves
+from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft.kernels.contacts import Contacts
 from taichisoft.kernels.runtime import STATIC
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
@@ -63,13 +64,15 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Model]:
     return models
 
 
-def place(model: Model, seed: int, spread: float) -> None:
-    """Bodies turned at random, about `spread` [mm] from each other, the soft one deformed."""
+def place(model: Model, seed: int, spread: float) -> MovingSurfaces:
+    """Surfaces of bodies turned at random, about `spread` [mm] from each other, the soft one deformed."""
     random = np.random.default_rng(seed)
     nodes = (model.rest_position - model.rest_position.mean(axis=0)) @ Rotation.random(rng=random).as_matrix().T
     nodes += random.normal(scale=0.3, size=nodes.shape) + spread * random.normal(size=3)
     positions = spread * random.normal(size=(4, 3))
-    model.surfaces.update(nodes, positions, Rotation.random(4, rng=random).as_matrix())
+    moving = MovingSurfaces(model.surfaces)
+    moving.update(nodes, positions, Rotation.random(4, rng=random).as_matrix())
+    return moving
 
 
 @examples(200)
@@ -80,12 +83,41 @@ def test_the_contacts_are_those_of_every_feature_against_every_other(
     """In the same order and bit for bit: the same features go through the same arithmetic."""
     found = {}
     for leaf_triangles, model in models.items():
-        place(model, seed, spread)
-        found[leaf_triangles] = model.detection.find(reach, depth)
-    for field in fields(ContactPairs):
-        of_brute_force = getattr(found[ALL], field.name)
+        moving = place(model, seed, spread)
+        found[leaf_triangles] = ContactDetection(model.surfaces, moving).find(reach, depth).trimmed()
+    for field in Contacts._fields:
+        of_brute_force = getattr(found[ALL], field)
         for leaf_triangles in (LEAF_TRIANGLES, 1):
-            np.testing.assert_array_equal(getattr(found[leaf_triangles], field.name), of_brute_force)
+            np.testing.assert_array_equal(getattr(found[leaf_triangles], field), of_brute_force)
+
+
+def test_the_room_for_contacts_grows(models: dict[int, Model], monkeypatch: pytest.MonkeyPatch) -> None:
+    model = models[LEAF_TRIANGLES]
+    moving = place(model, 3, 5.0)
+    expected = ContactDetection(model.surfaces, moving).find(5.0, 5.0).trimmed()
+    assert expected.count[0] > 20
+    monkeypatch.setattr(detection, "FIRST_CAPACITY", 4)
+    with_little_room = ContactDetection(model.surfaces, moving)
+    for _ in range(2):
+        for field, of_enough_room in zip(with_little_room.find(5.0, 5.0).trimmed(), expected, strict=True):
+            np.testing.assert_array_equal(field, of_enough_room)
+
+
+def test_what_moves_in_one_simulation_stays_where_it_is_in_another(models: dict[int, Model]) -> None:
+    """What two simulations share cannot be written to, and contacts found in turns are those found alone."""
+    surfaces = models[LEAF_TRIANGLES].surfaces
+    shared = (*surfaces.topology, *surfaces.carriers, *surfaces.planes, *surfaces.trees)
+    assert not any(array.flags.writeable for array in shared)
+    places = [place(models[LEAF_TRIANGLES], seed, 5.0) for seed in (3, 4)]
+    detections = [ContactDetection(surfaces, moving) for moving in places]
+    found = [one.find(5.0, 5.0) for one in detections]
+    alone = [one.trimmed() for one in found]
+    assert alone[0].count[0] != alone[1].count[0]
+    detections[1].find(1.0, 5.0)
+    for field, expected in zip(found[0].trimmed(), alone[0], strict=True):
+        np.testing.assert_array_equal(field, expected)
+    for field, expected in zip(detections[0].find(5.0, 5.0).trimmed(), alone[0], strict=True):
+        np.testing.assert_array_equal(field, expected)
 
 
 @examples(30)
@@ -94,12 +126,11 @@ def test_the_contacts_with_a_plane_are_all_vertices_near_it(
     models: dict[int, Model], seed: int, spread: float, reach: float
 ) -> None:
     model = models[LEAF_TRIANGLES]
-    place(model, seed, spread)
-    surfaces = model.surfaces
-    height = (surfaces.position - surfaces.plane_point[0]) @ surfaces.plane_normal[0]
-    expected = np.flatnonzero((height < reach) & (surfaces.vertex_is_feature == 1) & (surfaces.vertex_owner != STATIC))
-    pairs = model.detection.find(reach, 0.0)
-    on_plane = pairs.bodies[:, 1] == surfaces.plane_body[0]
+    surfaces, moving = model.surfaces, place(model, seed, spread)
+    height = (moving.moved.position - surfaces.planes.point[0]) @ surfaces.planes.normal[0]
+    expected = np.flatnonzero((height < reach) & surfaces.vertex_is_feature & (surfaces.carriers.owner != STATIC))
+    pairs = ContactDetection(surfaces, moving).find(reach, 0.0).trimmed()
+    on_plane = pairs.bodies[:, 1] == surfaces.planes.body[0]
     np.testing.assert_array_equal(np.sort(pairs.vertices[on_plane, 0, 0]), expected)
 
 
@@ -108,48 +139,48 @@ def test_the_contacts_with_a_plane_are_all_vertices_near_it(
 def test_every_box_is_that_of_the_triangles_below_it(models: dict[int, Model], seed: int) -> None:
     """Down to the leaves, after the vertices have moved: no box is too small, and none larger than it need be."""
     model = models[LEAF_TRIANGLES]
-    place(model, seed, 20.0)
-    surfaces, volumes = model.surfaces, model.surfaces.volumes
-    for node, behind in enumerate(volumes.escape):
-        below = volumes.triangle[volumes.triangle_start[node] : volumes.triangle_start[behind]]
-        corners = surfaces.position[surfaces.triangles[below]].reshape(-1, 3)
-        np.testing.assert_array_equal(volumes.lower[node], corners.min(axis=0))
-        np.testing.assert_array_equal(volumes.upper[node], corners.max(axis=0))
+    moved, surfaces, trees = place(model, seed, 20.0).moved, model.surfaces, model.surfaces.trees
+    for node, behind in enumerate(trees.escape):
+        below = trees.triangle[trees.triangle_start[node] : trees.triangle_start[behind]]
+        corners = moved.position[surfaces.topology.triangles[below]].reshape(-1, 3)
+        np.testing.assert_array_equal(moved.lower[node], corners.min(axis=0))
+        np.testing.assert_array_equal(moved.upper[node], corners.max(axis=0))
 
 
 def test_every_feature_belongs_to_one_leaf_that_holds_it(models: dict[int, Model]) -> None:
-    surfaces, volumes = models[LEAF_TRIANGLES].surfaces, models[LEAF_TRIANGLES].surfaces.volumes
-    np.testing.assert_array_equal(np.sort(volumes.triangle), np.arange(len(surfaces.triangles)))
-    np.testing.assert_array_equal(np.sort(volumes.vertex), np.flatnonzero(surfaces.vertex_is_feature))
-    np.testing.assert_array_equal(np.sort(volumes.edge), np.flatnonzero(surfaces.edge_is_feature))
-    for node, behind in enumerate(volumes.escape):
+    surfaces = models[LEAF_TRIANGLES].surfaces
+    topology, trees = surfaces.topology, surfaces.trees
+    np.testing.assert_array_equal(np.sort(trees.triangle), np.arange(len(topology.triangles)))
+    np.testing.assert_array_equal(np.sort(trees.vertex), np.flatnonzero(surfaces.vertex_is_feature))
+    np.testing.assert_array_equal(np.sort(trees.edge), np.flatnonzero(surfaces.edge_is_feature))
+    for node, behind in enumerate(trees.escape):
         triangles, vertices, edges = (
             members[start[node] : start[node + 1]]
             for start, members in (
-                (volumes.triangle_start, volumes.triangle),
-                (volumes.vertex_start, volumes.vertex),
-                (volumes.edge_start, volumes.edge),
+                (trees.triangle_start, trees.triangle),
+                (trees.vertex_start, trees.vertex),
+                (trees.edge_start, trees.edge),
             )
         )
         if behind == node + 1:
             assert 0 < len(triangles) <= LEAF_TRIANGLES
         else:
             assert len(triangles) == len(vertices) == len(edges) == 0
-        corners = surfaces.triangles[triangles]
+        corners = topology.triangles[triangles]
         assert np.isin(vertices, corners).all()
-        assert np.isin(surfaces.edges[edges], corners).all()
+        assert np.isin(topology.edges[edges], corners).all()
 
 
 def test_trees_are_shallow(tmp_path: Path) -> None:
     """A search goes down no further than some log2 of the number of leaves."""
     trimesh.creation.icosphere(subdivisions=4).export(tmp_path / "ball.obj", digits=17)
     model = make_model(scene_from_dict({"rigid_bodies": {"ball": {"surface": str(tmp_path / "ball.obj"), "mass": 1}}}))
-    volumes = model.surfaces.volumes
-    depth = np.zeros(len(volumes.escape), dtype=int)
-    for node, behind in enumerate(volumes.escape):
+    trees = model.surfaces.trees
+    depth = np.zeros(len(trees.escape), dtype=int)
+    for node, behind in enumerate(trees.escape):
         if behind > node + 1:
-            depth[[node + 1, volumes.escape[node + 1]]] = depth[node] + 1
-    leaves = volumes.most_leaves
-    assert leaves == (np.diff(volumes.triangle_start) > 0).sum()
-    assert leaves <= len(model.surfaces.triangles) / LEAF_TRIANGLES + 1
+            depth[[node + 1, trees.escape[node + 1]]] = depth[node] + 1
+    leaves = most_leaves(trees)
+    assert leaves == (np.diff(trees.triangle_start) > 0).sum()
+    assert leaves <= len(model.surfaces.topology.triangles) / LEAF_TRIANGLES + 1
     assert depth.max() <= np.log2(leaves) + 2

@@ -10,15 +10,16 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
-from taichisoft.contact.selection import ContactSelection
 
 from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.contact.detection import ContactPairs
+from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft.contact.reduction import ContactReduction
+from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict
 
 REACH = 5.0
-NO_CONTACTS = np.zeros(0, dtype=np.int32), np.zeros((0, 3))
 
 
 def two_bodies(folder: Path, first: trimesh.Trimesh, second: trimesh.Trimesh) -> Model:
@@ -30,11 +31,12 @@ def two_bodies(folder: Path, first: trimesh.Trimesh, second: trimesh.Trimesh) ->
     return make_model(scene_from_dict({"rigid_bodies": bodies}))
 
 
-def find(model: Model, reach: float = REACH, depth: float = REACH) -> ContactPairs:
+def find(model: Model, reach: float = REACH, depth: float = REACH) -> Contacts:
     """The contacts at the start of the scene, after checking what holds for every one."""
     poses = np.array([body.start_position for body in model.rigid_bodies])
-    model.surfaces.update(model.rest_position, poses, np.tile(np.eye(3), (len(poses), 1, 1)))
-    pairs = model.detection.find(reach, depth)
+    moving = MovingSurfaces(model.surfaces)
+    moving.update(model.rest_position, poses, np.tile(np.eye(3), (len(poses), 1, 1)))
+    pairs = ContactDetection(model.surfaces, moving).find(reach, depth).trimmed()
     apart = pairs.points[:, 1] - pairs.points[:, 0]
     np.testing.assert_allclose(np.linalg.norm(apart, axis=1), np.abs(pairs.distance), atol=1e-9)
     np.testing.assert_allclose(apart, pairs.distance[:, None] * pairs.normal, atol=1e-7)
@@ -100,15 +102,15 @@ def test_the_least_distance_of_a_ball_and_a_box(tmp_path: Path) -> None:
     pairs = find(two_bodies(tmp_path, ball, box))
     assert pairs.distance.min() == pytest.approx(least_distance(ball, box), abs=1e-9)
     near_the_pole = ball.vertices[12.0 - ball.vertices[:, 2] < REACH]
-    assert pairs.count == len(near_the_pole)
+    assert pairs.count[0] == len(near_the_pole)
 
 
 def test_nothing_is_found_beyond_the_reach(tmp_path: Path) -> None:
     first, second = trimesh.creation.box(extents=[10, 10, 10]), trimesh.creation.box(extents=[8, 8, 8])
     second.vertices += [0, 0, 5 + 4 + REACH + 1e-6]
-    assert find(two_bodies(tmp_path, first, second)).count == 0
+    assert find(two_bodies(tmp_path, first, second)).count[0] == 0
     second.vertices -= [0, 0, 2e-6]
-    assert find(two_bodies(tmp_path, first, second)).count == 4
+    assert find(two_bodies(tmp_path, first, second)).count[0] == 4
 
 
 def test_of_close_contacts_the_closest_is_kept(tmp_path: Path) -> None:
@@ -116,12 +118,13 @@ def test_of_close_contacts_the_closest_is_kept(tmp_path: Path) -> None:
     ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
     box = trimesh.creation.box(extents=[30, 30, 10])
     box.vertices += [0.0, 0.0, 16.0]
-    pairs = find(two_bodies(tmp_path, ball, box))
+    model = two_bodies(tmp_path, ball, box)
+    pairs = find(model)
     large = np.array([20.0, np.inf])  # [mm] of the two bodies: 4 mm are at most a fifth of either
-    kept = ContactSelection(large).spread_out(pairs, 4.0, *NO_CONTACTS)
-    assert 0 < kept.count < pairs.count
+    kept = ContactReduction(large, spacing=4.0).reduce(pairs, model.initial_state()).trimmed()
+    assert 0 < kept.count[0] < pairs.count[0]
     middle, all_middles = kept.points.mean(axis=1), pairs.points.mean(axis=1)
-    apart = np.linalg.norm(middle[:, None] - middle, axis=2) + 1e3 * np.eye(kept.count)
+    apart = np.linalg.norm(middle[:, None] - middle, axis=2) + 1e3 * np.eye(kept.count[0])
     assert apart.min() >= 4.0
     near = np.linalg.norm(all_middles[:, None] - middle, axis=2) < 4.0
     assert (near & (kept.distance <= pairs.distance[:, None])).any(axis=1).all()
@@ -131,10 +134,12 @@ def test_a_small_body_keeps_contacts_that_lie_close_together(tmp_path: Path) -> 
     """A box of 6 mm stands on four corners; a spacing of 9 mm is bounded by a fifth of the box."""
     small, large = trimesh.creation.box(extents=[6, 6, 6]), trimesh.creation.box(extents=[40, 40, 10])
     small.vertices += [0, 0, 9]
-    pairs = find(two_bodies(tmp_path, small, large))
-    assert pairs.count == 4
-    assert ContactSelection(np.array([6.0, 10.0])).spread_out(pairs, 9.0, *NO_CONTACTS).count == 4
-    assert ContactSelection(np.array([60.0, 60.0])).spread_out(pairs, 9.0, *NO_CONTACTS).count == 1
+    model = two_bodies(tmp_path, small, large)
+    pairs = find(model)
+    assert pairs.count[0] == 4
+    for size, kept_count in (([6.0, 10.0], 4), ([60.0, 60.0], 1)):
+        reduction = ContactReduction(np.array(size), spacing=9.0)
+        assert reduction.reduce(pairs, model.initial_state()).count[0] == kept_count
 
 
 @pytest.mark.parametrize("sections", [64, 400])

@@ -9,7 +9,9 @@ import trimesh
 from conftest import make_block
 
 from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.contact.detection import ContactPairs
+from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft.kernels.contacts import Contacts
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict
@@ -17,11 +19,16 @@ from taichisoft.scenes.file import scene_from_dict
 FAR = 500.0
 
 
-def pairs_at(model: Model, positions: list[list[float]], depth: float = 5.0) -> ContactPairs:
-    """Contacts with the rigid bodies' centres there, none of them turned."""
-    turns = np.tile(np.eye(3), (len(positions), 1, 1))
-    model.surfaces.update(model.rest_position, np.array(positions, dtype=float), turns)
-    return model.detection.find(5.0, depth)
+def surfaces_at(model: Model, positions: list[list[float]]) -> MovingSurfaces:
+    """The surfaces with the rigid bodies' centres there, none of them turned."""
+    surfaces = MovingSurfaces(model.surfaces)
+    surfaces.update(model.rest_position, np.array(positions, dtype=float), np.tile(np.eye(3), (len(positions), 1, 1)))
+    return surfaces
+
+
+def pairs_at(model: Model, positions: list[list[float]], depth: float = 5.0) -> Contacts:
+    """The contacts of these surfaces."""
+    return ContactDetection(model.surfaces, surfaces_at(model, positions)).find(5.0, depth).trimmed()
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +59,7 @@ def test_corners_inside_a_box_leave_by_the_nearest_face(
 
 def test_deeper_than_the_depth_is_not_a_contact(boxes: Model) -> None:
     """A small box in the middle of the large one, its corners 8 mm under the nearest faces."""
-    assert pairs_at(boxes, [[0, 0, 0], [0, 0, 0]], depth=5.0).count == 0
+    assert pairs_at(boxes, [[0, 0, 0], [0, 0, 0]], depth=5.0).count[0] == 0
     pairs = pairs_at(boxes, [[0, 0, 0], [0, 0, 0]], depth=20.0)
     np.testing.assert_allclose(pairs.distance[pairs.distance < 0], -8.0, atol=1e-9)
 
@@ -68,8 +75,9 @@ def test_points_in_a_ball(tmp_path: Path) -> None:
         bodies[name] = {"surface": str(tmp_path / f"{name}.obj"), "mass": 1}
     bodies["small"]["position"] = [FAR, 0, 0]
     model = make_model(scene_from_dict({"rigid_bodies": bodies}))
-    pairs = pairs_at(model, [[0, 0, 0], [11.0, 12.0, 7.0]], depth=20.0)
-    points = model.surfaces.position[slice(*model.surfaces.vertex_range[1])]
+    positions = [[0, 0, 0], [11.0, 12.0, 7.0]]
+    pairs = pairs_at(model, positions, depth=20.0)
+    points = surfaces_at(model, positions).moved.position[slice(*model.surfaces.vertex_range[1])]
     heights = np.einsum("fd,pfd->pf", large.face_normals, points[:, None] - large.triangles[:, 0])
     expected = heights.max(axis=1)
     inside = np.flatnonzero(expected < -1e-6)
@@ -106,7 +114,8 @@ def test_a_floor_pushes_up_however_deep(tmp_path: Path) -> None:
     body = {"mesh": str(tmp_path / "block.msh"), "mass": 1, "young_modulus": 100, "poisson_ratio": 0.3}
     floor = {"plane": {"point": [0, 0, -20], "normal": [0, 0, 2]}}
     model = make_model(scene_from_dict({"soft_bodies": {"block": body}, "obstacles": {"floor": floor}}))
-    model.surfaces.update(model.rest_position - [0, 0, 100], np.zeros((0, 3)), np.zeros((0, 3, 3)))
-    pairs = model.detection.find(5.0, 5.0)
+    surfaces = MovingSurfaces(model.surfaces)
+    surfaces.update(model.rest_position - [0, 0, 100], np.zeros((0, 3)), np.zeros((0, 3, 3)))
+    pairs = ContactDetection(model.surfaces, surfaces).find(5.0, 5.0).trimmed()
     np.testing.assert_allclose(np.sort(pairs.distance), [-85.0] * 4 + [-75.0] * 4, rtol=1e-12)
     np.testing.assert_array_equal(pairs.normal, np.tile([0, 0, -1.0], (8, 1)))

@@ -1,5 +1,7 @@
 """The normal cone of an edge, and the ball around it that the search for crossing edges trusts."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 from conftest import examples
@@ -8,30 +10,38 @@ from hypothesis import strategies as st
 
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.local_distance import CONE_TOLERANCE, edge_pseudonormal, in_normal_cone, normal_cone
-from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, Vectors
+from taichisoft.kernels.runtime import Integers, Scalars, Vectors, ti
+from taichisoft.kernels.surfaces import Surfaces
 
 TURNS = np.linspace(0.0, 2.0 * np.pi, 2000)  # [rad]
 
 
 @kernel
 def measure(
-    edges: IntegerTable,
-    edge_triangles: IntegerTable,
-    triangles: IntegerTable,
+    surfaces: Surfaces,
     position: Vectors,
     direction: Vectors,
     leaves: Integers,
     from_axis: Scalars,
     allowed: Scalars,
 ):
+    ti.loop_config(serialize=True)
     for i in range(direction.shape[0]):
-        axis, spread = normal_cone(0, edge_triangles, triangles, position)
+        axis, spread = normal_cone(0, surfaces, position)
         from_axis[i] = (direction[i] - axis).norm()
         allowed[i] = spread
         leaves[i] = 0
-        outward = edge_pseudonormal(0, edge_triangles, triangles, position)
+        outward = edge_pseudonormal(0, surfaces, position)
         if direction[i].dot(outward) > 0.0:
-            leaves[i] = in_normal_cone(0, direction[i], edges, edge_triangles, triangles, position)
+            leaves[i] = in_normal_cone(0, direction[i], surfaces, position)
+
+
+def two_triangles(edge_triangles: np.ndarray) -> Surfaces:
+    """Triangles 0, 1, 2 and 0, 1, 3 and their common edge; what a cone does not need is empty."""
+    nothing: dict[str, Any] = dict.fromkeys(Surfaces._fields, np.zeros(0, dtype=np.int32))
+    nothing |= dict.fromkeys(("triangle_edges", "pairs"), np.zeros((0, 0), dtype=np.int32))
+    edges, triangles = np.array([[0, 1]], dtype=np.int32), np.array([[1, 0, 2], [0, 1, 3]], dtype=np.int32)
+    return Surfaces(**nothing | {"edges": edges, "triangles": triangles, "edge_triangles": edge_triangles})
 
 
 @pytest.mark.parametrize("triangle_count", [1, 2])
@@ -50,9 +60,7 @@ def test_no_direction_in_the_cone_lies_outside_its_ball(
     direction = np.column_stack([np.zeros_like(turns), np.cos(turns), np.sin(turns)])
     leaves, from_axis, allowed = np.zeros(len(turns), dtype=np.int32), np.zeros(len(turns)), np.zeros(len(turns))
     measure(
-        np.array([[0, 1]], dtype=np.int32),
-        edge_triangles,
-        np.array([[1, 0, 2], [0, 1, 3]], dtype=np.int32),
+        two_triangles(edge_triangles),
         scale * np.array(corners, dtype=float),
         direction,
         leaves,
