@@ -16,6 +16,7 @@ import pytest
 import taichisoft
 from taichisoft.command_line import main
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.plugin_system import hookspecs, plugins
@@ -58,10 +59,15 @@ def test_what_is_not_in_a_docstring_is_an_error(monkeypatch: pytest.MonkeyPatch)
         plugin_reference.plugin_reference()
 
 
+class Still(Controller):
+    def control(self, observation: Observation) -> Control:
+        return Control()
+
+
 def test_every_attribute_of_a_session_is_in_its_docstring() -> None:
     """It is no dataclass, so the reference does not find them by itself."""
     model: Any = SimpleNamespace(scene=SimpleNamespace(time=SimpleNamespace(step=0.01)))
-    session = Session(cast(Any, SimpleNamespace(model=model, state=None)), None, duration=1.0)
+    session = Session(cast(Any, SimpleNamespace(model=model, state=None)), Still(), duration=1.0)
     public = {name for name in vars(session) if not name.startswith("_")}
     _, documented = plugin_reference._parse(inspect.cleandoc(Session.__doc__ or ""), "Attributes")
     assert public == set(documented)

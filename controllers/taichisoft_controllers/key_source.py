@@ -12,10 +12,10 @@ _sources: dict[int, Any] = {}
 
 def begin_keys(session: "Session") -> None:
     """Read keys for a run with an interactive controller, unless they come from an earlier session."""
-    if session.replaying or not getattr(session.controller, "interactive", False):
+    if session.replaying or not session.controller.interactive:
         return
     if sys.stdin is None or not sys.stdin.isatty():
-        if not any(getattr(output, "gives_keys", False) for output in session.outputs):
+        if not any(output.gives_keys for output in session.outputs):
             warnings.warn(
                 "standard input is no terminal, so no keys come from there; Ctrl and c ends the run", stacklevel=2
             )

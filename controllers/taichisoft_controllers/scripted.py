@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Positive, Table
@@ -27,7 +28,7 @@ class Settings(Table):
     interpolation: Interpolation | None = None
 
 
-class ScriptedController:
+class ScriptedController(Controller):
     """Does what a script says; docs/controllers.md says what a script may say."""
 
     def __init__(self, script: str | Path, pressure: float | None = None, interpolation: str | None = None):

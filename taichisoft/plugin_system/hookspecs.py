@@ -11,9 +11,9 @@ if TYPE_CHECKING:
 
     from taichisoft.control.controller import Controller
     from taichisoft.meshes.volume_mesh import VolumeMesh
-    from taichisoft.plugin_system.geometry import GeometryKind
+    from taichisoft.plugin_system.geometry import Geometry
     from taichisoft.plugin_system.run_option import RunOption
-    from taichisoft.session.output import OutputFactory
+    from taichisoft.session.output import Output
     from taichisoft.session.session import Session
     from taichisoft.step.report import StepReport
 
@@ -33,7 +33,7 @@ def taichisoft_controllers() -> "Mapping[str, Callable[..., Controller]]":  # ty
 
 
 @hookspec
-def taichisoft_outputs() -> "Mapping[str, OutputFactory]":  # type: ignore[empty-body]
+def taichisoft_outputs() -> "Mapping[str, Callable[..., Output]]":  # type: ignore[empty-body]
     """Outputs by name; called when a run looks for its outputs.
 
     Each value makes an output from the folder into which it may write; its other arguments, with defaults, are what
@@ -51,7 +51,7 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":  # type: ignore[empty
 
 
 @hookspec
-def taichisoft_geometry_kinds() -> "Mapping[str, GeometryKind]":  # type: ignore[empty-body]
+def taichisoft_geometry_kinds() -> "Mapping[str, Callable[[Mapping[str, Any], Path], Geometry]]":  # type: ignore[empty-body]
     """Kinds of bodies that `taichisoft mesh` can mesh; called when it has read a file, whose `kind` names one.
 
     Each value makes a geometry from the file's tables without `kind`, and from the file's path: it begins every error,

@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
+from taichisoft.control.controller import Controller, Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
-from taichisoft.control.slider import Slider
 from taichisoft.plugin_system import hookspecs
-from taichisoft.plugin_system.geometry import Geometry, GeometryKind
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.plugin_system.registry import hook_names
 from taichisoft.plugin_system.run_option import RunOption
-from taichisoft.session.output import Output, OutputFactory
+from taichisoft.session.output import Output
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
 
@@ -27,7 +26,7 @@ COMMAND = "python -m taichisoft.plugin_system.reference docs/plugins.md"
 MARK = f"<!-- From here on written by `{COMMAND}`; a test compares. -->\n"
 INTERFACES = (
     *(Controller, Observation, Control, KeyEvent, Slider),
-    *(Output, OutputFactory, RunOption, Geometry, GeometryKind),
+    *(Output, RunOption, Geometry),
 )
 RUN = (Session, StepReport)
 

@@ -10,7 +10,7 @@ from typing import Any
 import rich
 from rich.console import Console
 
-from taichisoft.building.controller_factory import make_controller
+from taichisoft.building.run_parts import make_controller, make_output
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import SceneError, TaichisoftError
@@ -23,7 +23,6 @@ from taichisoft.running.profile import Profile, profiled
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft.scenes.scene import Scene
 from taichisoft.session.key_log import KeyReplay
-from taichisoft.session.output import OutputFactory
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
 
@@ -81,19 +80,20 @@ def run_simulation(
         warnings.showwarning = lambda message, *_, **__: print_warning(console, str(message))
         with _errors_in(name):
             controller = make_controller(scene)
-        if getattr(controller, "interactive", False) and replay is None:
+        if controller.interactive and replay is None:
             duration = math.inf if duration is None else duration
             speed = 1.0 if speed is None else speed
         if duration is None and usual_duration is not None:
             duration = usual_duration()
-        factories = {output: plugins.find("output", output) for output in output_settings}
+        for output in output_settings:
+            plugins.find("output", output)  # a misspelt name is said before the model is prepared
         status = "preparing the model; the first time on a machine Taichi compiles its kernels"
         with console.status(status), logged_to(console), _errors_in(name):
             simulation = make_simulation()
         if speed is not None:
             with console.status(status):
                 _load_kernels(simulation)
-        outputs = [_make_output(name, make, folder, output_settings[name]) for name, make in factories.items()]
+        outputs = [make_output(output, folder, **settings) for output, settings in output_settings.items()]
         session = Session(simulation, controller, outputs, duration, folder, speed, replay)
         _write_scene(scene, folder)
         return _run(session, console, folder, scene.title or name, profile) == INTERRUPTED
@@ -116,7 +116,7 @@ def _run(session: Session, console: Console, folder: Path, title: str, profile: 
 @contextmanager
 def _display(session: Session, console: Console, title: str) -> Iterator[Callable[[StepReport], None]]:
     """What shows each step: the state of a run that somebody steers, how far any other is."""
-    if getattr(session.controller, "interactive", False) and not session.replaying:
+    if session.controller.interactive and not session.replaying:
         with live_status(console, session) as status:
             yield status.update
     else:
@@ -130,15 +130,6 @@ def _load_kernels(simulation: Simulation) -> None:
     with suppress(TaichisoftError):  # the run itself will say so, with its outputs
         simulation.step()
     simulation.restore(state)
-
-
-def _make_output(name: str, make: OutputFactory, folder: Path, settings: Mapping[str, Any]) -> Any:
-    try:
-        return make(folder, **settings)
-    except TaichisoftError:
-        raise
-    except Exception as error:
-        raise plugins.plugin_failure(f"output '{name}' cannot be made", error) from error
 
 
 @contextmanager

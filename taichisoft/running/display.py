@@ -4,15 +4,16 @@ import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
+from taichisoft.control.controller import Controller
 from taichisoft.plugin_system import plugins
 from taichisoft.running.profile import REST, TOTAL, Profile
+from taichisoft.session.output import Output
 from taichisoft.session.pace import KEEPING_UP
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
@@ -65,12 +66,12 @@ def print_profile(console: Console, profile: Profile) -> None:
     console.print(table)
 
 
-def print_summary(console: Console, parts: Sequence[Any], folder: Path) -> None:
+def print_summary(console: Console, parts: Sequence[Controller | Output], folder: Path) -> None:
     """The closing table; a controller or output that cannot give its rows must not hide how the run ended."""
     table = Table(show_header=False)
     for part in parts:
         try:
-            for quantity, value in getattr(part, "summary", dict)().items():
+            for quantity, value in part.summary().items():
                 table.add_row(Text(quantity), Text(value))
         except Exception as error:
             print_warning(console, str(plugins.plugin_failure(f"{type(part).__name__} failed in summary()", error)))

@@ -32,7 +32,7 @@ class KeyHandling:
         }
         assert self._actions.keys() == BINDINGS.keys()
         self._log: KeyLog | None = None
-        if getattr(session.controller, "interactive", False):
+        if session.controller.interactive:
             self._open_log()
 
     def take(self) -> None:

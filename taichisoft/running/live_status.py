@@ -89,7 +89,7 @@ class LiveStatus:
         keys = " ".join(str(event) for event in tuple(self._session.recent_keys))
         rows.add_row("keys", Text(keys or "none yet"))
         hint = "? shows what the keys do, Esc ends the run"
-        rows.add_row("", Text("; ".join(filter(None, [self._controller_status(), hint])), style="dim"))
+        rows.add_row("", Text("; ".join(filter(None, [self._session.controller.status, hint])), style="dim"))
         return Group(rows, self._help()) if self._session.shows_help else rows
 
     def _clock(self) -> str:
@@ -120,10 +120,6 @@ class LiveStatus:
 
     def _is_grip(self, pair: set[str | None]) -> bool:
         return self._object in pair and bool(pair & self._soft_names)
-
-    def _controller_status(self) -> str:
-        """What a controller has to say, if it does."""
-        return str(getattr(self._session.controller, "status", ""))
 
     def _help(self) -> RenderableType:
         table = Table("key", "what it does", title="keys, with Ctrl or without", title_justify="left")

@@ -3,12 +3,14 @@
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
+from taichisoft.control.keys import KeyEvent
 from taichisoft.errors import GoalMissed, PluginError, TaichisoftError
-from taichisoft.plugin_system.plugins import notify, plugin_failure
+from taichisoft.plugin_system.failure import failures_of
+from taichisoft.plugin_system.plugins import notify
 from taichisoft.running.interruption import held_back
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
@@ -20,6 +22,8 @@ from taichisoft.step.report import StepReport
 COMPLETED = "completed"
 STOPPED = "stopped"
 INTERRUPTED = "interrupted"
+
+Answer = TypeVar("Answer")
 
 # Signals are heeded, and keys of a paused run taken, at least so often [s].
 LONGEST_WAIT = 0.05
@@ -66,10 +70,10 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
     hooks_called = False
     with held_back() as stop_if_asked:
         try:
-            _ask("controller", session.controller, "reset", session.simulation.model)
+            _call(session.controller, session.controller.reset, session.simulation.model)
             for output in session.outputs:
                 begun.append(output)
-                _ask("output", output, "begin", session.simulation.model, session.simulation.state)
+                _call(output, output.begin, session.simulation.model, session.simulation.state)
             hooks_called = True
             notify("taichisoft_run_begins", session=session)
             outcome = _advance(session, on_step, stop_if_asked)
@@ -90,7 +94,7 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
 
 def _advance(session: Session, on_step: Callable[[StepReport], None] | None, stop_if_asked: Callable[[], None]) -> str:
     """Make the steps; returns how they ended."""
-    key_handling = KeyHandling(session, lambda event: _press(session, event), lambda: _start_anew(session))
+    key_handling = KeyHandling(session, lambda event: _press(session.controller, event), lambda: _start_anew(session))
     warned = False
     session.pace.restart()
     try:
@@ -123,37 +127,35 @@ def _step(session: Session) -> StepReport:
     session.steps_made += 1
     session.single_steps = max(0, session.single_steps - 1)
     for output in session.outputs:
-        _ask("output", output, "record", simulation.state, report)
+        _call(output, output.record, simulation.state, report)
     notify("taichisoft_step_done", session=session, report=report)
     return report
 
 
 def _next_control(session: Session) -> Control:
     """What the controller asks for; nothing new within its period."""
-    simulation, scene = session.simulation, session.simulation.model.scene
+    simulation, controller, scene = session.simulation, session.controller, session.simulation.model.scene
     if simulation.state.step % scene.steps_per_control:
         return Control()
     limit = scene.controller.time_limit if scene.controller is not None else None
     try:
-        return call_within(limit, _ask, "controller", session.controller, "control", simulation.observe())
+        return call_within(limit, _call, controller, controller.control, simulation.observe())
     except TimeLimitExceeded as error:
         raise PluginError(
-            f"controller {_name(session.controller)} took {error.seconds:.3g} s in control() at step "
+            f"controller {_name(controller)} took {error.seconds:.3g} s in control() at step "
             f"{simulation.state.step}; controller.time_limit is {limit:g} s"
         ) from error
 
 
-def _press(session: Session, event: Any) -> None:
-    if hasattr(session.controller, "key"):
-        _ask("controller", session.controller, "key", event)
+def _press(controller: Controller, event: KeyEvent) -> None:
+    _call(controller, controller.key, event)
 
 
 def _start_anew(session: Session) -> None:
     session.simulation.restore(session.first_state)
-    _ask("controller", session.controller, "reset", session.simulation.model)
+    _call(session.controller, session.controller.reset, session.simulation.model)
     for output in session.outputs:
-        if hasattr(output, "restart"):
-            _ask("output", output, "restart", session.first_state)
+        _call(output, output.restart, session.first_state)
     session.pace.restart()
 
 
@@ -174,23 +176,20 @@ def _warn_not_converged(session: Session, report: StepReport) -> None:
     )
 
 
-def _ask(kind: str, plugin: Any, method: str, *arguments: Any) -> Any:
+def _call(part: Controller | Output, method: Callable[..., Answer], *arguments: Any) -> Answer:
     """Call a method of a controller or output; what it raises unexpectedly is reported with its name."""
-    try:
-        return getattr(plugin, method)(*arguments)
-    except TaichisoftError:
-        raise
-    except Exception as error:
-        raise plugin_failure(f"{kind} {_name(plugin)} failed in {method}()", error) from error
+    kind = "controller" if isinstance(part, Controller) else "output"
+    with failures_of(f"{kind} {_name(part)} failed in {method.__name__}()"):
+        return method(*arguments)
 
 
-def _name(plugin: Any) -> str:
-    return f"{type(plugin).__module__}.{type(plugin).__qualname__}"
+def _name(part: Controller | Output) -> str:
+    return f"{type(part).__module__}.{type(part).__qualname__}"
 
 
 def _end_all(outputs: Sequence[Output], outcome: str) -> list[TaichisoftError]:
     """End every output, also when one fails; a missed goal matters less than an output that could not do its job."""
-    problems = [problem for output in outputs for problem in _problems(_ask, "output", output, "end", outcome)]
+    problems = [problem for output in outputs for problem in _problems(_call, output, output.end, outcome)]
     return sorted(problems, key=lambda problem: isinstance(problem, GoalMissed))
 
 

@@ -4,16 +4,19 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
+from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent, KeyStream
-from taichisoft.errors import TaichisoftError
+from taichisoft.errors import PluginError, TaichisoftError
 from taichisoft.session.key_log import KeyReplay
 from taichisoft.session.output import Output
 from taichisoft.session.pace import Pace
 from taichisoft.simulation import Simulation
 
 RECENT_KEYS = 8
+
+Part = TypeVar("Part")
 
 # What the run itself does with keys; all others go to the controller.
 BINDINGS = {
@@ -49,7 +52,7 @@ class Session:
     def __init__(
         self,
         simulation: Simulation,
-        controller: Any,
+        controller: Controller,
         outputs: Sequence[Output] = (),
         duration: float | None = None,
         folder: Path | None = None,
@@ -60,19 +63,20 @@ class Session:
 
         Args:
             simulation: goes on from its present state.
-            controller: see `taichisoft.control.controller.Controller`.
-            outputs: see `taichisoft.session.output.Output`.
+            controller: drives it.
+            outputs: watch it.
             duration: [s]; the scene's when it is not given, infinite for a run that somebody else ends.
             folder: where the key log goes.
             speed: simulated over wall-clock time; None for as fast as it goes.
             replay: keys of an earlier session.
 
         Raises:
+            PluginError: the controller is no `Controller`, or an output no `Output`.
             TaichisoftError: the duration is not a positive number.
         """
         self.simulation = simulation
-        self.controller = controller
-        self.outputs = outputs
+        self.controller = require_base(controller, Controller)
+        self.outputs = [require_base(output, Output) for output in outputs]
         self.duration = duration if duration is not None else simulation.model.scene.time.duration
         self.step_count = count_steps(self.duration, simulation.model.scene.time.step)
         self.folder = folder
@@ -95,7 +99,7 @@ class Session:
     @property
     def bindings(self) -> dict[str, str]:
         """What each key does: the controller's own, then the run's."""
-        return {**getattr(self.controller, "bindings", {}), **BINDINGS}
+        return {**self.controller.bindings, **BINDINGS}
 
     @property
     def finished(self) -> bool:
@@ -107,6 +111,21 @@ class Session:
     def stop(self) -> None:
         """End the run before the next step, its outputs complete; from any thread."""
         self.stops = True
+
+
+def require_base(part: Part, base: type) -> Part:
+    """Return a controller or output itself when it is derived from its base class.
+
+    Raises:
+        PluginError: it is not.
+    """
+    if isinstance(part, base):
+        return part
+    if isinstance(part, type):
+        raise PluginError(f"{part.__module__}.{part.__qualname__} is a class; give an object of it")
+    kind = f"taichisoft.{base.__name__}"
+    made_of = f"{type(part).__module__}.{type(part).__qualname__}"
+    raise PluginError(f"{part!r} is no {kind}; derive its class, {made_of}, from {kind}")
 
 
 def count_steps(duration: float, time_step: float) -> float:

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
-from taichisoft.control.slider import Slider
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Limits
 from taichisoft_controllers.keyboard import KeyboardController

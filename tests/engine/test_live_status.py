@@ -86,7 +86,7 @@ def test_a_pause_and_the_keys_are_shown() -> None:
 
 
 def test_before_the_first_step_and_without_objects_there_is_less_to_say() -> None:
-    run = session(controller=SimpleNamespace(), recent_keys=deque())
+    run = session(controller=SimpleNamespace(status=""), recent_keys=deque())
     run.simulation.report = None
     shown = picture(run)
     assert "pressure  none" in shown and "lifted by 30.0 mm, pressed with 0 mN" in shown and "none yet" in shown

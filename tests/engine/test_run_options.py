@@ -15,14 +15,12 @@ Command = Callable[..., tuple[int, str, str]]
 
 COUNTER = """
 from pathlib import Path
-from taichisoft import Control, hookimpl
+from taichisoft import Control, Controller, Output, hookimpl
 from taichisoft.plugin_system.run_option import RunOption
 
-class Counter:
+class Counter(Output):
     def __init__(self, folder, start: int = 0, file: Path = Path("count"), loud: bool = False):
         self.path, self.count, self.loud = folder / file, start, loud
-
-    def begin(self, model, state): ...
 
     def record(self, state, report):
         self.count += 1
@@ -30,9 +28,7 @@ class Counter:
     def end(self, outcome):
         self.path.write_text(f"{self.count}{'!' if self.loud else ''}")
 
-class Idle:
-    def reset(self, model): ...
-
+class Idle(Controller):
     def control(self, observation):
         return Control()
 

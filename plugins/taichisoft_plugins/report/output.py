@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from taichisoft.atomic_file import whole_file
 from taichisoft.errors import TaichisoftError
+from taichisoft.session.output import Output
 from taichisoft_plugins.recording.needed import NeededRecording
 from taichisoft_plugins.report.contents import collect
 from taichisoft_plugins.report.page import report_page
@@ -22,7 +23,7 @@ class ReportError(TaichisoftError):
     """A report cannot be written."""
 
 
-class ReportOutput:
+class ReportOutput(Output):
     """Puts together what the outputs before it have left in the run's folder."""
 
     def __init__(self, folder: Path):
