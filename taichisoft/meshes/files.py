@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft.meshes.cell_groups import grouped_cells
 from taichisoft.meshes.file_kind import existing_file, require_suffix, unreadable
@@ -63,7 +63,7 @@ def write_volume_mesh(mesh: VolumeMesh, path: str | Path) -> None:
     """
     path = require_suffix(path, "volume mesh", VOLUME_SUFFIXES)
     write = {".msh": write_msh, ".vtk": _write_vtk, ".vtu": _write_vtu}[path.suffix.lower()]
-    with whole_file(path, MeshError) as partial:
+    with atomic_file(path, MeshError) as partial:
         write(mesh, partial)
 
 

@@ -11,7 +11,7 @@ from taichisoft.control.keys import KeyEvent
 from taichisoft.errors import GoalMissed, PluginError, TaichisoftError
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.plugins import notify
-from taichisoft.running.interruption import held_back
+from taichisoft.running.interruption import deferred_signals
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
 from taichisoft.session.output import Output
@@ -68,7 +68,7 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
     begun: list[Output] = []
     errors: list[BaseException] = []
     hooks_called = False
-    with held_back() as stop_if_asked:
+    with deferred_signals() as stop_if_asked:
         try:
             _call(session.controller, session.controller.reset, session.simulation.model)
             for output in session.outputs:
