@@ -19,7 +19,7 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
-from taichisoft.plugin_system import hookspecs, plugins
+from taichisoft.plugin_system import hooks, hookspecs, plugins
 from taichisoft.plugin_system import reference as plugin_reference
 from taichisoft.plugin_system.reference import MARK, Session
 from taichisoft.plugin_system.registry import hook_names
@@ -120,7 +120,7 @@ def test_all_that_is_shown_works(
     assert (folder / "soft-touch" / "pyproject.toml").exists()
     assert "3 passed" in shown["-m"]
     taichisoft.load_plugin("buttons.py")
-    buttons = plugins.find("controller", "buttons")()
+    buttons = hooks.find("controller", "buttons")()
     buttons.reset(None)
     buttons.key(KeyEvent("c"))
     assert buttons.control(Observation(0.0, 0, {"left": 0.0})).pressure == {"left": 30.0}

@@ -7,7 +7,7 @@ from typing import Any
 
 from taichisoft.errors import MeshError, PluginError, nearest
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system import hooks
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.geometry import Geometry
 from taichisoft_meshing.quality.limits import QUALITY, quality_limits
@@ -49,7 +49,7 @@ def find_kind(kind: Any, path: Path) -> Callable[..., Geometry]:
     Raises:
         MeshError: no plug-in knows the kind.
     """
-    kinds = plugins.provided("geometry kind")
+    kinds = hooks.provided("geometry kind")
     if not isinstance(kind, str) or kind not in kinds:
         raise MeshError(f"{path}: kind = {kind!r}: unknown; {nearest(str(kind), sorted(kinds), 'there are')}")
     return kinds[kind]

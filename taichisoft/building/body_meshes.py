@@ -7,7 +7,7 @@ from pathlib import Path
 from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system import hooks
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.scenes.scene import BodyMesh, Scene
 
@@ -38,7 +38,7 @@ def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
     """
     file = Path(source.file)
     suffix = file.suffix.lower()
-    makers = plugins.provided("mesh maker") if suffix not in VOLUME_SUFFIXES else {}
+    makers = hooks.provided("mesh maker") if suffix not in VOLUME_SUFFIXES else {}
     if suffix not in makers:
         mesh = read_volume_mesh(file)
         _refuse_keys(source, (), key)

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import PluginError, SceneError
-from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system import hooks
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.scenes.file import choose_controller, scene_from_dict
 from taichisoft.scenes.overrides import apply_override
@@ -83,7 +83,7 @@ def scene_readers() -> dict[str, Any]:
     Raises:
         PluginError: one is not valid, or two have the same suffix.
     """
-    readers = plugins.provided("scene reader")
+    readers = hooks.provided("scene reader")
     for suffix in readers:
         if suffix == TOML or suffix != f".{suffix.strip('.').lower()}":
             problem = "TOML is read without a plug-in" if suffix == TOML else "must look like '.yaml', in small letters"

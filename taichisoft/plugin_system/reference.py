@@ -16,8 +16,8 @@ from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.plugin_system import hookspecs
 from taichisoft.plugin_system.geometry import Geometry
+from taichisoft.plugin_system.hookspecs import RunOption
 from taichisoft.plugin_system.registry import hook_names
-from taichisoft.plugin_system.run_option import RunOption
 from taichisoft.session.output import Output
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport

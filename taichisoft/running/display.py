@@ -11,7 +11,7 @@ from rich.table import Table
 from rich.text import Text
 
 from taichisoft.control.controller import Controller
-from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system.failure import plugin_failure
 from taichisoft.running.profile import REST, TOTAL, Profile
 from taichisoft.session.output import Output
 from taichisoft.session.pace import KEEPING_UP
@@ -74,7 +74,7 @@ def print_summary(console: Console, parts: Sequence[Controller | Output], folder
             for quantity, value in part.summary().items():
                 table.add_row(Text(quantity), Text(value))
         except Exception as error:
-            print_warning(console, str(plugins.plugin_failure(f"{type(part).__name__} failed in summary()", error)))
+            print_warning(console, str(plugin_failure(f"{type(part).__name__} failed in summary()", error)))
     if table.row_count:
         console.print(table)
     console.print(Text(f"results in {folder}"), soft_wrap=True)

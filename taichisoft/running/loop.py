@@ -10,7 +10,7 @@ from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent
 from taichisoft.errors import GoalMissed, PluginError, TaichisoftError
 from taichisoft.plugin_system.failure import failures_of
-from taichisoft.plugin_system.plugins import notify
+from taichisoft.plugin_system.hooks import notify
 from taichisoft.running.interruption import deferred_signals
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within

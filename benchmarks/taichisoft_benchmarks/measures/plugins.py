@@ -29,7 +29,8 @@ def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
     from taichisoft.building.run_parts import make_controller
     from taichisoft.building.simulation import Simulation
     from taichisoft.control.contact_summary import summarise_contacts
-    from taichisoft.plugin_system.plugins import notify, register_plugin, unregister_plugin
+    from taichisoft.plugin_system.hooks import notify
+    from taichisoft.plugin_system.plugins import register_plugin, unregister_plugin
 
     simulation = Simulation(scene)
     controller = make_controller(scene)
