@@ -7,8 +7,8 @@ from typing import Any
 
 from taichisoft.control.controller import Controller
 from taichisoft.errors import SceneError, nearest
-from taichisoft.plugin_system import hooks
 from taichisoft.plugin_system.failure import failures_of
+from taichisoft.plugin_system.hooks import find
 from taichisoft.scenes.scene import Scene
 from taichisoft.session.output import Output
 from taichisoft.session.session import require_base
@@ -24,7 +24,7 @@ def make_controller(scene: Scene) -> Controller:
     if scene.controller is None:
         raise SceneError("there is no [controller]; name one with --controller")
     name, settings = scene.controller.name, scene.controller.settings
-    factory = hooks.find("controller", name)
+    factory = find("controller", name)
     _check_settings(factory, settings)
     with failures_of(f"controller '{name}' cannot be made"):
         made = factory(**settings)
@@ -42,7 +42,7 @@ def make_output(name: str, folder: str | Path, **settings: Any) -> Output:
     Raises:
         PluginError: no plug-in provides it, or it cannot be made.
     """
-    factory = hooks.find("output", name)
+    factory = find("output", name)
     with failures_of(f"output '{name}' cannot be made"):
         made = factory(Path(folder), **settings)
     return require_base(made, Output)

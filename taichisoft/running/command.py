@@ -14,7 +14,7 @@ from taichisoft.building.run_parts import make_controller, make_output
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import SceneError, TaichisoftError
-from taichisoft.plugin_system import hooks
+from taichisoft.plugin_system.hooks import find
 from taichisoft.running.display import print_profile, print_summary, print_warning, progress_bar, warn_if_slow
 from taichisoft.running.live_status import live_status
 from taichisoft.running.log_display import logged_to
@@ -86,7 +86,7 @@ def run_simulation(
         if duration is None and usual_duration is not None:
             duration = usual_duration()
         for output in output_settings:
-            hooks.find("output", output)  # a misspelt name is said before the model is prepared
+            find("output", output)  # a misspelt name is said before the model is prepared
         status = "preparing the model; the first time on a machine Taichi compiles its kernels"
         with console.status(status), logged_to(console), _errors_in(name):
             simulation = make_simulation()

@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.body_meshes import load_meshes
 from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import load_meshes
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system import plugins
