@@ -1,7 +1,7 @@
 """Options of `taichisoft run` that plug-ins add: each brings an output into the run, or a setting of one."""
 
 import inspect
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, TypeVar
@@ -16,6 +16,13 @@ GIVEN = "taichisoft.run_options"
 """Where a parsed command line keeps the values of the options that were given."""
 
 CommandFunction = TypeVar("CommandFunction", bound=Callable[..., Any])
+
+# Options that all commands which make a run have.
+OutputsOption = Annotated[str, typer.Option(help="Outputs by name, separated by commas.")]
+SpeedOption = Annotated[
+    float | None,
+    typer.Option(help="Simulated seconds in a second, 1 is real time; as fast as it goes unless a person steers."),
+]
 
 _taking: set[Callable[..., Any]] = set()
 """Functions of the commands that make a run."""
@@ -55,17 +62,17 @@ def add_run_options(command: Any) -> None:
         command.params.append(_parsed(name, option))
 
 
-def requested(given: Mapping[str, Any], names: Sequence[str]) -> Requested:
-    """What was asked for.
+def requested(context: typer.Context, outputs_option: str) -> Requested:
+    """What the options that were given ask for.
 
     Args:
-        given: `meta` of the parsed command line.
-        names: the outputs that it names itself.
+        context: parsed command line.
+        outputs_option: value of --outputs.
     """
     options: dict[str, RunOption] = provided("run option")
-    outputs: dict[str, dict[str, Any]] = {name: {} for name in names}
+    outputs: dict[str, dict[str, Any]] = {name.strip(): {} for name in outputs_option.split(",") if name.strip()}
     controller = None
-    for name, value in given.get(GIVEN, {}).items():
+    for name, value in context.meta.get(GIVEN, {}).items():
         option = options[name]
         settings = outputs.setdefault(option.output, {})
         if option.setting is not None:

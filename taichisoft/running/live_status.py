@@ -2,7 +2,7 @@
 
 import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -14,28 +14,30 @@ from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
 
 REFRESHES = 8
-"""Per second of wall-clock time."""
+"""How often the status is redrawn in a second of wall-clock time."""
 SECONDS_BETWEEN_LINES = 5.0
-"""Of wall-clock time, where lines cannot be drawn over."""
+"""Wall-clock time between two lines [s], where lines cannot be drawn over."""
 
 
 @contextlib.contextmanager
-def live_status(console: Console, session: Session) -> Iterator["LiveStatus"]:
+def live_status(console: Console, session: Session) -> Iterator[Callable[[StepReport], None]]:
     """Show a run on the console: redrawn in place, or as a line now and then where that is not possible.
+
+    What is yielded is called after every step.
 
     It is redrawn by a thread of its own, so a pause shows at once and a step costs nothing. It ends quietly when the
     terminal is gone: that must not end the run's outputs.
     """
     status = LiveStatus(console, session)
     if not console.is_terminal or console.is_dumb_terminal:
-        yield status
+        yield status.update
         status.print_line()
         return
     live = Live(get_renderable=status.picture, console=console, refresh_per_second=REFRESHES)
     with contextlib.suppress(OSError):
         live.start(refresh=True)
     try:
-        yield status
+        yield status.update
     finally:
         with contextlib.suppress(OSError):
             live.stop()
