@@ -17,6 +17,9 @@ from taichisoft.session.session import require_base
 def make_controller(scene: Scene) -> Controller:
     """Make the controller that a scene names, with the settings of the scene.
 
+    Args:
+        scene: scene with a `[controller]`.
+
     Raises:
         SceneError: there is none, or its settings are wrong.
         PluginError: no plug-in provides it, or it cannot be made.
@@ -35,9 +38,9 @@ def make_output(name: str, folder: str | Path, **settings: Any) -> Output:
     """Make an output by its name, such as "recording".
 
     Args:
-        name: under which a plug-in provides it.
-        folder: where it may write, the output folder of the run.
-        settings: arguments of its own.
+        name: name under which a plug-in provides it.
+        folder: folder into which it may write, the output folder of the run.
+        settings: further arguments of the output.
 
     Raises:
         PluginError: no plug-in provides it, or it cannot be made.

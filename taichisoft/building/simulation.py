@@ -20,6 +20,9 @@ class Simulation(simulation.Simulation):
     def __init__(self, scene: Scene | Model):
         """Begin at the state that the scene describes.
 
+        Args:
+            scene: scene, whose model is made, or model that another simulation may share.
+
         Raises:
             TaichisoftError: see `make_model`.
         """
@@ -27,7 +30,10 @@ class Simulation(simulation.Simulation):
 
 
 def make_model(scene: Scene) -> Model:
-    """The model of a scene, with the meshes that it names.
+    """Make the model of a scene, with the meshes that it names.
+
+    Args:
+        scene: what `load_scene` or `scene_from_dict` gave.
 
     Raises:
         MeshError: a file is not fit to simulate.

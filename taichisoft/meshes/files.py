@@ -22,6 +22,9 @@ def read_volume_mesh(path: str | Path) -> VolumeMesh:
     tetrahedron is ever turned round, because the corotational frames depend on the order of its nodes: an inverted
     one is an error.
 
+    Args:
+        path: file with one of these suffixes.
+
     Raises:
         MeshError: the file is missing, unreadable, of another kind, or its mesh is not fit to simulate.
     """
@@ -49,6 +52,10 @@ def write_volume_mesh(mesh: VolumeMesh, path: str | Path) -> None:
     MSH (4.1, as text) and VTU keep the groups: a triangle in several surface groups stands in the file once, and each
     group comes back in the order of the first that names its triangles. VTU has no place for a group of nothing.
     Legacy VTK is for other programs: it has the tetrahedra alone. The file appears under its name when it is complete.
+
+    Args:
+        mesh: what to write.
+        path: file whose suffix, .msh, .vtu or .vtk, says the format.
 
     Raises:
         MeshError: the suffix is unknown, the file cannot be written, or a group cannot be kept.

@@ -39,31 +39,32 @@ def run(
     """Drive a simulation from its present state and show every step to the outputs.
 
     Args:
-        simulation: stays usable after the run, at its last good state.
+        simulation: what is simulated; stays usable after the run, at its last good state.
         controller: asked before every step, or every `controller.period` of the scene.
-        outputs: always ended, whatever happens.
-        duration: [s]; the scene's when it is not given.
+        outputs: shown every step, and always ended, whatever happens.
+        duration: simulated time [s]; the scene's when it is not given, infinite for a run that somebody else ends.
         on_step: called after every step, for a progress display.
 
     Returns:
-        See `run_session`.
+        "completed"; "stopped" when somebody ended the run by a key or by `Session.stop`; "interrupted" after Ctrl and c
+        or SIGTERM.
 
     Raises:
-        TaichisoftError: see `run_session`.
+        PluginError: the controller is no `Controller`, or an output no `Output`; or one of them, or a hook, failed.
+        ControlError: the controller asked for something impossible.
+        SimulationDiverged: a step failed.
+        GoalMissed: the controller gave up, or an output says that the run has missed the goal of its scene.
+        TaichisoftError: the duration is not positive, or an output could not do its job. What was computed before any of
+            these errors is with the outputs.
     """
     return run_session(Session(simulation, controller, outputs, duration), on_step)
 
 
 def run_session(session: Session, on_step: Callable[[StepReport], None] | None = None) -> str:
-    """Run until the time is over or somebody ends it.
-
-    Returns:
-        "completed"; "stopped" when somebody ended the session by a key or by `Session.stop`; "interrupted" after Ctrl
-        and c or SIGTERM.
+    """Run a session as `run` does, until the time is over or somebody ends it.
 
     Raises:
-        TaichisoftError: a step, the controller or a plug-in failed, or an output could not do its job; what was
-            computed before is with the outputs.
+        TaichisoftError: as of `run`.
     """
     begun: list[Output] = []
     errors: list[BaseException] = []

@@ -29,7 +29,7 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
     """Make a scene from plain tables, as TOML gives them.
 
     Args:
-        document: tables of the scene; files that it names become absolute paths.
+        document: tables of the scene by key; files that it names become absolute paths.
         source: text that begins every error.
         folder: folder in which the files are looked for first; the current one when it is not given.
 

@@ -30,22 +30,24 @@ BINDINGS = {
 
 
 class Session:
-    """What belongs to a run, and how it goes at the moment.
+    """A run in progress: what it is made of, and how it goes at the moment.
 
     Attributes:
-        simulation, controller, outputs: what the run is made of.
-        folder: where results go; None when nothing is written.
+        simulation: the simulation, with its model, state and last report.
+        controller: the controller.
+        outputs: the outputs, in the order in which they see a step.
+        folder: folder for the results; None when nothing is written.
         duration: simulated time after which it ends [s]; infinite when somebody ends it.
-        step_count: the same in steps.
-        keys: where key events are put, from any thread.
-        pace: how fast it shall go and how fast it goes.
+        step_count: number of steps after which it ends; infinite when somebody ends it.
+        keys: stream into which any thread puts key events.
+        pace: speed that is wanted, and speed of the last second.
         paused: whether it waits for a key.
-        single_steps: to be made although it is paused.
+        single_steps: number of steps that are still to be made although it is paused.
         shows_help: whether somebody wants to see what the keys do.
-        steps_made: since it began; starting anew does not set it back.
-        recent_keys: the last key events that were taken.
+        steps_made: number of steps since it began; starting anew does not set it back.
+        recent_keys: last key events that were taken.
         replay: keys of an earlier session, which are taken instead of those in `keys`; None where there is none.
-        first_state: where it began, and begins anew.
+        first_state: state in which it began, and begins anew.
         stops: whether it ends before the next step.
     """
 
