@@ -30,7 +30,7 @@ def make_controller(scene: Scene) -> Controller:
     factory = find("controller", name)
     _check_settings(factory, settings)
     with failures_of(f"controller '{name}' cannot be made"):
-        made = factory(**settings)
+        made: Controller = factory(**settings)
     return require_base(made, Controller)
 
 
@@ -47,7 +47,7 @@ def make_output(name: str, folder: str | Path, **settings: Any) -> Output:
     """
     factory = find("output", name)
     with failures_of(f"output '{name}' cannot be made"):
-        made = factory(Path(folder), **settings)
+        made: Output = factory(Path(folder), **settings)
     return require_base(made, Output)
 
 

@@ -21,10 +21,10 @@ if TYPE_CHECKING:
 PROJECT = "taichisoft"
 hookspec = pluggy.HookspecMarker(PROJECT)
 hookimpl = pluggy.HookimplMarker(PROJECT)
-"""Decorator that marks a function of a plug-in, or a method of an object, as its implementation of the hook of that name.
+"""Decorator that marks a function of a plug-in, or a method of an object, as its implementation of a hook.
 
-With `optionalhook=True` a hook that this version of taichisoft does not have is no error; `tryfirst=True` and
-`trylast=True` change the order in which plug-ins are asked.
+The function has the name of the hook. With `optionalhook=True` a hook that this version of taichisoft does not have is
+no error; `tryfirst=True` and `trylast=True` change the order in which plug-ins are asked.
 """
 
 

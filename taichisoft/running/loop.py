@@ -54,8 +54,8 @@ def run(
         ControlError: the controller asked for something impossible.
         SimulationDiverged: a step failed.
         GoalMissed: the controller gave up, or an output says that the run has missed the goal of its scene.
-        TaichisoftError: the duration is not positive, or an output could not do its job. What was computed before any of
-            these errors is with the outputs.
+        TaichisoftError: the duration is not positive, or an output could not do its job; what was computed before
+            any of these errors is with the outputs.
     """
     return run_session(Session(simulation, controller, outputs, duration), on_step)
 
@@ -140,12 +140,13 @@ def _next_control(session: Session) -> Control:
         return Control()
     limit = scene.controller.time_limit if scene.controller is not None else None
     try:
-        return call_within(limit, _call, controller, controller.control, simulation.observe())
+        asked: Control = call_within(limit, _call, controller, controller.control, simulation.observe())
     except TimeLimitExceeded as error:
         raise PluginError(
             f"controller {_name(controller)} took {error.seconds:.3g} s in control() at step "
             f"{simulation.state.step}; controller.time_limit is {limit:g} s"
         ) from error
+    return asked
 
 
 def _press(controller: Controller, event: KeyEvent) -> None:

@@ -4,7 +4,9 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
+
+Answer = TypeVar("Answer")
 
 
 class TimeLimitExceeded(Exception):
@@ -23,7 +25,7 @@ class _Alarm(BaseException):
     """Not an Exception: the code that is interrupted must not take it for one of its own."""
 
 
-def call_within(limit: float | None, function: Callable[..., Any], *arguments: Any) -> Any:
+def call_within(limit: float | None, function: Callable[..., Answer], *arguments: Any) -> Answer:
     """The result of a call, which may take `limit` seconds.
 
     Where the system has interval timers, and in the main thread, a call that never returns is interrupted, too;
@@ -45,7 +47,7 @@ def call_within(limit: float | None, function: Callable[..., Any], *arguments: A
     return result
 
 
-def _call_with_alarm(limit: float, function: Callable[..., Any], *arguments: Any) -> Any:
+def _call_with_alarm(limit: float, function: Callable[..., Answer], *arguments: Any) -> Answer:
     started = time.perf_counter()
     before = signal.signal(signal.SIGALRM, _raise)
     try:
