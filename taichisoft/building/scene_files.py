@@ -65,7 +65,7 @@ def _read_tables(path: Path) -> dict[str, Any]:
 
 
 def _scene_readers() -> dict[str, Any]:
-    """What reads scenes, by suffix."""
+    """Readers of scenes by suffix."""
     readers = provided("scene reader")
     for suffix in readers:
         if suffix == TOML or suffix != f".{suffix.strip('.').lower()}":

@@ -44,7 +44,7 @@ def make_model(scene: Scene) -> Model:
 
 
 def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:
-    """The mesh of each soft body by its name; bodies with the same one share it.
+    """Read or make the mesh of each soft body, by its name; bodies with the same one share it.
 
     Raises:
         MeshError: a mesh file is not fit to simulate.
@@ -62,7 +62,7 @@ def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:
 
 
 def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
-    """One mesh; `key` is its place in the scene.
+    """Read or make one mesh; `key` is its place in the scene.
 
     Raises:
         MeshError, SceneError, PluginError: see `load_meshes`.
@@ -87,7 +87,7 @@ def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
 
 
 def _refuse_keys(source: BodyMesh, valid: Container[str], key: str) -> None:
-    """What nobody heeds is an error."""
+    """Refuse keys that nobody heeds."""
     ignored = [name for name in source.request if name not in valid]
     if ignored:
         raise SceneError(

@@ -23,7 +23,7 @@ def read_volume_mesh(path: str | Path) -> VolumeMesh:
     one is an error.
 
     Args:
-        path: file with one of these suffixes.
+        path: file whose suffix, .msh, .vtk or .vtu, says the format.
 
     Raises:
         MeshError: the file is missing, unreadable, of another kind, or its mesh is not fit to simulate.
@@ -54,7 +54,7 @@ def write_volume_mesh(mesh: VolumeMesh, path: str | Path) -> None:
     Legacy VTK is for other programs: it has the tetrahedra alone. The file appears under its name when it is complete.
 
     Args:
-        mesh: what to write.
+        mesh: mesh of linear tetrahedra.
         path: file whose suffix, .msh, .vtu or .vtk, says the format.
 
     Raises:

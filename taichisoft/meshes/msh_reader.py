@@ -46,10 +46,10 @@ class TextNumbers:
 
 
 class BinaryNumbers:
-    """The same of a binary section in this machine's byte order.
+    """The numbers of a binary section in this machine's byte order; for the rest as `TextNumbers`.
 
     Args:
-        section: what stands between its two lines.
+        section: content between the two lines of the section.
         size_bytes: bytes of a `size_t`, from the head of the file.
     """
 
@@ -129,7 +129,7 @@ def read_msh41(path: Path) -> MeshContent:
 
 
 def _sections(content: bytes) -> dict[str, bytes]:
-    """What stands between $Name and $EndName, by name."""
+    """Content between $Name and $EndName, by name."""
     sections = {}
     start = content.find(b"$")
     while start >= 0:

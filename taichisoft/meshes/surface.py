@@ -51,9 +51,9 @@ def closed_outward(vertices: np.ndarray, triangles: np.ndarray, source: str) -> 
     """The triangles of a closed surface, turned round with a warning when it is inside out.
 
     Args:
-        vertices: [mm], shape (vertex_count, 3).
+        vertices: positions [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
-        source: begins the error and the warning.
+        source: name of the surface, which begins the error and the warning.
 
     Raises:
         MeshError: the surface is not closed, or encloses no volume.

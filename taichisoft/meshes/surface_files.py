@@ -53,7 +53,7 @@ def write_stl(vertices: np.ndarray, triangles: np.ndarray, path: Path) -> None:
     Args:
         vertices: positions [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
-        path: where to.
+        path: file to write.
 
     Raises:
         MeshError: the file cannot be written.

@@ -13,7 +13,7 @@ class VolumeMesh:
     """Nodes, elements and named groups.
 
     Attributes:
-        source: the file or mesher that it came from; errors begin with it.
+        source: file or mesher that made the mesh; errors begin with it.
         nodes: rest positions [mm], shape (node_count, 3).
         elements: node indices, shape (element_count, nodes_per_element); linear tetrahedra have 4.
         surface_groups: named boundary triangles ("outer", "cavity", "base", ...), each (count, 3) node indices.
@@ -60,7 +60,7 @@ class VolumeMesh:
 
 @dataclass(frozen=True)
 class MeshContent:
-    """What a mesh file holds, whatever its format, before anything is checked.
+    """Content of a mesh file of any format, before anything is checked.
 
     Attributes:
         nodes: positions [mm], shape (node_count, 3).

@@ -36,7 +36,7 @@ def load_requested(arguments: Sequence[str]) -> None:
 
 
 def with_plugin_commands(application: typer.Typer) -> Any:
-    """What runs an application's commands and those of all plug-ins; each takes the options that load plug-ins.
+    """A parser with an application's commands and those of all plug-ins; each takes the options that load plug-ins.
 
     Raises:
         PluginError: a plug-in could not add its commands, or two claim one name.

@@ -24,11 +24,11 @@ KINDS = {
     "scene reader": "taichisoft_scene_readers",
     "run option": "taichisoft_run_options",
 }
-"""What a plug-in can provide by name, and the hook that it does so through."""
+"""The kinds of things that a plug-in can provide by name, and the hook that provides each."""
 
 
 def find(kind: str, name: str) -> Callable[..., Any]:
-    """What a plug-in provides under `name`; `kind` is one of `KINDS`.
+    """Find what a plug-in provides under `name`; `kind` is one of `KINDS`.
 
     Raises:
         PluginError: nothing or more than one thing has that name.

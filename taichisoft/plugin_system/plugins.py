@@ -29,7 +29,6 @@ def plugin_registry() -> Registry:
     if _loaded is None:
         registry = Registry()
         _add_installed(registry)
-        registry.check_pending()
         _loaded = registry
     return _loaded
 

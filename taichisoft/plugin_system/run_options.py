@@ -13,7 +13,7 @@ from taichisoft.plugin_system.hooks import provided
 from taichisoft.plugin_system.hookspecs import RunOption
 
 GIVEN = "taichisoft.run_options"
-"""Where a parsed command line keeps the values of the options that were given."""
+"""Key under which a parsed command line keeps the values of the options that were given."""
 
 CommandFunction = TypeVar("CommandFunction", bound=Callable[..., Any])
 
@@ -30,7 +30,7 @@ _taking: set[Callable[..., Any]] = set()
 
 @dataclass(frozen=True)
 class Requested:
-    """What the options that were given ask for.
+    """Outputs and controller that the options of a command line ask for.
 
     Attributes:
         outputs: settings by the name of the output.
@@ -63,7 +63,7 @@ def add_run_options(command: Any) -> None:
 
 
 def requested(context: typer.Context, outputs_option: str) -> Requested:
-    """What the options that were given ask for.
+    """Sum up the options that were given.
 
     Args:
         context: parsed command line.

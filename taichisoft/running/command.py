@@ -39,7 +39,7 @@ EXIT_INTERRUPTED = 130
 
 @dataclass(frozen=True)
 class RunRequest:
-    """What the command line asks of a run, beside its scene.
+    """Everything that the command line asks of a run, beside its scene.
 
     Attributes:
         folder: folder for the results.
@@ -82,7 +82,7 @@ def run_simulation(
         name: text that begins errors of the scene and of what is made from it.
         scene: names the controller.
         make_simulation: called when everything that is cheap to check has been checked.
-        request: what else the user asks for.
+        request: folder, outputs, duration and so on.
         usual_duration: gives the duration of a run for which the user names none and which nobody steers [s]; the
             scene's when it is not given.
 
@@ -134,7 +134,7 @@ def _run(session: Session, console: Console, folder: Path, title: str, profile: 
 
 
 def _display(session: Session, console: Console, title: str) -> AbstractContextManager[Callable[[StepReport], None]]:
-    """What shows each step: the state of a run that somebody steers, how far any other is."""
+    """The display of a run, called after every step: state and keys where somebody steers, else how far the run is."""
     if session.controller.interactive and not session.replaying:
         return live_status(console, session)
     return progress_bar(console, session, title)

@@ -44,7 +44,7 @@ def live_status(console: Console, session: Session) -> Iterator[Callable[[StepRe
 
 
 class LiveStatus:
-    """What there is to say of a run."""
+    """Time, speed, pressures, object and keys of a run as text."""
 
     def __init__(self, console: Console, session: Session):
         self._console = console

@@ -13,7 +13,7 @@ class TimeLimitExceeded(Exception):
     """A call took too long.
 
     Attributes:
-        seconds: that it took until it returned or was stopped [s].
+        seconds: time until it returned or was stopped [s].
     """
 
     def __init__(self, seconds: float):
@@ -26,7 +26,7 @@ class _Alarm(BaseException):
 
 
 def call_within(limit: float | None, function: Callable[..., Answer], *arguments: Any) -> Answer:
-    """The result of a call, which may take `limit` seconds.
+    """Call a function that may take `limit` seconds, and return its result.
 
     Where the system has interval timers, and in the main thread, a call that never returns is interrupted, too;
     elsewhere its time is seen when it returns.

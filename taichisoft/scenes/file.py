@@ -19,6 +19,7 @@ from taichisoft.scenes.validation_errors import first_problem
 GEOMETRY_SUFFIX = ".toml"
 # Keys that name a file, the shipped folder in which it is looked for, and the suffixes that it may go without.
 FILE_KEYS = {
+    "mesh": ("meshes", VOLUME_SUFFIXES),
     "surface": ("meshes", SURFACE_SUFFIXES),
     "collision_surface": ("meshes", SURFACE_SUFFIXES),
     "script": ("scripts", (".toml", ".csv")),
@@ -30,7 +31,7 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
 
     Args:
         document: tables of the scene by key; files that it names become absolute paths.
-        source: text that begins every error.
+        source: name of the document, which begins every error.
         folder: folder in which the files are looked for first; the current one when it is not given.
 
     Raises:
@@ -39,7 +40,8 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
     tables = {**document}
     if isinstance(tables.get("soft_bodies"), dict):
         tables["soft_bodies"] = _inherit(tables["soft_bodies"], source)
-    return _validated(_with_absolute_files(tables, folder or Path(), source), source)
+    found = {key: _with_files(value, folder or Path(), f"{source}: {key}", key) for key, value in tables.items()}
+    return _validated(found, source)
 
 
 def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), controller: str | None = None) -> Scene:
@@ -69,7 +71,7 @@ def _validated(document: Any, source: str) -> Scene:
 
 
 def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:
-    """Fill in what a soft body takes over from the one that its key `like` names."""
+    """Fill in the keys that a soft body takes over from the one that its key `like` names."""
     resolved: dict[str, Any] = {}
     for name, table in bodies.items():
         if isinstance(table, dict) and "like" in table:
@@ -85,35 +87,20 @@ def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:
     return resolved
 
 
-def _with_absolute_files(value: Any, folder: Path, source: str, key: str = "") -> Any:
-    """The tables with every file found; `source` and `key`, the place of `value`, begin the error."""
+def _with_files(value: Any, folder: Path, where: str, name: str = "") -> Any:
+    """The value of the key `name`, in which every file is found; `where`, the place of the value, begins the error."""
+    if name == "mesh" and isinstance(value, dict):
+        file = _with_files(value.get("file"), folder, f"{where}.file", name)
+        return {**value, "file": file} if "file" in value else value
     if isinstance(value, dict):
-        return {name: _with_absolute_file(name, item, folder, source, f"{key}{name}") for name, item in value.items()}
+        return {key: _with_files(item, folder, f"{where}.{key}", key) for key, item in value.items()}
     if isinstance(value, list):
-        return [_with_absolute_files(item, folder, source, f"{key}{index}.") for index, item in enumerate(value)]
-    return value
-
-
-def _with_absolute_file(name: str, value: Any, folder: Path, source: str, key: str) -> Any:
-    """The value of one key, which may name a file."""
-    if name in FILE_KEYS and isinstance(value, str):
-        return _absolute_file(value, *FILE_KEYS[name], folder, f"{source}: {key}")
-    if name == "mesh" and isinstance(value, str):
-        return _absolute_mesh(value, folder, f"{source}: {key}")
-    if name == "mesh" and isinstance(value, dict) and isinstance(value.get("file"), str):
-        return {**value, "file": _absolute_mesh(value["file"], folder, f"{source}: {key}.file")}
-    return _with_absolute_files(value, folder, source, f"{key}.")
-
-
-def _absolute_mesh(name: str, folder: Path, key: str) -> str:
-    """A mesh, or by its suffix a geometry."""
-    is_geometry = name.lower().endswith(GEOMETRY_SUFFIX)
-    kind, suffixes = ("fingers", (GEOMETRY_SUFFIX,)) if is_geometry else ("meshes", VOLUME_SUFFIXES)
-    return _absolute_file(name, kind, suffixes, folder, key)
-
-
-def _absolute_file(name: str, kind: str, suffixes: tuple[str, ...], folder: Path, key: str) -> str:
+        return [_with_files(item, folder, f"{where}.{index}") for index, item in enumerate(value)]
+    if name not in FILE_KEYS or not isinstance(value, str):
+        return value
+    is_geometry = name == "mesh" and value.lower().endswith(GEOMETRY_SUFFIX)
+    kind, suffixes = ("fingers", (GEOMETRY_SUFFIX,)) if is_geometry else FILE_KEYS[name]
     try:
-        return str(find_file(name, kind, suffixes, folder, SceneError))
+        return str(find_file(value, kind, suffixes, folder, SceneError))
     except SceneError as error:
-        raise SceneError(f"{key}: {error}") from error
+        raise SceneError(f"{where}: {error}") from error

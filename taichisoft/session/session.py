@@ -18,7 +18,7 @@ RECENT_KEYS = 8
 
 Part = TypeVar("Part")
 
-# What the run itself does with keys; all others go to the controller.
+# Effects of the keys that the run itself heeds; all others go to the controller.
 BINDINGS = {
     "space": "pause, and go on",
     "s": "make a single step",
@@ -65,10 +65,10 @@ class Session:
 
         Args:
             simulation: goes on from its present state.
-            controller: drives it.
-            outputs: watch it.
-            duration: [s]; the scene's when it is not given, infinite for a run that somebody else ends.
-            folder: where the key log goes.
+            controller: what drives the run.
+            outputs: what watches it.
+            duration: simulated time [s]; the scene's when it is not given, infinite for a run that somebody else ends.
+            folder: folder for the key log.
             speed: simulated over wall-clock time; None for as fast as it goes.
             replay: keys of an earlier session.
 
@@ -100,12 +100,12 @@ class Session:
 
     @property
     def bindings(self) -> dict[str, str]:
-        """What each key does: the controller's own, then the run's."""
+        """Effect of each key by key: the controller's own, then the run's."""
         return {**self.controller.bindings, **BINDINGS}
 
     @property
     def finished(self) -> bool:
-        """Whether all steps are made: of its duration since the last start, or those of the session it replays."""
+        """Whether all steps are made: those of its duration since the last start, or of the session that it replays."""
         if self.replay is not None:
             return self.steps_made >= self.replay.step_count
         return self.simulation.state.step - self.first_state.step >= self.step_count
