@@ -1,8 +1,11 @@
-"""Where a run that heeds keys gets them from on this machine: the terminal it was started in."""
+"""The source of a run's keys: the terminal in which the run was started."""
 
 import sys
 import warnings
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
+
+from taichisoft.errors import ControllerFailed
 
 if TYPE_CHECKING:
     from taichisoft.session.session import Session
@@ -11,16 +14,30 @@ _sources: dict[int, Any] = {}
 
 
 def begin_keys(session: "Session") -> None:
-    """Read keys for a run with an interactive controller, unless they come from an earlier session."""
+    """Read keys from the terminal for a run with an interactive controller, unless an earlier session gives them.
+
+    Raises:
+        ControllerFailed: this system has no POSIX terminal, and no output of the run gives keys either.
+    """
     if session.replaying or not getattr(session.controller, "interactive", False):
         return
+    outputs_give_keys = any(getattr(output, "gives_keys", False) for output in session.outputs)
     if sys.stdin is None or not sys.stdin.isatty():
-        if not any(getattr(output, "gives_keys", False) for output in session.outputs):
+        if not outputs_give_keys:
             warnings.warn(
                 "standard input is no terminal, so no keys come from there; Ctrl and c ends the run", stacklevel=2
             )
         return
-    _sources[id(session)] = _source(session)
+    if find_spec("termios") is None:  # as on Windows
+        if not outputs_give_keys:
+            raise ControllerFailed(
+                "keys from the terminal need Linux or macOS; steer by the web page (--web), repeat a session (--keys), "
+                "or take a controller that needs no keys (scripted, closed-loop)"
+            )
+        return
+    from taichisoft_controllers.terminal_keys import TerminalKeys
+
+    _sources[id(session)] = TerminalKeys(session, sys.stdin.fileno())
 
 
 def end_keys(session: "Session") -> None:
@@ -28,13 +45,3 @@ def end_keys(session: "Session") -> None:
     source = _sources.pop(id(session), None)
     if source is not None:
         source.end()
-
-
-def _source(session: "Session") -> Any:
-    if sys.platform == "win32":
-        from taichisoft_controllers.windows_keys import WindowsKeys
-
-        return WindowsKeys(session.keys)
-    from taichisoft_controllers.terminal_keys import TerminalKeys
-
-    return TerminalKeys(session, sys.stdin.fileno())
