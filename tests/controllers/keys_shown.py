@@ -8,8 +8,8 @@ import sys
 from pathlib import Path
 
 from taichisoft.control.keys import KeyStream
-from taichisoft_controllers import terminal_mode
-from taichisoft_controllers.terminal_keys import TerminalKeys
+from taichisoft_controllers.keyboard import terminal_mode
+from taichisoft_controllers.keyboard.terminal_keys import TerminalKeys
 
 
 class Run:

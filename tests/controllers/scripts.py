@@ -10,7 +10,7 @@ import numpy as np
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.scenes.scene import Scene
-from taichisoft_controllers.scripted import ScriptedController
+from taichisoft_controllers.scripted.controller import ScriptedController
 
 CAVITIES = ("left.base", "left.tip", "right.base")
 TIME_STEP = 0.01

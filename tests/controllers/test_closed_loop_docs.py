@@ -4,8 +4,8 @@ import re
 from pathlib import Path
 
 from taichisoft.scenes.shipped import data_folder
-from taichisoft_controllers.grasp_sequence import Phase
-from taichisoft_controllers.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.grasp_sequence import Phase
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "controllers.md"
 SECTION = DOCUMENT.read_text(encoding="utf-8").partition("\n## Closed-loop\n")[2].partition("\n## ")[0]

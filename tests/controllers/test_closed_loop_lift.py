@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import settings as how
 from hypothesis import strategies as st
 
-from taichisoft_controllers.grasp_sensing import Grasp
-from taichisoft_controllers.grip_set_point import GripSetPoint
-from taichisoft_controllers.lift_profile import LiftProfile
+from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grip_set_point import GripSetPoint
+from taichisoft_controllers.closed_loop.lift_profile import LiftProfile
 
 
 def heights(profile: LiftProfile, period: float, count: int) -> np.ndarray:

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft_controllers.force_regulator import ForceRegulator
-from taichisoft_controllers.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.force_regulator import ForceRegulator
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 
 GAIN = 40.0  # of the plants: force over pressure [mN/kPa], about that of the fingers
 NEVER = 1e9  # [kPa/s] or [kPa]: a limit that is not met

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taichisoft.control.observation import Observation
-from taichisoft_controllers.grasp_sensing import Grasp, GraspSensing
+from taichisoft_controllers.closed_loop.grasp_sensing import Grasp, GraspSensing
 
 FINGERS = ("left", "right", "third")
 

@@ -11,8 +11,8 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Scene
-from taichisoft_controllers.condition_reader import Quantity
-from taichisoft_controllers.quantities import QUANTITIES, Moment, bind_quantity
+from taichisoft_controllers.scripted.condition_reader import Quantity
+from taichisoft_controllers.scripted.quantities import QUANTITIES, Moment, bind_quantity
 
 FINGER = {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
 HELD = {**FINGER, "anchors": [{"group": "base"}]}

@@ -15,7 +15,7 @@ from taichisoft.control.observation import Observation
 from taichisoft.control.slider import Slider
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Limits
-from taichisoft_controllers.keyboard import KeyboardController
+from taichisoft_controllers.keyboard.controller import KeyboardController
 
 CAVITIES = ("finger1.cavity", "finger2.front", "finger2.back", "finger3.cavity")
 KEYS = ["+", "=", "-", "up", "down", "left", "right", "a", "q", "0", "1", "2", "3", "4", "x", "enter"]

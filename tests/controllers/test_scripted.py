@@ -10,7 +10,7 @@ import pytest
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.scripted import ScriptedController
+from taichisoft_controllers.scripted.controller import ScriptedController
 
 SCRIPT = """
 interpolation = "{interpolation}"

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from scripts import controller_of, follow, pressures, write
 
 from taichisoft.errors import SceneError
-from taichisoft_controllers.script_csv import read_keyframes
-from taichisoft_controllers.scripted import ScriptedController
+from taichisoft_controllers.scripted.controller import ScriptedController
+from taichisoft_controllers.scripted.script_csv import read_keyframes
 
 CSV = """\
 # two fingers close, one after the other

@@ -12,9 +12,9 @@ from scripts import controller_of, follow, made_up_model, write
 from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed
 from taichisoft.scenes.shipped import data_folder
-from taichisoft_controllers.quantities import QUANTITIES
-from taichisoft_controllers.script_file import Keyframe, Step
-from taichisoft_controllers.scripted import ScriptedController, Settings
+from taichisoft_controllers.scripted.controller import ScriptedController, Settings
+from taichisoft_controllers.scripted.quantities import QUANTITIES
+from taichisoft_controllers.scripted.script_file import Keyframe, Step
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "controllers.md"
 SECTION = re.split(r"^## ", DOCUMENT.read_text(encoding="utf-8").partition("\n## Scripted\n")[2], flags=re.MULTILINE)[0]

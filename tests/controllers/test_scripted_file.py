@@ -6,7 +6,7 @@ import pytest
 from scripts import controller_of, follow, pressures, write
 
 from taichisoft.errors import SceneError
-from taichisoft_controllers.scripted import ScriptedController
+from taichisoft_controllers.scripted.controller import ScriptedController
 
 
 def keyframe(pressure: str) -> str:

@@ -16,7 +16,7 @@ import pytest
 from terminal import Terminal, line, python, terminal
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers import key_source, terminal_guardian, terminal_keys
+from taichisoft_controllers.keyboard import key_source, terminal_guardian, terminal_keys
 
 PROGRAM = python(Path(__file__).with_name("keys_shown.py"))
 

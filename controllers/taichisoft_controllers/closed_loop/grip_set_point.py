@@ -1,6 +1,6 @@
 """How hard a grip shall be: as hard as it was told to begin with, and harder when the object slips."""
 
-from taichisoft_controllers.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
 
 
 class GripSetPoint:

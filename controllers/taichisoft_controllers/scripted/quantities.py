@@ -9,8 +9,8 @@ import numpy as np
 
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.condition_reader import Quantity
 from taichisoft_controllers.model_names import called, cavities_called, fingers_called, object_called, pairs_called
+from taichisoft_controllers.scripted.condition_reader import Quantity
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -11,10 +11,10 @@ from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import pressures_by_cavity
-from taichisoft_controllers.ramp import Ramp
-from taichisoft_controllers.script_file import Step
-from taichisoft_controllers.step_in_progress import StepInProgress
-from taichisoft_controllers.waiting import Waiting
+from taichisoft_controllers.scripted.ramp import Ramp
+from taichisoft_controllers.scripted.script_file import Step
+from taichisoft_controllers.scripted.step_in_progress import StepInProgress
+from taichisoft_controllers.scripted.waiting import Waiting
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -9,9 +9,9 @@ from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Limits
 from taichisoft.scenes.validation_errors import first_problem
-from taichisoft_controllers.grasp_sensing import GraspSensing
-from taichisoft_controllers.grasp_sequence import GraspSequence, Phase
-from taichisoft_controllers.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.grasp_sensing import GraspSensing
+from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -10,7 +10,7 @@ from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import pressures_by_cavity
-from taichisoft_controllers.script_file import Keyframe
+from taichisoft_controllers.scripted.script_file import Keyframe
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

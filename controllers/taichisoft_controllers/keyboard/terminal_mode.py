@@ -9,7 +9,7 @@ import termios
 from collections.abc import Iterator
 from typing import Any
 
-from taichisoft_controllers import terminal_guardian
+from taichisoft_controllers.keyboard import terminal_guardian
 
 # Where in termios' lists of attributes what is changed here stands.
 _INPUT, _LOCAL, _CHARACTERS = 0, 3, 6

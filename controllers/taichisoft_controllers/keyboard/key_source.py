@@ -35,7 +35,7 @@ def begin_keys(session: "Session") -> None:
                 "or take a controller that needs no keys (scripted, closed-loop)"
             )
         return
-    from taichisoft_controllers.terminal_keys import TerminalKeys
+    from taichisoft_controllers.keyboard.terminal_keys import TerminalKeys
 
     _sources[id(session)] = TerminalKeys(session, sys.stdin.fileno())
 

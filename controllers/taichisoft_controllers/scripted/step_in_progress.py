@@ -3,8 +3,8 @@
 import numpy as np
 
 from taichisoft.control.observation import Observation
-from taichisoft_controllers.ramp import Ramp
-from taichisoft_controllers.waiting import Waiting
+from taichisoft_controllers.scripted.ramp import Ramp
+from taichisoft_controllers.scripted.waiting import Waiting
 
 ROUND_OFF = 1e-9
 """Times this close are the same [s]: those of an observation are sums of time steps."""

@@ -1,6 +1,6 @@
 """A plot of a closed-loop run: force and set point, pressure, heights, slip and phases over time.
 
-python -m taichisoft_controllers.closed_loop_plot out/gripper/run.csv docs/closed_loop.svg
+python -m taichisoft_controllers.closed_loop.plot out/gripper/run.csv docs/closed_loop.svg
 
 `run.csv` is that of `taichisoft run ... --controller closed-loop --outputs csv`; pushes are taken from the scene.toml
 beside it. Needs matplotlib.
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import TaichisoftError
-from taichisoft_controllers.grasp_sequence import Phase
+from taichisoft_controllers.closed_loop.grasp_sequence import Phase
 
 MOST_POINTS = 1500  # of a line; of the steps between two points the one with the fastest slip is shown
 # Of the phases in which the object is off the ground.

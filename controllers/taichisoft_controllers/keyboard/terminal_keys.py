@@ -8,8 +8,8 @@ from collections.abc import Callable
 from typing import Any, Protocol
 
 from taichisoft.control.keys import KeyEvent, KeyStream
-from taichisoft_controllers.key_parser import KeyParser
-from taichisoft_controllers.terminal_mode import TerminalMode
+from taichisoft_controllers.keyboard.key_parser import KeyParser
+from taichisoft_controllers.keyboard.terminal_mode import TerminalMode
 
 ESCAPE_TIME = 0.15
 """An Esc that nothing follows for so long [s] is the key, not the beginning of an arrow's sequence."""

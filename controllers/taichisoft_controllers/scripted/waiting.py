@@ -4,9 +4,9 @@ from typing import TYPE_CHECKING
 
 from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed, SceneError
-from taichisoft_controllers.condition import read_condition
-from taichisoft_controllers.condition_reader import Quantity, Values
-from taichisoft_controllers.quantities import QUANTITIES, Moment, Reading, bind_quantity
+from taichisoft_controllers.scripted.condition import read_condition
+from taichisoft_controllers.scripted.condition_reader import Quantity, Values
+from taichisoft_controllers.scripted.quantities import QUANTITIES, Moment, Reading, bind_quantity
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

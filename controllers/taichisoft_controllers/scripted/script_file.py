@@ -12,7 +12,7 @@ from pydantic_core import PydanticKnownError
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import NotNegative, Positive, Table, Vector
 from taichisoft.scenes.validation_errors import first_problem
-from taichisoft_controllers.script_csv import read_keyframes
+from taichisoft_controllers.scripted.script_csv import read_keyframes
 
 SUFFIXES = (".toml", ".csv")
 

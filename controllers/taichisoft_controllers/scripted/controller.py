@@ -11,9 +11,9 @@ from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Positive, Table
 from taichisoft.scenes.shipped import find_file
 from taichisoft.scenes.validation_errors import first_problem
-from taichisoft_controllers.keyframe_follower import KeyframeFollower
-from taichisoft_controllers.script_file import SUFFIXES, Interpolation, read_script
-from taichisoft_controllers.step_follower import StepFollower
+from taichisoft_controllers.scripted.keyframe_follower import KeyframeFollower
+from taichisoft_controllers.scripted.script_file import SUFFIXES, Interpolation, read_script
+from taichisoft_controllers.scripted.step_follower import StepFollower
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -13,7 +13,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from taichisoft.errors import SceneError
-from taichisoft_controllers.condition_reader import ConditionReader, Quantity, Values
+from taichisoft_controllers.scripted.condition_reader import ConditionReader, Quantity, Values
 
 LONGEST_TEXT = 1000
 DEEPEST_NESTING = 50

@@ -3,12 +3,12 @@
 from enum import IntEnum
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.force_regulator import ROUND_OFF, ForceRegulator
-from taichisoft_controllers.grasp_sensing import Grasp
-from taichisoft_controllers.grasp_settings import GraspSettings
-from taichisoft_controllers.grip_set_point import GripSetPoint
-from taichisoft_controllers.lift_profile import LiftProfile
-from taichisoft_controllers.phase_clock import PhaseClock
+from taichisoft_controllers.closed_loop.force_regulator import ROUND_OFF, ForceRegulator
+from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.grip_set_point import GripSetPoint
+from taichisoft_controllers.closed_loop.lift_profile import LiftProfile
+from taichisoft_controllers.closed_loop.phase_clock import PhaseClock
 
 SETTLED = 0.05  # of the set point: closer than this the force has reached it
 SETTLING_TIME = 0.2  # for so long must be true what ends a phase [s]
