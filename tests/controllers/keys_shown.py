@@ -45,7 +45,7 @@ def show_keys(run: Run) -> None:
 
 if __name__ == "__main__":
     if "alone" in sys.argv:
-        terminal_mode._start_guardian = lambda *_: None
+        terminal_mode._start_watching_child = lambda *_: None
     shown = Run()
     source = TerminalKeys(shown, sys.stdin.fileno())
     try:

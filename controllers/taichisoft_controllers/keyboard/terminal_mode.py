@@ -1,18 +1,25 @@
-"""A terminal that hands over keys one by one and unseen for a while, and is put back whatever happens."""
+"""A terminal that hands over keys one by one and unseen for a while, and is put back whatever happens.
 
+A child process watches for the death of the run: this file as a program, `python terminal_mode.py FD OWN FOR_KEYS`,
+where OWN and FOR_KEYS are lists of attributes as `termios` has them. It waits for the end of its standard input; if the
+terminal then still has the mode for keys, it gets its own mode back.
+"""
+
+import ast
 import atexit
 import contextlib
 import os
 import subprocess
 import sys
 import termios
-from collections.abc import Iterator
 from typing import Any
 
-from taichisoft_controllers.keyboard import terminal_guardian
+SHOW_CURSOR = b"\x1b[?25h"
+"""The sequence that shows the cursor, which a live display may have hidden."""
 
-# Where in termios' lists of attributes what is changed here stands.
+# Indices in the lists of attributes of termios: what is changed here, and all flags.
 _INPUT, _LOCAL, _CHARACTERS = 0, 3, 6
+_FLAGS = slice(0, 4)
 
 
 class TerminalMode:
@@ -29,14 +36,13 @@ class TerminalMode:
         """Remember the mode of a terminal, and start the child that puts it back should this process be killed.
 
         Raises:
-            OSError: it is no terminal, or has gone.
+            termios.error: it is no terminal, or has gone.
         """
         self.is_for_keys = False
         self._fd = file_descriptor
-        with _os_errors():
-            self._own = termios.tcgetattr(file_descriptor)
+        self._own = termios.tcgetattr(file_descriptor)
         self._for_keys = _attributes_for_keys(self._own)
-        self._guardian = _start_guardian(file_descriptor, self._own, self._for_keys)
+        self._watching_child = _start_watching_child(file_descriptor, self._own, self._for_keys)
         atexit.register(self.end)
 
     @property
@@ -51,27 +57,26 @@ class TerminalMode:
         """Switch to the mode for keys, if this process has the terminal.
 
         Raises:
-            OSError: the terminal has gone.
+            termios.error: the terminal has gone.
         """
         if self.is_in_foreground:
-            with _os_errors():
-                termios.tcsetattr(self._fd, termios.TCSANOW, self._for_keys)
+            termios.tcsetattr(self._fd, termios.TCSANOW, self._for_keys)
         self.is_for_keys = self.is_in_foreground
 
     def end_keys(self) -> None:
         """Switch back and drop what was typed meanwhile; a terminal that has gone is left alone."""
         if self.is_for_keys and self.is_in_foreground:
-            terminal_guardian.restore(self._fd, self._own)
+            _restore(self._fd, self._own)
         self.is_for_keys = False
 
     def end(self) -> None:
         """Switch back for good."""
         atexit.unregister(self.end)
         self.end_keys()
-        if self._guardian is not None:
-            self._guardian.kill()
-            self._guardian.communicate()
-            self._guardian = None
+        if self._watching_child is not None:
+            self._watching_child.kill()
+            self._watching_child.communicate()
+            self._watching_child = None
 
 
 def _attributes_for_keys(own: list[Any]) -> list[Any]:
@@ -84,11 +89,22 @@ def _attributes_for_keys(own: list[Any]) -> list[Any]:
     return attributes
 
 
-def _start_guardian(file_descriptor: int, own: list[Any], for_keys: list[Any]) -> "subprocess.Popen[bytes] | None":
-    """The watching child; None where no other process can be started."""
+def _restore(file_descriptor: int, attributes: list[Any]) -> None:
+    """Set a terminal's attributes, drop what was typed and show the cursor; do nothing if the terminal has gone."""
+    with contextlib.suppress(termios.error, OSError):
+        # Output need not have drained before: with nobody who reads it any more, it never would.
+        termios.tcsetattr(file_descriptor, termios.TCSANOW, attributes)
+        termios.tcflush(file_descriptor, termios.TCIFLUSH)
+        os.write(file_descriptor, SHOW_CURSOR)
+
+
+def _start_watching_child(
+    file_descriptor: int, own: list[Any], for_keys: list[Any]
+) -> "subprocess.Popen[bytes] | None":
+    """The child that waits for the end of this process; None where no other process can be started."""
     terminal = os.dup(file_descriptor)
-    # -I and -S: nothing of the user's is read or imported, and it starts in 10 ms.
-    command = [sys.executable, "-I", "-S", terminal_guardian.__file__, str(terminal), repr(own), repr(for_keys)]
+    # -I and -S: nothing of the user's is read or imported, and it starts in 20 ms.
+    command = [sys.executable, "-I", "-S", __file__, str(terminal), repr(own), repr(for_keys)]
     try:
         return subprocess.Popen(
             command,
@@ -105,10 +121,16 @@ def _start_guardian(file_descriptor: int, own: list[Any], for_keys: list[Any]) -
         os.close(terminal)
 
 
-@contextlib.contextmanager
-def _os_errors() -> Iterator[None]:
-    """The error of termios is no OSError."""
-    try:
-        yield
-    except termios.error as error:
-        raise OSError(*error.args) from error
+def _watch() -> None:
+    """The watching child: wait until the parent, or the kernel for it, closes the pipe."""
+    terminal, own, for_keys = int(sys.argv[1]), ast.literal_eval(sys.argv[2]), ast.literal_eval(sys.argv[3])
+    while os.read(0, 64):
+        pass
+    # A shell may have been faster, and its line editor has another mode by now.
+    with contextlib.suppress(termios.error):
+        if termios.tcgetattr(terminal)[_FLAGS] == for_keys[_FLAGS]:
+            _restore(terminal, own)
+
+
+if __name__ == "__main__":
+    _watch()
