@@ -67,7 +67,6 @@ class ToyGrasp:
             force=self.force,
             missing=missing,
             slip_speed=slip,
-            base_height=self.base,
             base_held_back=False,
             offset=self.height - self.base,
             object_speed=abs(self.speed),

@@ -2,13 +2,10 @@
 
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError
-
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Limits
-from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_controllers.closed_loop.grasp_sensing import GraspSensing
 from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
@@ -24,15 +21,12 @@ class ClosedLoopController:
     """
 
     def __init__(self, **settings: Any):
-        """Take the settings, see `GraspSettings`.
+        """Take the settings that `GraspSettings` describes.
 
         Raises:
             SceneError: one of them is not valid.
         """
-        try:
-            self._settings = GraspSettings.model_validate(settings)
-        except ValidationError as error:
-            raise SceneError(first_problem(error, GraspSettings, "controller.settings")) from error
+        self._settings = GraspSettings.checked(**settings)
         self._sequence: GraspSequence | None = None
 
     def reset(self, model: "Model") -> None:
@@ -49,7 +43,7 @@ class ClosedLoopController:
         self._held_since: float | None = None
 
     def control(self, observation: Observation) -> Control:
-        """What the present phase of the grasp asks for.
+        """The pressure and the height of the base that the present phase of the grasp asks for.
 
         Raises:
             ControllerFailed: the object cannot be grasped or lifted, or was dropped.
