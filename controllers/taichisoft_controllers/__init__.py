@@ -14,9 +14,9 @@ def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
     """The built-in controllers."""
     from taichisoft_controllers.closed_loop.controller import ClosedLoopController
     from taichisoft_controllers.keyboard.controller import KeyboardController
-    from taichisoft_controllers.scripted.controller import ScriptedController
+    from taichisoft_controllers.scripted.controller import scripted_controller
 
-    return {"closed-loop": ClosedLoopController, "keyboard": KeyboardController, "scripted": ScriptedController}
+    return {"closed-loop": ClosedLoopController, "keyboard": KeyboardController, "scripted": scripted_controller}
 
 
 @hookimpl
