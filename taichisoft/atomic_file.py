@@ -9,8 +9,8 @@ from taichisoft.errors import TaichisoftError
 
 
 @contextmanager
-def whole_file(path: Path, error: type[TaichisoftError] = TaichisoftError) -> Iterator[Path]:
-    """A place beside `path` to write to; what is there in the end is moved to `path`, what was half done is removed.
+def atomic_file(path: Path, error: type[TaichisoftError] = TaichisoftError) -> Iterator[Path]:
+    """Give a place beside `path` to write to; a complete file is then moved to `path`, an incomplete one removed.
 
     Raises:
         error: the file cannot be written; the old one, if there was one, is as it was.

@@ -23,11 +23,12 @@ def mesh_record(made: MadeMesh, files: Iterable[Path]) -> dict[str, Any]:
         files: that it was written to, with a hash of their content in the record.
     """
     job, mesh, quality = made.job, made.mesh, made.quality
+    parameters = made.geometry.parameters
     surfaces = {surface.name: surface for surface in quality.surfaces}
     return {
         "kind": job.kind,
         "file": job.file.name,
-        "parameters": getattr(made.geometry, "parameters", job.tables),
+        "parameters": job.tables if parameters is None else parameters,
         "asked": job.asked,
         "inputs_sha256": _hash_of_inputs(job),
         "versions": {"taichisoft": taichisoft.__version__, "gmsh": _gmsh_version()},

@@ -1,6 +1,5 @@
 """A mesh of the size that somebody asks for: a length, the name of a preset, or a number of nodes."""
 
-from collections.abc import Mapping
 from pathlib import Path
 
 from taichisoft.errors import MeshError, nearest
@@ -38,7 +37,7 @@ def preset_size(geometry: Geometry, preset: str, file: Path) -> float:
     Raises:
         MeshError: the geometry has no such preset.
     """
-    presets: Mapping[str, float] = getattr(geometry, "presets", {})
+    presets = geometry.presets
     if preset not in presets:
         raise MeshError(f"{file}: preset '{preset}': unknown; {nearest(preset, list(presets), 'there are')}")
     return presets[preset]

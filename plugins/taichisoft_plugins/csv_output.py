@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 from taichisoft.errors import TaichisoftError
+from taichisoft.session.output import Output
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -26,7 +27,7 @@ PAIR_UNITS = {"normal_force": "mN", "friction_force": "mN", "slip_speed": "mm/s"
 """Columns of every pair of bodies; a report has them under the plural."""
 
 
-class CsvOutput:
+class CsvOutput(Output):
     """Writes a row for every step, with its time at its end.
 
     Columns are named "quantity of-what [unit]"; the first row of names is written with the first step, which shows

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.errors import GoalMissed, TaichisoftError
+from taichisoft.session.output import Output
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
 FILE_NAME = "metrics.json"
 
 
-class MetricsOutput:
+class MetricsOutput(Output):
     """Collects a few numbers per step; writes and judges them at the end."""
 
     def __init__(self, folder: Path):

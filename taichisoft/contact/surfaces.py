@@ -11,7 +11,7 @@ from taichisoft.contact import bounding_volumes
 from taichisoft.kernels.bounding_volumes import refit
 from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.kernels.surface_motion import move_vertices
-from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.surface import MappedSurface
 
 # On a body that keeps its shape, faces whose normals differ by less than this from the first one's make one plane
 # facet [rad]; edges inside a facet touch nothing that the facet does not.

@@ -1,4 +1,4 @@
-"""Scenes as TOML: reading with overrides, errors that point at the key, writing the resolved scene."""
+"""Scenes from tables and as TOML: files found, inheritance, errors that point at the key, the resolved scene."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from taichisoft.errors import SceneError
 from taichisoft.meshes.files import VOLUME_SUFFIXES
 from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
-from taichisoft.scenes.overrides import apply_override
+from taichisoft.scenes.overrides import change_scene
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import find_file
 from taichisoft.scenes.validation_errors import first_problem
@@ -26,7 +26,12 @@ FILE_KEYS = {
 
 
 def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: Path | None = None) -> Scene:
-    """Make a scene from plain tables, as TOML gives them; `source` begins every error.
+    """Make a scene from plain tables, as TOML gives them.
+
+    Args:
+        document: tables of the scene by key; files that it names become absolute paths.
+        source: text that begins every error.
+        folder: folder in which the files are looked for first; the current one when it is not given.
 
     Raises:
         SceneError: something is not valid, with its key, value and what would be.
@@ -34,14 +39,11 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
     tables = {**document}
     if isinstance(tables.get("soft_bodies"), dict):
         tables["soft_bodies"] = _inherit(tables["soft_bodies"], source)
-    try:
-        return Scene.model_validate(_with_absolute_files(tables, folder or Path(), source))
-    except ValidationError as error:
-        raise SceneError(f"{source}: {first_problem(error, Scene)}") from error
+    return _validated(_with_absolute_files(tables, folder or Path(), source), source)
 
 
 def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), controller: str | None = None) -> Scene:
-    """What `scene_to_toml` wrote, with changes as in `load_scene`; files that it names need no longer exist.
+    """Read what `scene_to_toml` wrote, with changes as in `load_scene`; files that it names need no longer exist.
 
     Raises:
         SceneError: something is not valid; begins with `source`.
@@ -50,14 +52,8 @@ def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), contr
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{source}: not readable as TOML: {error}") from error
-    if controller is not None:
-        choose_controller(document, controller)
-    for override in overrides:
-        apply_override(document, override)
-    try:
-        return Scene.model_validate(document)
-    except ValidationError as error:
-        raise SceneError(f"{source}: {first_problem(error, Scene)}") from error
+    change_scene(document, overrides, controller)
+    return _validated(document, source)
 
 
 def scene_to_toml(scene: Scene) -> str:
@@ -65,12 +61,11 @@ def scene_to_toml(scene: Scene) -> str:
     return tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))
 
 
-def choose_controller(document: dict[str, Any], name: str) -> None:
-    """Settings are meant for the controller that the scene names; period and time limit for any."""
-    table = document.setdefault("controller", {})
-    if isinstance(table, dict) and table.get("name") != name:
-        table.pop("settings", None)
-        table["name"] = name
+def _validated(document: Any, source: str) -> Scene:
+    try:
+        return Scene.model_validate(document)
+    except ValidationError as error:
+        raise SceneError(f"{source}: {first_problem(error, Scene)}") from error
 
 
 def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import pytest
 from fingers import sharp_fingers
 from hypothesis import HealthCheck, given, settings
 
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing.finger.kind import finger_from_dict, read_finger

@@ -14,6 +14,7 @@ import pytest
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent
 from taichisoft.running.loop import run_session
 from taichisoft.scenes.scene import Scene
@@ -146,10 +147,8 @@ def test_the_page_shows_where_the_bodies_are(running: Callable[..., Any]) -> Non
         assert np.allclose(100.0 * viewer.vertices["/cube"].mean(axis=0), state.rigid_position[0], atol=1e-3)
 
 
-class Constant:
+class Constant(Controller):
     """Heeds no keys."""
-
-    def reset(self, model: Any) -> None: ...
 
     def control(self, observation: Any) -> Control:
         return Control(pressure=dict.fromkeys(observation.pressures, 4.0))

@@ -54,7 +54,7 @@ def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
 
 def _run(simulation: "Simulation", scene: Scene, steps: int, folder: Path | None) -> tuple[float, float]:
     """Wall time of the steps, and of it in the output [s]; they are recorded into the folder, if there is one."""
-    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.run_parts import make_controller
     from taichisoft_plugins.recording.output import RecordingOutput
 
     controller = make_controller(scene)

@@ -50,7 +50,7 @@ def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
 
 def _record(case: RenderingCase, scene: Scene, folder: Path) -> int:
     """Let the scene's controller drive; returns the number of nodes."""
-    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.run_parts import make_controller
     from taichisoft.building.simulation import Simulation
     from taichisoft_plugins.recording.output import RecordingOutput
 

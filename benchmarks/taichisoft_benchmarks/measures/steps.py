@@ -19,7 +19,7 @@ PROFILED_STEPS = 30
 def measure_steps(case: Simulated, scene: Scene) -> Measured:
     """Make the case's steps; what the first one takes with the preparation is told apart from the rest."""
     started = time.perf_counter()
-    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.run_parts import make_controller
     from taichisoft.building.simulation import Simulation
 
     simulation = Simulation(scene)

@@ -61,7 +61,7 @@ def _run(
     simulation: "Simulation", scene: Scene, steps: int, seen: dict[str, float] | None
 ) -> tuple[list[float], float]:
     """Wall times of the steps [s], and simulated over wall-clock time; with `seen` there is a page, watched."""
-    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.run_parts import make_controller
     from taichisoft.running.loop import run_session
     from taichisoft.session.session import Session
     from taichisoft_plugins.web.output import WebOutput

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.scenes.scene import Table
 from taichisoft_meshing.bodies.step_mesher import StepSolid, mesh_step, read_step
 from taichisoft_meshing.bodies.tables import Base, Count, Sizes, checked, preset_sizes
@@ -29,7 +30,7 @@ class StepTable(Table):
 
 
 @dataclass(frozen=True)
-class StepBody:
+class StepBody(Geometry):
     """A body from a STEP file.
 
     Attributes:

@@ -12,6 +12,7 @@ from pydantic import BeforeValidator, Field
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.scenes.scene import Positive, Table
 from taichisoft_meshing.bodies.hollow_body import HollowBody, read_hollow_body
 from taichisoft_meshing.bodies.surface_mesher import keep_surfaces, remesh_surfaces
@@ -43,7 +44,7 @@ class SurfacesTable(Table):
 
 
 @dataclass(frozen=True)
-class SurfacesBody:
+class SurfacesBody(Geometry):
     """A body between surfaces from files.
 
     Attributes:

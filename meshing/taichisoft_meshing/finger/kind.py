@@ -9,6 +9,7 @@ from pydantic import ValidationError
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_meshing.finger.cavity_walls import thin_walls
 from taichisoft_meshing.finger.parameters import FingerParameters
@@ -19,7 +20,7 @@ PRESETS = {"coarse": 3.6, "medium": 1.55, "fine": 1.0}
 
 
 @dataclass(frozen=True)
-class PneunetFinger:
+class PneunetFinger(Geometry):
     """The geometry kind `pneunet_finger`: made from the tables of a finger file.
 
     Attributes:

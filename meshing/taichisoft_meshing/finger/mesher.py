@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft_meshing.finger.element_sizes import mesh_with_sizes
 from taichisoft_meshing.finger.groups import element_groups

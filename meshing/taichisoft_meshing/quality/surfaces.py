@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.meshes.mapped_surface import enclosed_volume
-from taichisoft.meshes.surface import count_open_edges
+from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.quality.shells import connected_triangles
 

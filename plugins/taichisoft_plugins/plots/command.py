@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft_plugins.plots.panels import PANELS
 from taichisoft_plugins.plots.plots import FORMATS, PlotError, draw_plots
 from taichisoft_plugins.recording.reader import read_recording
@@ -34,6 +34,6 @@ def plot(
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise PlotError(f"{path.parent}: cannot be made: {error.strerror or error}") from error
-    with whole_file(path, PlotError) as partial:
+    with atomic_file(path, PlotError) as partial:
         partial.write_bytes(plots.picture)
     typer.echo(path)

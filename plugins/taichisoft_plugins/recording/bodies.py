@@ -14,7 +14,7 @@ from taichisoft_plugins.recording.layout import LAYOUT
 
 if TYPE_CHECKING:
     from taichisoft.bodies.soft_body import SoftBody
-    from taichisoft.meshes.mapped_surface import MappedSurface
+    from taichisoft.meshes.surface import MappedSurface
     from taichisoft.model import Model
 
 

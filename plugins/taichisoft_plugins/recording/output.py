@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from taichisoft.session.output import Output
 from taichisoft_plugins.recording.bodies import write_bodies, write_columns, write_header
 from taichisoft_plugins.recording.file import RecordingFile
 from taichisoft_plugins.recording.layout import FIELDS, FILE_NAME, RecordingError, parse_fields
@@ -20,7 +21,7 @@ LONGEST_BUFFERED = 2.0
 """... and the time [s] after which they are written anyway, so that a slow run loses less and can be watched."""
 
 
-class RecordingOutput:
+class RecordingOutput(Output):
     """Writes `recording.h5` into the run's folder; `layout` says what is in it."""
 
     def __init__(self, folder: Path, every: int = 1, fields: str | None = None, compress: bool = False):

@@ -6,7 +6,7 @@ from typing import Any, Literal
 import numpy as np
 
 from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.surface import MappedSurface
 from taichisoft_plugins.recording.recorded_bodies import RecordedPlane, RecordedSurface, numbered
 
 Row = Callable[[str, int], np.ndarray]

@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import StateError, TaichisoftError
-from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.surface import MappedSurface
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_toml
 from taichisoft.scenes.scene import Scene

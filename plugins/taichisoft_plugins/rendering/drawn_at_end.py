@@ -1,9 +1,10 @@
 """What outputs have in common that are drawn from the recording when the run is over."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichisoft.session.output import Output
 from taichisoft_plugins.recording.needed import NeededRecording
 from taichisoft_plugins.rendering.render import RenderError
 
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from taichisoft.step.report import StepReport
 
 
-class DrawnAtEnd(ABC):
+class DrawnAtEnd(Output):
     """An output that does nothing while the simulation runs, and cannot harm what was computed.
 
     Attributes:

@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import TaichisoftError
-from taichisoft.running.interruption import held_back
+from taichisoft.running.interruption import deferred_signals
 from taichisoft_plugins.doctor.system_libraries import install_line, packages_for
 from taichisoft_plugins.drawing.drawer import check_style
 from taichisoft_plugins.drawing.style import Style
@@ -59,7 +59,7 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
             write_png(image, folder / f"{name}.png")
 
     make_folder(folder)
-    with held_back() as stop_if_asked:
+    with deferred_signals() as stop_if_asked:
         draw_frames(recording, style, frames, write, stop_if_asked)
     return [folder / f"{name}.png" for name in times]
 
@@ -119,7 +119,7 @@ def write_png(image: np.ndarray, path: Path) -> None:
     """
     from PIL import Image
 
-    with whole_file(path, RenderError) as partial:
+    with atomic_file(path, RenderError) as partial:
         Image.fromarray(image).save(partial, format="PNG")
 
 

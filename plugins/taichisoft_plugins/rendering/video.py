@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.running.interruption import held_back
+from taichisoft.running.interruption import deferred_signals
 from taichisoft_plugins.drawing.drawer import check_style
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording
@@ -61,7 +61,7 @@ def render_video(
         if on_frame is not None:
             on_frame(written, len(shown))
 
-    with held_back() as stop_if_asked, open_video(file, style.size, fps) as video:
+    with deferred_signals() as stop_if_asked, open_video(file, style.size, fps) as video:
         draw_frames(recording, style, drawn.tolist(), write, stop_if_asked)
         stop_if_asked()
     return written

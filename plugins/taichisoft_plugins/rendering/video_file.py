@@ -12,7 +12,7 @@ from typing import IO, Protocol
 
 import numpy as np
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft_plugins.rendering.render import RenderError, make_folder, write_png
 
 FRAME_NAME = re.compile(r"frame_\d{5,}\.png")
@@ -75,7 +75,7 @@ def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[VideoW
         with _frame_folder(path) as folder:
             yield FrameFolder(folder)
     else:
-        with whole_file(path, RenderError) as partial, _encoder(partial, path, size, fps) as encoder:
+        with atomic_file(path, RenderError) as partial, _encoder(partial, path, size, fps) as encoder:
             yield encoder
 
 

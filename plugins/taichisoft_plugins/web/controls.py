@@ -6,8 +6,8 @@ import time
 from collections.abc import Callable, Iterable
 from typing import Any
 
+from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
-from taichisoft.control.slider import Slider
 from taichisoft_plugins.web.messages import Opening, Snapshot, SpeedWanted
 
 SPEEDS = (0.05, 4.0)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.surface import MappedSurface
 from taichisoft_plugins.web.frame import Cast, PagePlane, PageSurface
 
 if TYPE_CHECKING:

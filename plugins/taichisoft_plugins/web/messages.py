@@ -7,7 +7,7 @@ from typing import IO, Any
 
 import numpy as np
 
-from taichisoft.control.slider import Slider
+from taichisoft.control.controller import Slider
 from taichisoft_plugins.web.live_bodies import LiveBodies
 
 

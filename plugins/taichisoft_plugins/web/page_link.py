@@ -11,8 +11,8 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
-from taichisoft.control.slider import Slider
 from taichisoft.session.session import BINDINGS
 from taichisoft_plugins.web.address import Address
 from taichisoft_plugins.web.errors import WebError
@@ -97,7 +97,7 @@ class PageLink:
     def _opening(self, address: Address) -> Opening:
         session = self._session
         controller = session.controller
-        heeded = {} if session.replaying else getattr(controller, "bindings", {})
+        heeded = {} if session.replaying else dict(controller.bindings)
         return Opening(
             host=address.host,
             port=address.port,
@@ -106,7 +106,7 @@ class PageLink:
             first=self._snapshot(),
             run_bindings=BINDINGS,
             controller_bindings=heeded,
-            sliders_move=hasattr(controller, "sliders") and not session.replaying,
+            sliders_move=bool(controller.sliders) and not session.replaying,
         )
 
     def _send_all(self) -> None:
@@ -160,12 +160,12 @@ class PageLink:
             paused=session.paused,
             speed=session.pace.speed,
             real_time_factor=session.pace.real_time_factor,
-            status=str(getattr(session.controller, "status", "")),
+            status=session.controller.status,
         )
 
     def _sliders(self, pressures: dict[str, float]) -> dict[str, Slider]:
         """The controller's; of one that has none, pressures to look at."""
-        if hasattr(self._session.controller, "sliders"):
+        if self._session.controller.sliders:
             return dict(self._session.controller.sliders)
         limits = self._session.simulation.model.scene.limits
         lowest = 0.0 if limits.lowest_pressure is None else limits.lowest_pressure

@@ -1,16 +1,24 @@
-"""Making the controller that a scene names, with the scene's settings."""
+"""Making the controller and the outputs of a run, which plug-ins provide by name."""
 
 import inspect
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
-from taichisoft.errors import SceneError, TaichisoftError, nearest
-from taichisoft.plugin_system import plugins
+from taichisoft.control.controller import Controller
+from taichisoft.errors import SceneError, nearest
+from taichisoft.plugin_system.failure import failures_of
+from taichisoft.plugin_system.hooks import find
 from taichisoft.scenes.scene import Scene
+from taichisoft.session.output import Output
+from taichisoft.session.session import require_base
 
 
-def make_controller(scene: Scene) -> Any:
-    """The scene's controller.
+def make_controller(scene: Scene) -> Controller:
+    """Make the controller that a scene names, with the settings of the scene.
+
+    Args:
+        scene: scene with a `[controller]`.
 
     Raises:
         SceneError: there is none, or its settings are wrong.
@@ -19,14 +27,28 @@ def make_controller(scene: Scene) -> Any:
     if scene.controller is None:
         raise SceneError("there is no [controller]; name one with --controller")
     name, settings = scene.controller.name, scene.controller.settings
-    factory = plugins.find("controller", name)
+    factory = find("controller", name)
     _check_settings(factory, settings)
-    try:
-        return factory(**settings)
-    except TaichisoftError:
-        raise
-    except Exception as error:
-        raise plugins.plugin_failure(f"controller '{name}' cannot be made", error) from error
+    with failures_of(f"controller '{name}' cannot be made"):
+        made = factory(**settings)
+    return require_base(made, Controller)
+
+
+def make_output(name: str, folder: str | Path, **settings: Any) -> Output:
+    """Make an output by its name, such as "recording".
+
+    Args:
+        name: name under which a plug-in provides it.
+        folder: folder into which it may write, the output folder of the run.
+        settings: further arguments of the output.
+
+    Raises:
+        PluginError: no plug-in provides it, or it cannot be made.
+    """
+    factory = find("output", name)
+    with failures_of(f"output '{name}' cannot be made"):
+        made = factory(Path(folder), **settings)
+    return require_base(made, Output)
 
 
 def _check_settings(factory: Callable[..., Any], settings: Mapping[str, Any]) -> None:
