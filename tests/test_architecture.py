@@ -42,6 +42,14 @@ LAYERS = {
         "kernels",
         "errors",
     ],
+    "taichisoft_controllers": [
+        "__init__",
+        "closed_loop",
+        "keyboard",
+        "scripted",
+        "settings",
+        "model_names",
+    ],
 }
 PACKAGES = [
     ENGINE,

@@ -12,17 +12,17 @@ if TYPE_CHECKING:
 @hookimpl
 def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
     """The built-in controllers."""
-    from taichisoft_controllers.closed_loop import ClosedLoopController
-    from taichisoft_controllers.keyboard import KeyboardController
-    from taichisoft_controllers.scripted import ScriptedController
+    from taichisoft_controllers.closed_loop.controller import ClosedLoopController
+    from taichisoft_controllers.keyboard.controller import KeyboardController
+    from taichisoft_controllers.scripted.controller import scripted_controller
 
-    return {"closed-loop": ClosedLoopController, "keyboard": KeyboardController, "scripted": ScriptedController}
+    return {"closed-loop": ClosedLoopController, "keyboard": KeyboardController, "scripted": scripted_controller}
 
 
 @hookimpl
 def taichisoft_run_begins(session: "Session") -> None:
     """Read keys from the terminal, for a controller that heeds them."""
-    from taichisoft_controllers.key_source import begin_keys
+    from taichisoft_controllers.keyboard.key_source import begin_keys
 
     begin_keys(session)
 
@@ -30,6 +30,6 @@ def taichisoft_run_begins(session: "Session") -> None:
 @hookimpl
 def taichisoft_run_ends(session: "Session") -> None:
     """Give the terminal back."""
-    from taichisoft_controllers.key_source import end_keys
+    from taichisoft_controllers.keyboard.key_source import end_keys
 
     end_keys(session)

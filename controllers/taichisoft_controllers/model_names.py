@@ -1,4 +1,4 @@
-"""Which cavities, fingers, objects and pairs of a model a user's name stands for; None stands for all."""
+"""The cavities, fingers, objects and pairs of a model that a user's name stands for; None stands for all."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -16,15 +16,17 @@ def cavities_called(name: str | None, cavities: Sequence[str]) -> list[str]:
     Raises:
         SceneError: there are none.
     """
-    bodies = list(dict.fromkeys(cavity.partition(".")[0] for cavity in cavities))
-    chosen = [cavity for cavity in cavities if name is None or name in (cavity, cavity.partition(".")[0])]
-    if not chosen:
-        raise _unknown(name, [*bodies, *cavities], "finger or cavity")
-    return chosen
+    chosen = [cavity for cavity in cavities if name is None or name in (cavity, finger_of(cavity))]
+    return chosen or called(name, [*dict.fromkeys(map(finger_of, cavities)), *cavities], "finger or cavity")
+
+
+def finger_of(cavity: str) -> str:
+    """The name of the soft body of a cavity "finger1.cavity"."""
+    return cavity.partition(".")[0]
 
 
 def pressures_by_cavity(pressure: float | Mapping[str, float], cavities: Sequence[str]) -> dict[str, float]:
-    """One pressure for all cavities, or pressures by finger or cavity, by the names of the cavities [kPa].
+    """Pressures by the names of all cavities [kPa], from one for all or from some by finger or cavity.
 
     Raises:
         SceneError: a name is none of a finger or cavity, or a cavity is meant twice.
@@ -64,7 +66,7 @@ def object_called(name: str | None, model: "Model") -> str:
 
 
 def pairs_called(name: str | None, model: "Model") -> list[str]:
-    """The pair of bodies, whichever way round; without a name, all of a soft body and a grasped object.
+    """The pair of bodies, whichever way round; without a name all pairs of a soft body and a grasped object.
 
     Raises:
         SceneError: there is none.
@@ -90,18 +92,14 @@ def grasped_objects(model: "Model") -> list[str]:
 
 
 def called(name: str | None, names: Sequence[str], what: str) -> list[str]:
-    """Those of `names` that are `name`.
+    """The `names` that are equal to `name`, or all for None; `what` says in errors what they name.
 
     Raises:
-        SceneError: there are none; it says `what` they are and names the nearest.
+        SceneError: there are none.
     """
     chosen = [known for known in names if name is None or known == name]
-    if not chosen:
-        raise _unknown(name, names, what)
-    return chosen
-
-
-def _unknown(name: str | None, names: Sequence[str], what: str) -> SceneError:
+    if chosen:
+        return chosen
     if name is None:
-        return SceneError(f"the scene has no {what}")
-    return SceneError(f"no {what} is called '{name}'; {nearest(name, names, 'there are')}")
+        raise SceneError(f"the scene has no {what}")
+    raise SceneError(f"no {what} is called '{name}'; {nearest(name, names, 'there are')}")

@@ -6,6 +6,7 @@ Units: millimetre, kilogram, second; so forces are in mN and pressures and modul
 import math
 from typing import Annotated, Any, Literal
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_serializer, model_validator
 
 # Strict: no text and no truth value is taken for a number.
@@ -377,6 +378,17 @@ class Scene(Table):
         """Time steps from one call of the controller to the next."""
         period = self.controller.period if self.controller is not None else None
         return 1 if period is None else round(period / self.time.step)
+
+    @property
+    def up(self) -> np.ndarray:
+        """The unit vector against gravity, shape (3,); the z axis where there is no gravity."""
+        strength = np.linalg.norm(self.gravity)
+        return -np.array(self.gravity) / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
+
+    @property
+    def main_object(self) -> str | None:
+        """Name of the rigid body that a run is about: that of the goal, else the first; None without rigid bodies."""
+        return self.goal.object if self.goal is not None else next(iter(self.rigid_bodies), None)
 
     @model_validator(mode="after")
     def _check_control_period(self) -> "Scene":

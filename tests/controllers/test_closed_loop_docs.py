@@ -1,36 +1,32 @@
-"""docs/controllers.md, section "Closed-loop": the tuning that it explains is the one in the code."""
+"""The pages about the closed loop: settings and phases are those in the code."""
 
 import re
 from pathlib import Path
 
 from taichisoft.scenes.shipped import data_folder
-from taichisoft_controllers.grasp_sequence import Phase
-from taichisoft_controllers.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.grasp_sequence import Phase
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 
-DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "controllers.md"
-SECTION = DOCUMENT.read_text(encoding="utf-8").partition("\n## Closed-loop\n")[2].partition("\n## ")[0]
+DOCS = Path(__file__).resolve().parents[2] / "docs"
+GUIDE = (DOCS / "controllers.md").read_text(encoding="utf-8").partition("\n## Closed-loop\n")[2]
+NOTES = (DOCS / "notes" / "closed_loop.md").read_text(encoding="utf-8")
 
 
-def test_every_setting_has_its_row_with_its_default_and_unit() -> None:
-    rows = dict(re.findall(r"^\| `(\w+)` \| ([^|]*\|[^|]*) \|", SECTION, re.MULTILINE))
-    assert list(rows) == list(GraspSettings.model_fields)
-    for key, field in GraspSettings.model_fields.items():
-        default, unit = (cell.strip() for cell in rows[key].split("|"))
-        assert default == str(field.default)
-        assert unit in (field.description or "")
-        assert bool(unit) == ("[" in (field.description or ""))
+def test_every_setting_has_its_row_in_the_guide_and_in_the_notes() -> None:
+    rows = [f"| `{key}` | {field.default} | {field.description} |" for key, field in GraspSettings.model_fields.items()]
+    assert "|---|---|---|\n" + "\n".join(rows) + "\n" in GUIDE
+    tuned = [(key, str(field.default)) for key, field in GraspSettings.model_fields.items()]
+    assert re.findall(r"^\| `(\w+)` \| ([^|]*) \|", NOTES, re.MULTILINE) == tuned
 
 
 def test_every_phase_has_its_number() -> None:
     for phase in Phase:
-        assert re.search(rf"\b{phase.value} {phase.name.lower()}\b", SECTION)
+        assert re.search(rf"\b{phase.value} {phase.name.lower()}\b", GUIDE)
 
 
 def test_what_the_commands_name_is_there() -> None:
-    commands = "".join(re.findall(r"^```sh\n(.*?)^```$", SECTION, re.DOTALL | re.MULTILINE))
-    for key in re.findall(r"controller\.settings\.(\w+)=", commands):
-        assert key in (*GraspSettings.model_fields, "script", "pressure")
+    commands = "".join(re.findall(r"^```sh\n(.*?)^```$", NOTES, re.DOTALL | re.MULTILINE))
+    keys = re.findall(r"controller\.settings\.(\w+)=", commands)
+    assert set(keys) - set(GraspSettings.model_fields) == {"script"}
     for script in re.findall(r"settings\.script=([\w-]+)", commands):
         assert (data_folder() / "scripts" / f"{script}.toml").is_file()
-    for picture in re.findall(r"\]\((\w+\.svg)\)", SECTION):
-        assert (DOCUMENT.parent / picture).is_file()

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import settings as how
 from hypothesis import strategies as st
 
-from taichisoft_controllers.grasp_sensing import Grasp
-from taichisoft_controllers.grip_set_point import GripSetPoint
-from taichisoft_controllers.lift_profile import LiftProfile
+from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_sequence import LiftProfile
+from taichisoft_controllers.closed_loop.grip_force import GripSetPoint
 
 
 def heights(profile: LiftProfile, period: float, count: int) -> np.ndarray:
@@ -53,7 +53,7 @@ def test_a_lift_that_waits_comes_to_rest_and_goes_on_from_there() -> None:
 
 
 def grasp(force: float, slip_speed: float) -> Grasp:
-    return Grasp(0.0, 50.0, force, (), slip_speed, 0.0, False, 0.0, 0.0)
+    return Grasp(0.0, 50.0, force, (), slip_speed, False, 0.0, 0.0)
 
 
 def made(force: float) -> GripSetPoint:

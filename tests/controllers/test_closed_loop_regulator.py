@@ -8,17 +8,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft_controllers.force_regulator import ForceRegulator
-from taichisoft_controllers.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.grip_force import ForceRegulator
 
 GAIN = 40.0  # of the plants: force over pressure [mN/kPa], about that of the fingers
 NEVER = 1e9  # [kPa/s] or [kPa]: a limit that is not met
 
 
 def regulator(proportional: float, integral: float, rate: float = NEVER, highest: float = NEVER) -> ForceRegulator:
-    made = ForceRegulator(proportional, integral, 0.03, rate, 0.0, highest)
-    made.start(0.0, 0.0)
-    return made
+    settings = GraspSettings(proportional_gain=proportional, integral_gain=integral, pressure_rate=rate)
+    return ForceRegulator(settings, 0.0, highest)
 
 
 def fingers(made: ForceRegulator, set_point: Callable[[float], float], period: float, duration: float, ceiling=NEVER):

@@ -1,47 +1,17 @@
 """What conditions can ask about: each quantity from a made-up observation, and all of them from the real gripper."""
 
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
+from made_up import made_up_model
 
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Scene
-from taichisoft_controllers.condition_reader import Quantity
-from taichisoft_controllers.quantities import QUANTITIES, Moment, bind_quantity
-
-FINGER = {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
-HELD = {**FINGER, "anchors": [{"group": "base"}]}
-CUBE = {"box": [10.0, 10.0, 10.0], "mass": 0.001}
-
-
-def model(goal: bool = True, cubes: tuple[str, ...] = ("cube", "ball")) -> Any:
-    scene = Scene.model_validate(
-        {
-            "gravity": [-9810.0, 0.0, 0.0],
-            "soft_bodies": {"left": HELD, "right": HELD, "mat": FINGER},
-            "rigid_bodies": {name: CUBE for name in cubes},
-            "obstacles": {
-                "floor": {"plane": {"point": [0.0, 0.0, 0.0], "normal": [1.0, 0.0, 0.0]}},
-                "wall": {"plane": {"point": [0.0, -99.0, 0.0], "normal": [0.0, 1.0, 0.0]}},
-            },
-            "goal": {"object": "cube"} if goal else None,
-        }
-    )
-    return SimpleNamespace(
-        scene=scene,
-        gravity=np.array(scene.gravity),
-        body_names=("left", "right", "mat", *cubes, "floor", "wall"),
-        soft_bodies=[SimpleNamespace(name=name) for name in ("left", "right", "mat")],
-        rigid_bodies=[SimpleNamespace(name=name, start_position=np.array([5.0, 0.0, 0.0])) for name in cubes],
-        obstacles=[SimpleNamespace(name="floor"), SimpleNamespace(name="wall")],
-        cavities=SimpleNamespace(names=("left.base", "left.tip", "right.base")),
-    )
-
+from taichisoft_controllers.scripted.condition import Quantity
+from taichisoft_controllers.scripted.quantities import QUANTITIES, bind_quantity
 
 OBSERVATION = Observation(
     time=1.5,
@@ -62,8 +32,9 @@ OBSERVATION = Observation(
 )
 
 
-def measure(name: str, key: str | None = None, of: Any = None) -> float:
-    return bind_quantity(Quantity(name, key), of or model())(Moment(OBSERVATION, elapsed=0.25))
+def measure(name: str, key: str | None = None, cubes: tuple[str, ...] = ("cube", "ball"), goal: bool = True) -> float:
+    model = made_up_model(cubes=cubes, goal={"object": "cube"} if goal else None)
+    return bind_quantity(Quantity(name, key), model)(OBSERVATION, 0.25)
 
 
 @pytest.mark.parametrize(
@@ -112,11 +83,11 @@ def test_a_quantity_is_what_the_observation_says(name: str, key: str | None, exp
 
 
 def test_without_a_goal_the_force_is_that_on_all_rigid_bodies() -> None:
-    assert measure("contact_force", of=model(goal=False)) == 105.0
+    assert measure("contact_force", goal=False) == 105.0
 
 
 def test_without_a_goal_the_only_rigid_body_is_the_object() -> None:
-    assert measure("lift", of=model(goal=False, cubes=("cube",))) == 7.0
+    assert measure("lift", goal=False, cubes=("cube",)) == 7.0
 
 
 @pytest.mark.parametrize(
@@ -142,9 +113,9 @@ def test_a_key_that_the_model_does_not_have_is_refused(name: str, key: str, mess
 @pytest.mark.parametrize(
     ("name", "changes", "message"),
     [
-        ("lift", {"of": model(goal=False)}, 'lift: which one? put its name in brackets: ["cube"]'),
-        ("lift", {"of": model(goal=False, cubes=())}, "lift: the scene has no rigid body"),
-        ("contact_force", {"of": model(goal=False, cubes=())}, "the scene has no rigid body"),
+        ("lift", {"goal": False}, 'lift: which one? put its name in brackets: ["cube"]'),
+        ("lift", {"goal": False, "cubes": ()}, "lift: the scene has no rigid body"),
+        ("contact_force", {"goal": False, "cubes": ()}, "the scene has no rigid body"),
     ],
 )
 def test_a_quantity_that_a_scene_does_not_have_is_refused(name: str, changes: dict[str, Any], message: str) -> None:
@@ -157,7 +128,7 @@ def test_every_quantity_can_be_read_while_the_gripper_runs() -> None:
     """Names of attributes and keys of a real observation are those that the readings ask for."""
     simulation = Simulation(load_scene("gripper"))
     simulation.step()
-    moment = Moment(simulation.observe(), elapsed=0.0)
+    seen = simulation.observe()
     keys = {
         "": [],
         "finger or cavity": ["finger2", "finger2.cavity"],
@@ -168,6 +139,6 @@ def test_every_quantity_can_be_read_while_the_gripper_runs() -> None:
     }
     for name, kind in QUANTITIES.items():
         for key in (None, *keys[kind.key]):
-            value = bind_quantity(Quantity(name, key), simulation.model)(moment)
+            value = bind_quantity(Quantity(name, key), simulation.model)(seen, 0.0)
             assert np.isfinite(value), (name, key)
             assert float(value) == value

@@ -1,29 +1,24 @@
 """The keyboard controller: what each key changes, within which limits, and in which directions."""
 
 import math
-from types import SimpleNamespace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from made_up import made_up_model
 
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Limits
-from taichisoft_controllers.keyboard import KeyboardController
+from taichisoft_controllers.keyboard.controller import KeyboardController, KeyboardSettings
 
 CAVITIES = ("finger1.cavity", "finger2.front", "finger2.back", "finger3.cavity")
 KEYS = ["+", "=", "-", "up", "down", "left", "right", "a", "q", "0", "1", "2", "3", "4", "x", "enter"]
-
-
-def model(gravity: tuple[float, float, float] = (-9810.0, 0.0, 0.0), **limits: float) -> Any:
-    scene = SimpleNamespace(gravity=gravity, limits=Limits(**limits))
-    return SimpleNamespace(scene=scene, cavities=SimpleNamespace(names=CAVITIES))
 
 
 def press(controller: KeyboardController, *keys: str, ctrl: bool = False) -> Control:
@@ -37,7 +32,7 @@ def press(controller: KeyboardController, *keys: str, ctrl: bool = False) -> Con
 
 def ready(gravity: tuple[float, float, float] = (-9810.0, 0.0, 0.0), **settings: float) -> KeyboardController:
     controller = KeyboardController(**settings)
-    controller.reset(model(gravity))
+    controller.reset(made_up_model(CAVITIES, gravity=gravity))
     return controller
 
 
@@ -77,7 +72,7 @@ def test_pressures_stay_within_the_scene_s_limits_or_else_the_tutorial_s(
 ) -> None:
     """At a limit further presses are not saved up: the first press back counts."""
     controller = KeyboardController()
-    controller.reset(model(**limits))
+    controller.reset(made_up_model(CAVITIES, limits=limits))
     assert press(controller).pressure["finger1.cavity"] == max(lowest, 0.0)
     assert press(controller, *300 * "+").pressure["finger1.cavity"] == highest
     assert press(controller, "-").pressure["finger1.cavity"] == highest - 1.0
@@ -123,7 +118,7 @@ def test_it_depends_on_the_keys_alone_and_ctrl_and_shift_change_nothing(keys: li
     """The same keys give the same bits, also after another session."""
     plain, again = ready(), ready()
     press(again, "+", "3", "up", "a")
-    again.reset(model())
+    again.reset(made_up_model(CAVITIES))
     expected = press(plain, *keys)
     shifted = [key.upper() if key in ("a", "q") else key for key in keys]
     control = press(again, *shifted, ctrl=True)
@@ -144,7 +139,7 @@ def test_pressure_steps_add_up(keys: list[str], step: float) -> None:
 def test_a_slider_sets_the_pressure_of_one_cavity_and_follows_the_keys() -> None:
     """Keys count on from where it stands; beyond the limits, and for a cavity that is not there, nothing happens."""
     controller = KeyboardController(pressure_step=2.0)
-    controller.reset(model(highest_pressure=40.0))
+    controller.reset(made_up_model(CAVITIES, limits={"highest_pressure": 40.0}))
     controller.key(KeyEvent("finger2.back", value=12.3))
     controller.key(KeyEvent("finger3.cavity", value=99.0))
     controller.key(KeyEvent("finger4.cavity", value=5.0))
@@ -175,6 +170,14 @@ def test_steps_are_settings() -> None:
 def test_a_step_that_is_no_positive_number_is_refused_by_name(name: str, value: Any) -> None:
     with pytest.raises(SceneError, match=rf"^controller\.settings\.{name} = "):
         KeyboardController(**{name: value})
+
+
+def test_every_setting_has_its_row_in_the_documents() -> None:
+    page = (Path(__file__).resolve().parents[2] / "docs" / "controllers.md").read_text(encoding="utf-8")
+    table = [
+        f"| `{key}` | {field.default} | {field.description} |" for key, field in KeyboardSettings.model_fields.items()
+    ]
+    assert "|---|---|---|\n" + "\n".join(table) + "\n\n" in page
 
 
 def test_a_run_with_it_is_interactive_and_every_key_is_explained() -> None:

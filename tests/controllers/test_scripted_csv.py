@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scripts import controller_of, follow, pressures, write
+from made_up import controller_of, follow, pressures, refusal, write
 
 from taichisoft.errors import SceneError
-from taichisoft_controllers.script_csv import read_keyframes
-from taichisoft_controllers.scripted import ScriptedController
+from taichisoft_controllers.scripted.controller import scripted_controller
+from taichisoft_controllers.scripted.script_csv import read_keyframes
 
 CSV = """\
 # two fingers close, one after the other
@@ -86,12 +86,7 @@ def test_what_programs_and_people_write_is_read(tmp_path: Path, content: str) ->
     ],
 )
 def test_a_wrong_csv_is_refused_in_one_line(tmp_path: Path, content: str, message: str) -> None:
-    path = write(tmp_path, content, "script.csv")
-    with pytest.raises(SceneError) as refused:
-        ScriptedController(path)
-    assert str(refused.value).startswith(f"{path}: ")
-    assert message in str(refused.value)
-    assert len(str(refused.value).splitlines()) == 1
+    assert message in refusal(write(tmp_path, content, "script.csv"))
 
 
 def test_a_finger_that_there_is_not_is_refused_before_the_run(tmp_path: Path) -> None:
@@ -103,7 +98,7 @@ def test_a_file_that_is_no_text_is_named(tmp_path: Path) -> None:
     path = tmp_path / "script.csv"
     path.write_bytes(b"time,pressure\n\xff\xfe")
     with pytest.raises(SceneError, match=r"script\.csv: not readable as CSV: "):
-        ScriptedController(path)
+        scripted_controller(path)
 
 
 @given(st.text() | st.text("time,prsu \n0123456789.\"'[]#kPa", max_size=60).map("time,pressure\n".__add__))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from scripts import write
+from made_up import write
 
 from taichisoft.command_line import main
 
@@ -72,16 +72,30 @@ def test_a_condition_that_does_not_come_true_fails_the_run_and_keeps_what_was_co
     assert json.loads((folder / "metrics.json").read_text())["outcome"] == said.removeprefix("taichisoft: ")
 
 
-def test_the_python_of_the_documents_reads_what_a_run_leaves(
+def test_the_programs_of_the_documents_read_what_a_run_leaves(
     taichisoft: Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     pytest.importorskip("pandas")
+    matplotlib = pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
-    code, _ = taichisoft("run", "gripper", "--outputs", "csv", "--duration", "0.03")
+    push = 'pushes=[{body="cube", force=[-1.0, 0.0, 0.0], start=0.01, duration=0.02}]'
+    arguments = ["run", "gripper", "--controller", "closed-loop", "--outputs", "csv", "--duration", "0.05"]
+    code, _ = taichisoft(*arguments, "--set", push)
     assert code == 0
-    document = (Path(__file__).resolve().parents[2] / "docs" / "controllers.md").read_text(encoding="utf-8")
-    (example,) = re.findall(r"^```python\n(import pandas\n.*?)^```$", document, re.DOTALL | re.MULTILINE)
-    names: dict[str, Any] = {}
-    exec(example, names)
+    names = execute("controllers.md")
     assert names["lift"].tolist() == column(tmp_path / "out" / "gripper", "lift cube [mm]")
-    assert len(names["force"]) == 3
+    assert len(names["force"]) == 5
+    with matplotlib.rc_context():
+        execute("notes/closed_loop.md")
+    drawn = (tmp_path / "out" / "gripper" / "closed_loop.svg").read_text(encoding="utf-8")
+    for text in ("signal set_point", "lift cube [mm]", "slip [mm/s]", "time [s]", "#d62728"):
+        assert text in drawn
+
+
+def execute(page: str) -> dict[str, Any]:
+    """Run the only Python program of a page; returns its names."""
+    text = (Path(__file__).resolve().parents[2] / "docs" / page).read_text(encoding="utf-8")
+    (program,) = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    names: dict[str, Any] = {}
+    exec(program, names)
+    return names

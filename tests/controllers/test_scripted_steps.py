@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scripts import controller_of, follow, made_up_model, observation, pressures
+from made_up import controller_of, follow, made_up_model, observation, pressures
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.ramp import Ramp
+from taichisoft_controllers.scripted.targets import Ramp
 
 UNTIL = """
 [[steps]]

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.control.keys import KeyEvent
-from taichisoft_controllers.key_parser import KeyParser
+from taichisoft_controllers.keyboard.key_parser import KeyParser
 
 SENT = [
     # characters

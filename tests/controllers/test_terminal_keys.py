@@ -15,7 +15,8 @@ from typing import Any
 import pytest
 from terminal import Terminal, line, python, terminal
 
-from taichisoft_controllers import key_source, terminal_guardian
+from taichisoft.errors import ControllerFailed
+from taichisoft_controllers.keyboard import key_source, terminal_keys, terminal_mode
 
 PROGRAM = python(Path(__file__).with_name("keys_shown.py"))
 
@@ -96,7 +97,7 @@ def test_the_watching_child_leaves_alone_what_another_program_has_set(taken_over
     termios.tcsetattr(slave, termios.TCSANOW, present)
     try:
         subprocess.run(
-            [sys.executable, terminal_guardian.__file__, str(slave), repr(own), repr(changed)],
+            [sys.executable, terminal_mode.__file__, str(slave), repr(own), repr(changed)],
             stdin=subprocess.DEVNULL,  # ends at once
             pass_fds=(slave,),
             check=True,
@@ -179,8 +180,8 @@ def sources(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What happens to sources of keys, with a standard input that says it is a terminal."""
     happened: list[str] = []
     source = SimpleNamespace(end=lambda: happened.append("ended"))
-    monkeypatch.setattr(key_source, "_source", lambda session: happened.append("begun") or source)
-    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True))
+    monkeypatch.setattr(terminal_keys, "TerminalKeys", lambda session, fd: happened.append(f"begun on {fd}") or source)
+    monkeypatch.setattr(sys, "stdin", SimpleNamespace(isatty=lambda: True, fileno=lambda: 7))
     return happened
 
 
@@ -192,9 +193,21 @@ def session(interactive: bool = True, replaying: bool = False, outputs: Any = ()
 def test_an_interactive_run_has_the_terminal_from_its_beginning_to_its_end(sources: list[str]) -> None:
     run = session()
     key_source.begin_keys(run)
-    assert sources == ["begun"]
+    assert sources == ["begun on 7"]
     key_source.end_keys(run)
-    assert sources == ["begun", "ended"]
+    assert sources == ["begun on 7", "ended"]
+
+
+def test_where_terminals_are_not_those_of_posix_one_line_says_what_to_do(
+    sources: list[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on Windows, where Python has no module termios. A run whose keys come from a page does not need it."""
+    monkeypatch.setitem(sys.modules, "termios", None)
+    with pytest.raises(ControllerFailed, match="keys from the terminal need Linux or macOS; steer by the web page"):
+        key_source.begin_keys(session())
+    key_source.begin_keys(session(outputs=[SimpleNamespace(gives_keys=True)]))
+    key_source.begin_keys(session(interactive=False))
+    assert sources == []
 
 
 @pytest.mark.parametrize("run", [session(interactive=False), session(replaying=True)])

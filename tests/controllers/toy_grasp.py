@@ -3,9 +3,9 @@
 from dataclasses import dataclass, field
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.grasp_sensing import Grasp
-from taichisoft_controllers.grasp_sequence import GraspSequence, Phase
-from taichisoft_controllers.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 
 FRICTION = 0.6
 GRAVITY = 9810.0  # [mm/s^2]
@@ -67,7 +67,6 @@ class ToyGrasp:
             force=self.force,
             missing=missing,
             slip_speed=slip,
-            base_height=self.base,
             base_held_back=False,
             offset=self.height - self.base,
             object_speed=abs(self.speed),

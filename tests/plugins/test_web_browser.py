@@ -15,7 +15,7 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running.loop import run_session
 from taichisoft.session.session import Session
-from taichisoft_controllers.keyboard import KeyboardController
+from taichisoft_controllers.keyboard.controller import KeyboardController
 from taichisoft_plugins.web.output import WebOutput
 
 pytest.importorskip("viser", reason="needs the extra 'web'")

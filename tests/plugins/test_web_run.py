@@ -21,7 +21,7 @@ from taichisoft.scenes.scene import Scene
 from taichisoft.session.key_log import KeyReplay
 from taichisoft.session.session import Session
 from taichisoft_benchmarks.measures.web_viewer import Viewer
-from taichisoft_controllers.keyboard import KeyboardController
+from taichisoft_controllers.keyboard.controller import KeyboardController
 from taichisoft_plugins.web.output import WebOutput
 
 pytest.importorskip("viser", reason="needs the extra 'web'")

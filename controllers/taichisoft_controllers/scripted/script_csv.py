@@ -1,4 +1,4 @@
-"""Keyframes as a table of comma-separated values: a row for each, columns "time [s]", "pressure finger1 [kPa]" ..."""
+"""Keyframes as comma-separated values: a row for each, with columns "time [s]", "pressure finger1 [kPa]" ..."""
 
 import csv
 import math
@@ -20,7 +20,7 @@ HEADING = re.compile(r"(?P<name>[^\[\]]*?)\s*(\[(?P<unit>[^\[\]]*)\])?")
 
 
 def read_keyframes(text: str) -> dict[str, Any]:
-    """The tables that the same script has in TOML. Empty lines and those that begin with # are comments.
+    """Give the tables that the same script has in TOML. Empty lines and those that begin with # are comments.
 
     Raises:
         SceneError: a column is unknown, there twice or in another unit, or a cell is no finite number.

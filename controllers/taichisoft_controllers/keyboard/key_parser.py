@@ -1,4 +1,4 @@
-"""What a terminal sends, as key events: characters, control codes and escape sequences."""
+"""Key events from the bytes that a terminal sends: characters, control codes and escape sequences."""
 
 import codecs
 import re
@@ -16,7 +16,7 @@ _SEQUENCE = re.compile(
 _UNFINISHED_SEQUENCE = re.compile(r"\x1b?\x1b(?:\[[0-?]{0,64}[ -/]{0,4}\[?|O[0-9;]{0,8})?")
 
 _ARROWS = {"A": "up", "B": "down", "C": "right", "D": "left"}
-# The keypad in its application mode, which some terminals are left in.
+# The keypad in its application mode, which some programs leave switched on.
 _KEYPAD = dict(zip("jklmnopqrstuvwxy", "*+,-./0123456789", strict=True)) | {"M": "enter", "X": "="}
 _CHARACTERS = {
     " ": KeyEvent("space"),
@@ -49,7 +49,7 @@ class KeyParser:
         return bool(self._waiting)
 
     def feed(self, received: bytes) -> list[KeyEvent]:
-        """The keys that are complete with what was received."""
+        """Return the keys that are complete with what was received."""
         self._waiting += self._decoder.decode(received)
         events = []
         while self._waiting and not _UNFINISHED_SEQUENCE.fullmatch(self._waiting):
@@ -59,7 +59,7 @@ class KeyParser:
         return events
 
     def flush(self) -> list[KeyEvent]:
-        """What waits, now that nothing followed for a while: an Esc alone is the key."""
+        """Give up waiting for the rest of a sequence, since nothing followed: an Esc alone is the key."""
         waiting, self._waiting = self._waiting, ""
         return [KeyEvent("escape")] if waiting in (ESCAPE, 2 * ESCAPE) else []
 
@@ -67,14 +67,14 @@ class KeyParser:
         sequence = _SEQUENCE.match(self._waiting)
         if sequence is not None:
             self._waiting = self._waiting[sequence.end() :]
-            return None if sequence["alt"] else _of_sequence(sequence)
+            return None if sequence["alt"] else _event_of_sequence(sequence)
         # Alt and a key, or the wreck of a sequence: neither is the Esc that ends a run.
         with_alt = self._waiting[0] == ESCAPE and self._waiting[1] != ESCAPE
         taken, self._waiting = self._waiting[: 1 + with_alt], self._waiting[1 + with_alt :]
-        return None if with_alt else _of_character(taken)
+        return None if with_alt else _event_of_character(taken)
 
 
-def _of_sequence(sequence: re.Match[str]) -> KeyEvent | None:
+def _event_of_sequence(sequence: re.Match[str]) -> KeyEvent | None:
     if sequence["ss3"] in _KEYPAD:
         return KeyEvent(_KEYPAD[sequence["ss3"]])
     final = sequence["ss3"] or sequence["csi"]
@@ -85,14 +85,14 @@ def _of_sequence(sequence: re.Match[str]) -> KeyEvent | None:
     if final in _ARROWS:
         return _modified(KeyEvent(_ARROWS[final]), modifier)
     if final == "u":  # "ESC [ 43 ; 5 u" is Ctrl and +
-        return _modified(_of_code(parameters[0]), modifier)
+        return _modified(_event_of_code(parameters[0]), modifier)
     if final == "~" and len(parameters) == 3 and parameters[0] == 27:  # "ESC [ 27 ; 5 ; 43 ~" is the same in xterm
-        return _modified(_of_code(parameters[2]), modifier)
+        return _modified(_event_of_code(parameters[2]), modifier)
     return None
 
 
 def _numbers(parameters: str) -> list[int]:
-    """Each parameter without its sub-parameters; 1 where there is none."""
+    """The parameters without their sub-parameters; 1 where one is missing."""
     texts = [part.partition(":")[0] for part in parameters.split(";")]
     return [int(text) if text.isdecimal() else 1 for text in texts]
 
@@ -103,11 +103,11 @@ def _modified(event: KeyEvent | None, modifier: int) -> KeyEvent | None:
     return KeyEvent(event.key, ctrl=event.ctrl or bool(modifier - 1 & _CONTROL))
 
 
-def _of_code(code: int) -> KeyEvent | None:
-    return _of_character(chr(code)) if code < 0x110000 else None
+def _event_of_code(code: int) -> KeyEvent | None:
+    return _event_of_character(chr(code)) if code < 0x110000 else None
 
 
-def _of_character(character: str) -> KeyEvent | None:
+def _event_of_character(character: str) -> KeyEvent | None:
     if character in _CHARACTERS:
         return _CHARACTERS[character]
     if character < " ":  # the code of a letter or sign without its upper bits

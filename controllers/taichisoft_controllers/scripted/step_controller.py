@@ -1,4 +1,4 @@
-"""Follows steps: one after the other, each until its way is done or its condition is true."""
+"""A controller that follows steps one after the other, each until its way is done or its condition is true."""
 
 import math
 from collections.abc import Sequence
@@ -12,23 +12,22 @@ from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import pressures_by_cavity
-from taichisoft_controllers.ramp import Ramp
-from taichisoft_controllers.script_file import Step
-from taichisoft_controllers.step_in_progress import StepInProgress
-from taichisoft_controllers.waiting import Waiting
+from taichisoft_controllers.scripted.script_file import Step
+from taichisoft_controllers.scripted.step_in_progress import StepInProgress, Waiting
+from taichisoft_controllers.scripted.targets import PRESSURES, ROTATION, TRANSLATION, Ramp, as_control
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
 
 SIGNAL = "script_step"
-"""Index of the step that goes on; the number of steps when all are done."""
+"""Name of the signal that gives the index of the step that goes on; the number of steps when all are done."""
 
 
-class StepFollower(Controller):
+class StepController(Controller):
     """Begins with the first step whenever it is reset; after the last one it holds."""
 
     def __init__(self, path: Path, steps: Sequence[Step], smooth: bool, factor: float):
-        """Read the conditions of a file's steps; `factor` is on all pressures and their rates.
+        """Read the conditions of a file's steps; `factor` scales all pressures and their rates.
 
         Raises:
             SceneError: a condition is not understood.
@@ -40,7 +39,6 @@ class StepFollower(Controller):
             else None
             for index, step in enumerate(steps)
         ]
-        self._cavities: tuple[str, ...] = ()
         self._current: StepInProgress | None = None
         self._begun: list[float] = []
 
@@ -58,21 +56,16 @@ class StepFollower(Controller):
         self._current, self._begun = None, []
 
     def control(self, observation: Observation) -> Control:
-        """What the present step asks for.
+        """The values that the present step asks for.
 
         Raises:
             ControllerFailed: a condition was not true in time.
         """
         values = self._values(observation)
-        return Control(
-            pressure=dict(zip(self._cavities, values[:-6].tolist(), strict=True)),
-            base_translation=values[-6:-3],
-            base_rotation=values[-3:],
-            signals={SIGNAL: float(len(self._begun) - 1)},
-        )
+        return as_control(self._cavities, values, {SIGNAL: float(len(self._begun) - 1)})
 
     def summary(self) -> dict[str, str]:
-        """When each step was made."""
+        """Rows that say when each step was made."""
         rows = {}
         for index in range(len(self._steps)):
             times = self._begun[index : index + 2]
@@ -81,7 +74,7 @@ class StepFollower(Controller):
         return rows
 
     def _values(self, observation: Observation) -> np.ndarray:
-        """Pressures [kPa], base translation [mm] and rotation vector [rad], shape (cavity_count + 6,)."""
+        """The values at the time of an observation, shape (cavity_count + 6,)."""
         if self._current is None:
             pressures = [observation.pressures[name] for name in self._cavities]
             start = np.array([*pressures, *observation.base_translation, *observation.base_rotation])
@@ -102,9 +95,9 @@ class StepFollower(Controller):
             if cavity in observation.clipped:
                 reached[index] = observation.pressures[cavity]
         if "base_translation" in observation.clipped:
-            reached[-6:-3] = observation.base_translation
+            reached[TRANSLATION] = observation.base_translation
         if "base_rotation" in observation.clipped:
-            reached[-3:] = observation.base_rotation
+            reached[ROTATION] = observation.base_rotation
         return reached
 
     def _begin(self, time: float, start: np.ndarray) -> StepInProgress:
@@ -117,30 +110,30 @@ class StepFollower(Controller):
         return StepInProgress(time, self._way(index, start), self._waiting[index], step.hold or 0.0)
 
     def _way(self, index: int, start: np.ndarray) -> Ramp:
-        """From the values at the start of a step to those that it asks for."""
+        """The way from the values at the start of a step to its targets."""
         step, target = self._steps[index], start.copy()
         for cavity, pressure in self._pressures(index).items():
             target[self._cavities.index(cavity)] = self._factor * pressure
         if step.base_translation is not None:
-            target[-6:-3] = step.base_translation
+            target[TRANSLATION] = step.base_translation
         if step.base_rotation is not None:
-            target[-3:] = np.radians(step.base_rotation)
+            target[ROTATION] = np.radians(step.base_rotation)
         if step.duration is not None:
             return Ramp(start, target, np.full(len(start), step.duration), self._smooth)
         change = np.abs(target - start)
-        change[-6:-3] = np.linalg.norm(change[-6:-3])
-        change[-3:] = np.linalg.norm(np.degrees(change[-3:]))
-        rate = np.full(len(start), math.inf)  # of what does not move
+        change[TRANSLATION] = np.linalg.norm(change[TRANSLATION])
+        change[ROTATION] = np.linalg.norm(np.degrees(change[ROTATION]))
+        rate = np.full(len(start), math.inf)  # where none is given nothing moves
         if step.pressure_rate is not None:
-            rate[:-6] = self._factor * step.pressure_rate
+            rate[PRESSURES] = self._factor * step.pressure_rate
         if step.base_speed is not None:
-            rate[-6:-3] = step.base_speed
+            rate[TRANSLATION] = step.base_speed
         if step.base_turning_speed is not None:
-            rate[-3:] = step.base_turning_speed
+            rate[ROTATION] = step.base_turning_speed
         return Ramp(start, target, change / rate, smooth=False)
 
     def _pressures(self, index: int) -> dict[str, float]:
-        """Of the cavities that a step names [kPa]."""
+        """Pressures of the cavities that a step names [kPa]."""
         pressure = self._steps[index].pressure
         try:
             return pressures_by_cavity({} if pressure is None else pressure, self._cavities)
@@ -148,6 +141,6 @@ class StepFollower(Controller):
             raise SceneError(f"{self._path}: steps.{index}.pressure: {error}") from error
 
     def _label(self, index: int) -> str:
-        """As messages name a step."""
+        """The name of a step in messages."""
         name = self._steps[index].name
         return f"steps.{index} '{name}'" if name else f"steps.{index}"

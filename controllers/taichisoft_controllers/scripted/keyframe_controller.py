@@ -1,4 +1,4 @@
-"""Follows keyframes: values at given times, interpolated between them."""
+"""A controller that follows keyframes: values at given times, interpolated between them."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,21 +11,20 @@ from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import pressures_by_cavity
-from taichisoft_controllers.script_file import Keyframe
+from taichisoft_controllers.scripted.script_file import Keyframe
+from taichisoft_controllers.scripted.targets import as_control, smoothed
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
 
 
-class KeyframeFollower(Controller):
+class KeyframeController(Controller):
     """Depends on the time alone; before the first keyframe and after the last it holds."""
 
     def __init__(self, path: Path, keyframes: Sequence[Keyframe], smooth: bool, factor: float):
-        """Lay out the keyframes of a file; `factor` is on all pressures."""
+        """Take the keyframes of a file; `factor` scales all pressures."""
         self._path, self._keyframes, self._smooth, self._factor = path, keyframes, smooth, factor
         self._times = np.array([frame.time for frame in keyframes])
-        self._cavities: tuple[str, ...] = ()
-        self._values = np.zeros((len(keyframes), 6))
 
     def reset(self, model: "Model") -> None:
         """Lay out the values by the model's cavities.
@@ -41,19 +40,10 @@ class KeyframeFollower(Controller):
 
     def control(self, observation: Observation) -> Control:
         """The values at the start of the coming step."""
-        values = self._at(observation.time)
-        return Control(
-            pressure=dict(zip(self._cavities, values[:-6].tolist(), strict=True)),
-            base_translation=values[-6:-3],
-            base_rotation=values[-3:],
-        )
-
-    def summary(self) -> dict[str, str]:
-        """Nothing that the scene does not say."""
-        return {}
+        return as_control(self._cavities, self._at(observation.time))
 
     def _pressures(self, index: int) -> list[float]:
-        """Of all cavities [kPa], shape (cavity_count,)."""
+        """The pressures of all cavities at a keyframe [kPa], shape (cavity_count,)."""
         where = f"{self._path}: keyframes.{index}.pressure"
         try:
             by_cavity = pressures_by_cavity(self._keyframes[index].pressure, self._cavities)
@@ -71,5 +61,5 @@ class KeyframeFollower(Controller):
         start, end = self._times[after - 1], self._times[after]
         share = (time - start) / (end - start)
         if self._smooth:
-            share = share * share * (3.0 - 2.0 * share)
+            share = smoothed(share)
         return (1.0 - share) * self._values[after - 1] + share * self._values[after]

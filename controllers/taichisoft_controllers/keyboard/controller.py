@@ -2,38 +2,40 @@
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from pydantic import ValidationError
 
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller, Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
-from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Positive, Table
-from taichisoft.scenes.validation_errors import first_problem
+from taichisoft.scenes.scene import Positive
+from taichisoft_controllers.model_names import finger_of
+from taichisoft_controllers.settings import ControllerSettings
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
 
 LOWEST_PRESSURE, HIGHEST_PRESSURE = 0.0, 150.0
-"""Where the scene's limits say nothing [kPa]."""
+"""Range of the pressures where the scene's limits give none [kPa]."""
 
-# "=" is where "+" is on many keyboards, without shift.
+# On many keyboards "=" is "+" without shift.
 PRESSURE_KEYS = {"+": 1.0, "=": 1.0, "-": -1.0}
 TURN_KEYS = {"a": 1, "q": -1}
-# Steps along (right, up), in the gripper's own frame.
+# Numbers of steps to the right and upwards, in the gripper's own frame.
 MOVE_KEYS = {"up": (0.0, 1.0), "down": (0.0, -1.0), "left": (-1.0, 0.0), "right": (1.0, 0.0)}
 
 
-class Settings(Table):
-    """What a scene's `controller.settings` may say."""
+class KeyboardSettings(ControllerSettings):
+    """Settings of the controller "keyboard"."""
 
-    pressure_step: Positive
-    translation_step: Positive
-    turn_step: Positive
+    pressure_step: Positive = 1.0
+    """Change of the pressure by one key press [kPa]."""
+    translation_step: Positive = 3.0
+    """Way of the base by one key press [mm]."""
+    turn_step: Positive = 11.25
+    """Turn of the base by one key press [degrees]."""
 
 
 class KeyboardController(Controller):
@@ -53,33 +55,20 @@ class KeyboardController(Controller):
     """
 
     interactive = True
-
     sliders: dict[str, Slider]
 
-    def __init__(self, pressure_step: float = 1.0, translation_step: float = 3.0, turn_step: float = 11.25):
-        """Set how far one key press goes.
-
-        Args:
-            pressure_step: [kPa].
-            translation_step: [mm].
-            turn_step: [degrees].
+    def __init__(self, **settings: Any):
+        """Take the settings that `KeyboardSettings` describes.
 
         Raises:
-            SceneError: a step is not a positive number.
+            SceneError: one of them is not valid.
         """
-        try:
-            steps = {"pressure_step": pressure_step, "translation_step": translation_step, "turn_step": turn_step}
-            Settings.model_validate(steps)
-        except ValidationError as error:
-            raise SceneError(first_problem(error, Settings, "controller.settings")) from error
-        self._pressure_step = pressure_step
-        self._translation_step = translation_step
-        self._turn_step = turn_step
+        self._steps = steps = KeyboardSettings.checked(**settings)
         self.bindings = {
-            "+ -": f"raise or lower the pressure by {pressure_step:g} kPa",
-            "up down": f"move up or down by {translation_step:g} mm",
-            "left right": f"move to the left or right by {translation_step:g} mm",
-            "a q": f"turn by {turn_step:g} degrees to the left or right",
+            "+ -": f"raise or lower the pressure by {steps.pressure_step:g} kPa",
+            "up down": f"move up or down by {steps.translation_step:g} mm",
+            "left right": f"move to the left or right by {steps.translation_step:g} mm",
+            "a q": f"turn by {steps.turn_step:g} degrees to the left or right",
             "1 2 3 ...": "select one finger, whose pressure + and - change",
             "0": "select all fingers",
         }
@@ -92,23 +81,24 @@ class KeyboardController(Controller):
         limits = model.scene.limits
         lowest = LOWEST_PRESSURE if limits.lowest_pressure is None else limits.lowest_pressure
         highest = HIGHEST_PRESSURE if limits.highest_pressure is None else limits.highest_pressure
-        slider = _moved(Slider(lowest, lowest, highest, self._pressure_step, "kPa"), 0.0)
+        slider = _moved(Slider(lowest, lowest, highest, self._steps.pressure_step, "kPa"), 0.0)
         self.sliders = dict.fromkeys(model.cavities.names, slider)
-        self._fingers = list(dict.fromkeys(_finger_of(name) for name in model.cavities.names))
+        self._fingers = list(dict.fromkeys(finger_of(name) for name in model.cavities.names))
         self._select(None)
-        self._right, self._up = _right_and_up(np.array(model.scene.gravity))
+        self._up = model.scene.up
+        self._right = _right(self._up)
         self._translation = np.zeros(3)
         self._turns = 0
 
     def key(self, event: KeyEvent) -> None:
-        """Take a step; Ctrl or not is the same, and so is a letter with or without shift. Or move a slider."""
+        """Take a step, with or without Ctrl and shift, or move a slider."""
         if event.value is not None:
             if event.key in self.sliders:
                 self.sliders[event.key] = _moved(self.sliders[event.key], event.value)
             return
         key = event.key.lower()
         if key in PRESSURE_KEYS:
-            self._change_pressure(PRESSURE_KEYS[key] * self._pressure_step)
+            self._change_pressure(PRESSURE_KEYS[key] * self._steps.pressure_step)
         elif key in MOVE_KEYS:
             self._move(*MOVE_KEYS[key])
         elif key in TURN_KEYS:
@@ -119,7 +109,7 @@ class KeyboardController(Controller):
             self._select(self._fingers[int(key) - 1])
 
     def control(self, observation: Observation) -> Control:
-        """All that the keys have added up to."""
+        """The sum of the steps by all keys so far."""
         return Control(
             pressure={name: slider.value for name, slider in self.sliders.items()},
             base_translation=self._translation.copy(),
@@ -128,8 +118,8 @@ class KeyboardController(Controller):
 
     @property
     def _turn(self) -> float:
-        """About the upward axis [rad]."""
-        return math.radians(self._turns * self._turn_step)
+        """The angle by which the gripper is turned about the upward axis [rad]."""
+        return math.radians(self._turns * self._steps.turn_step)
 
     def _select(self, finger: str | None) -> None:
         """Let + and - change the pressure of one finger, or of all of them."""
@@ -138,12 +128,12 @@ class KeyboardController(Controller):
 
     def _change_pressure(self, change: float) -> None:
         for name, slider in self.sliders.items():
-            if self._selected in (None, _finger_of(name)):
+            if self._selected in (None, finger_of(name)):
                 self.sliders[name] = _moved(slider, slider.value + change)
 
     def _move(self, to_the_right: float, upward: float) -> None:
         right = math.cos(self._turn) * self._right + math.sin(self._turn) * np.cross(self._up, self._right)
-        self._translation += self._translation_step * (to_the_right * right + upward * self._up)
+        self._translation += self._steps.translation_step * (to_the_right * right + upward * self._up)
 
 
 def _moved(slider: Slider, value: float) -> Slider:
@@ -151,15 +141,8 @@ def _moved(slider: Slider, value: float) -> Slider:
     return replace(slider, value=min(max(value, slider.lowest), slider.highest))
 
 
-def _finger_of(cavity: str) -> str:
-    """Name of the soft body of a cavity "finger1.cavity"."""
-    return cavity.partition(".")[0]
-
-
-def _right_and_up(gravity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vectors, shape (3,), perpendicular to each other; up is z where there is no gravity."""
-    strength = np.linalg.norm(gravity)
-    up = -gravity / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
+def _right(up: np.ndarray) -> np.ndarray:
+    """The unit vector to the right, perpendicular to the unit vector upwards; both of shape (3,)."""
     axis = np.roll(np.eye(3)[np.argmax(np.abs(up))], 1)
     right = axis - up * (axis @ up)
-    return right / np.linalg.norm(right), up
+    return right / np.linalg.norm(right)

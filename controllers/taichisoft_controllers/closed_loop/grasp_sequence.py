@@ -1,23 +1,28 @@
 """The phases of a grasp, from open fingers to an object that is held: what each asks for, and when it ends."""
 
+import math
+from dataclasses import dataclass
 from enum import IntEnum
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.force_regulator import ROUND_OFF, ForceRegulator
-from taichisoft_controllers.grasp_sensing import Grasp
-from taichisoft_controllers.grasp_settings import GraspSettings
-from taichisoft_controllers.grip_set_point import GripSetPoint
-from taichisoft_controllers.lift_profile import LiftProfile
-from taichisoft_controllers.phase_clock import PhaseClock
+from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.grip_force import ROUND_OFF, ForceRegulator, GripSetPoint
 
-SETTLED = 0.05  # of the set point: closer than this the force has reached it
-SETTLING_TIME = 0.2  # for so long must be true what ends a phase [s]
-WAITING_TIME = 0.1  # in which a lift stops and goes on [s]: the fingers follow their base no faster
-RESTING_SPEED = 1.0  # slower than this the object has arrived [mm/s]
+SETTLED = 0.05
+"""Share of the set point by which a force that has reached it may differ from it [-]."""
+SETTLING_TIME = 0.2
+"""Duration for which the condition that ends a phase must be true [s]."""
+WAITING_TIME = 0.1
+"""Time constant with which a lift stops and goes on [s]; the fingers follow their base no faster."""
+RESTING_SPEED = 1.0
+"""Speed below which the object has arrived [mm/s]."""
+TIME_ROUND_OFF = 1e-9
+"""Times this close are the same [s]."""
 
 
 class Phase(IntEnum):
-    """What a grasp is about."""
+    """The phases of a grasp, by their numbers in the signal `phase`."""
 
     APPROACH = 1
     GRIP = 2
@@ -33,9 +38,9 @@ class GraspSequence:
 
     Attributes:
         phase: the present one.
-        pressure: to apply to all cavities [kPa].
+        pressure: pressure to apply to all cavities [kPa].
         height: where the base shall be, upwards from its start [mm].
-        set_point: of the sum of the normal forces of the fingers.
+        set_point: set point of the sum of the normal forces of the fingers.
         sunk: how far the object is below where the last lift took it up, relative to the base [mm].
     """
 
@@ -44,9 +49,9 @@ class GraspSequence:
 
         Args:
             settings: the tuning.
-            object_name: for messages.
-            lowest_pressure: [kPa].
-            highest_pressure: [kPa].
+            object_name: name of the object in messages.
+            lowest_pressure: pressure of open fingers [kPa].
+            highest_pressure: highest pressure that is asked for [kPa].
         """
         self.phase = Phase.APPROACH
         self.pressure = lowest_pressure
@@ -56,15 +61,9 @@ class GraspSequence:
         self._settings = settings
         self._object = object_name
         self._lowest, self._highest = lowest_pressure, highest_pressure
-        self._regulator = ForceRegulator(
-            settings.proportional_gain,
-            settings.integral_gain,
-            settings.tracking_time,
-            settings.pressure_rate,
-            lowest_pressure,
-            highest_pressure,
-        )
-        self._clock, self._hold_clock = PhaseClock(), PhaseClock()
+        self._regulator = ForceRegulator(settings, lowest_pressure, highest_pressure)
+        self._phase_begun = 0.0
+        self._true_since: float | None = None
         self._grasps_made = 0
         self._advance = {
             Phase.APPROACH: self._approach,
@@ -123,7 +122,7 @@ class GraspSequence:
         self._regulate(grasp, elapsed)
         if slips or abs(grasp.offset - self._held_at) > self._settings.stillness:
             self._hold_anew(grasp)
-        if self._hold_clock.exceeds(self._settings.hold, grasp.time):
+        if grasp.time - self._held_since > self._settings.hold + TIME_ROUND_OFF:
             self._grasps_made += 1
             if self._grasps_made == self._settings.grasps:
                 self._enter(Phase.HELD, grasp)
@@ -134,7 +133,7 @@ class GraspSequence:
             self._fail_if_late(grasp, f"'{self._object}' does not keep its place")
 
     def _keep_holding(self, grasp: Grasp, elapsed: float) -> None:
-        """The job is done; go on."""
+        """Go on as in the hold, to the end of the run."""
         self._watch(grasp)
         self._regulate(grasp, elapsed)
 
@@ -146,7 +145,7 @@ class GraspSequence:
             self._enter(Phase.RELEASE, grasp)
 
     def _release(self, grasp: Grasp, elapsed: float) -> None:
-        """Open."""
+        """Open the fingers."""
         self.pressure = max(grasp.pressure - self._settings.approach_rate * elapsed, self._lowest)
         if self._settled(grasp.pressure <= self._lowest + ROUND_OFF, grasp):
             self._enter(Phase.APPROACH, grasp)
@@ -155,7 +154,7 @@ class GraspSequence:
         self.pressure = self._regulator.pressure(self.set_point.force - grasp.force, grasp.pressure, elapsed)
 
     def _watch(self, grasp: Grasp) -> bool:
-        """Whether the lifted object slips."""
+        """Raise the set point if the lifted object slips; returns whether it does."""
         self.sunk = self._taken_up - grasp.offset
         if self.sunk > self._settings.longest_slip:
             self._fail(grasp, f"dropped '{self._object}', which sank by {self.sunk:.1f} mm")
@@ -165,18 +164,21 @@ class GraspSequence:
         self._profile = LiftProfile(self.height, self.height + rise, self._settings.lift_time, WAITING_TIME)
 
     def _hold_anew(self, grasp: Grasp) -> None:
-        self._held_at = grasp.offset
-        self._hold_clock.restart(grasp.time)
+        self._held_at, self._held_since = grasp.offset, grasp.time
 
     def _enter(self, phase: Phase, grasp: Grasp) -> None:
-        self.phase = phase
-        self._clock.restart(grasp.time)
+        self.phase, self._phase_begun, self._true_since = phase, grasp.time, None
 
     def _settled(self, condition: bool, grasp: Grasp) -> bool:
-        return self._clock.has_lasted(condition, SETTLING_TIME, grasp.time)
+        """Whether the condition that ends the phase has been true for long enough."""
+        if not condition:
+            self._true_since = None
+        elif self._true_since is None:
+            self._true_since = grasp.time
+        return self._true_since is not None and grasp.time - self._true_since >= SETTLING_TIME - TIME_ROUND_OFF
 
     def _fail_if_late(self, grasp: Grasp, what: str) -> None:
-        if self._clock.exceeds(self._settings.patience, grasp.time):
+        if grasp.time - self._phase_begun > self._settings.patience + TIME_ROUND_OFF:
             self._fail(grasp, f"{what} within {self._settings.patience:g} s")
 
     def _fail(self, grasp: Grasp, reason: str) -> None:
@@ -184,3 +186,37 @@ class GraspSequence:
             f"{self.phase.name.lower()} failed at {grasp.time:.2f} s: {reason}; the fingers press with "
             f"{grasp.force:.0f} of {self.set_point.force:.0f} mN at {grasp.pressure:.1f} kPa"
         )
+
+
+@dataclass
+class LiftProfile:
+    """The minimum-jerk profile (Flash and Hogan 1985): at rest at both ends, and nowhere a jump of acceleration.
+
+    Its own time stands still while it waits. It slows down and goes on within `wait_time`, by a first-order lag, so
+    that waiting does not jerk either.
+
+    Attributes:
+        start, end: heights at both ends [mm].
+        duration: time from start to end without waiting [s].
+        wait_time: time constant of slowing down and going on [s].
+    """
+
+    start: float
+    end: float
+    duration: float
+    wait_time: float
+    _time: float = 0.0
+    _pace: float = 1.0
+
+    @property
+    def finished(self) -> bool:
+        """Whether the end is reached."""
+        return self._time >= self.duration
+
+    def advance(self, elapsed: float, waits: bool) -> float:
+        """The height [mm], `elapsed` [s] later."""
+        wanted = 0.0 if waits else 1.0
+        self._pace += (wanted - self._pace) * (1.0 - math.exp(-elapsed / self.wait_time))
+        self._time += self._pace * elapsed
+        share = min(self._time / self.duration, 1.0)
+        return self.start + (self.end - self.start) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)

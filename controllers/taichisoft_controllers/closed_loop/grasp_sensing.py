@@ -1,4 +1,4 @@
-"""What a grasp feels and sees of an object, out of an observation."""
+"""The grasp of an object as it is felt and seen in an observation."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -12,7 +12,8 @@ from taichisoft_controllers.model_names import cavities_called, fingers_called, 
 if TYPE_CHECKING:
     from taichisoft.model import Model
 
-SLIDING = 0.95  # of the largest friction over normal force that was seen: from there a finger slides as a whole
+SLIDING = 0.95
+"""Share of the largest friction over normal force that was seen, from which a finger slides as a whole [-]."""
 
 
 @dataclass(frozen=True)
@@ -20,16 +21,15 @@ class Grasp:
     """The object between the fingers, as it is sensed.
 
     Attributes:
-        time: [s].
-        pressure: mean of the cavities, as it was applied [kPa].
+        time: time of the observation [s].
+        pressure: mean pressure of the cavities, as it was applied [kPa].
         force: sum of the normal forces of the fingers on the object [mN].
         missing: fingers that do not touch the object.
-        slip_speed: of the fingers on the object, mean weighted by their forces [mm/s]; a finger counts when it slides
-            as a whole, not when it rolls or sways and slides at an edge.
-        base_height: upwards, from where the anchors are at rest [mm].
+        slip_speed: sliding speed of the fingers on the object, mean weighted by their forces [mm/s]; a finger counts
+            when it slides as a whole, not when it rolls or sways and slides at an edge.
         base_held_back: whether the scene's limits keep the base from where it was asked to be.
         offset: height of the object's centre of mass less that of the base [mm]; falls when the object slips out.
-        object_speed: of the object's centre of mass [mm/s].
+        object_speed: speed of the object's centre of mass [mm/s].
     """
 
     time: float
@@ -37,7 +37,6 @@ class Grasp:
     force: float
     missing: tuple[str, ...]
     slip_speed: float
-    base_height: float
     base_held_back: bool
     offset: float
     object_speed: float
@@ -49,31 +48,30 @@ class GraspSensing:
     Attributes:
         object: name of the rigid body.
         cavities: names of all cavities.
-        up: against gravity, unit vector, shape (3,).
+        up: unit vector against gravity, shape (3,).
     """
 
     def __init__(self, model: "Model", touch_force: float):
         """Look up names and the direction of gravity.
 
         Args:
-            model: of the run.
-            touch_force: the normal force from which a finger counts as touching [mN].
+            model: the model of the run.
+            touch_force: normal force from which a finger counts as touching [mN].
 
         Raises:
             SceneError: the model lacks gravity, fingers, cavities, or an object to grasp.
         """
-        strength = float(np.linalg.norm(model.gravity))
-        if strength == 0.0:
+        if not any(model.scene.gravity):
             raise SceneError("gravity = [0, 0, 0]: the controller 'closed-loop' lifts against it; give it a direction")
         self.object = object_called(None, model)
         self.cavities = cavities_called(None, model.cavities.names)
-        self.up = -model.gravity / strength
+        self.up = model.scene.up
         self._pairs = {finger: f"{finger}|{self.object}" for finger in fingers_called(None, model)}
         self._most_used = dict.fromkeys(self._pairs, 0.0)
         self._touch_force = touch_force
 
     def sense(self, observation: Observation) -> Grasp:
-        """The grasp of an observation."""
+        """The grasp in an observation."""
         # Bodies that are far apart are not in an observation: nothing presses, nothing slides.
         forces = {finger: observation.normal_forces.get(pair, 0.0) for finger, pair in self._pairs.items()}
         touching = [finger for finger, force in forces.items() if force >= self._touch_force]
@@ -85,7 +83,6 @@ class GraspSensing:
             force=sum(forces.values()),
             missing=tuple(finger for finger in self._pairs if finger not in touching),
             slip_speed=sliding / sum(forces.values()) if touching else 0.0,
-            base_height=base_height,
             base_held_back="base_translation" in observation.clipped,
             offset=float(observation.object_positions[self.object] @ self.up) - base_height,
             object_speed=float(np.linalg.norm(observation.object_velocities[self.object])),

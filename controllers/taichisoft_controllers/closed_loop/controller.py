@@ -2,17 +2,14 @@
 
 from typing import TYPE_CHECKING, Any
 
-from pydantic import ValidationError
-
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Limits
-from taichisoft.scenes.validation_errors import first_problem
-from taichisoft_controllers.grasp_sensing import GraspSensing
-from taichisoft_controllers.grasp_sequence import GraspSequence, Phase
-from taichisoft_controllers.grasp_settings import GraspSettings
+from taichisoft_controllers.closed_loop.grasp_sensing import GraspSensing
+from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -25,15 +22,12 @@ class ClosedLoopController(Controller):
     """
 
     def __init__(self, **settings: Any):
-        """Take the settings, see `GraspSettings`.
+        """Take the settings that `GraspSettings` describes.
 
         Raises:
             SceneError: one of them is not valid.
         """
-        try:
-            self._settings = GraspSettings.model_validate(settings)
-        except ValidationError as error:
-            raise SceneError(first_problem(error, GraspSettings, "controller.settings")) from error
+        self._settings = GraspSettings.checked(**settings)
         self._sequence: GraspSequence | None = None
 
     def reset(self, model: "Model") -> None:
@@ -50,7 +44,7 @@ class ClosedLoopController(Controller):
         self._held_since: float | None = None
 
     def control(self, observation: Observation) -> Control:
-        """What the present phase of the grasp asks for.
+        """The pressure and the height of the base that the present phase of the grasp asks for.
 
         Raises:
             ControllerFailed: the object cannot be grasped or lifted, or was dropped.

@@ -1,4 +1,4 @@
-"""What stands in the file of a script: keyframes or steps, as plain validated data."""
+"""The contents of a script's file: keyframes or steps, as plain validated data."""
 
 import itertools
 import math
@@ -12,15 +12,18 @@ from pydantic_core import PydanticKnownError
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import NotNegative, Positive, Table, Vector
 from taichisoft.scenes.validation_errors import first_problem
-from taichisoft_controllers.script_csv import read_keyframes
+from taichisoft_controllers.scripted.script_csv import read_keyframes
 
 SUFFIXES = (".toml", ".csv")
 
 Interpolation = Literal["linear", "smooth"]
 
-RATES = {"pressure": "pressure_rate", "base_translation": "base_speed", "base_rotation": "base_turning_speed"}
-"""What a step can move, and the key that says how fast."""
-RATE_UNITS = {"pressure_rate": "kPa/s", "base_speed": "mm/s", "base_turning_speed": "degrees/s"}
+RATES = {
+    "pressure": ("pressure_rate", "kPa/s"),
+    "base_translation": ("base_speed", "mm/s"),
+    "base_rotation": ("base_turning_speed", "degrees/s"),
+}
+"""Keys of what a step can move, each with the key and the unit of its rate."""
 
 
 def _number(value: Any) -> float:
@@ -32,7 +35,7 @@ def _number(value: Any) -> float:
 
 
 def _pressure(value: Any, parents: tuple[str, ...] = ()) -> float | dict[str, float]:
-    """A number, or numbers by finger or cavity; TOML makes tables in tables of finger1.cavity = 50."""
+    """Check a pressure: a number, or numbers by finger or cavity; TOML makes finger1.cavity = 50 a table in a table."""
     if not isinstance(value, dict):
         return _number(value)
     if not value:
@@ -52,14 +55,14 @@ Pressure = Annotated[float | dict[str, float], PlainValidator(_pressure)]
 
 
 class Keyframe(Table):
-    """What is asked for at a time; between two keyframes values are interpolated."""
+    """The values at a time; between two keyframes they are interpolated."""
 
     time: NotNegative
-    """Since the start of the run [s]; later than that of the keyframe before."""
+    """Time since the start of the run [s]; later than that of the keyframe before."""
     pressure: Pressure
-    """[kPa] of all cavities, or a table by finger or cavity that names every cavity."""
+    """Pressure of all cavities [kPa], or a table by finger or cavity that names every cavity."""
     base_translation: Vector = (0.0, 0.0, 0.0)
-    """From the rest position [mm]; zero when it is not given."""
+    """Translation from the rest position [mm]; zero when it is not given."""
     base_rotation: Vector = (0.0, 0.0, 0.0)
     """Rotation vector about the base pivot [degrees]; zero when it is not given."""
 
@@ -68,38 +71,38 @@ class Step(Table):
     """Goes to what it asks for, and ends when it is there or when a condition is true; then the next one begins."""
 
     name: str = ""
-    """For messages and the closing table."""
+    """Name of the step in messages and in the closing table."""
     pressure: Pressure | None = None
-    """Where to go [kPa]: all cavities, or a table by finger or cavity; what it does not name stays."""
+    """Target of all cavities [kPa], or a table by finger or cavity; what it does not name stays."""
     base_translation: Vector | None = None
-    """Where to go, from the rest position [mm]; stays when it is not given."""
+    """Target of the base, from the rest position [mm]; the base stays when it is not given."""
     base_rotation: Vector | None = None
-    """Where to go, rotation vector about the base pivot [degrees]; stays when it is not given."""
+    """Target of the base, rotation vector about the base pivot [degrees]; the base stays when it is not given."""
     duration: Positive | None = None
-    """Of the way there [s]; either this or a rate for each thing that moves."""
+    """Duration of the way to all targets [s]; either this or a rate for each thing that moves."""
     pressure_rate: Positive | None = None
-    """Of each pressure on its way [kPa/s]."""
+    """Rate of each pressure on its way [kPa/s]."""
     base_speed: Positive | None = None
-    """Of the base on its straight way [mm/s]."""
+    """Speed of the base on its straight way [mm/s]."""
     base_turning_speed: Positive | None = None
-    """Of the base on its way [degrees/s]."""
+    """Turning speed of the base on its way [degrees/s]."""
     until: str | None = None
-    """A condition: as soon as it is true everything stays where it is, and the step ends."""
+    """Condition: as soon as it is true everything stays where it is, and the step ends."""
     timeout: Positive | None = None
-    """The run fails when `until` is not true so long after the step began [s]."""
+    """Time after the beginning of the step at which the run fails when `until` is still not true [s]."""
     hold: Positive | None = None
-    """So long everything stays where it is before the next step begins [s]."""
+    """Duration for which everything stays where it is before the next step begins [s]."""
 
     @model_validator(mode="after")
     def _check_motion(self) -> "Step":
-        for key, rate in RATES.items():
+        for key, (rate, unit) in RATES.items():
             moves, has_rate = getattr(self, key) is not None, getattr(self, rate) is not None
             if has_rate and not moves:
                 raise ValueError(f"{rate} without {key} has no effect; remove it or say where to go")
             if has_rate and self.duration is not None:
                 raise ValueError(f"duration and {rate} are both given; give one of them")
             if moves and not has_rate and self.duration is None:
-                raise ValueError(f"{key} needs a duration [s] or a {rate} [{RATE_UNITS[rate]}]")
+                raise ValueError(f"{key} needs a duration [s] or a {rate} [{unit}]")
         if self.duration is not None and not self.moves:
             raise ValueError("duration without anything that moves; to wait, give hold [s]")
         return self
@@ -116,7 +119,7 @@ class Step(Table):
 
     @property
     def moves(self) -> bool:
-        """Whether it asks for anything."""
+        """Whether the step moves anything."""
         return any(getattr(self, key) is not None for key in RATES)
 
 
@@ -142,7 +145,7 @@ class Script(Table):
 
     @property
     def highest_pressure(self) -> float:
-        """[kPa]; minus infinity when there is none."""
+        """The highest pressure that is asked for [kPa]; minus infinity when there is none."""
         asked = [entry.pressure for entry in (*(self.keyframes or ()), *(self.steps or ()))]
         numbers = [list(value.values()) if isinstance(value, dict) else [value] for value in asked if value is not None]
         return max(itertools.chain(*numbers), default=-math.inf)

@@ -3,45 +3,44 @@
 import os
 import select
 import signal
+import termios
 import threading
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any
 
-from taichisoft.control.keys import KeyEvent, KeyStream
-from taichisoft_controllers.key_parser import KeyParser
-from taichisoft_controllers.terminal_mode import TerminalMode
+from taichisoft.control.keys import KeyEvent
+from taichisoft_controllers.keyboard.key_parser import KeyParser
+from taichisoft_controllers.keyboard.terminal_mode import TerminalMode
+
+if TYPE_CHECKING:
+    from taichisoft.session.session import Session
 
 ESCAPE_TIME = 0.15
-"""An Esc that nothing follows for so long [s] is the key, not the beginning of an arrow's sequence."""
+"""Pause after an Esc [s] that makes it the key, not the beginning of an arrow's sequence."""
 BACKGROUND_TIME = 0.2
-"""How often a run in the background looks whether it is in the foreground again [s]."""
+"""Interval at which a run in the background looks whether it is in the foreground again [s]."""
 
 Handler = Callable[[int, Any], Any] | int | None
 
 
-class RunWithKeys(Protocol):
-    """What is needed of a `taichisoft.session.session.Session`."""
-
-    keys: KeyStream
-
-    def stop(self) -> None:
-        """End the run; from any thread."""
-
-
 class TerminalKeys:
-    """Puts the keys of the terminal on standard input into a run's stream.
+    """Puts the keys of a terminal into a run's stream, by a thread of its own.
 
-    The terminal is put back by `end`, by Ctrl and z (`fg` goes on), at the exit of the process, and by
-    `terminal_guardian` if it is killed.
+    The terminal is put back by `end`, by Ctrl and z (`fg` goes on), at the exit of the process, and by the child of
+    `TerminalMode` if it is killed.
     """
 
-    def __init__(self, run: RunWithKeys, file_descriptor: int):
+    def __init__(self, session: "Session", file_descriptor: int):
         """Switch the terminal to the mode for keys and begin to read.
 
+        Args:
+            session: the run that gets the keys, and is stopped when the terminal has gone.
+            file_descriptor: the terminal's.
+
         Raises:
-            OSError: it is no terminal, or has gone.
+            termios.error: it is no terminal, or has gone.
         """
-        self._run = run
+        self._session = session
         self._fd = file_descriptor
         self._mode = TerminalMode(file_descriptor)
         self._handlers: dict[int, Handler] = {}
@@ -66,9 +65,9 @@ class TerminalKeys:
         self._mode.end()
 
     def _handle_signals(self) -> None:
-        """Python calls handlers in the main thread alone, and lets no other set them.
+        """Heed suspension, continuation and hang-up; what the process was told to ignore stays ignored.
 
-        What the process was told to ignore stays ignored.
+        Python calls handlers in the main thread alone, and lets no other set them.
         """
         if threading.current_thread() is not threading.main_thread():
             return
@@ -88,16 +87,17 @@ class TerminalKeys:
         self._resume()
 
     def _resume(self, *_: Any) -> None:
-        """The shell had the terminal in between, so it may be in any mode."""
+        """Switch to the mode for keys: the shell had the terminal in between, so it may be in any mode."""
         try:
             self._mode.begin_keys()
-        except OSError:
-            self._run.stop()
+        except termios.error:
+            self._session.stop()
 
     def _hang_up(self, *_: Any) -> None:
-        self._run.stop()
+        self._session.stop()
 
     def _read(self) -> None:
+        """Read keys until the end of the run; runs in the thread."""
         parser = KeyParser()
         while True:
             ready = self._wait(ESCAPE_TIME if parser.is_waiting else None)
@@ -108,19 +108,19 @@ class TerminalKeys:
                 continue
             events = self._receive(parser) if ready else parser.flush()
             if events is None:
-                self._run.stop()  # there is nobody any more who could end it
+                self._session.stop()  # there is nobody any more who could end it
                 return
             for event in events:
                 self._pass_on(event)
 
     def _wait(self, seconds: float | None) -> list[int]:
-        """What can be read: the end of the run, or the terminal if this process has it."""
+        """Wait for something to read and return it: the end of the run, or the terminal if this process has it."""
         if self._mode.is_for_keys:
             return select.select([self._end_reader, self._fd], [], [], seconds)[0]
         return select.select([self._end_reader], [], [], BACKGROUND_TIME)[0]
 
     def _receive(self, parser: KeyParser) -> list[KeyEvent] | None:
-        """The keys of what has arrived; None when the terminal has gone."""
+        """Return the keys that have arrived; None when the terminal has gone."""
         try:
             received = os.read(self._fd, 1024)
         except OSError:
@@ -128,7 +128,7 @@ class TerminalKeys:
         return parser.feed(received) if received else None
 
     def _look_for_foreground(self) -> None:
-        """`fg` after `bg` continues nothing, since nothing stands still: so the main thread is told here."""
+        """Tell the main thread of `fg` after `bg`, which continues nothing, since nothing stands still."""
         if self._mode.is_in_foreground and signal.SIGCONT in self._handlers:
             os.kill(os.getpid(), signal.SIGCONT)
 
@@ -136,4 +136,4 @@ class TerminalKeys:
         if event == KeyEvent("c", ctrl=True):  # from a terminal that sends keys as numbers, and so no signal
             os.kill(os.getpid(), signal.SIGINT)
         else:
-            self._run.keys.put(event)
+            self._session.keys.put(event)

@@ -1,13 +1,23 @@
-"""The parts of a condition as functions of what is measured; each is known beforehand to be a number or a truth."""
+"""The language of conditions: "contact_force > 60 and lift < 1", read without executing any of it.
+
+    condition  = comparison | condition "and" condition | condition "or" condition | "not" condition
+    comparison = number ("<" | "<=" | ">" | ">=" | "==" | "!=") number, also in chains: 20 < pressure < 50
+    number     = 60 | 1.5e3 | quantity | quantity["key"] | number (+ - * /) number | -number | abs, min, max of numbers
+
+and parentheses. Python's own parser finds the structure; what is not in the list above is refused.
+"""
 
 import ast
 import math
 import operator
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from taichisoft.errors import SceneError, nearest
+
+LONGEST_TEXT = 1000
+DEEPEST_NESTING = 50
 
 FUNCTIONS: Mapping[str, Callable[..., float]] = {"abs": abs, "min": min, "max": max}
 ARITHMETIC: Mapping[type, Callable[[float, float], float]] = {
@@ -24,8 +34,6 @@ COMPARISONS: Mapping[type, Callable[[float, float], bool]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
 }
-TRUTHS = (ast.Compare, ast.BoolOp)
-NUMBERS = (ast.BinOp, ast.Name, ast.Subscript, ast.Call)
 
 
 @dataclass(frozen=True)
@@ -42,8 +50,69 @@ class Quantity:
 Values = Mapping[Quantity, float]
 
 
-class ConditionReader:
-    """Turns Python's syntax tree into functions of the quantities' values.
+@dataclass(frozen=True)
+class Condition:
+    """A condition that has been read.
+
+    Attributes:
+        quantities: all quantities that it names, each once.
+    """
+
+    quantities: tuple[Quantity, ...]
+    _holds: Callable[[Values], bool]
+
+    def holds(self, values: Values) -> bool:
+        """Whether it is true for values of its quantities.
+
+        Raises:
+            ZeroDivisionError: it divides by zero.
+        """
+        return self._holds(values)
+
+
+def read_condition(text: str, names: Sequence[str]) -> Condition:
+    """Understand a condition about quantities of the given names.
+
+    Raises:
+        SceneError: it is not in the language; one line that says what is wrong and what would be valid.
+    """
+    if len(text) > LONGEST_TEXT:
+        raise SceneError(f"has {len(text)} characters; {LONGEST_TEXT} are the most")
+    text = text.replace("\n", " ").strip()
+    if not text:
+        raise SceneError("is empty; an example of a condition is: contact_force > 60")
+    tree = _syntax_tree(text)
+    if _depth(tree) > DEEPEST_NESTING:
+        raise SceneError(f"is nested too deeply; {DEEPEST_NESTING} levels are the most")
+    reader = _Reader(text, names)
+    holds = reader.truth(tree)
+    if not reader.quantities:
+        raise SceneError("names no quantity, so that it never changes: there is nothing to wait for")
+    return Condition(tuple(dict.fromkeys(reader.quantities)), holds)
+
+
+def _syntax_tree(text: str) -> ast.expr:
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Python's warnings about its own syntax are none of the user's business
+            return ast.parse(text, mode="eval").body
+    except SyntaxError as error:
+        problem = " ".join((error.msg or "invalid syntax").split())
+        place = f"character {error.offset}" if error.offset else "the end"
+        raise SceneError(f"not understood at {place}: {problem}") from error
+    except (ValueError, MemoryError, RecursionError) as error:
+        raise SceneError(f"not understood: {' '.join(str(error).split()) or 'nested too deeply'}") from error
+
+
+def _depth(tree: ast.AST) -> int:
+    depth, level = 0, [tree]
+    while level:
+        depth, level = depth + 1, [child for node in level for child in ast.iter_child_nodes(node)]
+    return depth
+
+
+class _Reader:
+    """Turns Python's syntax tree into functions of the quantities' values, each known to give a truth or a number.
 
     Attributes:
         quantities: all that were named so far.
@@ -55,10 +124,10 @@ class ConditionReader:
         self._names = list(names)
 
     def truth(self, node: ast.expr) -> Callable[[Values], bool]:
-        """What is true or false.
+        """The function of a node that is true or false.
 
         Raises:
-            SceneError: it is not, or is nothing that a condition may have.
+            SceneError: the node is a number, or nothing that a condition may have.
         """
         match node:
             case ast.BoolOp(op, parts):
@@ -77,20 +146,18 @@ class ConditionReader:
                 return lambda values: all(holds(one(values), other(values)) for holds, one, other in links)
             case ast.Constant(bool()):
                 raise SceneError(f"{self._show(node)} never changes: there is nothing to wait for")
-            case _ if isinstance(node, NUMBERS) or _is_sign(node) or _is_number(node):
-                self.number(node)  # an unknown name is worse than a forgotten comparison
-                raise SceneError(f"{self._show(node)} is a number; compare it with something, as in contact_force > 60")
             case _:
-                raise self._foreign(node)
+                self.number(node)  # raises first: an unknown name is worse than a forgotten comparison
+                raise SceneError(f"{self._show(node)} is a number; compare it with something, as in contact_force > 60")
 
     def number(self, node: ast.expr) -> Callable[[Values], float]:
-        """What is a number.
+        """The function of a node that is a number.
 
         Raises:
-            SceneError: it is not, or is nothing that a condition may have.
+            SceneError: the node is true or false, or nothing that a condition may have.
         """
         match node:
-            case ast.Constant(value) if _is_number(node):
+            case ast.Constant(int() | float() as value) if not isinstance(value, bool):
                 return self._constant(node, value)
             case ast.Name(name):
                 return self._quantity(name, None)
@@ -111,12 +178,15 @@ class ConditionReader:
                 return self._function(node, name, arguments)
             case ast.Call(ast.Name(name)) if name not in FUNCTIONS:
                 raise SceneError(f"no function is called '{name}'; {nearest(name, list(FUNCTIONS), 'there are')}")
-            case _ if isinstance(node, TRUTHS) or (isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not)):
+            case ast.Compare() | ast.BoolOp() | ast.UnaryOp(ast.Not()):
                 raise SceneError(f"{self._show(node)} is true or false; a number is needed here")
             case _:
-                raise self._foreign(node)
+                raise SceneError(
+                    f"{self._show(node)} has no place in a condition; it may have comparisons, and, or, not, + - * /, "
+                    f"{', '.join(FUNCTIONS)}, numbers and quantities"
+                )
 
-    def _constant(self, node: ast.expr, value: Any) -> Callable[[Values], float]:
+    def _constant(self, node: ast.expr, value: float) -> Callable[[Values], float]:
         try:
             number = float(value)
         except OverflowError:
@@ -144,20 +214,5 @@ class ConditionReader:
         if not fulfilled:
             raise SceneError(f"{self._show(node)}: {rule}")
 
-    def _foreign(self, node: ast.expr) -> SceneError:
-        return SceneError(
-            f"{self._show(node)} has no place in a condition; it may have comparisons, and, or, not, + - * /, "
-            f"{', '.join(FUNCTIONS)}, numbers and quantities"
-        )
-
     def _show(self, node: ast.expr) -> str:
         return repr(ast.get_source_segment(self._text, node) or self._text)
-
-
-def _is_number(node: ast.expr) -> bool:
-    value: Any = node.value if isinstance(node, ast.Constant) else None
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _is_sign(node: ast.expr) -> bool:
-    return isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd)

@@ -1,0 +1,1 @@
+"""The controller "closed-loop": grasps by feel."""

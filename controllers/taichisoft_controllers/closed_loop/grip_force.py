@@ -1,0 +1,89 @@
+"""The force of a grip: how hard it shall be, and the pressure that makes it so."""
+
+import math
+from dataclasses import dataclass
+
+from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
+
+ROUND_OFF = 1e-9
+"""Pressures this close are the same [kPa]."""
+
+
+@dataclass
+class GripSetPoint:
+    """The set point of a grip force, which rises when the object slips.
+
+    It needs neither the object's weight nor the friction coefficient. An object that slips under a force F tells that
+    F is too small: the set point becomes `margin` times F. The force follows, and for as long as the object goes on
+    slipping so does the set point. When it sticks, the set point is about `margin` times what that took.
+
+    Attributes:
+        force: the set point [mN].
+        margin: factor over the force at which the object slips [-].
+        slip_speed: speed of sliding that counts as slip [mm/s].
+        raised_count: how many times the object slipped, so that the set point was raised.
+    """
+
+    force: float
+    margin: float
+    slip_speed: float
+    raised_count: int = 0
+    _being_raised: bool = False
+
+    def watch(self, grasp: Grasp, can_follow: bool) -> bool:
+        """Raise the set point if the object slips and the force `can_follow`; returns whether it slips."""
+        slips = grasp.slip_speed > self.slip_speed
+        enough = self.margin * grasp.force
+        if slips and can_follow and enough > self.force:
+            self.force = enough
+            self.raised_count += not self._being_raised
+            self._being_raised = True
+        self._being_raised = self._being_raised and slips
+        return slips
+
+
+@dataclass
+class ForceRegulator:
+    """A PI regulator of the grip force, which acts through the pressure, within a range and a rate limit.
+
+    Whenever less is applied than was asked for, because of the range, the rate limit or the limits of a scene, the
+    integral is led back to what is applied, with a time constant of its own: back-calculation (Astrom and Murray,
+    Feedback Systems, 2nd edition, section 11.4). So it never winds up, and the regulator leaves a limit in the step in
+    which the error changes its sign.
+
+    Attributes:
+        settings: the gains, the time constant and the rate limit.
+        lowest_pressure, highest_pressure: range of the pressure [kPa].
+        saturated: whether the last pressure was the highest one, and more was wanted.
+    """
+
+    settings: GraspSettings
+    lowest_pressure: float
+    highest_pressure: float
+
+    def __post_init__(self) -> None:
+        self.start(self.lowest_pressure, 0.0)
+
+    def start(self, applied: float, error: float) -> None:
+        """Take over from whatever applied the pressure [kPa] at this error [mN], without a jump."""
+        self._integral = applied - self.settings.proportional_gain * error
+        self._wanted = applied
+        self.saturated = False
+
+    def pressure(self, error: float, applied: float, elapsed: float) -> float:
+        """The pressure to apply [kPa].
+
+        Args:
+            error: set point less force [mN].
+            applied: pressure that was applied since the last call [kPa].
+            elapsed: time since the last call [s].
+        """
+        # The exact solution over `elapsed`: an Euler step would be unstable where the tracking time is shorter.
+        followed = 1.0 - math.exp(-elapsed / self.settings.tracking_time)
+        self._integral += followed * (applied - self._wanted) + self.settings.integral_gain * error * elapsed
+        self._wanted = self._integral + self.settings.proportional_gain * error
+        self.saturated = self._wanted >= self.highest_pressure and applied >= self.highest_pressure - ROUND_OFF
+        furthest = self.settings.pressure_rate * elapsed
+        allowed = min(max(self._wanted, applied - furthest), applied + furthest)
+        return min(max(allowed, self.lowest_pressure), self.highest_pressure)

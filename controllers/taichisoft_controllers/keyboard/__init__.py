@@ -1,0 +1,1 @@
+"""The controller "keyboard", and the terminal as the source of its keys."""
