@@ -17,7 +17,7 @@ test: system-libraries browser lint
 	.venv/bin/pytest
 
 bench: system-libraries
-	.venv/bin/taichisoft bench --json out/bench/results.json $(OPTIONS)
+	.venv/bin/taichisoft bench --output out/bench $(OPTIONS)
 
 lint: .venv/installed
 	.venv/bin/ruff check
@@ -47,7 +47,7 @@ fits = import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 13)
 # the libraries themselves milliseconds.
 define missing_packages
 import ctypes, sys
-from taichisoft_plugins.doctor.system_libraries import SYSTEM_LIBRARIES
+from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES
 
 for library in SYSTEM_LIBRARIES if sys.platform == "linux" else ():
     try:

@@ -9,6 +9,19 @@ from taichisoft.errors import TaichisoftError
 
 
 @contextmanager
+def named_os_errors(path: Path, error: type[TaichisoftError] = TaichisoftError) -> Iterator[None]:
+    """Make an error about writing `path` of what the operating system refuses.
+
+    Raises:
+        error: something was refused.
+    """
+    try:
+        yield
+    except OSError as failure:
+        raise error(f"{path}: cannot be written: {failure.strerror or failure}") from failure
+
+
+@contextmanager
 def atomic_file(path: Path, error: type[TaichisoftError] = TaichisoftError) -> Iterator[Path]:
     """Give a place beside `path` to write to; a complete file is then moved to `path`, an incomplete one removed.
 
@@ -17,10 +30,9 @@ def atomic_file(path: Path, error: type[TaichisoftError] = TaichisoftError) -> I
     """
     partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
     try:
-        yield partial
-        partial.replace(path)
-    except OSError as failure:
-        raise error(f"{path}: cannot be written: {failure.strerror or failure}") from failure
+        with named_os_errors(path, error):
+            yield partial
+            partial.replace(path)
     finally:
         with suppress(OSError):
             partial.unlink(missing_ok=True)

@@ -5,14 +5,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from taichisoft.bodies.cavities import Cavities
+from taichisoft.bodies.cavities import Cavities, CavityVolumes
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.bodies.rigid_body import make_obstacle, make_rigid_body
 from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.bodies.soft_body import SoftBody, make_soft_body
-from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.overlap import refuse_overlap
-from taichisoft.contact.selection import ContactSelection
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.errors import StateError
 from taichisoft.meshes.volume_mesh import VolumeMesh
@@ -65,8 +64,6 @@ class Model:
         self.elasticity = Elasticity(soft, scene.time.step) if soft else None
         self.cavities = Cavities(soft)
         self.surfaces = ContactSurfaces(soft, self.rigid_bodies, self.obstacles)
-        self.detection = ContactDetection(self.surfaces)
-        self.contact_selection = ContactSelection(self.surfaces.body_size)
         self.friction = self._friction_table()
         self.base_pivot = self._find_base_pivot()
         self.rigid_mass = np.array([body.mass for body in self.rigid_bodies])
@@ -74,8 +71,9 @@ class Model:
         self.gravity = np.array(scene.gravity)
         rotation = np.array([body.start_rotation for body in self.rigid_bodies]).reshape(-1, 4)
         position = np.array([body.start_position for body in self.rigid_bodies]).reshape(-1, 3)
-        self.surfaces.update(self.rest_position, position, matrices_from_quaternions(rotation))
-        refuse_overlap(self.surfaces, self.detection, self.body_names)
+        moving = MovingSurfaces(self.surfaces)
+        moving.update(self.rest_position, position, matrices_from_quaternions(rotation))
+        refuse_overlap(self.surfaces, moving, self.body_names)
 
     def initial_state(self) -> State:
         """The state that the scene describes."""
@@ -98,9 +96,9 @@ class Model:
             cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
             cavity_request=np.zeros(cavity_count),
             cavity_target=np.zeros(cavity_count),
-            cavity_impulse=np.zeros(cavity_count),
-            cavity_volume=self.cavities.volumes(self.rest_position),
-            contact_key=np.zeros(0, dtype=np.int32),
+            cavity_pressure=np.zeros(cavity_count),
+            cavity_volume=CavityVolumes(self.cavities, self.node_count).volumes(self.rest_position),
+            contact_body_pair=np.zeros((0, 2), dtype=np.int32),
             contact_point=np.zeros((0, 3)),
             contact_normal=np.zeros((0, 3)),
             contact_impulse=np.zeros((0, 3)),

@@ -2,27 +2,33 @@
 
 import time
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
-from taichisoft.contact.detection import ContactPairs
+from taichisoft.bodies.cavities import CavityVolumes
+from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft.contact.reduction import ContactReduction
 from taichisoft.control.control import Control
-from taichisoft.control.limits import clipped
 from taichisoft.control.observation import Observation
 from taichisoft.control.observer import Observer
 from taichisoft.control.requests import apply_control
+from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
 from taichisoft.state import State
-from taichisoft.step.active_set import ActiveSet
-from taichisoft.step.constraints import ConstraintProblem
+from taichisoft.step.constraints import Constraints
 from taichisoft.step.divergence import DivergenceCheck
 from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 
+NO_CONTACTS = Contacts.with_room(0)
+NO_IMPULSES = np.zeros((0, 3))
+
 
 class Simulation:
-    """A model and its state.
+    """A model, which it shares with others, and a state, with the work space of a step.
 
     Attributes:
         model: what does not change.
@@ -35,12 +41,15 @@ class Simulation:
         self.model = model
         self.state = model.initial_state()
         self.report: StepReport | None = None
-        self._soft = SoftMotion(self.model)
-        self._rigid = RigidMotion(self.model)
-        self._problem = ConstraintProblem(self.model, self._rigid)
-        self._active_set = ActiveSet(self.model, self._rigid)
-        self._check_divergence = DivergenceCheck(self.model)
-        self._observer = Observer(self.model)
+        self._volumes = CavityVolumes(model.cavities, model.node_count)
+        self._soft = SoftMotion(model, model.elasticity, self._volumes) if model.elasticity is not None else None
+        self._rigid = RigidMotion(model)
+        self._moving = MovingSurfaces(model.surfaces)
+        self._detection = ContactDetection(model.surfaces, self._moving)
+        self._reduction = ContactReduction(model.surfaces.body_size, model.scene.contact.spacing)
+        self._constraints = Constraints(model, self._soft, self._rigid, self._volumes)
+        self._divergence_check = DivergenceCheck(model)
+        self._observer = Observer(model, self._volumes)
 
     def restore(self, state: State) -> None:
         """Go on from a state of this model, an earlier one or one read from a file.
@@ -60,121 +69,79 @@ class Simulation:
         """
         started = time.perf_counter()
         control = control or Control()
-        state = apply_control(self.model, self.state, control)
-        self._soft.update(state)
-        self._rigid.update(state)
-        candidates = self._find_contacts(state)
-        contacts = self._choose_contacts(state, candidates)
-        velocity, contact_impulse, contact_slip = self._solve_contacts(state, contacts)
-        next_state = self._move(state, velocity, contacts, contact_impulse, contact_slip)
-        self._check_divergence(state, next_state)
-        self.state = next_state
-        self.report = self._make_report(candidates, control, started)
+        start = apply_control(self.model, self.state, control)
+        self._solve_free_motion(start)
+        contacts, last_impulse, max_penetration = self._find_contacts(start)
+        self._constraints.solve(start, contacts, last_impulse)
+        end = self._integrate(start, contacts)
+        self._divergence_check.check(start, end)
+        self.state = end
+        self.report = self._make_report(end, control, max_penetration, started)
         return self.report
 
     def observe(self) -> Observation:
         """What a controller sees: it depends on the state alone, so that a restored run is observed alike."""
         return self._observer.observe(self.state)
 
-    def _find_contacts(self, state: State) -> ContactPairs:
-        if self.model.detection.is_needed:
-            self.model.surfaces.update(state.position, state.rigid_position, self._rigid.rotation)
-        alarm = self.model.scene.contact.alarm_distance
-        return self.model.detection.find(reach=alarm, depth=alarm)
+    def _solve_free_motion(self, start: State) -> None:
+        """All bodies as if nothing touched them."""
+        if self._soft is not None:
+            self._soft.solve_free_motion(start)
+        self._rigid.solve_free_motion(start)
 
-    def _choose_contacts(self, state: State, candidates: ContactPairs) -> ContactPairs:
-        spacing = self.model.scene.contact.spacing
-        return self.model.contact_selection.spread_out(candidates, spacing, state.contact_key, state.contact_point)
-
-    def _solve_contacts(self, state: State, contacts: ContactPairs) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Velocities of the nodes with contacts and imposed volumes; impulse and sliding speed of each contact.
-
-        Contacts that are expected to stay open are left out at first, see `active_set`.
-        """
-        problem, active_set, settings = self._problem, self._active_set, self.model.scene.contact
-        problem.iterations = 0
+    def _find_contacts(self, start: State) -> tuple[Contacts, np.ndarray, float]:
+        """The contacts that become constraints, the impulse of each in the last step, and the deepest penetration."""
+        settings = self.model.scene.contact
+        if not self._detection.is_needed:
+            return NO_CONTACTS, NO_IMPULSES, 0.0
+        self._moving.update(start.position, start.rigid_position, self._rigid.state.rotation)
+        found = self._detection.find(reach=settings.alarm_distance, depth=settings.alarm_distance)
+        contacts = self._reduction.reduce(found, start)
         radius = max(settings.spacing, settings.contact_distance)
-        last_impulse = self.model.contact_selection.last_impulses(contacts, state, radius)
-        active_set.begin(contacts, last_impulse, state.velocity)
-        while True:
-            problem.lay_out(state, contacts.take(np.flatnonzero(active_set.chosen)))
-            problem.measure(self._soft.velocity)
-            problem.solve(last_impulse[active_set.chosen])
-            velocity = self._push(problem)
-            if not active_set.add_missed(velocity):
-                break
-        impulse = np.zeros((contacts.count, 3))
-        impulse[active_set.chosen] = problem.rows.contact_impulse
-        slip = np.zeros(contacts.count)
-        slip[active_set.chosen] = problem.slip
-        return velocity, impulse, slip
+        last_impulse = self._reduction.last_impulses(contacts, start, radius)
+        nearest = found.distance[: found.count[0]].min(initial=np.inf)
+        penetration = max(0.0, settings.contact_distance - float(nearest))
+        return contacts, last_impulse[: contacts.count[0]], penetration
 
-    def _push(self, problem: ConstraintProblem) -> np.ndarray:
-        """Velocities after the impulses: of the rigid bodies in place, of the soft nodes as a result."""
-        if not problem.rows.count:
-            self._rigid.impulse[:] = 0.0
-        self._rigid.push()
-        if problem.rows.count and self.model.elasticity is not None:
-            velocity = self._soft.response(problem.node_impulse)
-            velocity += self._soft.velocity
-            return velocity
-        return self._soft.velocity
-
-    def _move(
-        self,
-        state: State,
-        node_velocity: np.ndarray,
-        contacts: ContactPairs,
-        contact_impulse: np.ndarray,
-        contact_slip: np.ndarray,
-    ) -> State:
+    def _integrate(self, start: State, contacts: Contacts) -> State:
         """The state that the velocities lead to."""
-        time_step, rigid = self.model.scene.time.step, self._rigid
-        rigid.move()
-        position = time_step * node_velocity
-        position += state.position
+        time_step, rigid, solved = self.model.scene.time.step, self._rigid.state, self._constraints
+        self._rigid.integrate()
+        position = time_step * solved.node_velocity
+        position += start.position
+        count = len(solved.contact_impulse)
+        points = contacts.points[:count]
         return replace(
-            state,
-            time=(state.step + 1) * time_step,
-            step=state.step + 1,
+            start,
+            time=(start.step + 1) * time_step,
+            step=start.step + 1,
             position=position,
-            velocity=node_velocity,
+            velocity=solved.node_velocity,
             rigid_position=rigid.position.copy(),
             rigid_rotation=rigid.quaternion.copy(),
             rigid_velocity=rigid.linear.copy(),
             rigid_angular_velocity=rigid.angular.copy(),
-            cavity_impulse=self._problem.cavity_impulse,
-            cavity_volume=self.model.cavities.volumes(position),
-            contact_key=contacts.key,
-            contact_point=contacts.middle,
-            contact_normal=contacts.normal,
-            contact_impulse=contact_impulse,
-            contact_slip=contact_slip,
+            cavity_pressure=solved.cavity_pressure,
+            cavity_volume=self._volumes.volumes(position),
+            contact_body_pair=contacts.bodies[:count].copy(),
+            contact_point=0.5 * (points[:, 0] + points[:, 1]),
+            contact_normal=contacts.normal[:count].copy(),
+            contact_impulse=solved.contact_impulse,
+            contact_slip=solved.contact_slip,
         )
 
-    def _make_report(self, candidates: ContactPairs, control: Control, started: float) -> StepReport:
-        contact, time_step, problem = self.model.scene.contact, self.model.scene.time.step, self._problem
-        summary = self._observer.contacts(self.state)
-        nearest = candidates.distance.min() if candidates.count else np.inf
+    def _make_report(self, end: State, control: Control, max_penetration: float, started: float) -> StepReport:
+        solved, time_step = self._constraints, self.model.scene.time.step
         return StepReport(
-            step=self.state.step - 1,
-            time=self.state.time,
-            pressures=self._by_cavity(self.state.cavity_impulse / time_step),
-            volumes=self._by_cavity(self.state.cavity_volume),
-            normal_forces=summary.normal_forces,
-            friction_forces=summary.friction_forces,
-            slip_speeds=summary.slip_speeds,
-            contact_count=len(self.state.contact_key),
-            contact_points=self.state.contact_point,
-            contact_forces=self.state.contact_impulse / time_step,
-            max_penetration=float(max(0.0, contact.contact_distance - nearest)),
-            iterations=problem.iterations,
-            residual=problem.residual,
-            converged=problem.residual < contact.tolerance,
-            clipped=clipped(self.model, self.state),
+            step=end.step - 1,
+            time=end.time,
+            contact_points=end.contact_point,
+            contact_forces=end.contact_impulse / time_step,
+            max_penetration=max_penetration,
+            iterations=solved.iterations,
+            residual=solved.residual,
+            converged=solved.residual < self.model.scene.contact.tolerance,
             signals=dict(control.signals),
             step_time=time.perf_counter() - started,
+            observe=partial(self._observer.observe, end),
         )
-
-    def _by_cavity(self, values: np.ndarray) -> dict[str, float]:
-        return dict(zip(self.model.cavities.names, values.tolist(), strict=True))

@@ -13,7 +13,7 @@ from taichisoft.errors import StateError
 
 @dataclass(frozen=True)
 class State:
-    """The state between two steps; `Simulation.step` makes a new one and leaves the old one untouched.
+    """The state between two steps, in read-only arrays; `Simulation.step` makes a new one and leaves the old one.
 
     Attributes:
         time: [s].
@@ -31,9 +31,9 @@ class State:
         cavity_volume_imposed: whether a cavity is driven by volume, else by pressure, shape (cavity_count,).
         cavity_request: pressure [kPa] or volume growth [mm^3] that was asked for, before limits, (cavity_count,).
         cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
-        cavity_impulse: multipliers of the last step, pressure times step [kPa s], shape (cavity_count,).
+        cavity_pressure: in the last step, imposed or found [kPa], shape (cavity_count,).
         cavity_volume: [mm^3], shape (cavity_count,).
-        contact_key: pair of bodies of each contact of the last step (warm start), shape (contact_count,).
+        contact_body_pair: numbers of the two bodies of each contact of the last step, shape (contact_count, 2).
         contact_point: where it was [mm], shape (contact_count, 3).
         contact_normal: unit vector from its first body to its second, shape (contact_count, 3).
         contact_impulse: on its second body [mN s], shape (contact_count, 3).
@@ -55,13 +55,21 @@ class State:
     cavity_volume_imposed: np.ndarray
     cavity_request: np.ndarray
     cavity_target: np.ndarray
-    cavity_impulse: np.ndarray
+    cavity_pressure: np.ndarray
     cavity_volume: np.ndarray
-    contact_key: np.ndarray
+    contact_body_pair: np.ndarray
     contact_point: np.ndarray
     contact_normal: np.ndarray
     contact_impulse: np.ndarray
     contact_slip: np.ndarray
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only: what was computed from a state stays true of it."""
+        for name, value in vars(self).items():
+            if isinstance(value, np.ndarray) and value.flags.writeable:
+                value = value.view()
+                value.flags.writeable = False
+                object.__setattr__(self, name, value)
 
     def copy(self) -> "State":
         """A state that shares no array with this one."""

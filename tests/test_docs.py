@@ -20,8 +20,8 @@ def test_the_python_of_the_readme_inflates_the_finger():
     exec(block, names)
     simulation, report = names["simulation"], names["report"]
     cavity = simulation.model.cavities
-    assert report.pressures["finger.cavity"] > 29.0
-    assert report.volumes["finger.cavity"] > 1.02 * cavity.rest_volume[0]
+    assert report.observation.pressures["finger.cavity"] > 29.0
+    assert report.observation.volumes["finger.cavity"] > 1.02 * cavity.rest_volume[0]
 
 
 PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]

@@ -1,5 +1,6 @@
 """The command `taichisoft bench`."""
 
+from collections.abc import Iterator
 from pathlib import Path
 from tempfile import gettempdir
 from typing import Annotated
@@ -8,14 +9,14 @@ import typer
 from rich.console import Console
 
 from taichisoft_benchmarks import machine
-from taichisoft_benchmarks.case_file import SHIPPED, NamedCase, choose, read_cases
-from taichisoft_benchmarks.comparison import compare, comparison_lines
+from taichisoft_benchmarks.cases import SHIPPED, NamedCase, choose, read_cases
+from taichisoft_benchmarks.comparison import compare
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.plots import draw_plots, require_matplotlib
-from taichisoft_benchmarks.report import case_lines, closing_lines, header_lines
+from taichisoft_benchmarks.plots import draw_plots
 from taichisoft_benchmarks.results import CaseResult, Results, read_results, require_writable, write_results
-from taichisoft_benchmarks.runner import Progress, run_cases
+from taichisoft_benchmarks.runner import run_cases
 from taichisoft_benchmarks.scenes import Meshes
+from taichisoft_benchmarks.targets import NOTHING, OURS, targets_of
 
 EXIT_FAILED = 1
 
@@ -32,15 +33,19 @@ def bench(
     ] = None,
     repeat: Annotated[int, typer.Option(min=1, help="Runs of each case.")] = 3,
     quick: Annotated[bool, typer.Option("--quick", help="One run of few steps: does everything work?")] = False,
-    json: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the results there.")] = None,
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", metavar="DIR", help="Folder for results.json and the plots of growth."),
+    ] = None,
     compare_: Annotated[
         Path | None,
-        typer.Option("--compare", metavar="OLD.json", help="Results to compare with; changes beyond noise are marked."),
+        typer.Option(
+            "--compare", metavar="OLD", help="Earlier --output to compare with; marks what changed beyond noise."
+        ),
     ] = None,
     fail_on_regression: Annotated[
         bool, typer.Option("--fail-on-regression", help="Exit with 1 when --compare finds anything worse.")
     ] = False,
-    plots: Annotated[Path | None, typer.Option(metavar="DIR", help="Draw the plots of growth there.")] = None,
     list_: Annotated[bool, typer.Option("--list", help="Show the cases and stop.")] = False,
 ) -> None:
     """Time the engine on this machine, beside other programs where they are installed."""
@@ -50,23 +55,24 @@ def bench(
             typer.echo(f"{named.name:28} {named.case.kind:14} {named.case.title}")
         return
     if fail_on_regression and compare_ is None:
-        raise BenchmarkError("--fail-on-regression: needs --compare OLD.json")
+        raise BenchmarkError("--fail-on-regression: needs --compare OLD")
+    if tutorial_meshes is not None and not tutorial_meshes.is_dir():
+        raise BenchmarkError(f"--tutorial-meshes {tutorial_meshes}: no such folder")
     # Before the work, not after it: a whole run takes half an hour.
     old = read_results(compare_) if compare_ is not None else None
-    if json is not None:
-        require_writable(json)
-    if plots is not None:
-        require_matplotlib()
-    results = _measure(chosen, Meshes(_folder(tutorial_meshes), _made_meshes()), 1 if quick else repeat, quick)
-    for line in closing_lines(results):
+    if output is not None:
+        require_writable(output)
+    made = Path(gettempdir()) / "taichisoft-bench-meshes"  # kept from one run to the next
+    made.mkdir(exist_ok=True)
+    meshes = Meshes(tutorial_meshes.resolve() if tutorial_meshes is not None else None, made)
+    results = _measure(chosen, meshes, 1 if quick else repeat, quick)
+    for line in _closing_lines(results):
         typer.echo(line)
-    if json is not None:
-        write_results(results, json)
+    if output is not None:
+        for path in (write_results(results, output), *draw_plots(results, output)):
+            typer.echo(f"# {path}")
     if results.interrupted:
         raise KeyboardInterrupt
-    if plots is not None:
-        for path in draw_plots(results, plots):
-            typer.echo(f"# {path}")
     worse = _compare(results, old) if old is not None else 0
     failed = [name for name, result in results.cases.items() if result.problem]
     if failed:
@@ -76,47 +82,73 @@ def bench(
 
 
 def _measure(chosen: list[NamedCase], meshes: Meshes, repeat: int, quick: bool) -> Results:
+    """Run the cases and print the figures of each when they are there."""
     console = Console(stderr=True)
-    kind = "shipped" if meshes.tutorial is None else "the tutorial's"
-    for line in header_lines(machine.describe_machine(), machine.versions(), machine.load(), kind):
+    for line in _header_lines(meshes):
         typer.echo(line)
     with console.status("") as status:
 
-        def show(progress: Progress) -> None:
+        def show(progress: str) -> None:
             status.start()
-            status.update(
-                f"case {progress.number} of {progress.count}: {progress.name}, "
-                f"run {progress.repetition} of {progress.repeat}"
-            )
+            status.update(progress)
 
         def tell(name: str, result: CaseResult) -> None:
             status.stop()  # the figures may go to the same screen
-            for line in case_lines(name, result):
+            for line in _case_lines(name, result):
                 typer.echo(line)
 
         return run_cases(chosen, meshes, repeat, quick, show, tell)
 
 
 def _compare(new: Results, old: Results) -> int:
-    """Print the comparison; how many figures are worse."""
+    """Print the comparison; returns how many figures are worse."""
     changes = compare(new, old)
-    for line in comparison_lines(changes):
-        typer.echo(line)
+    for change in changes:
+        typer.echo(str(change))
     worse = [change.name for change in changes if change.verdict == "worse"]
     typer.echo(f"# {len(worse)} of {len(changes)} figures worse: {', '.join(worse) or 'none'}")
     return len(worse)
 
 
-def _folder(tutorial_meshes: Path | None) -> Path | None:
-    if tutorial_meshes is None:
-        return None
-    if not tutorial_meshes.is_dir():
-        raise BenchmarkError(f"--tutorial-meshes {tutorial_meshes}: no such folder")
-    return tutorial_meshes.resolve()
+def _header_lines(meshes: Meshes) -> Iterator[str]:
+    """The machine, the versions, the meshes; what follows a # is for people."""
+    about = machine.describe_machine()
+    yield (
+        f"# {about['system']}, {about['processor']}, {about['cores']} cores, {about['memory_gb']} GB; "
+        f"load {machine.load():.2f}; Python {about['python']}"
+    )
+    yield "# " + ", ".join(f"{package} {version}" for package, version in machine.versions().items())
+    yield "# meshes: " + ("shipped" if meshes.tutorial is None else "those of SOFA's tutorial")
 
 
-def _made_meshes() -> Path:
-    """Kept from one run to the next: the finest mesh takes ten seconds."""
-    folder = Path(gettempdir()) / "taichisoft-bench-meshes"
-    folder.mkdir(exist_ok=True)
-    return folder
+def _case_lines(name: str, case: CaseResult) -> Iterator[str]:
+    """Facts and figures of a case: `name.metric value`, one a line."""
+    if case.skipped:
+        yield f"# {name}: skipped: {case.skipped}"
+        return
+    if case.problem:
+        yield f"# {name}: failed: {case.problem}"
+        return
+    yield f"# {name}: {case.title}"
+    if case.does_not:
+        yield f"# {name}: does not: {case.does_not}"
+    for fact, value in case.facts.items():
+        yield f"{name}.{fact} {value}"
+    for metric, figure in case.figures.items():
+        yield (
+            f"{name}.{metric} {figure.median:.4g}"
+            f"  # least {figure.minimum:.4g}, spread {figure.spread:.2g}, {len(figure.values)} runs"
+        )
+    for phase, milliseconds in case.phases.items():
+        yield f"{name}.phases.{phase.replace(' ', '_')}_ms {milliseconds:.4g}"
+
+
+def _closing_lines(results: Results) -> Iterator[str]:
+    """Figures of whole groups, figures beside their targets and other programs, and the load at the end."""
+    for name, value in results.derived.items():
+        yield f"{name} {value:.4g}"
+    for label, name, columns in targets_of(results):
+        if columns[OURS] != NOTHING:
+            known = [f"{column} {value}" for column, value in columns.items() if value != NOTHING]
+            yield f"# {name}, {label}: {', '.join(known)}"
+    yield f"# load at the end {results.load['end']:.2f}"

@@ -1,4 +1,4 @@
-"""Is a run slower than an earlier one, beyond what the two scatter?"""
+"""Whether a run is slower than an earlier one, beyond what the two scatter."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.results import CaseResult, Figure, Results
 
 LEAST_NOISE = 0.05
-"""Below this share no change is believed, however alike the repetitions: three of them say little about a machine."""
+"""Share below which no change is believed, however alike the repetitions: three of them say little about a machine."""
 
 TIMES = ("_ms", "_s")
 COMPARED = (*TIMES, "_mb")
@@ -20,8 +20,8 @@ class Change:
 
     Attributes:
         name: "case.metric".
-        ratio: new over old, times each divided by its calibration.
-        noise: by how much it may differ from 1 [-].
+        ratio: new over old [-], times each divided by its calibration.
+        noise: largest difference of the ratio from 1 that says nothing [-].
     """
 
     name: str
@@ -30,10 +30,15 @@ class Change:
 
     @property
     def verdict(self) -> str:
-        """ "worse", "better", or empty within the noise."""
+        """The word "worse" or "better", or nothing within the noise."""
         if self.ratio > 1.0 + self.noise:
             return "worse"
         return "better" if self.ratio < 1.0 / (1.0 + self.noise) else ""
+
+    def __str__(self) -> str:
+        """The change as one line, marked when it is beyond the noise."""
+        mark = f"  <- {self.verdict}" if self.verdict else ""
+        return f"# {self.name} x {self.ratio:.3f} (noise {self.noise:.3f}){mark}"
 
 
 def compare(new: Results, old: Results) -> list[Change]:
@@ -48,13 +53,6 @@ def compare(new: Results, old: Results) -> list[Change]:
     if not changes:
         raise BenchmarkError("the runs have no measured case in common")
     return changes
-
-
-def comparison_lines(changes: list[Change]) -> Iterator[str]:
-    """A line per figure, what changed marked."""
-    for change in changes:
-        mark = f"  <- {change.verdict}" if change.verdict else ""
-        yield f"# {change.name} x {change.ratio:.3f} (noise {change.noise:.3f}){mark}"
 
 
 def _compare_case(name: str, new: Results, old: Results) -> Iterator[Change]:

@@ -1,4 +1,4 @@
-"""What a user of the benchmarks can be told in one line."""
+"""Errors of the benchmarks that a user is told in one line."""
 
 from taichisoft.errors import TaichisoftError
 

@@ -1,16 +1,32 @@
-"""On what a benchmark ran: processor, memory, load, versions."""
+"""The machine of a benchmark: processor, memory, load, versions, and how fast it does a fixed piece of work.
 
+    python -m taichisoft_benchmarks.machine
+
+prints JSON with the milliseconds of a dense product and of a sparse factorisation, the two kinds of arithmetic that a
+step is made of; results of different machines compare as ratios to them. `calibrate` runs it in a process of its own on
+one thread of the numerical library: how many threads a case has must not change what it is divided by.
+"""
+
+import json
 import os
 import platform
 import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import suppress
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
 PACKAGES = ("taichisoft", "taichi", "numpy", "scipy", "gmsh", "open3d-cpu", "cvxopt", "mujoco", "drake")
+ONE_THREAD = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")}
+DENSE_SIZE = 384
+GRID = 12
+ROUNDS = 7
 
 
 def describe_machine() -> dict[str, str]:
-    """What tells machines apart."""
+    """Properties that tell machines apart."""
     return {
         "system": f"{platform.system()} {platform.machine()}",
         "processor": _processor(),
@@ -21,20 +37,58 @@ def describe_machine() -> dict[str, str]:
 
 
 def versions() -> dict[str, str]:
-    """Of the packages that matter and are installed, and the commit when the code is a checkout."""
+    """Versions of the packages that matter and are installed, and the commit when the code is a checkout."""
     found = {}
     for package in PACKAGES:
-        try:
+        with suppress(PackageNotFoundError):
             found[package] = version(package)
-        except PackageNotFoundError:
-            continue
     commit = _commit()
     return {**found, "commit": commit} if commit else found
 
 
 def load() -> float:
-    """Processes that want to run, mean of the last minute; 0 where the system does not tell."""
+    """Mean number of processes that want to run in the last minute; 0 where the system does not tell."""
     return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else 0.0
+
+
+def calibrate() -> float:
+    """Geometric mean of the times of both pieces of work on one thread [ms]."""
+    child = subprocess.run(
+        [sys.executable, "-m", "taichisoft_benchmarks.machine"],
+        env={**os.environ, **ONE_THREAD},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    times = json.loads(child.stdout)
+    return float((times["dense_ms"] * times["sparse_ms"]) ** 0.5)
+
+
+def measure() -> dict[str, float]:
+    """Least time of each piece of work in a few rounds [ms]."""
+    import numpy as np
+    import scipy.sparse as sparse
+    from scipy.sparse.linalg import splu
+
+    random = np.random.default_rng(0)
+    left, right = random.random((2, DENSE_SIZE, DENSE_SIZE))
+    line = sparse.diags([-1.0, 2.1, -1.0], [-1, 0, 1], (GRID, GRID))
+    unit = sparse.identity(GRID)
+    laplacian = (
+        sparse.kron(sparse.kron(line, unit), unit)
+        + sparse.kron(sparse.kron(unit, line), unit)
+        + sparse.kron(sparse.kron(unit, unit), line)
+    ).tocsc()
+    return {"dense_ms": _least(lambda: left @ right), "sparse_ms": _least(lambda: splu(laplacian))}
+
+
+def _least(work: Callable[[], object]) -> float:
+    times = []
+    for _ in range(ROUNDS):
+        started = time.perf_counter()
+        work()
+        times.append(1e3 * (time.perf_counter() - started))
+    return min(times)
 
 
 def _processor() -> str:
@@ -68,3 +122,7 @@ def _commit() -> str:
         ).stdout.strip()
     except (OSError, subprocess.CalledProcessError):
         return ""
+
+
+if __name__ == "__main__":
+    print(json.dumps(measure()))

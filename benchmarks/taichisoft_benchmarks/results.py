@@ -1,8 +1,8 @@
-"""What a benchmark found, as JSON: read back for comparisons, plots and the page of results."""
+"""The results of a benchmark, as JSON: read back for comparisons, plots and the page of results."""
 
 import json
 import statistics
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,15 +12,17 @@ from taichisoft.scenes.scene import Number, Table
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_benchmarks.errors import BenchmarkError
 
+FILE = "results.json"
+
 
 class Figure(Table):
-    """One metric of a case: a value per repetition and what is said of them."""
+    """One metric of a case: a value per repetition, and what they come to."""
 
     values: Annotated[list[Number], Field(min_length=1)]
     minimum: Number
     median: Number
     spread: Number
-    """Largest less smallest value."""
+    """Difference of the largest and the smallest value."""
 
     @classmethod
     def of(cls, values: Sequence[float]) -> "Figure":
@@ -35,29 +37,29 @@ class Figure(Table):
 
 
 class CaseResult(Table):
-    """One case."""
+    """The result of one case."""
 
     group: str
     parameter: dict[str, Any] = Field(default_factory=dict)
-    """What distinguishes it in its group."""
+    """Keys and values that distinguish the case in its group."""
     title: str
     kind: str
     threads: int
-    """0 is all cores."""
+    """Number of threads; 0 is all cores."""
     figures: dict[str, Figure] = Field(default_factory=dict)
-    """By metric; the end of its name is the unit (_ms, _s, _mb), ratios have none."""
+    """Figures by metric; the end of a metric's name is its unit (_ms, _s, _mb), ratios have none."""
     facts: dict[str, Any] = Field(default_factory=dict)
     """What the case turned out to be: nodes, contacts, sweeps."""
-    phases: dict[str, dict[str, Number]] = Field(default_factory=dict)
-    """[ms] by phase of the step, at the `end` of cases of many steps."""
+    phases: dict[str, Number] = Field(default_factory=dict)
+    """Time of each phase of the step at the end of the case [ms]."""
     calibration_ms: list[Number] = Field(default_factory=list)
-    """Of each repetition, beside it."""
+    """Calibration beside each repetition [ms]."""
     does_not: str = ""
     """What another program leaves out of the job."""
     skipped: str = ""
     """Why nothing was measured."""
     problem: str = ""
-    """How it failed."""
+    """How the case failed."""
 
 
 class Results(Table):
@@ -68,22 +70,46 @@ class Results(Table):
     meshes: Literal["shipped", "tutorial"]
     quick: bool = False
     interrupted: bool = False
-    """Whether cases are missing because it was stopped."""
+    """Whether cases are missing because the run was stopped."""
     machine: dict[str, str]
     versions: dict[str, str]
     load: dict[str, Number]
-    """At the start and at the end."""
+    """Load at the start and at the end."""
     cases: dict[str, CaseResult] = Field(default_factory=dict)
     derived: dict[str, Number] = Field(default_factory=dict)
     """Figures of a whole group: gains by threads, memory per finger."""
 
 
+def derive(cases: Mapping[str, CaseResult]) -> dict[str, float]:
+    """Gains by threads and memory per finger, as far as their cases were measured."""
+    found = {}
+    groups: dict[str, list[CaseResult]] = {}
+    for case in cases.values():
+        if case.figures:
+            groups.setdefault(case.group, []).append(case)
+    for name, members in groups.items():
+        if len(members) < 2:
+            continue
+        first, last = members[0], members[-1]
+        if "threads" in first.parameter:
+            for metric in first.figures.keys() & last.figures.keys():
+                if metric.endswith("_ms") and not metric.startswith(("cholmod", "superlu", "python")):
+                    gain = first.figures[metric].median / last.figures[metric].median
+                    found[f"{name}.{metric.removesuffix('_ms')}_gain"] = float(f"{gain:.4g}")
+        if "count" in first.parameter and "peak_mb" in first.figures:
+            more = last.parameter["count"] - first.parameter["count"]
+            grown = last.figures["peak_mb"].minimum - first.figures["peak_mb"].minimum
+            found[f"{name}.mb_per_finger"] = float(f"{grown / more:.4g}")
+    return found
+
+
 def read_results(path: Path) -> Results:
-    """Read a file of `taichisoft bench --json`.
+    """Read the results of `taichisoft bench --output`: a file, or the folder that it is in.
 
     Raises:
         BenchmarkError: it is missing, no JSON, or not of this kind.
     """
+    path = path / FILE if path.is_dir() else path
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
@@ -94,24 +120,26 @@ def read_results(path: Path) -> Results:
         raise BenchmarkError(f"{path}: no results of taichisoft bench: {first_problem(error, Results)}") from error
 
 
-def require_writable(path: Path) -> None:
-    """Make the folder of a file that is to be written, and an empty file where there is none.
+def require_writable(folder: Path) -> None:
+    """Make a folder for results that are to be written, and see that they can be.
 
     Raises:
-        BenchmarkError: it cannot be written.
+        BenchmarkError: they cannot.
     """
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.open("a").close()
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / FILE).open("a").close()
     except OSError as error:
-        raise BenchmarkError(f"--json {path}: cannot be written: {error.strerror or error}") from error
+        raise BenchmarkError(f"--output {folder}: cannot be written: {error.strerror or error}") from error
 
 
-def write_results(results: Results, path: Path) -> None:
-    """Write what `read_results` reads.
+def write_results(results: Results, folder: Path) -> Path:
+    """Write `results.json`, which `read_results` reads.
 
     Raises:
         BenchmarkError: the file cannot be written.
     """
-    require_writable(path)
+    require_writable(folder)
+    path = folder / FILE
     path.write_text(json.dumps(results.model_dump(), indent=1) + "\n", encoding="utf-8")
+    return path

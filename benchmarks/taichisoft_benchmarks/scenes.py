@@ -2,22 +2,24 @@
 
 import math
 from dataclasses import dataclass
+from itertools import permutations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from taichisoft.building.scene_files import load_scene
-from taichisoft.errors import SceneError
+from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import find_file
-from taichisoft_benchmarks.descriptors import Case, ContactsCase, Fingers, FingersCase, SceneCase
+from taichisoft_benchmarks.cases import Case, ContactsCase, Fingers, FingersCase, SceneCase
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.meshes import mat_with_foot
 from taichisoft_meshing.scene_meshes import mesh_for_scene
 
-# Of SOFA's tutorial: the skin with the cavity's wall, and that wall.
-TUTORIAL_SURFACE = "pneunetCut.stl"
-TUTORIAL_CAVITY = "pneunetCavityCut.stl"
+TUTORIAL_MESHES = {"tutorial-coarse": "pneunetCutCoarse.vtk", "tutorial-medium": "pneunetCut.vtk"}
+"""Files in the folder of SOFA's tutorial that take the place of shipped meshes."""
 
 FINGER = "tutorial.toml"
 """Geometry of the fingers whose elements a case gives a size."""
@@ -25,10 +27,16 @@ FINGER = "tutorial.toml"
 CIRCLE = 140.0
 """Radius on which the fingers stand [mm]: twelve of them, 20 mm wide, do not touch when they bend inwards."""
 
+CELL = 2.0
+"""Edge of a cell of the mat [mm]."""
+MAT_CELLS = (27, 27, 2)
+FOOT_DEPTH = 1.0
+"""Height of the foot below the mat [mm]: the vertices beside it are beyond the reach of contacts."""
+
 
 @dataclass(frozen=True)
 class Meshes:
-    """Where meshes come from.
+    """The folders of meshes.
 
     Attributes:
         tutorial: folder of the tutorial's meshes, None for the shipped ones.
@@ -44,7 +52,7 @@ def scene_of(case: Case, meshes: Meshes) -> Scene:
 
     Raises:
         SceneError, MeshError: the scene or one of its files is not valid.
-        BenchmarkError: the folder of tutorial meshes lacks a file.
+        BenchmarkError: the folder of tutorial meshes lacks a file, or cases of this kind have no scene.
     """
     if isinstance(case, FingersCase):
         return _circle_of_fingers(case, meshes)
@@ -54,7 +62,7 @@ def scene_of(case: Case, meshes: Meshes) -> Scene:
         body = f"soft_bodies.{case.finger}"
         changed = [f"{body}.{key}={_as_toml(value)}" for key, value in finger_files(case, meshes).items()]
         return load_scene(case.scene, [*changed, *case.overrides])
-    raise SceneError(f"cases of kind '{case.kind}' have no scene")
+    raise BenchmarkError(f"cases of kind '{case.kind}' have no scene")
 
 
 def finger_files(case: Fingers, meshes: Meshes) -> dict[str, Any]:
@@ -66,16 +74,21 @@ def finger_files(case: Fingers, meshes: Meshes) -> dict[str, Any]:
     if case.element_size is not None:
         mesh_for_scene(find_file(FINGER, "fingers", ()), size=case.element_size)  # now, before any clock runs
         return {"mesh": {"file": FINGER, "size": case.element_size}}
-    if meshes.tutorial is None or case.tutorial_mesh is None:
+    if meshes.tutorial is None or case.mesh not in TUTORIAL_MESHES:
         return {"mesh": case.mesh}
-    folder = meshes.tutorial.resolve()
-    for name in (case.tutorial_mesh, TUTORIAL_SURFACE, TUTORIAL_CAVITY):
-        if not (folder / name).is_file():
-            raise BenchmarkError(f"--tutorial-meshes {meshes.tutorial}: has no {name}")
+    mesh = meshes.tutorial.resolve() / TUTORIAL_MESHES[case.mesh]
+    surfaces = tutorial_surfaces(mesh.parent)
+    for file in (mesh, surfaces["collision_surface"], surfaces["cavities"]["cavity"]["surface"]):
+        if not Path(file).is_file():
+            raise BenchmarkError(f"--tutorial-meshes {meshes.tutorial}: has no {Path(file).name}")
+    return {"mesh": str(mesh), **surfaces}
+
+
+def tutorial_surfaces(folder: Path) -> dict[str, Any]:
+    """The keys of a finger that name surfaces of SOFA's tutorial: the skin with the cavity's wall, and that wall."""
     return {
-        "mesh": str(folder / case.tutorial_mesh),
-        "collision_surface": str(folder / TUTORIAL_SURFACE),
-        "cavities.cavity": {"surface": str(folder / TUTORIAL_CAVITY)},
+        "collision_surface": str(folder / "pneunetCut.stl"),
+        "cavities": {"cavity": {"surface": str(folder / "pneunetCavityCut.stl")}},
     }
 
 
@@ -87,10 +100,9 @@ def _as_toml(value: Any) -> str:
 
 def _circle_of_fingers(case: FingersCase, meshes: Meshes) -> Scene:
     """The finger of the inflated scene, `count` times around the x axis, each bending towards it."""
-    files = finger_files(case, meshes)
-    cavity = files.pop("cavities.cavity", {"group": "cavity"})
     first = load_scene("finger-inflated").model_dump(mode="json", exclude_none=True)
-    finger = {**first["soft_bodies"]["finger"], **files, "cavities": {"cavity": cavity}}
+    cavities = {"cavities": {"cavity": {"group": "cavity"}}}
+    finger = {**first["soft_bodies"]["finger"], **cavities, **finger_files(case, meshes)}
     fingers = {}
     for index in range(case.count):
         degrees = 360.0 * index / case.count
@@ -102,6 +114,9 @@ def _circle_of_fingers(case: FingersCase, meshes: Meshes) -> Scene:
 
 def _mat(case: ContactsCase, meshes: Meshes) -> Scene:
     """A mat that stands on its foot, one contact per vertex."""
+    path = meshes.made / f"mat-on-{case.foot}.msh"
+    if not path.exists():
+        write_volume_mesh(make_mat(case.foot), path)
     return scene_from_dict(
         {
             "gravity": [0.0, 0.0, -9810.0],
@@ -117,7 +132,7 @@ def _mat(case: ContactsCase, meshes: Meshes) -> Scene:
             "controller": {"name": "scripted", "settings": {"script": "rest"}},
             "soft_bodies": {
                 "mat": {
-                    "mesh": str(mat_with_foot(case.foot, meshes.made)),
+                    "mesh": str(path),
                     "density": 1e-6,
                     "young_modulus": 500.0,
                     "poisson_ratio": 0.3,
@@ -128,3 +143,26 @@ def _mat(case: ContactsCase, meshes: Meshes) -> Scene:
         },
         "benchmark mat",
     )
+
+
+def make_mat(foot: int) -> VolumeMesh:
+    """A mat of 28 x 28 x 3 nodes, `foot` x `foot` of which stand out of its underside down to z = 0.
+
+    It is made of boxes of six tetrahedra each; the node at (i, j, k) is number (i * 28 + j) * 3 + k.
+    """
+    counts = np.array(MAT_CELLS) + 1
+    nodes = np.stack(np.meshgrid(*(np.arange(n) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    strides = np.array([counts[1] * counts[2], counts[2], 1])
+    corners = nodes[(nodes < np.array(MAT_CELLS)).all(axis=1)]
+    # Each tetrahedron follows three edges from the lowest to the highest corner of its box.
+    paths = []
+    for order in permutations(range(3)):
+        path = np.cumsum([np.zeros(3, dtype=int), *np.eye(3, dtype=int)[list(order)]], axis=0)
+        paths.append(path if np.linalg.det(np.eye(3)[list(order)]) > 0 else path[[0, 2, 1, 3]])
+    elements = ((corners[:, None, None, :] + np.array(paths)) @ strides).reshape(-1, 4)
+    first = (counts[0] - foot) // 2
+    across = (nodes[:, :2] >= first) & (nodes[:, :2] < first + foot)
+    on_foot = across.all(axis=1) & (nodes[:, 2] == 0)
+    position = CELL * nodes.astype(float)
+    position[:, 2] += np.where((nodes[:, 2] == 0) & ~on_foot, FOOT_DEPTH, 0.0)
+    return VolumeMesh("mat", position, elements).check()

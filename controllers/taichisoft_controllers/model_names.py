@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 from taichisoft.errors import SceneError, nearest
 
 if TYPE_CHECKING:
+    from taichisoft.control.observation import Pair
     from taichisoft.model import Model
 
 
@@ -65,19 +66,19 @@ def object_called(name: str | None, model: "Model") -> str:
     return chosen[0]
 
 
-def pairs_called(name: str | None, model: "Model") -> list[str]:
-    """The pair of bodies, whichever way round; without a name all pairs of a soft body and a grasped object.
+def pairs_called(name: str | None, model: "Model") -> list["Pair"]:
+    """The pair of bodies called "finger1|cube", whichever way round; without a name soft bodies with grasped objects.
 
     Raises:
         SceneError: there is none.
     """
     if name is None:
-        pairs = [f"{body.name}|{other}" for body in model.soft_bodies for other in grasped_objects(model)]
-        return called(None, pairs, "soft body")
+        objects = grasped_objects(model)
+        return [(soft, other) for soft in called(None, list(model.scene.soft_bodies), "soft body") for other in objects]
     fixed = {obstacle.name for obstacle in model.obstacles}
-    pairs = [f"{one}|{other}" for one, other in combinations(model.body_names, 2) if not {one, other} <= fixed]
+    pairs = {"|".join(pair): pair for pair in combinations(model.body_names, 2) if not fixed.issuperset(pair)}
     turned = "|".join(reversed(name.split("|")))
-    return [turned] if turned in pairs else called(name, pairs, "pair of bodies")
+    return [pairs[turned if turned in pairs else called(name, list(pairs), "pair of bodies")[0]]]
 
 
 def grasped_objects(model: "Model") -> list[str]:

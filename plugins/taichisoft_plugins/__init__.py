@@ -19,8 +19,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
     from taichisoft_plugins.csv_output import CsvOutput
     from taichisoft_plugins.metrics import MetricsOutput
     from taichisoft_plugins.recording.output import RecordingOutput
-    from taichisoft_plugins.rendering.pictures import PicturesOutput
-    from taichisoft_plugins.rendering.video_output import VideoOutput
+    from taichisoft_plugins.rendering.outputs import PicturesOutput, VideoOutput
     from taichisoft_plugins.report.output import ReportOutput
     from taichisoft_plugins.web.output import WebOutput
 
@@ -42,9 +41,6 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
 
     return {
         "--every": RunOption("recording", "Record every N-th step and the last one.", "every", int, "N"),
-        "--fields": RunOption(
-            "recording", "What to record: positions,forces,...; all if not given.", "fields", str, "NAMES"
-        ),
         "--compress": RunOption("recording", "Pack the recording: a quarter smaller, but slower.", "compress", bool),
         "--image": RunOption("pictures", "Draw pictures of the key moments at the end."),
         "--video": RunOption("video", "Draw a video at the end: .mp4, .gif, or a folder.", "file", Path, "FILE"),
@@ -67,7 +63,7 @@ def taichisoft_run_begins(session: "Session") -> None:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """`taichisoft resume`, `render`, `plot`, `report`, `export` and `doctor`."""
+    """`taichisoft resume`, `render`, `view`, `plot`, `report`, `export` and `doctor`."""
     from taichisoft_plugins.doctor.command import doctor
     from taichisoft_plugins.paraview.command import export
     from taichisoft_plugins.plots.command import plot
@@ -76,13 +72,8 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     from taichisoft_plugins.report.command import report
     from taichisoft_plugins.web.view_command import view
 
-    application.command()(resume)
-    application.command()(render)
-    application.command()(view)
-    application.command()(plot)
-    application.command()(report)
-    application.command()(export)
-    application.command()(doctor)
+    for command in (resume, render, view, plot, report, export, doctor):
+        application.command()(command)
 
 
 @hookimpl

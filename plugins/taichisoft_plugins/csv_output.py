@@ -1,19 +1,18 @@
-"""The output "csv": what a plot needs of every step, in run.csv, for pandas or a spreadsheet."""
+"""The output "csv": a row of figures for every step, in run.csv, for pandas or a spreadsheet."""
 
 import csv
 import warnings
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TextIO
 
 import numpy as np
 
-from taichisoft.errors import TaichisoftError
+from taichisoft.atomic_file import named_os_errors
 from taichisoft.session.output import Output
 
 if TYPE_CHECKING:
+    from taichisoft.control.observation import Pair
     from taichisoft.model import Model
     from taichisoft.state import State
     from taichisoft.step.report import StepReport
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 FILE_NAME = "run.csv"
 
 BUFFERED_STEPS = 50
-"""Rows between two times that the file is brought up to date: what a killed run loses at most."""
+"""Most rows that are kept in memory, which a killed run loses."""
 
 PAIR_UNITS = {"normal_force": "mN", "friction_force": "mN", "slip_speed": "mm/s"}
 """Columns of every pair of bodies; a report has them under the plural."""
@@ -30,7 +29,7 @@ PAIR_UNITS = {"normal_force": "mN", "friction_force": "mN", "slip_speed": "mm/s"
 class CsvOutput(Output):
     """Writes a row for every step, with its time at its end.
 
-    Columns are named "quantity of-what [unit]"; the first row of names is written with the first step, which shows
+    Columns are named "quantity name [unit]"; the first row of names is written with the first step, which shows
     what signals the controller has.
     """
 
@@ -43,19 +42,17 @@ class CsvOutput(Output):
         self._warned: set[str] = set()
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Open the file, and take the names of what there is a column for.
+        """Open the file, and take the names of the columns.
 
         Raises:
-            TaichisoftError: the file cannot be made.
+            TaichisoftError: The file cannot be made.
         """
-        gravity = np.array(model.scene.gravity)
-        size = np.linalg.norm(gravity)
-        self._up = -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
+        self._up = model.scene.up
         self._start = state.rigid_position.copy()
         self._cavities = [cavity.name for body in model.soft_bodies for cavity in body.cavities]
         self._objects = [body.name for body in model.rigid_bodies]
         self._pairs = pairs_with_objects(model)
-        with self._errors():
+        with named_os_errors(self.path):
             self.path.parent.mkdir(parents=True, exist_ok=True)
             self._file = self.path.open("w", encoding="utf-8", newline="")
         self._writer = csv.writer(self._file)
@@ -64,10 +61,10 @@ class CsvOutput(Output):
         """Write a row.
 
         Raises:
-            TaichisoftError: the disk is full, or the like.
+            TaichisoftError: The disk is full, or the like.
         """
         assert self._file is not None
-        with self._errors():
+        with named_os_errors(self.path):
             if self._row_count == 0:
                 self._signals = list(report.signals)
                 self._writer.writerow(self._columns())
@@ -83,18 +80,18 @@ class CsvOutput(Output):
             )
 
     def restart(self, state: "State") -> None:
-        """The rows go on from an earlier time; the column "restarts" tells them from those before."""
+        """Count the restart: rows go on from an earlier time, and a column tells them from those before."""
         self._restart_count += 1
 
     def end(self, outcome: str) -> None:
         """Close the file; without any step it has the names of the columns only.
 
         Raises:
-            TaichisoftError: the disk is full, or the like.
+            TaichisoftError: The disk is full, or the like.
         """
         if self._file is None:
             return
-        with self._errors(), self._file:
+        with named_os_errors(self.path), self._file:
             if self._row_count == 0:
                 self._writer.writerow(self._columns())
 
@@ -108,54 +105,44 @@ class CsvOutput(Output):
             *(f"base_rotation {axis} [degrees]" for axis in "xyz"),
             *(f"position {name} {axis} [mm]" for name in self._objects for axis in "xyz"),
             *(f"lift {name} [mm]" for name in self._objects),
-            *(f"{quantity} {pair} [{unit}]" for quantity, unit in PAIR_UNITS.items() for pair in self._pairs),
+            *(f"{quantity} {'|'.join(pair)} [{unit}]" for quantity, unit in PAIR_UNITS.items() for pair in self._pairs),
             *(f"signal {name}" for name in self._signals),
             "clipped",
         ]
 
     def _row(self, state: "State", report: "StepReport") -> list[str]:
+        seen = report.observation
         numbers = [
-            *(report.pressures[cavity] for cavity in self._cavities),
-            *(report.volumes[cavity] for cavity in self._cavities),
+            *(seen.pressures[cavity] for cavity in self._cavities),
+            *(seen.volumes[cavity] for cavity in self._cavities),
             *state.base_translation.tolist(),
             *np.degrees(state.base_rotation).tolist(),
             *state.rigid_position.ravel().tolist(),
             *((state.rigid_position - self._start) @ self._up).tolist(),
         ]
         for quantity in PAIR_UNITS:
-            numbers += _of_pairs(getattr(report, f"{quantity}s"), self._pairs)
+            values = getattr(seen, f"{quantity}s")  # pairs between which no contact was found are missing
+            numbers += [values.get(pair, 0.0) for pair in self._pairs]
         signals = (report.signals.get(name) for name in self._signals)
         return [
             _text(report.time),
             str(self._restart_count),
             *map(_text, numbers),
             *("" if value is None else _text(value) for value in signals),
-            "|".join(report.clipped),  # no name contains this
+            "|".join(seen.clipped),  # no name contains this
         ]
 
-    @contextmanager
-    def _errors(self) -> Iterator[None]:
-        try:
-            yield
-        except OSError as error:
-            raise TaichisoftError(f"{self.path}: cannot be written: {error.strerror or error}") from error
 
-
-def pairs_with_objects(model: "Model") -> list[str]:
-    """All pairs of a rigid body with any other body, named as the engine names them.
+def pairs_with_objects(model: "Model") -> list["Pair"]:
+    """All pairs of a rigid body with any other body, in the order of the scene.
 
     What soft bodies do to each other and to obstacles is in the recording.
     """
     soft, rigid = [body.name for body in model.soft_bodies], [body.name for body in model.rigid_bodies]
-    pairs = [(body, other) for body in soft for other in rigid]
+    pairs: list[Pair] = [(body, other) for body in soft for other in rigid]
     pairs += combinations(rigid, 2)
     pairs += [(body, obstacle.name) for body in rigid for obstacle in model.obstacles]
-    return ["|".join(pair) for pair in pairs]
-
-
-def _of_pairs(values: Mapping[str, float], pairs: list[str]) -> list[float]:
-    """In the order of `pairs`; those between which no contact was found have 0."""
-    return [values.get(pair, 0.0) for pair in pairs]
+    return pairs
 
 
 def _text(value: float) -> str:

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.errors import GoalMissed, TaichisoftError
+from taichisoft.atomic_file import atomic_file
+from taichisoft.errors import GoalMissed
 from taichisoft.session.output import Output
 
 if TYPE_CHECKING:
@@ -26,18 +27,14 @@ class MetricsOutput(Output):
         self.metrics: dict[str, Any] = {}
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Take what the scene's goal is about."""
+        """Look up the object of the scene's goal."""
         self._scene = model.scene
-        gravity = model.gravity
-        size = np.linalg.norm(gravity)
-        self._up = -gravity / size if size > 0.0 else np.array([0.0, 0.0, 1.0])
         goal = self._scene.goal
-        self._object = [body.name for body in model.rigid_bodies].index(goal.object) if goal is not None else None
-        self._soft_names = {body.name for body in model.soft_bodies}
+        self._object = list(self._scene.rigid_bodies).index(goal.object) if goal is not None else None
         self.restart(state)
 
     def restart(self, state: "State") -> None:
-        """The figures are those since the last start."""
+        """Forget all steps before: the figures are those since the last start."""
         self._reports: list[StepReport] = []
         self._object_positions = [self._object_position(state)]
         self._base_positions = [state.base_translation]
@@ -52,8 +49,8 @@ class MetricsOutput(Output):
         """Write metrics.json.
 
         Raises:
-            GoalMissed: the run was completed, but its goal was not reached.
-            TaichisoftError: the file cannot be written.
+            GoalMissed: The run was completed, but its goal was not reached.
+            TaichisoftError: The file cannot be written.
         """
         self.metrics = {"outcome": outcome, **self._step_metrics(), **self._goal_metrics()}
         goal = self._scene.goal
@@ -88,11 +85,9 @@ class MetricsOutput(Output):
 
     def _write(self) -> None:
         path = self.folder / FILE_NAME
-        try:
+        with atomic_file(path) as partial:
             self.folder.mkdir(parents=True, exist_ok=True)
-            path.write_text(json.dumps(self.metrics, indent=2) + "\n", encoding="utf-8")
-        except OSError as error:
-            raise TaichisoftError(f"{path}: cannot be written: {error.strerror or error}") from error
+            partial.write_text(json.dumps(self.metrics, indent=2) + "\n", encoding="utf-8")
 
     def _object_position(self, state: "State") -> np.ndarray:
         return state.rigid_position[self._object] if self._object is not None else np.zeros(3)
@@ -122,11 +117,12 @@ class MetricsOutput(Output):
         base, position = np.array(self._base_positions), np.array(self._object_positions)
         moves = np.any(base != base[0], axis=1)
         before = max(0, int(np.argmax(moves)) - 1) if moves.any() else 0
-        base_lift = float((base[-1] - base[before]) @ self._up)
-        object_lift = float((position[-1] - position[before]) @ self._up)
+        base_lift = float((base[-1] - base[before]) @ self._scene.up)
+        object_lift = float((position[-1] - position[before]) @ self._scene.up)
         hold_steps = max(1, round(goal.hold / self._scene.time.step))
         held = position[-1 - min(len(self._reports), hold_steps) :]
-        forces = np.array([self._normal_force(report, self._soft_names) for report in self._reports])
+        forces = np.array([self._normal_force(report, self._scene.soft_bodies) for report in self._reports])
+        final = self._reports[-1].observation
         return {
             "object_lift_mm": object_lift,
             "base_lift_mm": base_lift,
@@ -134,7 +130,7 @@ class MetricsOutput(Output):
             "object_creep_mm": float(np.linalg.norm(held - held[0], axis=1).max()),
             "peak_normal_force_mN": float(forces.max()),
             "mean_normal_force_mN": float(forces[-len(held) + 1 :].mean()),
-            "final_normal_forces_mN": self._reports[-1].normal_forces,
+            "final_normal_forces_mN": {"|".join(pair): force for pair, force in final.normal_forces.items()},
             "final_object_position_mm": position[-1].tolist(),
         }
 
@@ -142,7 +138,7 @@ class MetricsOutput(Output):
         """Sum of the normal forces between the object and other bodies [mN]."""
         assert self._scene.goal is not None
         pairs = [{self._scene.goal.object, other} for other in others]
-        return sum(force for pair, force in report.normal_forces.items() if set(pair.split("|")) in pairs)
+        return sum(force for pair, force in report.observation.normal_forces.items() if set(pair) in pairs)
 
     def _shortcomings(self) -> list[str]:
         """What keeps the object from counting as lifted and held; each names the figure and its limit."""

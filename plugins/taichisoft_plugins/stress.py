@@ -6,9 +6,14 @@ which is Hooke's law in the element's own axes, turned to those of the world. Th
 f_a = -w s R g_a, with w the element's volume at rest and g_a the gradients of its shape functions.
 """
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 
 from taichisoft.bodies.elements import edge_frames, lame_parameters, linear_tetrahedra
+
+if TYPE_CHECKING:
+    from taichisoft_plugins.recording.reader import Recording
 
 
 class StressLaw:
@@ -22,14 +27,30 @@ class StressLaw:
         poisson_ratio: np.ndarray,
         polar: bool = False,
     ):
-        """Compute what does not change with the positions; the arguments are those of `element_stress`."""
+        """Compute what does not change with the positions.
+
+        Args:
+            rest_position: Nodes at rest [mm], shape (node_count, 3).
+            elements: Node indices, shape (element_count, 4).
+            young_modulus: Young's modulus of each element [kPa], shape (element_count,).
+            poisson_ratio: Poisson's ratio of each element, shape (element_count,).
+            polar: Whether rotations come from the polar decomposition (`corotation = "polar"` in a scene) and not from
+                the first two edges.
+        """
         self._elements = elements
         self._gradients = linear_tetrahedra(rest_position, elements)[0][:, 0]
         self._lame = lame_parameters(young_modulus, poisson_ratio)
         self._from_rest_frame = None if polar else np.swapaxes(_frames(rest_position, elements), 1, 2)
 
     def stress(self, position: np.ndarray) -> np.ndarray:
-        """Stress [kPa], shape (element_count, 3, 3), with the nodes at `position` [mm], shape (node_count, 3)."""
+        """Corotational stress of each element, in the axes of the world.
+
+        Args:
+            position: Nodes [mm], shape (node_count, 3).
+
+        Returns:
+            Stress [kPa], positive in tension, shape (element_count, 3, 3).
+        """
         deformation = np.swapaxes(position[self._elements], 1, 2) @ self._gradients
         if self._from_rest_frame is None:
             rotation = _polar_rotations(deformation)
@@ -43,32 +64,23 @@ class StressLaw:
         return rotation @ stress @ back
 
 
-def element_stress(
-    rest_position: np.ndarray,
-    elements: np.ndarray,
-    young_modulus: np.ndarray,
-    poisson_ratio: np.ndarray,
-    position: np.ndarray,
-    polar: bool = False,
-) -> np.ndarray:
-    """Corotational stress of linear tetrahedra, constant in each, in the axes of the world.
-
-    Args:
-        rest_position: of the nodes [mm], shape (node_count, 3).
-        elements: node indices, shape (element_count, 4).
-        young_modulus: [kPa], shape (element_count,).
-        poisson_ratio: [-], shape (element_count,).
-        position: of the nodes [mm], shape (node_count, 3).
-        polar: rotations by the polar decomposition (a scene's `corotation = "polar"`) instead of the first two edges.
-
-    Returns:
-        [kPa], positive in tension, shape (element_count, 3, 3).
-    """
-    return StressLaw(rest_position, elements, young_modulus, poisson_ratio, polar).stress(position)
+def stress_laws(recording: "Recording") -> list[StressLaw]:
+    """The laws of the soft bodies of a recording, in their order."""
+    settings = recording.scene.soft_bodies
+    return [
+        StressLaw(
+            body.rest_position,
+            body.elements,
+            body.young_modulus,
+            body.poisson_ratio,
+            polar=settings[body.name].corotation == "polar",
+        )
+        for body in recording.soft_bodies
+    ]
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:
-    """Equivalent stress [kPa], shape (count,), of stresses [kPa] of shape (count, 3, 3): that of a bar in tension."""
+    """Equivalent stress of a bar in tension [kPa], shape (count,), for stresses [kPa], shape (count, 3, 3)."""
     mean = np.trace(stress, axis1=1, axis2=2) / 3.0
     deviator = stress - mean[:, None, None] * np.eye(3)
     return np.sqrt(1.5 * np.einsum("eij,eij->e", deviator, deviator))
@@ -78,12 +90,12 @@ def nodal_mean(values: np.ndarray, elements: np.ndarray, rest_position: np.ndarr
     """Mean of the elements around each node, weighted with their volumes at rest.
 
     Args:
-        values: of the elements, shape (element_count,).
-        elements: node indices, shape (element_count, 4); every node belongs to one.
-        rest_position: of the nodes [mm], shape (node_count, 3).
+        values: Values of the elements, shape (element_count,).
+        elements: Node indices, shape (element_count, 4); every node belongs to one.
+        rest_position: Nodes at rest [mm], shape (node_count, 3).
 
     Returns:
-        Shape (node_count,), in the unit of `values`.
+        Means in the unit of `values`, shape (node_count,).
     """
     _, volumes = linear_tetrahedra(rest_position, elements)
     corners, node_count = elements.ravel(), len(rest_position)

@@ -9,14 +9,12 @@ from taichisoft.kernels import cavities as kernels
 
 
 class Cavities:
-    """All cavities in one set of arrays.
+    """All cavities in one set of arrays, which never change.
 
     Attributes:
         names: "body.cavity", in order.
         rest_volume: [mm^3], shape (cavity_count,).
-        entry_start: where each cavity's nodes stand in `entry_node` and `gradient`, shape (cavity_count + 1,).
-        entry_node: the soft nodes that each cavity's volume depends on.
-        gradient: dV/dx [mm^2] for each entry, shape (entry_count, 3).
+        surfaces: what the kernels read; without cavities its arrays are empty.
     """
 
     def __init__(self, bodies: Sequence[SoftBody]):
@@ -24,76 +22,85 @@ class Cavities:
         found = [(body, cavity) for body in bodies for cavity in body.cavities]
         self.names = tuple(cavity.name for _, cavity in found)
         self.rest_volume = np.array([cavity.rest_volume for _, cavity in found])
-        nodes, weights, triangles, entries, parts = [], [], [], [], []
-        vertex_count = entry_count = 0
-        for body, cavity in found:
-            surface = cavity.surface
-            global_nodes = surface.nodes + body.nodes.start
-            used, place = np.unique(global_nodes, return_inverse=True)
-            vertex = np.repeat(np.arange(len(global_nodes)) + vertex_count, global_nodes.shape[1])
-            parts.append(np.column_stack([place.reshape(-1) + entry_count, vertex]))
+        tables = [(cavity.surface.nodes + body.nodes.start, cavity.surface.weights) for body, cavity in found]
+        triangles = [cavity.surface.triangles for _, cavity in found]
+        entries, parts = [], []
+        vertex_start = np.cumsum([0, *(len(nodes) for nodes, _ in tables)])
+        entry_start = [0]
+        for (nodes, _), first_vertex in zip(tables, vertex_start[:-1], strict=True):
+            used, place = np.unique(nodes, return_inverse=True)
+            vertex = np.repeat(np.arange(len(nodes)) + first_vertex, nodes.shape[1])
+            parts.append(np.column_stack([place.reshape(-1) + entry_start[-1], vertex]))
             entries.append(used)
-            nodes.append(global_nodes)
-            weights.append(surface.weights)
-            triangles.append(surface.triangles + vertex_count)
-            vertex_count += len(global_nodes)
-            entry_count += len(used)
-        self.entry_start = np.cumsum([0, *(len(used) for used in entries)]).astype(np.int32)
-        self.gradient = np.zeros((entry_count, 3))
-        self.entry_node = np.concatenate([*entries, np.zeros(0)]).astype(np.int32)
-        self._volume, self._flow = np.zeros(len(found)), np.zeros(len(found))
-        self._entry_velocity = np.zeros((entry_count, 3))
-        self._node_position = np.full((sum(len(body.rest_position) for body in bodies), 3), np.nan)
-        if not found:
-            return
-        most = max(table.shape[1] for table in nodes)
-        self._vertex_nodes = np.vstack([_padded(table, most) for table in nodes]).astype(np.int32)
-        self._vertex_weights = np.vstack([_padded(table, most) for table in weights])
-        self._triangle_start = np.cumsum([0, *(len(part) for part in triangles)]).astype(np.int32)
-        self._triangles = np.vstack(triangles).astype(np.int32)
-        self._position, self._area_vector = np.empty((vertex_count, 3)), np.empty((vertex_count, 3))
-        all_parts = np.vstack(parts)
+            entry_start.append(entry_start[-1] + len(used))
+        most = max((nodes.shape[1] for nodes, _ in tables), default=1)
+        all_parts = np.vstack([np.zeros((0, 2), dtype=np.int64), *parts])
         by_entry = np.argsort(all_parts[:, 0], kind="stable")
-        self._part_start = np.searchsorted(all_parts[by_entry, 0], np.arange(entry_count + 1)).astype(np.int32)
-        self._part_vertex = all_parts[by_entry, 1].astype(np.int32)
-        self._part_weight = np.concatenate([weight.reshape(-1) for weight in weights])[by_entry]
-
-    def update(self, node_position: np.ndarray) -> None:
-        """Fill `gradient` for node positions [mm], shape (node_count, 3)."""
-        if not self.names or np.array_equal(node_position, self._node_position):
-            return  # the volumes at the end of a step come with the gradients for the start of the next
-        self._node_position[:] = node_position
-        kernels.volumes_and_gradients(
-            self._node_position,
-            self._vertex_nodes,
-            self._vertex_weights,
-            self._triangle_start,
-            self._triangles,
-            self._part_start,
-            self._part_vertex,
-            self._part_weight,
-            self._position,
-            self._area_vector,
-            self._volume,
-            self.gradient,
+        shifted = [part + first for part, first in zip(triangles, vertex_start[:-1], strict=True)]
+        part_start = np.searchsorted(all_parts[by_entry, 0], np.arange(entry_start[-1] + 1))
+        part_weight = np.concatenate([np.zeros(0), *(weights.reshape(-1) for _, weights in tables)])[by_entry]
+        self.surfaces = kernels.CavitySurfaces(
+            vertex_nodes=_stacked([_padded(nodes, most) for nodes, _ in tables], most, np.int32),
+            vertex_weights=_stacked([_padded(weights, most) for _, weights in tables], most, np.float64),
+            triangle_start=np.cumsum([0, *(len(part) for part in triangles)]).astype(np.int32),
+            triangles=_stacked(shifted, 3, np.int32),
+            entry_start=np.array(entry_start, dtype=np.int32),
+            entry_node=np.concatenate([*entries, np.zeros(0)]).astype(np.int32),
+            part_start=part_start.astype(np.int32),
+            part_vertex=all_parts[by_entry, 1].astype(np.int32),
+            part_weight=part_weight,
         )
 
+
+class CavityVolumes:
+    """Volumes of the cavities, and how they change with the nodes, at present positions.
+
+    Attributes:
+        gradient: dV/dx [mm^2] for each entry of the cavities' surfaces, shape (entry_count, 3).
+    """
+
+    def __init__(self, cavities: Cavities, node_count: int):
+        """Make room."""
+        self._surfaces = surfaces = cavities.surfaces
+        vertex_count, cavity_count = len(surfaces.vertex_nodes), len(cavities.names)
+        self.gradient = np.zeros((len(surfaces.entry_node), 3))
+        self._volumes = kernels.CavityVolumes(
+            position=np.empty((vertex_count, 3)),
+            area_vector=np.empty((vertex_count, 3)),
+            volume=np.zeros(cavity_count),
+            gradient=self.gradient,
+            flow=np.zeros(cavity_count),
+        )
+        self._measured: np.ndarray | None = None
+        self._node_position, self._node_velocity = np.empty((node_count, 3)), np.empty((node_count, 3))
+
+    def update(self, node_position: np.ndarray) -> None:
+        """Fill `gradient` and the volumes for node positions [mm], shape (node_count, 3), that stay as they are."""
+        if node_position is self._measured or not len(self._volumes.volume):
+            return  # the volumes at the end of a step come with the gradients for the start of the next
+        self._measured = node_position
+        self._node_position[:] = node_position
+        kernels.volumes_and_gradients(self._node_position, self._surfaces, self._volumes)
+
     def volumes(self, node_position: np.ndarray) -> np.ndarray:
-        """Enclosed volumes [mm^3], shape (cavity_count,), for node positions [mm], shape (node_count, 3)."""
+        """Enclosed volumes [mm^3], shape (cavity_count,), for node positions [mm] as in `update`."""
         self.update(node_position)
-        return self._volume.copy()
+        return self._volumes.volume.copy()
 
     def flows(self, node_position: np.ndarray, node_velocity: np.ndarray) -> np.ndarray:
         """Rates of change of the volumes [mm^3/s], shape (cavity_count,), at these positions and velocities (N, 3)."""
-        if not self.names:
-            return np.zeros(0)
         self.update(node_position)
-        # mode="raise" would copy once more.
-        np.take(node_velocity, self.entry_node, axis=0, out=self._entry_velocity, mode="clip")
-        kernels.flows(self.entry_start, self.gradient, self._entry_velocity, self._flow)
-        return self._flow.copy()
+        if len(self._volumes.flow):
+            self._node_velocity[:] = node_velocity
+            kernels.flows(self._node_velocity, self._surfaces, self._volumes)
+        return self._volumes.flow.copy()
 
 
 def _padded(table: np.ndarray, columns: int) -> np.ndarray:
     """Fill up with node 0 of weight 0."""
     return np.pad(table, ((0, 0), (0, columns - table.shape[1])))
+
+
+def _stacked(tables: list[np.ndarray], columns: int, kind: type) -> np.ndarray:
+    """The tables under each other; without any an empty one."""
+    return np.vstack([np.zeros((0, columns)), *tables]).astype(kind)

@@ -8,17 +8,25 @@ import scipy.sparse as sparse
 from taichisoft.bodies.elements import edge_frames, linear_tetrahedra
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.cholesky.solver import Cholesky
+from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.kernels import elasticity as kernels
 
 
 class Elasticity:
-    """Internal forces and A = (1 + h a) M + h (h + b) K over all soft nodes, one block of A per body.
+    """All soft bodies, whose matrix A = (1 + h a) M + h (h + b) K has one block of trees per body; it never changes.
 
     Attributes:
-        solver: the direct solver, whose `blocks` `assemble` fills.
+        elements: node indices, shape (element_count, nodes_per_element).
+        rest_position: of the nodes [mm], shape (node_count, 3).
+        lame: Lame's lambda and mu of each element [kPa], shape (element_count, 2).
+        gradient: of the shape functions [1/mm], shape (element_count, point_count, nodes_per_element, 3).
+        volume: of each quadrature point [mm^3], shape (element_count, point_count).
         node_mass: [kg], shape (node_count,).
+        node_rayleigh_mass: Rayleigh's factor a [1/s], shape (node_count,).
+        node_lag: h + b [s], shape (node_count,).
         anchor_stiffness: [mN/mm], shape (node_count,).
-        rotation: of each element at the last call of `assemble`, shape (element_count, 3, 3).
+        symbolic: the pattern of A and of its factor.
+        element_data, block_parts: what the kernels read.
     """
 
     def __init__(self, bodies: Sequence[SoftBody], time_step: float):
@@ -30,88 +38,93 @@ class Elasticity:
         self.lame = np.vstack([body.lame for body in bodies])
         self.node_mass = np.concatenate([body.node_mass for body in bodies])
         self.anchor_stiffness = np.concatenate([body.anchor_stiffness for body in bodies])
-        self._polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
         node_counts = [len(body.rest_position) for body in bodies]
         rayleigh_stiffness = np.array([body.settings.rayleigh_stiffness for body in bodies])
         self.node_rayleigh_mass = np.repeat([body.settings.rayleigh_mass for body in bodies], node_counts)
-        self.node_lag = np.repeat(time_step + rayleigh_stiffness, node_counts)  # h + b
-        self._element_lag = np.repeat(time_step + rayleigh_stiffness, counts)
-        self._diagonal = (
+        self.node_lag = np.repeat(time_step + rayleigh_stiffness, node_counts)
+        polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
+        self.element_data = self._element_data(polar, np.repeat(time_step + rayleigh_stiffness, counts), time_step)
+        diagonal = (
             1.0 + time_step * self.node_rayleigh_mass
         ) * self.node_mass + time_step * self.node_lag * self.anchor_stiffness
-        self._lay_out_elements(time_step * self._element_lag)
-        self._lay_out_blocks()
-
-    def _lay_out_elements(self, stiffness_factor: np.ndarray) -> None:
-        """Element data for the kernel; `stiffness_factor`, K's in A, has shape (element_count,)."""
-        corners = self.rest_position[self.elements[:, :3]]
-        self._rest_frame = edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        shear_weight = np.sqrt(stiffness_factor[:, None] * self.volume * self.lame[:, 1:])
-        self._shape_gradient = _points_apart(self.gradient)
-        self._scaled_gradient = _points_apart(shear_weight[:, :, None, None] * self.gradient)
-        self._rotated_gradient = np.zeros_like(self._scaled_gradient)
-        self._element_force = np.zeros(4 * self.elements.size)
-        self._corners = self.elements.reshape(-1)
-        self.rotation = np.empty((len(self.elements), 3, 3))
-        self._position, self._velocity = np.empty(self.rest_position.size), np.empty(self.rest_position.size)
-        self._force = np.empty_like(self.rest_position)
-        self._progress = np.zeros(2, dtype=np.int32)
-
-    def _lay_out_blocks(self) -> None:
-        """The solver, and where the parts of each of its blocks stand."""
-        corner_count, node_count = self.elements.shape[1], len(self.rest_position)
-        row, column = np.repeat(self.elements, corner_count, axis=1), np.tile(self.elements, corner_count)
+        nodes_per_element, node_count = self.elements.shape[1], len(self.rest_position)
+        row, column = np.repeat(self.elements, nodes_per_element, axis=1), np.tile(self.elements, nodes_per_element)
         pattern = sparse.csr_matrix((np.ones(row.size), (row.ravel(), column.ravel())), (node_count, node_count))
-        self.solver = Cholesky(pattern)
-        pairs = self.solver.block_pairs
-        start, element, row_corner, column_corner = _block_contributions(self.elements, pairs, node_count)
-        row_place = 4 * (element * corner_count + row_corner)
-        column_place = 4 * (element * corner_count + column_corner)
-        ratio = (self.lame[:, 0] / self.lame[:, 1])[element]
-        self._block_parts = (start, row_place.astype(np.int32), column_place.astype(np.int32), ratio)
-        self._diagonal_block = np.where(pairs[:, 0] == pairs[:, 1], pairs[:, 0], -1).astype(np.int32)
+        self.symbolic = SymbolicFactor(pattern)
+        self.block_parts = self._block_parts(diagonal)
 
-    def assemble(self, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
-        """Fill the solver's blocks with A, its rotations frozen at these positions, and sum the elastic forces.
-
-        Args:
-            position: of the nodes [mm], shape (node_count, 3).
-            velocity: of the nodes [mm/s], shape (node_count, 3).
-
-        Returns:
-            Elastic force less the lagged stiffness term, f - (h + b) K v [mN], shape (node_count, 3); it is
-            overwritten by the next call.
-        """
-        self._position[:] = position.reshape(-1)
-        self._velocity[:] = velocity.reshape(-1)
-        self._progress[:] = 0
-        kernels.assemble(
-            self.elements.shape[1],
-            self._corners,
-            self._polar,
-            self._rest_frame,
-            self.volume,
-            self._shape_gradient,
-            self._scaled_gradient,
-            self.lame,
-            self._element_lag,
-            self._position,
-            self._velocity,
-            self.rotation,
-            self._rotated_gradient,
-            self._element_force,
-            *self._block_parts,
-            self._diagonal_block,
-            self._diagonal,
-            self._force,
-            self.solver.blocks,
-            self._progress,
+    def _element_data(self, polar: np.ndarray, lag: np.ndarray, time_step: float) -> kernels.Elements:
+        corners = self.rest_position[self.elements[:, :3]]
+        shear_weight = np.sqrt((time_step * lag)[:, None] * self.volume * self.lame[:, 1:])
+        return kernels.Elements(
+            nodes=self.elements.reshape(-1),
+            polar=polar,
+            rest_frame=edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]),
+            volume=self.volume,
+            gradient=_points_apart(self.gradient),
+            scaled_gradient=_points_apart(shear_weight[:, :, None, None] * self.gradient),
+            lame=self.lame,
+            lag=lag,
         )
-        return self._force
 
-    def internal_force(self, position: np.ndarray) -> np.ndarray:
-        """Elastic force on each node at rest in these positions [mN], shape (node_count, 3)."""
-        return self.assemble(position, np.zeros_like(position)).copy()
+    def _block_parts(self, diagonal: np.ndarray) -> kernels.BlockParts:
+        nodes_per_element, pairs = self.elements.shape[1], self.symbolic.block_pairs
+        start, element, row_corner, column_corner = _block_contributions(self.elements, pairs, len(diagonal))
+        return kernels.BlockParts(
+            start=start,
+            row_place=(4 * (element * nodes_per_element + row_corner)).astype(np.int32),
+            column_place=(4 * (element * nodes_per_element + column_corner)).astype(np.int32),
+            lame_ratio=(self.lame[:, 0] / self.lame[:, 1])[element],
+            diagonal_node=np.where(pairs[:, 0] == pairs[:, 1], pairs[:, 0], -1).astype(np.int32),
+            diagonal=diagonal,
+        )
+
+
+class ElasticSystem:
+    """The elastic forces and the matrix A at present positions.
+
+    Attributes:
+        position, velocity: of the nodes [mm] and [mm/s], which the caller fills, shape (node_count, 3).
+        force: elastic force less the lagged stiffness term, f - (h + b) K v [mN], shape (node_count, 3).
+        rotation: of each element, shape (element_count, 3, 3).
+        solver: the direct solver, whose blocks are A.
+    """
+
+    def __init__(self, elasticity: Elasticity):
+        """Make room."""
+        self._elasticity = elasticity
+        self.solver = Cholesky(elasticity.symbolic)
+        data, node_count = elasticity.element_data, len(elasticity.rest_position)
+        self.position, self.velocity, self.force = (np.zeros((node_count, 3)) for _ in range(3))
+        self.rotation = np.empty((len(elasticity.elements), 3, 3))
+        self._deformation = kernels.Deformation(
+            position=self.position.reshape(-1),
+            velocity=self.velocity.reshape(-1),
+            rotation=self.rotation,
+            rotated_gradient=np.zeros_like(data.scaled_gradient),
+            element_force=np.zeros(4 * elasticity.elements.size),
+        )
+        self._matrix = kernels.SystemMatrix(self.force, self.solver.blocks, np.zeros(2, dtype=np.int32))
+
+    def assemble(self) -> None:
+        """Fill `force`, and the solver's blocks with A, its rotations frozen at `position`."""
+        self._matrix.progress[:] = 0
+        elasticity = self._elasticity
+        kernels.assemble(
+            elasticity.elements.shape[1],
+            elasticity.element_data,
+            self._deformation,
+            elasticity.block_parts,
+            self._matrix,
+        )
+
+
+def internal_force(elasticity: Elasticity, position: np.ndarray) -> np.ndarray:
+    """Elastic force on each node at rest in these positions [mN], position [mm] and result of shape (node_count, 3)."""
+    system = ElasticSystem(elasticity)
+    system.position[:] = position
+    system.assemble()
+    return system.force
 
 
 def _points_apart(gradient: np.ndarray) -> np.ndarray:

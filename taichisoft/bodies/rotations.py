@@ -1,4 +1,7 @@
-"""Rotations and shifts that place bodies, with the conventions of scenes and states."""
+"""Rotations and shifts that place bodies, with the conventions of scenes and states.
+
+SciPy refuses read-only arrays, such as those of a state: it gets copies.
+"""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -13,7 +16,7 @@ def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
     """Rotation matrix (3, 3) by the angle |vector| [rad] about it."""
     if not vector.any():
         return np.eye(3)
-    return Rotation.from_rotvec(vector).as_matrix()
+    return Rotation.from_rotvec(vector.copy()).as_matrix()
 
 
 def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:
@@ -36,13 +39,13 @@ def matrices_from_quaternions(quaternions: np.ndarray) -> np.ndarray:
 
 def compose_rotation_vectors(second: np.ndarray, first: np.ndarray) -> np.ndarray:
     """The rotation vector [rad], shape (3,), of turning by `first` and then by `second`."""
-    return (Rotation.from_rotvec(second) * Rotation.from_rotvec(first)).as_rotvec()
+    return (Rotation.from_rotvec(second.copy()) * Rotation.from_rotvec(first.copy())).as_rotvec()
 
 
 def turn_towards(start: np.ndarray, end: np.ndarray, furthest: float) -> np.ndarray:
     """From the rotation vector `start` the shortest way to `end`, but by no more than `furthest` [rad]."""
     if (start == end).all():
         return end
-    way = (Rotation.from_rotvec(end) * Rotation.from_rotvec(start).inv()).as_rotvec()
+    way = (Rotation.from_rotvec(end.copy()) * Rotation.from_rotvec(start.copy()).inv()).as_rotvec()
     angle = float(np.linalg.norm(way))
     return end if angle <= furthest else compose_rotation_vectors(furthest / angle * way, start)

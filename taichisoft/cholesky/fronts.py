@@ -12,6 +12,7 @@ import scipy.sparse as sparse
 
 from taichisoft.cholesky.ordering import Supernodes
 from taichisoft.errors import MeshError
+from taichisoft.kernels.cholesky import IN_PARENT, Fronts
 from taichisoft.kernels.tiles import TILE
 
 # A subtree becomes one task when it holds at most this share of all the arithmetic.
@@ -25,38 +26,21 @@ ALL = 2**20
 
 
 @dataclass(frozen=True)
-class Fronts:
-    """Arrays that the kernels read.
+class Layout:
+    """Where everything stands.
 
     Attributes:
-        table: a row for each supernode, and one that closes the ranges. Columns: number of own columns, the same
-            padded, number of rows below, start of the panel and of the update matrix in columns of tiles; and where
-            the front's ranges begin in the lists of matrix blocks, of children and of rows; its first column in
-            elimination order; and how many of its rows below are own columns of its parent.
+        fronts: what the kernels read.
         block_pairs: position of the row and the column node of each stored block, shape (block_count, 2).
-        block_place: where each row of each block begins in the memory of all fronts, shape (block_count, 3).
-        child: children of every supernode, ascending, shape (count - number of roots + 1,).
-        position: rows below of every supernode in elimination order, each list padded to whole tiles with the number
-            of rows of the matrix.
-        relative: the same rows in the parent's panel and the update matrix that follows it. Padding repeats the
-            last row, so that the zeros which it adds go to no entry of another task.
         size: columns of tiles of all panels and update matrices.
-        tasks: see `_share_out`, shape (task_count, 7).
-        pieces: number of pieces that each front is computed in, shape (count,).
     """
 
-    table: np.ndarray
+    fronts: Fronts
     block_pairs: np.ndarray
-    block_place: np.ndarray
-    child: np.ndarray
-    position: np.ndarray
-    relative: np.ndarray
     size: int
-    tasks: np.ndarray
-    pieces: np.ndarray
 
 
-def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
+def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Layout:
     """Give every part of every front its place.
 
     Raises:
@@ -104,21 +88,20 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Fronts:
             local = 3 * np.searchsorted(above, below)
             relative[place] = _scalars(np.where(local < width[parent], local, local + padding[parent]))
             relative[place.stop : row_start[s + 1]] = relative[place.stop - 1]
-            table[s, 9] = np.searchsorted(relative[place], columns[parent])
+            table[s, IN_PARENT] = np.searchsorted(relative[place], columns[parent])
     block_row = np.where(local_row < width[owner], local_row, local_row + padding[owner])[:, None] + np.arange(3)
     block_column = panel_start[owner] + local_column
     block_place = TILE * (block_row // TILE * columns[owner][:, None] + block_column[:, None]) + block_row % TILE
-    return Fronts(
+    fronts = Fronts(
         table=table,
-        block_pairs=block_pairs,
-        block_place=block_place.astype(np.int32),
-        child=child,
-        position=position,
+        rows=position,
         relative=relative,
-        size=int(update_start[-1]),
+        children=child,
+        block_place=block_place.astype(np.int32),
         tasks=tasks,
         pieces=pieces,
     )
+    return Layout(fronts, block_pairs, int(update_start[-1]))
 
 
 def _padded(count: np.ndarray) -> np.ndarray:

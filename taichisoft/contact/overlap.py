@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from taichisoft.contact.detection import ContactDetection
-from taichisoft.contact.surfaces import STATIC, ContactSurfaces
+from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.errors import SceneError
 
 # Surfaces are shrunk by this share of the scene's extent before they are cut with each other: bodies that merely
@@ -18,20 +19,21 @@ ROUND_OFF = 1e-9  # of barycentric weights: no edge slips through between two tr
 EDGES_AT_A_TIME = 256
 
 
-def refuse_overlap(surfaces: ContactSurfaces, detection: ContactDetection, body_names: Sequence[str]) -> None:
+def refuse_overlap(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
     """Check the surfaces where they are now: for points inside other bodies, then for edges through other surfaces.
 
     Raises:
         SceneError: two bodies overlap, with their names and the place.
     """
-    _refuse_points_inside(surfaces, detection, body_names)
-    _refuse_crossed_surfaces(surfaces, body_names)
+    _refuse_points_inside(surfaces, moving, body_names)
+    _refuse_crossed_surfaces(surfaces, moving, body_names)
 
 
-def _refuse_points_inside(surfaces: ContactSurfaces, detection: ContactDetection, body_names: Sequence[str]) -> None:
-    lower, upper = surfaces.boxes()
-    pairs = detection.find(reach=0.0, depth=float(np.linalg.norm(upper - lower, axis=1).max()))
-    if pairs.count and pairs.distance.min() < 0.0:
+def _refuse_points_inside(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
+    lower, upper = moving.boxes()
+    largest = float(np.linalg.norm(upper - lower, axis=1).max())
+    pairs = ContactDetection(surfaces, moving).find(reach=0.0, depth=largest).trimmed()
+    if pairs.count[0] and pairs.distance.min() < 0.0:
         deepest = int(pairs.distance.argmin())
         first, second = (body_names[body] for body in pairs.bodies[deepest])
         raise SceneError(
@@ -40,42 +42,42 @@ def _refuse_points_inside(surfaces: ContactSurfaces, detection: ContactDetection
         )
 
 
-def _refuse_crossed_surfaces(surfaces: ContactSurfaces, body_names: Sequence[str]) -> None:
+def _refuse_crossed_surfaces(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
     """Crossed bars overlap although no vertex of one is inside the other: their edges go through triangles."""
-    lower, upper = surfaces.boxes()
-    moves = surfaces.vertex_owner[surfaces.vertex_range[:, 0]] != STATIC
+    lower, upper = moving.boxes()
+    topology, position = surfaces.topology, moving.moved.position
     margin = SHRINKING * float((upper.max(axis=0) - lower.min(axis=0)).max())
-    shrunk = surfaces.position - margin * _vertex_normals(surfaces)
-    edges = [surfaces.edges[start:stop] for start, stop in surfaces.edge_range]
-    triangles = [surfaces.triangles[start:stop] for start, stop in surfaces.triangle_range]
-    for first, second in np.column_stack(np.triu_indices(surfaces.count, 1)).tolist():
-        if not (moves[first] or moves[second]) or not _meet(lower[first], upper[first], lower[second], upper[second]):
+    shrunk = position - margin * _vertex_normals(topology.triangles, position)
+    edges = [topology.edges[start:stop] for start, stop in surfaces.edge_range]
+    triangles = [topology.triangles[start:stop] for start, stop in surfaces.triangle_range]
+    for first, second in topology.pairs.tolist():
+        if not _meet(lower[first], upper[first], lower[second], upper[second]):
             continue
         shifted = shrunk + margin * SHIFT
         place = _first_crossing(shifted[edges[first]], shrunk[triangles[second]])
         if place is None:
             place = _first_crossing(shrunk[edges[second]], shifted[triangles[first]])
         if place is not None:
-            names = " and ".join(f"'{body_names[surfaces.body[surface]]}'" for surface in (first, second))
+            names = " and ".join(f"'{body_names[topology.body[surface]]}'" for surface in (first, second))
             raise SceneError(
                 f"bodies {names} overlap at the start: their surfaces cross at {np.round(place, 2).tolist()} mm; "
                 "move one of them away"
             )
 
 
-def _vertex_normals(surfaces: ContactSurfaces) -> np.ndarray:
+def _vertex_normals(triangles: np.ndarray, position: np.ndarray) -> np.ndarray:
     """Mean of the normals of the triangles at each vertex, of length one, shape (vertex_count, 3)."""
-    a, b, c = np.moveaxis(surfaces.position[surfaces.triangles], 1, 0)
+    a, b, c = np.moveaxis(position[triangles], 1, 0)
     area_vector = np.cross(b - a, c - a)
     face_normal = area_vector / _lengths(area_vector)
-    normals = np.zeros_like(surfaces.position)
+    normals = np.zeros_like(position)
     for corner in range(3):
-        np.add.at(normals, surfaces.triangles[:, corner], face_normal)
+        np.add.at(normals, triangles[:, corner], face_normal)
     return normals / _lengths(normals)
 
 
 def _lengths(vectors: np.ndarray) -> np.ndarray:
-    """Of vectors to divide by, shape (count, 1): 1 for those of no length."""
+    """Lengths of vectors to divide by, shape (count, 1): 1 for those of no length."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(lengths > 0.0, lengths, 1.0)
 

@@ -8,199 +8,101 @@ import numpy as np
 from taichisoft.bodies.rigid_body import Obstacle, RigidBody
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.contact import bounding_volumes
-from taichisoft.kernels.bounding_volumes import refit
+from taichisoft.contact.features import find_features
 from taichisoft.kernels.runtime import SOFT, STATIC
-from taichisoft.kernels.surface_motion import move_vertices
-from taichisoft.meshes.surface import MappedSurface
-
-# On a body that keeps its shape, faces whose normals differ by less than this from the first one's make one plane
-# facet [rad]; edges inside a facet touch nothing that the facet does not.
-FLAT_ANGLE = 0.02
+from taichisoft.kernels.surfaces import Carriers, Planes, Surfaces
 
 
 @dataclass(frozen=True)
 class _Part:
-    """One surface before it is put together with the others."""
+    """One surface before it is put together with the others.
+
+    Attributes:
+        body: number of its body.
+        owner: rigid body that carries it, or SOFT, or STATIC.
+        vertices: positions at rest [mm], shape (vertex_count, 3).
+        triangles: vertex indices, shape (triangle_count, 3).
+        nodes, weights: soft nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
+    """
 
     body: int
+    owner: int
     vertices: np.ndarray
     triangles: np.ndarray
-    owner: int
     nodes: np.ndarray
     weights: np.ndarray
 
 
 class ContactSurfaces:
-    """Vertices, edges and triangles of every body's surface, and the half-spaces of planes.
+    """Vertices, edges and triangles of every body's surface, and the half-spaces of planes; nothing of it changes.
 
     Attributes:
-        body: index of the body (soft bodies first, then rigid bodies, then obstacles) of each surface.
+        topology: triangles, edges and vertices, and which lie around each other.
+        carriers: what the vertices follow.
+        planes: the half-spaces.
+        trees: trees over the triangles.
         vertex_range, triangle_range, edge_range: where each surface's features stand, shape (surface_count, 2).
-        triangles: vertex indices, shape (triangle_count, 3).
-        triangle_edges: edge opposite to each corner, shape (triangle_count, 3).
-        edges: vertex indices, shape (edge_count, 2).
-        edge_triangles: the one or two triangles at each edge, -1 for none, shape (edge_count, 2).
         vertex_is_feature, edge_is_feature: whether it may touch other surfaces (flat ones of rigid bodies do not).
-        vertex_owner: rigid body that carries each vertex, or SOFT, or STATIC.
-        vertex_nodes, vertex_weights: soft nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
-        position: of the vertices now [mm], shape (vertex_count, 3).
-        moving: surfaces that can move, shape (moving_count,).
-        volumes: the trees of boxes over their triangles now.
-        fan_start, fan: for each vertex, corners (3 * triangle + corner) of the triangles around it.
-        star_start, star: for each vertex, the other ends of its edges.
-        first_triangle: one triangle of each vertex, that of the lowest index.
         body_size: smallest extent of each body that can move at the start [mm], infinite for others, by body number.
-        plane_body, plane_point, plane_normal: the planes.
+        node_count, rigid_count: numbers of soft nodes and of rigid bodies that carry the vertices.
     """
 
     def __init__(self, soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]):
-        """Put the surfaces together."""
-        parts = [_soft_part(index, body) for index, body in enumerate(soft)]
-        parts += [_rigid_part(len(soft) + index, index, body) for index, body in enumerate(rigid)]
+        """Put the surfaces together; bodies are numbered in this order."""
+        parts = _parts(soft, rigid, obstacles)
+        self.node_count, self.rigid_count = sum(body.nodes.stop - body.nodes.start for body in soft), len(rigid)
         first_obstacle = len(soft) + len(rigid)
-        for index, obstacle in enumerate(obstacles):
-            if obstacle.vertices is not None and obstacle.triangles is not None:
-                parts.append(_fixed_part(first_obstacle + index, STATIC, obstacle.vertices, obstacle.triangles))
         planes = [(first_obstacle + i, o.point, o.normal) for i, o in enumerate(obstacles) if o.normal is not None]
-        self.plane_body = np.array([body for body, _, _ in planes], dtype=np.int32)
-        self.plane_point = np.array([point for _, point, _ in planes]).reshape(-1, 3)
-        self.plane_normal = np.array([normal for _, _, normal in planes]).reshape(-1, 3)
-        self.body = np.array([part.body for part in parts], dtype=np.int32)
-        self._join(parts)
-        self._allocate(sum(body.nodes.stop - body.nodes.start for body in soft), len(rigid))
-        body_count = len(soft) + len(rigid) + len(obstacles)
-        self.body_size = np.full(body_count, np.inf)
+        self.planes = Planes(
+            body=np.array([body for body, _, _ in planes], dtype=np.int32),
+            point=np.array([point for _, point, _ in planes]).reshape(-1, 3),
+            normal=np.array([normal for _, _, normal in planes]).reshape(-1, 3),
+        )
+        most = max(part.nodes.shape[1] for part in parts)
+        self.carriers = Carriers(
+            owner=np.concatenate([np.full(len(part.vertices), part.owner) for part in parts]).astype(np.int32),
+            local=np.vstack([part.vertices for part in parts]),
+            nodes=np.vstack([_padded(part.nodes, most) for part in parts]).astype(np.int32),
+            weights=np.vstack([_padded(part.weights, most) for part in parts]),
+        )
+        self.topology = _join(parts)
+        self.vertex_range = _ranges([len(part.vertices) for part in parts])
+        self.triangle_range = _ranges([len(part.triangles) for part in parts])
+        surface_of_edge = np.searchsorted(self.vertex_range[:, 1], self.topology.edges[:, 0], side="right")
+        self.edge_range = _ranges(np.bincount(surface_of_edge, minlength=len(parts)))
+        self.vertex_is_feature, self.edge_is_feature = find_features(self.topology, self.carriers)
+        self.trees = bounding_volumes.build(
+            self.topology, self.triangle_range, self.carriers.local, self.vertex_is_feature, self.edge_is_feature
+        )
+        self.body_size = np.full(first_obstacle + len(obstacles), np.inf)
         for part in parts:
             if part.owner != STATIC:
                 self.body_size[part.body] = np.ptp(part.vertices, axis=0).min()
-
-    def _join(self, parts: Sequence[_Part]) -> None:
-        vertex_start = np.cumsum([0, *(len(part.vertices) for part in parts)])
-        self.vertex_range = _ranges([len(part.vertices) for part in parts])
-        self.triangle_range = _ranges([len(part.triangles) for part in parts])
-        shifted = [part.triangles + start for part, start in zip(parts, vertex_start[:-1], strict=True)]
-        self.triangles = np.vstack(shifted).astype(np.int32)
-        self._local = np.vstack([part.vertices for part in parts])
-        self.vertex_owner = np.concatenate([np.full(len(p.vertices), p.owner) for p in parts]).astype(np.int32)
-        most = max(part.nodes.shape[1] for part in parts)
-        self.vertex_nodes = np.vstack([_padded(part.nodes, most) for part in parts]).astype(np.int32)
-        self.vertex_weights = np.vstack([_padded(part.weights, most) for part in parts])
-        self.edges, self.triangle_edges, self.edge_triangles = _find_edges(self.triangles)
-        edge_counts = np.bincount(
-            np.searchsorted(vertex_start, self.edges[:, 0], side="right") - 1, minlength=len(parts)
-        )
-        self.edge_range = _ranges(edge_counts)
-        self.vertex_is_feature, self.edge_is_feature = self._find_features()
-        self.fan_start, self.fan = _incidence(self.triangles, len(self._local))
-        self.star_start, star = _incidence(self.edges, len(self._local))
-        edge, end = np.divmod(star, 2)
-        self.star = self.edges[edge, 1 - end].astype(np.int32)
-        self.first_triangle = (self.fan[self.fan_start[:-1]] // 3).astype(np.int32)
-
-    def _find_features(self) -> tuple[np.ndarray, np.ndarray]:
-        """Of surfaces that keep their shape only edges and corners of facets touch; of soft ones everything may."""
-        soft_edge = self.vertex_owner[self.edges[:, 0]] == SOFT
-        facet = self._find_facets()[self.edge_triangles]
-        is_edge = soft_edge | (facet[:, 0] != facet[:, 1]) | (self.edge_triangles[:, 1] < 0)
-        # A corner joins edges of at least two directions.
-        along = self._local[self.edges[:, 1]] - self._local[self.edges[:, 0]]
-        along /= np.linalg.norm(along, axis=1, keepdims=True)
-        spread = np.zeros((len(self._local), 3, 3))
-        for end in (0, 1):
-            np.add.at(spread, self.edges[is_edge, end], along[is_edge, :, None] * along[is_edge, None, :])
-        middle_direction = np.linalg.eigvalsh(spread)[:, 1]
-        is_vertex = (self.vertex_owner == SOFT) | (middle_direction > FLAT_ANGLE**2)
-        return is_vertex.astype(np.int32), is_edge.astype(np.int32)
-
-    def _find_facets(self) -> np.ndarray:
-        """Number of the plane facet that each triangle of a surface that keeps its shape belongs to.
-
-        A facet grows over neighbours whose normal is that of its first triangle to FLAT_ANGLE: compared with the
-        neighbour's instead, a finely triangulated ball would be one facet without an edge.
-        """
-        corners = self._local[self.triangles]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-        facet = np.full(len(self.triangles), -1)
-        keeps_shape = self.vertex_owner[self.triangles[:, 0]] != SOFT
-        neighbours: list[list[int]] = [[] for _ in self.triangles]
-        for first, second in self.edge_triangles[self.edge_triangles[:, 1] >= 0].tolist():
-            neighbours[first].append(second)
-            neighbours[second].append(first)
-        for number, seed in enumerate(np.flatnonzero(keeps_shape).tolist()):
-            if facet[seed] >= 0:
-                continue
-            facet[seed] = number
-            grown = [seed]
-            while grown:
-                for neighbour in neighbours[grown.pop()]:
-                    if facet[neighbour] < 0 and normals[neighbour] @ normals[seed] > np.cos(FLAT_ANGLE):
-                        facet[neighbour] = number
-                        grown.append(neighbour)
-        return facet
-
-    def _allocate(self, node_count: int, rigid_count: int) -> None:
-        self.position = self._local.copy()
-        self.moving = np.flatnonzero(self.vertex_owner[self.vertex_range[:, 0]] != STATIC).astype(np.int32)
-        self.volumes = bounding_volumes.build(
-            self.triangle_range,
-            self.triangles,
-            self._local,
-            self.first_triangle,
-            self.vertex_is_feature,
-            self.edge_triangles,
-            self.edge_is_feature,
-        )
-        self._refit(np.arange(self.count, dtype=np.int32))
-        # Arrays that stay in place: a launch with new ones takes longer than the arithmetic.
-        self._node_position = np.zeros((node_count, 3))
-        self._rigid_position = np.zeros((rigid_count, 3))
-        self._rigid_rotation = np.zeros((rigid_count, 3, 3))
+        for array in (*self.topology, *self.carriers, *self.planes, *self.trees):
+            array.setflags(write=False)
 
     @property
     def count(self) -> int:
         """Number of surfaces, planes not counted."""
-        return len(self.body)
-
-    def update(self, node_position: np.ndarray, rigid_position: np.ndarray, rigid_rotation: np.ndarray) -> None:
-        """Move the vertices and boxes with the nodes (N, 3) [mm] and rigid poses, (R, 3) [mm] and (R, 3, 3)."""
-        self._node_position[:] = node_position
-        self._rigid_position[:] = rigid_position
-        self._rigid_rotation[:] = rigid_rotation
-        move_vertices(
-            self.vertex_owner,
-            self._local,
-            self.vertex_nodes,
-            self.vertex_weights,
-            self._node_position,
-            self._rigid_position,
-            self._rigid_rotation,
-            self.position,
-        )
-        self._refit(self.moving)
-
-    def _refit(self, some: np.ndarray) -> None:
-        v = self.volumes
-        refit(some, v.root, v.escape, v.corner_start, v.corner, self.position, v.lower, v.upper)
-
-    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner [mm] of each surface's bounding box, each (surface_count, 3)."""
-        return self.volumes.lower[self.volumes.root[:-1]], self.volumes.upper[self.volumes.root[:-1]]
+        return len(self.topology.body)
 
 
-def _soft_part(body: int, soft: SoftBody) -> _Part:
-    surface: MappedSurface = soft.surface
-    vertices = surface.positions(soft.rest_position)
-    return _Part(body, vertices, surface.triangles, SOFT, surface.nodes + soft.nodes.start, surface.weights)
+def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]) -> list[_Part]:
+    parts: list[_Part] = []
+    for body in soft:
+        vertices, nodes = body.surface.positions(body.rest_position), body.surface.nodes + body.nodes.start
+        parts.append(_Part(len(parts), SOFT, vertices, body.surface.triangles, nodes, body.surface.weights))
+    others: list[RigidBody | Obstacle] = [*rigid, *obstacles]
+    for index, other in enumerate(others):
+        if other.vertices is not None and other.triangles is not None:
+            owner, no_node = index if index < len(rigid) else STATIC, np.zeros((len(other.vertices), 1))
+            parts.append(_Part(len(soft) + index, owner, other.vertices, other.triangles, no_node, no_node))
+    return parts
 
 
-def _rigid_part(body: int, index: int, rigid: RigidBody) -> _Part:
-    return _fixed_part(body, index, rigid.vertices, rigid.triangles)
-
-
-def _fixed_part(body: int, owner: int, vertices: np.ndarray, triangles: np.ndarray) -> _Part:
-    count = len(vertices)
-    return _Part(body, vertices, triangles, owner, np.zeros((count, 1), dtype=np.int32), np.zeros((count, 1)))
+def _padded(table: np.ndarray, columns: int) -> np.ndarray:
+    """Fill up with node 0 of weight 0."""
+    return np.pad(table, ((0, 0), (0, columns - table.shape[1])))
 
 
 def _ranges(counts: Sequence[int] | np.ndarray) -> np.ndarray:
@@ -208,9 +110,30 @@ def _ranges(counts: Sequence[int] | np.ndarray) -> np.ndarray:
     return np.column_stack([ends - counts, ends]).astype(np.int32)
 
 
-def _padded(table: np.ndarray, columns: int) -> np.ndarray:
-    """Fill up with node 0 of weight 0."""
-    return np.pad(table, ((0, 0), (0, columns - table.shape[1])))
+def _join(parts: Sequence[_Part]) -> Surfaces:
+    vertex_counts = [len(part.vertices) for part in parts]
+    shifted = [part.triangles + start for part, (start, _) in zip(parts, _ranges(vertex_counts), strict=True)]
+    triangles = np.vstack(shifted).astype(np.int32)
+    edges, triangle_edges, edge_triangles = _find_edges(triangles)
+    fan_start, fan = _incidence(triangles, sum(vertex_counts))
+    star_start, star = _incidence(edges, sum(vertex_counts))
+    edge, end = np.divmod(star, 2)
+    moves = np.array([part.owner != STATIC for part in parts])
+    first, second = np.triu_indices(len(parts), 1)
+    return Surfaces(
+        body=np.array([part.body for part in parts], dtype=np.int32),
+        triangles=triangles,
+        triangle_edges=triangle_edges,
+        edges=edges,
+        edge_triangles=edge_triangles,
+        star_start=star_start,
+        star=edges[edge, 1 - end].astype(np.int32),
+        first_triangle=(fan[fan_start[:-1]] // 3).astype(np.int32),
+        fan_start=fan_start,
+        fan=fan,
+        moving=np.flatnonzero(moves).astype(np.int32),
+        pairs=np.column_stack([first, second])[moves[first] | moves[second]].astype(np.int32),
+    )
 
 
 def _find_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -4,14 +4,14 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from taichisoft.contact.detection import bodies_of_key
+from taichisoft.control.observation import Pair
 from taichisoft.model import Model
 from taichisoft.state import State
 
 
 @dataclass(frozen=True)
 class ContactSummary:
-    """Figures by pair ("finger1|cube", in the scene's order) of all bodies between which contacts were found.
+    """Figures by pair of bodies, in the scene's order ("finger1", "cube"), between which contacts were found.
 
     Attributes:
         counts: contacts that press.
@@ -20,24 +20,23 @@ class ContactSummary:
         slip_speeds: fastest sliding of a contact that presses [mm/s].
     """
 
-    counts: dict[str, int] = field(default_factory=dict)
-    normal_forces: dict[str, float] = field(default_factory=dict)
-    friction_forces: dict[str, float] = field(default_factory=dict)
-    slip_speeds: dict[str, float] = field(default_factory=dict)
+    counts: dict[Pair, int] = field(default_factory=dict)
+    normal_forces: dict[Pair, float] = field(default_factory=dict)
+    friction_forces: dict[Pair, float] = field(default_factory=dict)
+    slip_speeds: dict[Pair, float] = field(default_factory=dict)
 
 
 def summarise_contacts(model: Model, state: State) -> ContactSummary:
     """Counts, forces and sliding in the step that led to `state`."""
-    if not len(state.contact_key):
+    if not len(state.contact_body_pair):
         return ContactSummary()
     forces = state.contact_impulse / model.scene.time.step
     along = np.einsum("cd,cd->c", forces, state.contact_normal)
     across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
-    order = np.argsort(state.contact_key, kind="stable")
-    key = state.contact_key[order]
-    start = np.flatnonzero(np.diff(key, prepend=-1))
-    pairs = (bodies_of_key(pair) for pair in key[start])
-    names = [f"{model.body_names[first]}|{model.body_names[second]}" for first, second in pairs]
+    order = np.lexsort(state.contact_body_pair.T[::-1])
+    body_pair = state.contact_body_pair[order]
+    start = np.flatnonzero(np.diff(body_pair, axis=0, prepend=-1).any(axis=1))
+    names = [(model.body_names[first], model.body_names[second]) for first, second in body_pair[start]]
     return ContactSummary(
         counts=dict(zip(names, np.add.reduceat(along[order] > 0.0, start, dtype=np.int64).tolist(), strict=True)),
         normal_forces=dict(zip(names, np.add.reduceat(along[order], start).tolist(), strict=True)),

@@ -21,7 +21,7 @@ def limit_pressures(
     allowed = np.clip(request, lowest, highest)
     if limits.pressure_rate is not None:
         # A cavity that was driven by its volume goes on from the pressure which that took.
-        last = np.where(state.cavity_volume_imposed, state.cavity_impulse / time_step, state.cavity_target)
+        last = np.where(state.cavity_volume_imposed, state.cavity_pressure, state.cavity_target)
         furthest = limits.pressure_rate * time_step
         allowed = np.clip(allowed, last - furthest, last + furthest)
     return np.where(volume_imposed, request, allowed)

@@ -5,13 +5,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+Pair = tuple[str, str]
+"""Names of two bodies, in the scene's order."""
+
 
 @dataclass(frozen=True)
 class Observation:
     """What a controller sees before a step; it depends on the state alone. Arrays are read-only.
 
-    A finger is a soft body with anchors: its tip is what its `tip` in the scene selects. Pairs of bodies are named
-    "finger1|cube", in the scene's order; those further apart than `contact.alarm_distance` are left out.
+    A finger is a soft body with anchors: its tip is what its `tip` in the scene selects. Pairs of bodies stand in the
+    scene's order, ("finger1", "cube"); those further apart than `contact.alarm_distance` are left out.
 
     Attributes:
         time: [s] at the start of the step.
@@ -50,8 +53,8 @@ class Observation:
     object_rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_angular_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)
-    contact_counts: Mapping[str, int] = field(default_factory=dict)
-    normal_forces: Mapping[str, float] = field(default_factory=dict)
-    friction_forces: Mapping[str, float] = field(default_factory=dict)
-    slip_speeds: Mapping[str, float] = field(default_factory=dict)
+    contact_counts: Mapping[Pair, int] = field(default_factory=dict)
+    normal_forces: Mapping[Pair, float] = field(default_factory=dict)
+    friction_forces: Mapping[Pair, float] = field(default_factory=dict)
+    slip_speeds: Mapping[Pair, float] = field(default_factory=dict)
     clipped: tuple[str, ...] = ()

@@ -5,6 +5,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from taichisoft.bodies.cavities import CavityVolumes
 from taichisoft.control.contact_summary import ContactSummary, summarise_contacts
 from taichisoft.control.fingertips import Fingertips
 from taichisoft.control.limits import clipped
@@ -16,13 +17,13 @@ from taichisoft.state import State
 class Observer:
     """Makes observations of a model's states; they depend on the state alone, so that a restored run is seen alike."""
 
-    def __init__(self, model: Model):
-        """Find the fingertips.
+    def __init__(self, model: Model, volumes: CavityVolumes):
+        """Find the fingertips; `volumes` are those of the model's cavities.
 
         Raises:
             SceneError: a tip cannot show a rotation.
         """
-        self._model = model
+        self._model, self._volumes = model, volumes
         self._fingertips = Fingertips(model.soft_bodies)
         self._object_names = tuple(body.name for body in model.rigid_bodies)
         self._summarised: State | None = None
@@ -42,9 +43,9 @@ class Observer:
         return Observation(
             time=state.time,
             step=state.step,
-            pressures=_numbers(cavities.names, state.cavity_impulse / model.scene.time.step),
+            pressures=_numbers(cavities.names, state.cavity_pressure),
             volumes=_numbers(cavities.names, state.cavity_volume),
-            flows=_numbers(cavities.names, cavities.flows(state.position, state.velocity)),
+            flows=_numbers(cavities.names, self._volumes.flows(state.position, state.velocity)),
             tip_positions=_by_name(tips.names, tip_positions),
             tip_velocities=_by_name(tips.names, tip_velocities),
             bending_angles=_numbers(tips.names, bending_angles),

@@ -1,7 +1,9 @@
 """A controller's wishes, checked and taken over into the state as far as the scene's limits allow."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -26,6 +28,27 @@ def apply_control(model: Model, state: State, control: Control) -> State:
     for name, value in control.signals.items():
         if not isinstance(value, int | float):
             raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
+    changes: dict[str, Any] = {
+        "cavity_volume_imposed": imposed,
+        "cavity_request": request,
+        "cavity_target": limit_pressures(model.scene.limits, model.scene.time.step, state, imposed, request),
+    }
+    if _base_moves(state, control):
+        changes |= _base_requests(model, state, control)
+    return replace(state, **changes)
+
+
+def _base_moves(state: State, control: Control) -> bool:
+    """Whether the base is asked to move, or has not arrived yet."""
+    asked = (control.base_translation, control.base_rotation, control.base_velocity, control.base_angular_velocity)
+    if any(one is not None for one in asked) or state.base_velocity.any():
+        return True
+    translation, rotation = state.base_request
+    return bool((translation != state.base_translation).any() or (rotation != state.base_rotation).any())
+
+
+def _base_requests(model: Model, state: State, control: Control) -> dict[str, np.ndarray]:
+    """What the base is asked for, and how far it gets in this step."""
     base_velocity = state.base_velocity.copy()
     base_request = state.base_request.copy()
     for row, (pose, velocity) in enumerate(
@@ -39,22 +62,18 @@ def apply_control(model: Model, state: State, control: Control) -> State:
         elif getattr(control, velocity) is not None:
             base_velocity[row] = _finite(getattr(control, velocity), f"control.{velocity}", (3,))
             base_request[row] = state.base_translation if row == 0 else state.base_rotation
-    limits, time_step = model.scene.limits, model.scene.time.step
+    time_step = model.scene.time.step
     if base_velocity[0].any():
         base_request[0] = state.base_translation + time_step * base_velocity[0]
     if base_velocity[1].any():
         base_request[1] = compose_rotation_vectors(time_step * base_velocity[1], state.base_rotation)
-    translation, rotation = limit_base(limits, time_step, state, base_request)
-    return replace(
-        state,
-        cavity_volume_imposed=imposed,
-        cavity_request=request,
-        cavity_target=limit_pressures(limits, time_step, state, imposed, request),
-        base_request=base_request,
-        base_velocity=base_velocity,
-        base_translation=translation,
-        base_rotation=rotation,
-    )
+    translation, rotation = limit_base(model.scene.limits, time_step, state, base_request)
+    return {
+        "base_request": base_request,
+        "base_velocity": base_velocity,
+        "base_translation": translation,
+        "base_rotation": rotation,
+    }
 
 
 def _cavity_requests(model: Model, state: State, control: Control) -> tuple[np.ndarray, np.ndarray]:
@@ -82,7 +101,9 @@ def _cavity_requests(model: Model, state: State, control: Control) -> tuple[np.n
     return imposed, request
 
 
-def _finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray:
+def _finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | float:
+    if not shape and type(value) is float and math.isfinite(value):
+        return value
     try:
         array = np.array(value, dtype=np.float64)
     except (TypeError, ValueError) as error:

@@ -1,40 +1,72 @@
 """Volumes of closed surfaces that follow the nodes, and the gradients of the volumes."""
 
+from typing import NamedTuple
+
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti, vec3
 
 
+class CavitySurfaces(NamedTuple):
+    """The surfaces of all cavities. A cavity's entries are the nodes that its volume depends on.
+
+    Attributes:
+        vertex_nodes, vertex_weights: nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
+        triangle_start: where each cavity's triangles begin, shape (cavity_count + 1,).
+        triangles: vertex indices, shape (triangle_count, 3).
+        entry_start: where each cavity's entries begin, shape (cavity_count + 1,).
+        entry_node: node of each entry, shape (entry_count,).
+        part_start: where the vertices that an entry carries begin in the lists that follow, shape (entry_count + 1,).
+        part_vertex, part_weight: these vertices, and the entry's weight in each.
+    """
+
+    vertex_nodes: IntegerTable
+    vertex_weights: ScalarTable
+    triangle_start: Integers
+    triangles: IntegerTable
+    entry_start: Integers
+    entry_node: Integers
+    part_start: Integers
+    part_vertex: Integers
+    part_weight: Scalars
+
+
+class CavityVolumes(NamedTuple):
+    """Volumes at the nodes' present positions.
+
+    Attributes:
+        position: of the vertices [mm], shape (vertex_count, 3).
+        area_vector: a third of the area vectors around each vertex [mm^2], shape (vertex_count, 3).
+        volume: [mm^3], shape (cavity_count,).
+        gradient: dV/dx of each entry's node [mm^2], shape (entry_count, 3).
+        flow: rate of each volume [mm^3/s], shape (cavity_count,).
+    """
+
+    position: Vectors
+    area_vector: Vectors
+    volume: Scalars
+    gradient: Vectors
+    flow: Scalars
+
+
 @kernel
-def volumes_and_gradients(
-    node_position: Vectors,
-    vertex_nodes: IntegerTable,
-    vertex_weights: ScalarTable,
-    triangle_start: Integers,
-    triangles: IntegerTable,
-    part_start: Integers,
-    part_vertex: Integers,
-    part_weight: Scalars,
-    position: Vectors,
-    area_vector: Vectors,
-    volume: Scalars,
-    gradient: Vectors,
-):
+def volumes_and_gradients(node_position: Vectors, cavities: CavitySurfaces, volumes: CavityVolumes):
     """Volumes by the divergence theorem; their gradient at a vertex is a third of the area vectors around it.
 
     Positions are taken from the first vertex of a cavity: far from the origin that saves digits.
     """
+    position, area_vector, triangles = ti.static(volumes.position, volumes.area_vector, cavities.triangles)
     ti.loop_config(serialize=True)
     for v in range(position.shape[0]):
         total = vec3(0.0)
-        for k in range(vertex_nodes.shape[1]):
-            total += vertex_weights[v, k] * node_position[vertex_nodes[v, k]]
+        for k in range(cavities.vertex_nodes.shape[1]):
+            total += cavities.vertex_weights[v, k] * node_position[cavities.vertex_nodes[v, k]]
         position[v] = total
         area_vector[v] = vec3(0.0)
     ti.loop_config(serialize=True)
-    for cavity in range(volume.shape[0]):
-        origin = position[triangles[triangle_start[cavity], 0]]
+    for cavity in range(volumes.volume.shape[0]):
+        origin = position[triangles[cavities.triangle_start[cavity], 0]]
         six_volumes = 0.0
-        for t in range(triangle_start[cavity], triangle_start[cavity + 1]):
+        for t in range(cavities.triangle_start[cavity], cavities.triangle_start[cavity + 1]):
             a, b, c = triangles[t, 0], triangles[t, 1], triangles[t, 2]
             corner = position[a]
             double_area = (position[b] - corner).cross(position[c] - corner)
@@ -42,21 +74,21 @@ def volumes_and_gradients(
             area_vector[a] += double_area / 6.0
             area_vector[b] += double_area / 6.0
             area_vector[c] += double_area / 6.0
-        volume[cavity] = six_volumes / 6.0
+        volumes.volume[cavity] = six_volumes / 6.0
     ti.loop_config(serialize=True)
-    for i in range(gradient.shape[0]):
+    for i in range(volumes.gradient.shape[0]):
         total = vec3(0.0)
-        for k in range(part_start[i], part_start[i + 1]):
-            total += part_weight[k] * area_vector[part_vertex[k]]
-        gradient[i] = total
+        for k in range(cavities.part_start[i], cavities.part_start[i + 1]):
+            total += cavities.part_weight[k] * area_vector[cavities.part_vertex[k]]
+        volumes.gradient[i] = total
 
 
 @kernel
-def flows(entry_start: Integers, gradient: Vectors, velocity: Vectors, rate: Scalars):
-    """Rate of each cavity's volume, from the velocities of the nodes that its entries stand for."""
+def flows(node_velocity: Vectors, cavities: CavitySurfaces, volumes: CavityVolumes):
+    """Rate of each cavity's volume at these velocities of the nodes."""
     ti.loop_config(serialize=True)
-    for cavity in range(rate.shape[0]):
+    for cavity in range(volumes.flow.shape[0]):
         total = 0.0
-        for entry in range(entry_start[cavity], entry_start[cavity + 1]):
-            total += gradient[entry].dot(velocity[entry])
-        rate[cavity] = total
+        for entry in range(cavities.entry_start[cavity], cavities.entry_start[cavity + 1]):
+            total += volumes.gradient[entry].dot(node_velocity[cavities.entry_node[entry]])
+        volumes.flow[cavity] = total

@@ -10,57 +10,94 @@ tasks in order, and what a task waits for comes before it. Every front is comput
 so the result does not depend on the threads.
 """
 
-from taichisoft.kernels.launch import kernel
+from typing import NamedTuple
+
+from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.runtime import CHUNK, Integers, IntegerTable, Matrices, Scalars, ti
 from taichisoft.kernels.tiles import SHIFT, TILE, Column, Columns, advance, opaque, tiles_in, triangle
 
+# Columns of the table of fronts: number of own columns, the same padded, number of rows below; start of the panel and
+# of the update matrix in columns of tiles; where the lists of matrix blocks, of children and of rows begin; the first
+# column in elimination order; and how many of the rows below are own columns of the parent.
+WIDTH, COLUMNS, BELOW, PANEL, UPDATE, BLOCKS, CHILDREN, ROWS, FIRST_COLUMN, IN_PARENT = range(10)
+# Columns of the table of tasks: a range of supernodes, the pieces that must be finished before, a range of rows of
+# tiles of the panel, and one of columns of tiles of the update matrix.
+FIRST_FRONT, LAST_FRONT, AWAITED, FIRST_ROW, LAST_ROW, FIRST_UPDATE, LAST_UPDATE = range(7)
 
-@ti.func
+
+class Fronts(NamedTuple):
+    """How the fronts lie in memory, and the tasks that compute them; all indices count scalars, three for a node.
+
+    Attributes:
+        table: a row for each supernode, and one that closes the ranges; its columns stand above.
+        rows: rows below of every supernode in elimination order, each list padded to whole tiles with the number of
+            rows of the matrix.
+        relative: the same rows in the parent's panel and the update matrix that follows it. Padding repeats the last
+            row, so that the zeros which it adds go to no entry of another task.
+        children: children of every supernode, ascending, shape (count - number of roots + 1,).
+        block_place: where each row of each block begins in the memory of all fronts, shape (block_count, 3).
+        tasks: in the order in which threads take them; its columns stand above.
+        pieces: number of pieces that each front is computed in, shape (count,).
+    """
+
+    table: IntegerTable
+    rows: Integers
+    relative: Integers
+    children: Integers
+    block_place: IntegerTable
+    tasks: IntegerTable
+    pieces: Integers
+
+
+class Factor(NamedTuple):
+    """The factor and the update matrices.
+
+    Attributes:
+        tiles: columns of tiles, shape (count, 8).
+        scalars: the same memory number by number.
+        done: finished pieces of each front, 0 at the start, shape (supernode_count,).
+        failed_column: first column without a positive pivot, lowered from the number of rows, shape (1,).
+        next_task: 0 at the start, shape (1,).
+    """
+
+    tiles: Columns
+    scalars: Scalars
+    done: Integers
+    failed_column: Integers
+    next_task: Integers
+
+
+@func
 def await_pieces(done: Integers, s: ti.i32, pieces: ti.i32):
     """Wait until that many pieces of a front are finished."""
     while ti.atomic_max(done[s], 0) < pieces:  # a load that the compiler may not move
         pass
 
 
-@ti.func
-def fill_panel(
-    s: ti.i32,
-    front: IntegerTable,
-    block_place: IntegerTable,
-    blocks: Matrices,
-    tiles: Columns,
-    scalars: Scalars,
-):
+@func
+def fill_panel(s: ti.i32, fronts: Fronts, blocks: Matrices, factor: Factor):
     """Put the matrix's blocks, zeros and the identity of the padding into a panel."""
-    width, columns, start = front[s, 0], front[s, 1], front[s, 3]
-    for i in range(front[s + 1, 3] - start):
-        tiles[start + i] = Column(0.0)
+    front, scalars = ti.static(fronts.table, factor.scalars)
+    width, columns, start = front[s, WIDTH], front[s, COLUMNS], front[s, PANEL]
+    for i in range(front[s + 1, PANEL] - start):
+        factor.tiles[start + i] = Column(0.0)
     for k in range(width, columns):
         scalars[TILE * (start + (k >> SHIFT) * columns + k) + (k & TILE - 1)] = 1.0
-    for k in range(front[s, 5], front[s + 1, 5]):
+    for k in range(front[s, BLOCKS], front[s + 1, BLOCKS]):
         for i in ti.static(range(3)):
             for j in ti.static(range(3)):
-                scalars[block_place[k, i] + TILE * j] = blocks[k][i, j]
+                scalars[fronts.block_place[k, i] + TILE * j] = blocks[k][i, j]
 
 
-@ti.func
-def add_update(
-    c: ti.i32,
-    first: ti.i32,
-    last: ti.i32,
-    s: ti.i32,
-    front: IntegerTable,
-    relative: Integers,
-    tiles: Columns,
-    scalars: Scalars,
-    one: ti.i32,
-):
+@func
+def add_update(c: ti.i32, first: ti.i32, last: ti.i32, s: ti.i32, fronts: Fronts, factor: Factor, one: ti.i32):
     """Add a child's update matrix to the columns first..last of its parent's front, all of the panel or none."""
-    rest, row_start, columns = front[c, 2], front[c, 7], front[s, 1]
-    begin = ti.select(first < columns, 0, front[c, 9])
+    front, relative, tiles, scalars = ti.static(fronts.table, fronts.relative, factor.tiles, factor.scalars)
+    rest, row_start, columns = front[c, BELOW], front[c, ROWS], front[s, COLUMNS]
+    begin = ti.select(first < columns, 0, front[c, IN_PARENT])
     while begin < rest and relative[row_start + begin] < first:
         begin += 1
-    end = ti.max(begin, front[c, 9])
+    end = ti.max(begin, front[c, IN_PARENT])
     while end < rest and relative[row_start + end] < last:
         end += 1
     for t in range(begin >> SHIFT, tiles_in(rest)):
@@ -68,10 +105,10 @@ def add_update(
         for a in ti.static(range(TILE)):
             row = relative[row_start + TILE * t + a]
             below = ti.max(row - columns, 0)
-            place[a] = TILE * (front[s, 3] + (row >> SHIFT) * columns) + (row & TILE - 1)
+            place[a] = TILE * (front[s, PANEL] + (row >> SHIFT) * columns) + (row & TILE - 1)
             if first >= columns:
-                place[a] = TILE * (front[s, 4] + triangle(below >> SHIFT) - columns) + (below & TILE - 1)
-        source = front[c, 4] + triangle(t)
+                place[a] = TILE * (front[s, UPDATE] + triangle(below >> SHIFT) - columns) + (below & TILE - 1)
+        source = front[c, UPDATE] + triangle(t)
         j = begin
         while j < ti.min(end, TILE * t):
             column = TILE * relative[row_start + j]
@@ -88,7 +125,7 @@ def add_update(
                     scalars[place[a] + column] = scalars[place[a] + column] + values[a]
 
 
-@ti.func
+@func
 def factorise_tile(d: ti.i32, row: ti.i32, pivots: ti.i32, tiles: Columns, one: ti.i32) -> ti.i32:
     """Finish a tile on the diagonal, at `d`; returns its first column without a positive pivot, or -1."""
     failed = -1
@@ -113,9 +150,10 @@ def factorise_tile(d: ti.i32, row: ti.i32, pivots: ti.i32, tiles: Columns, one: 
     return failed
 
 
-@ti.func
-def solve_tile(x: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, tiles: Columns, scalars: Scalars, one: ti.i32):
+@func
+def solve_tile(x: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, factor: Factor, one: ti.i32):
     """Finish a tile left of the diagonal: subtract products of tile rows `row` and `y`, divide by the diagonal's."""
+    tiles, scalars = ti.static(factor.tiles, factor.scalars)
     d = y + pivots
     v = [tiles[x + c] for c in range(TILE)]
     k = 0
@@ -132,7 +170,7 @@ def solve_tile(x: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, tiles: Columns
         tiles[x + c] = v[c]
 
 
-@ti.func
+@func
 def multiply_tile(x: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, tiles: Columns, one: ti.i32):
     """A tile of the update matrix: minus the product of the tile row at `row` and the transpose of that at `y`."""
     v = [Column(0.0) for _ in range(TILE)]
@@ -146,117 +184,71 @@ def multiply_tile(x: ti.i32, row: ti.i32, y: ti.i32, pivots: ti.i32, tiles: Colu
         tiles[x + c] = v[c]
 
 
-@ti.func
-def eliminate_rows(
-    s: ti.i32, first: ti.i32, last: ti.i32, front: IntegerTable, tiles: Columns, scalars: Scalars, one: ti.i32
-) -> ti.i32:
+@func
+def eliminate_rows(s: ti.i32, first: ti.i32, last: ti.i32, fronts: Fronts, factor: Factor, one: ti.i32) -> ti.i32:
     """Finish rows of tiles of a panel, those above being finished; returns its first bad pivot's column, or -1."""
-    columns, start = front[s, 1], front[s, 3]
+    columns, start = fronts.table[s, COLUMNS], fronts.table[s, PANEL]
     failed = -1
     for b in range(columns >> SHIFT):
         y = opaque(start + b * columns, one)
         if first <= b and b < last:
-            failed_in_tile = factorise_tile(y + TILE * b, y, TILE * b, tiles, one)
+            failed_in_tile = factorise_tile(y + TILE * b, y, TILE * b, factor.tiles, one)
             if failed_in_tile >= 0 and failed < 0:
                 failed = TILE * b + failed_in_tile
         for t in range(ti.max(first, b + 1), last):  # neighbours in a column do not wait for each other
             row = opaque(start + t * columns, one)
-            solve_tile(row + TILE * b, row, y, TILE * b, tiles, scalars, one)
+            solve_tile(row + TILE * b, row, y, TILE * b, factor, one)
     return failed
 
 
-@ti.func
-def multiply_columns(s: ti.i32, first: ti.i32, last: ti.i32, front: IntegerTable, tiles: Columns, one: ti.i32):
+@func
+def multiply_columns(s: ti.i32, first: ti.i32, last: ti.i32, fronts: Fronts, factor: Factor, one: ti.i32):
     """Set columns of tiles of an update matrix to minus the product of the panel with its transpose."""
-    columns = front[s, 1]
-    start = front[s, 3] + (columns >> SHIFT) * columns
+    front = ti.static(fronts.table)
+    columns = front[s, COLUMNS]
+    start = front[s, PANEL] + (columns >> SHIFT) * columns
     for b in range(first, last):
         y = opaque(start + b * columns, one)
-        for t in range(b, tiles_in(front[s, 2])):
-            x = opaque(front[s, 4] + triangle(t) + TILE * b, one)
-            multiply_tile(x, opaque(start + t * columns, one), y, front[s, 0], tiles, one)
+        for t in range(b, tiles_in(front[s, BELOW])):
+            x = opaque(front[s, UPDATE] + triangle(t) + TILE * b, one)
+            multiply_tile(x, opaque(start + t * columns, one), y, front[s, WIDTH], factor.tiles, one)
 
 
-@ti.func
-def work_on(
-    t: ti.i32,
-    s: ti.i32,
-    task: IntegerTable,
-    front: IntegerTable,
-    pieces: Integers,
-    block_place: IntegerTable,
-    blocks: Matrices,
-    child: Integers,
-    relative: Integers,
-    tiles: Columns,
-    scalars: Scalars,
-    done: Integers,
-    failed_column: Integers,
-    one: ti.i32,
-):
+@func
+def work_on(t: ti.i32, s: ti.i32, fronts: Fronts, blocks: Matrices, factor: Factor, one: ti.i32):
     """Do what a task asks for on one of its fronts."""
-    columns = front[s, 1]
-    await_pieces(done, s, task[t, 2])
-    first_row, last_row = task[t, 3], ti.min(task[t, 4], (columns >> SHIFT) + tiles_in(front[s, 2]))
-    first_tile, last_tile = task[t, 5], ti.min(task[t, 6], tiles_in(front[s, 2]))
+    front, task = ti.static(fronts.table, fronts.tasks)
+    columns = front[s, COLUMNS]
+    await_pieces(factor.done, s, task[t, AWAITED])
+    first_row = task[t, FIRST_ROW]
+    last_row = ti.min(task[t, LAST_ROW], (columns >> SHIFT) + tiles_in(front[s, BELOW]))
+    first_tile, last_tile = task[t, FIRST_UPDATE], ti.min(task[t, LAST_UPDATE], tiles_in(front[s, BELOW]))
     assembles = first_row == 0 and last_row > 0
     for part in range(2):  # the panel's columns, then those of the update matrix
         first = ti.select(part == 0, 0, columns + TILE * first_tile)
         last = ti.select(part == 0, ti.select(assembles, columns, 0), columns + TILE * last_tile)
         if part == 0 and assembles:
-            fill_panel(s, front, block_place, blocks, tiles, scalars)
+            fill_panel(s, fronts, blocks, factor)
         if part == 1:
-            failed = eliminate_rows(s, first_row, last_row, front, tiles, scalars, one)
+            failed = eliminate_rows(s, first_row, last_row, fronts, factor, one)
             if failed >= 0:
-                ti.atomic_min(failed_column[0], front[s, 8] + failed)
-            multiply_columns(s, first_tile, last_tile, front, tiles, one)
+                ti.atomic_min(factor.failed_column[0], front[s, FIRST_COLUMN] + failed)
+            multiply_columns(s, first_tile, last_tile, fronts, factor, one)
         if first < last:
-            for k in range(front[s, 6], front[s + 1, 6]):
-                await_pieces(done, child[k], pieces[child[k]])
-                add_update(child[k], first, last, s, front, relative, tiles, scalars, one)
-    ti.atomic_add(done[s], 1)
+            for k in range(front[s, CHILDREN], front[s + 1, CHILDREN]):
+                child = fronts.children[k]
+                await_pieces(factor.done, child, fronts.pieces[child])
+                add_update(child, first, last, s, fronts, factor, one)
+    ti.atomic_add(factor.done[s], 1)
 
 
 @kernel
-def factorise(
-    task: IntegerTable,
-    front: IntegerTable,
-    pieces: Integers,
-    block_place: IntegerTable,
-    blocks: Matrices,
-    child: Integers,
-    relative: Integers,
-    tiles: Columns,
-    scalars: Scalars,
-    done: Integers,
-    failed_column: Integers,
-    next_task: Integers,
-    workers: ti.i32,
-    one: ti.i32,
-):
-    """Factorise all fronts; `failed_column[0]` is lowered to the first column without a positive pivot.
-
-    Each worker, a thread, takes the next task until none is left.
-    """
+def factorise(fronts: Fronts, blocks: Matrices, factor: Factor, workers: ti.i32, one: ti.i32):
+    """Factorise all fronts. Each worker, a thread, takes the next task until none is left."""
     for worker in range(workers * CHUNK):
         if worker % CHUNK == 0:
-            t = ti.atomic_add(next_task[0], 1)
-            while t < task.shape[0]:
-                for s in range(task[t, 0], task[t, 1]):
-                    work_on(
-                        t,
-                        s,
-                        task,
-                        front,
-                        pieces,
-                        block_place,
-                        blocks,
-                        child,
-                        relative,
-                        tiles,
-                        scalars,
-                        done,
-                        failed_column,
-                        one,
-                    )
-                t = ti.atomic_add(next_task[0], 1)
+            t = ti.atomic_add(factor.next_task[0], 1)
+            while t < fronts.tasks.shape[0]:
+                for s in range(fronts.tasks[t, FIRST_FRONT], fronts.tasks[t, LAST_FRONT]):
+                    work_on(t, s, fronts, blocks, factor, one)
+                t = ti.atomic_add(factor.next_task[0], 1)

@@ -4,27 +4,67 @@ Rows come in groups of eight, the columns of a panel: Y = L^-1 J^T, W = Y^T Y. O
 tree leads to from a group's nodes are visited.
 """
 
-from taichisoft.kernels.launch import Kernel, kernel
-from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Matrices, ScalarTable, Vectors, ti, vec3
-from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
+from typing import NamedTuple
+
+from taichisoft.kernels.cavities import CavitySurfaces
+from taichisoft.kernels.cholesky import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
+from taichisoft.kernels.constraint_rows import CAVITIES, CONTACTS, Rows
+from taichisoft.kernels.launch import Kernel, func, kernel
+from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, Vectors, ti, vec3
+from taichisoft.kernels.tiles import TILE, Column, advance, opaque, tiles_in
 
 GROUP = TILE
 
 Panels = ti.types.ndarray(dtype=Column, ndim=2)
 
 
-@ti.func
-def eliminate(g: ti.i32, s: ti.i32, front: IntegerTable, position: Integers, panel: Columns, y: Panels, one: ti.i32):
+class EliminationTree(NamedTuple):
+    """The way from a node up the tree of supernodes.
+
+    Attributes:
+        position_of_node: where each node stands in elimination order, shape (node_count,).
+        supernode_of_position: shape (node_count,).
+        parent: of each supernode, -1 for a root, shape (supernode_count,).
+    """
+
+    position_of_node: Integers
+    supernode_of_position: Integers
+    parent: Integers
+
+
+class SparseColumns(NamedTuple):
+    """Work space: L^-1 J^T, eight of its columns a group.
+
+    Attributes:
+        active: whether a group reaches a supernode, shape (group_capacity, supernode_count).
+        y: entries in elimination order, shape (group_capacity, 3 node_count, 8).
+        done: threads that have finished their groups, 0 at the start, shape (1,).
+    """
+
+    active: IntegerTable
+    y: Panels
+    done: Integers
+
+
+@func
+def eliminate(g: ti.i32, s: ti.i32, fronts: Fronts, factor: Factor, y: Panels, one: ti.i32):
     """The part of a supernode in L^-1 J^T: solve for its own rows, subtract their share from the rows below."""
-    width, columns, rest, start, first = front[s, 0], front[s, 1], front[s, 2], front[s, 3], front[s, 8]
+    front, panel = ti.static(fronts.table, factor.tiles)
+    width, columns, rest, start, first = (
+        front[s, WIDTH],
+        front[s, COLUMNS],
+        front[s, BELOW],
+        front[s, PANEL],
+        front[s, FIRST_COLUMN],
+    )
     for t in range(columns // TILE + tiles_in(rest)):
         row = opaque(start + t * columns, one)
         v = [Column(0.0) for _ in range(TILE)]
         k = 0
         while k < ti.min(TILE * t, width):
-            factor, values = panel[row + k], y[g, first + k]
+            factor_column, values = panel[row + k], y[g, first + k]
             for a in ti.static(range(TILE)):
-                v[a] += factor[a] * values
+                v[a] += factor_column[a] * values
             k = advance(k, 1, one)
         if TILE * t < columns:
             for c in ti.static(range(TILE)):
@@ -39,88 +79,77 @@ def eliminate(g: ti.i32, s: ti.i32, front: IntegerTable, position: Integers, pan
             for a in ti.static(range(TILE)):
                 i = TILE * (t - columns // TILE) + a
                 if i < rest:
-                    target = position[front[s, 7] + i]
+                    target = fronts.rows[front[s, ROWS] + i]
                     y[g, target] = y[g, target] - v[a]
 
 
-@ti.func
-def mark_path(
-    g: ti.i32,
-    node: ti.i32,
-    position_of: Integers,
-    supernode_of_position: Integers,
-    parent: Integers,
-    active: IntegerTable,
-):
+@func
+def mark_path(g: ti.i32, node: ti.i32, tree: EliminationTree, active: IntegerTable):
     """Mark the supernodes from a node's own to the root."""
-    s = supernode_of_position[position_of[node]]
+    s = tree.supernode_of_position[tree.position_of_node[node]]
     while s >= 0 and active[g, s] == 0:
         active[g, s] = 1
-        s = parent[s]
+        s = tree.parent[s]
 
 
-@ti.func
+@func
 def fill_group(
     g: ti.i32,
-    contact_node: IntegerTable,
-    contact_weight: ScalarTable,
-    basis: Matrices,
-    cavity_of_row: Integers,
-    cavity_start: Integers,
-    cavity_node: Integers,
+    rows: Rows,
+    cavities: CavitySurfaces,
     cavity_gradient: Vectors,
-    position_of: Integers,
-    supernode_of_position: Integers,
-    parent: Integers,
-    front: IntegerTable,
-    active: IntegerTable,
-    y: Panels,
+    tree: EliminationTree,
+    fronts: Fronts,
+    columns: SparseColumns,
 ):
     """A group's columns of J^T, on the supernodes that it leads to."""
-    contact_rows = 3 * contact_node.shape[0]
-    last = ti.min(GROUP * (g + 1), contact_rows + cavity_of_row.shape[0])
-    for s in range(parent.shape[0]):
+    active, y, position_of = ti.static(columns.active, columns.y, tree.position_of_node)
+    contact_rows = 3 * rows.size[CONTACTS]
+    last = ti.min(GROUP * (g + 1), contact_rows + rows.size[CAVITIES])
+    for s in range(tree.parent.shape[0]):
         active[g, s] = 0
     for r in range(GROUP * g, last):
         if r < contact_rows:
-            for slot in range(contact_node.shape[1]):
-                if contact_node[r // 3, slot] >= 0:
-                    mark_path(g, contact_node[r // 3, slot], position_of, supernode_of_position, parent, active)
+            for slot in range(rows.node.shape[1]):
+                if rows.node[r // 3, slot] >= 0:
+                    mark_path(g, rows.node[r // 3, slot], tree, active)
         else:
-            cavity = cavity_of_row[r - contact_rows]
-            for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
-                mark_path(g, cavity_node[k], position_of, supernode_of_position, parent, active)
-    for s in range(parent.shape[0]):
+            cavity = rows.cavity[r - contact_rows]
+            for k in range(cavities.entry_start[cavity], cavities.entry_start[cavity + 1]):
+                mark_path(g, cavities.entry_node[k], tree, active)
+    for s in range(tree.parent.shape[0]):
         if active[g, s] != 0:
-            for i in range(front[s, 8], front[s, 8] + front[s, 0]):
+            first = fronts.table[s, FIRST_COLUMN]
+            for i in range(first, first + fronts.table[s, WIDTH]):
                 y[g, i] = Column(0.0)
     for r in range(GROUP * g, last):
         column = r - GROUP * g
         if r < contact_rows:
             c = r // 3
-            direction = vec3(basis[c][r % 3, 0], basis[c][r % 3, 1], basis[c][r % 3, 2])
-            for slot in range(contact_node.shape[1]):
-                if contact_node[c, slot] >= 0:
-                    i = 3 * position_of[contact_node[c, slot]]
+            direction = vec3(rows.basis[c][r % 3, 0], rows.basis[c][r % 3, 1], rows.basis[c][r % 3, 2])
+            for slot in range(rows.node.shape[1]):
+                if rows.node[c, slot] >= 0:
+                    i = 3 * position_of[rows.node[c, slot]]
                     for d in ti.static(range(3)):
-                        y[g, i + d][column] = y[g, i + d][column] + contact_weight[c, slot] * direction[d]
+                        y[g, i + d][column] = y[g, i + d][column] + rows.weight[c, slot] * direction[d]
         else:
-            cavity = cavity_of_row[r - contact_rows]
-            for k in range(cavity_start[cavity], cavity_start[cavity + 1]):
-                i = 3 * position_of[cavity_node[k]]
+            cavity = rows.cavity[r - contact_rows]
+            for k in range(cavities.entry_start[cavity], cavities.entry_start[cavity + 1]):
+                i = 3 * position_of[cavities.entry_node[k]]
                 for d in ti.static(range(3)):
                     y[g, i + d][column] = cavity_gradient[k][d]
 
 
-@ti.func
+@func
 def multiply_groups(
-    g: ti.i32, h: ti.i32, front: IntegerTable, active: IntegerTable, y: Panels, w: ScalarTable, one: ti.i32
+    g: ti.i32, h: ti.i32, row_count: ti.i32, fronts: Fronts, columns: SparseColumns, w: Scalars, one: ti.i32
 ):
-    """The block of W = Y^T Y of two groups, and its mirror image."""
+    """The block of W = Y^T Y of two groups, and its mirror image; W is stored by rows."""
+    front, active, y = ti.static(fronts.table, columns.active, columns.y)
     total = [Column(0.0) for _ in range(GROUP)]
     for s in range(active.shape[1]):
         if active[g, s] != 0 and active[h, s] != 0:
-            i, end = front[s, 8], front[s, 8] + front[s, 0]
+            i, end = front[s, FIRST_COLUMN], front[s, FIRST_COLUMN] + front[s, WIDTH]
             while i < end:
                 left, right = y[g, i], y[h, i]
                 for a in ti.static(range(GROUP)):
@@ -128,12 +157,12 @@ def multiply_groups(
                 i = advance(i, 1, one)
     for a in ti.static(range(GROUP)):
         r = GROUP * g + a
-        if r < w.shape[0]:
+        if r < row_count:
             for b in ti.static(range(GROUP)):
                 q = GROUP * h + b
-                if q < w.shape[0]:
-                    w[r, q] = total[a][b]
-                    w[q, r] = total[a][b]
+                if q < row_count:
+                    w[r * row_count + q] = total[a][b]
+                    w[q * row_count + r] = total[a][b]
 
 
 def make_soft_compliance(workers: int) -> Kernel:
@@ -141,48 +170,37 @@ def make_soft_compliance(workers: int) -> Kernel:
 
     @kernel
     def soft_compliance(
-        contact_node: IntegerTable,
-        contact_weight: ScalarTable,
-        basis: Matrices,
-        cavity_of_row: Integers,
-        cavity_start: Integers,
-        cavity_node: Integers,
+        rows: Rows,
+        cavities: CavitySurfaces,
         cavity_gradient: Vectors,
-        position_of: Integers,
-        supernode_of_position: Integers,
-        parent: Integers,
-        front: IntegerTable,
-        rows: Integers,
-        panel: Columns,
-        active: IntegerTable,
-        y: Panels,
-        w: ScalarTable,
-        done: Integers,
+        tree: EliminationTree,
+        fronts: Fronts,
+        factor: Factor,
+        columns: SparseColumns,
+        w: Scalars,
         one: ti.i32,
     ):
-        """Y = L^-1 J^T, of shape (group, scalar position), and W = Y^T Y; `done` must be 0 and counts the threads.
+        """Y = L^-1 J^T and W = Y^T Y.
 
         Neighbouring groups, which act on the same body, go to the same thread: they share what is in its cache.
         """
         ti.loop_config(serialize=workers == 1)
         for worker_ in range(workers * CHUNK):
             if worker_ % CHUNK == 0:
-                worker, group_count = worker_ // CHUNK, y.shape[0]
+                row_count = 3 * rows.size[CONTACTS] + rows.size[CAVITIES]
+                worker, group_count = worker_ // CHUNK, (row_count + GROUP - 1) // GROUP
                 for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
-                    fill_group(
-                        g, contact_node, contact_weight, basis, cavity_of_row, cavity_start, cavity_node,
-                        cavity_gradient, position_of, supernode_of_position, parent, front, active, y,
-                    )  # fmt: skip
-                    for s in range(parent.shape[0]):
-                        if active[g, s] != 0:
-                            eliminate(g, s, front, rows, panel, y, one)
-                ti.atomic_add(done[0], 1)
-                while ti.atomic_max(done[0], 0) < workers:  # a load that the compiler may not move
+                    fill_group(g, rows, cavities, cavity_gradient, tree, fronts, columns)
+                    for s in range(tree.parent.shape[0]):
+                        if columns.active[g, s] != 0:
+                            eliminate(g, s, fronts, factor, columns.y, one)
+                ti.atomic_add(columns.done[0], 1)
+                while ti.atomic_max(columns.done[0], 0) < workers:  # a load that the compiler may not move
                     pass
                 for pair in range(group_count * group_count):
                     g, h = pair // group_count, pair % group_count
                     if g >= h and (g + h) % workers == worker:
-                        multiply_groups(g, h, front, active, y, w, one)
+                        multiply_groups(g, h, row_count, fronts, columns, w, one)
 
     return soft_compliance
 

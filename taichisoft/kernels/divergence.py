@@ -1,34 +1,66 @@
 """What tells that a step went wrong: nodes that leap, elements that are turned inside out."""
 
+from typing import NamedTuple
+
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, Vectors, ti
 
 
+class Points(NamedTuple):
+    """Points of all bodies of a kind, before and after a step.
+
+    Attributes:
+        before: [mm], shape (point_count, 3).
+        velocity: before the step [mm/s], shape (point_count, 3).
+        after: [mm], shape (point_count, 3).
+        body_start: where each body's points begin, shape (body_count + 1,).
+        largest: how far a point of each body got [mm], shape (body_count,).
+    """
+
+    before: Vectors
+    velocity: Vectors
+    after: Vectors
+    body_start: Integers
+    largest: Scalars
+
+
+class InvertedElements(NamedTuple):
+    """Elements of all soft bodies.
+
+    Attributes:
+        elements: node indices, shape (element_count, nodes_per_element).
+        body_start: where each body's elements begin, shape (body_count + 1,).
+        count: how many of each body's are turned inside out, shape (body_count,).
+    """
+
+    elements: IntegerTable
+    body_start: Integers
+    count: Integers
+
+
 @kernel
-def largest_leaps(
-    time_step: ti.f64, before: Vectors, velocity: Vectors, after: Vectors, body_start: Integers, largest: Scalars
-):
+def largest_leaps(time_step: ti.f64, points: Points):
     """How far a point of each body got in a step, or got away from where its velocity led, whichever is less."""
     ti.loop_config(serialize=True)
-    for body in range(largest.shape[0]):
+    for body in range(points.largest.shape[0]):
         most = 0.0
-        for i in range(body_start[body], body_start[body + 1]):
-            move = after[i] - before[i]
-            surprise = move - time_step * velocity[i]
+        for i in range(points.body_start[body], points.body_start[body + 1]):
+            move = points.after[i] - points.before[i]
+            surprise = move - time_step * points.velocity[i]
             for d in ti.static(range(3)):
                 most = ti.max(most, ti.min(ti.abs(move[d]), ti.abs(surprise[d])))
-        largest[body] = most
+        points.largest[body] = most
 
 
 @kernel
-def count_inverted(elements: IntegerTable, position: Vectors, body_start: Integers, inverted: Integers):
+def count_inverted(inverted: InvertedElements, position: Vectors):
     """Elements of each body whose first four corners span no positive volume."""
     ti.loop_config(serialize=True)
-    for body in range(inverted.shape[0]):
+    for body in range(inverted.count.shape[0]):
         count = 0
-        for e in range(body_start[body], body_start[body + 1]):
-            origin = position[elements[e, 0]]
-            first, second = position[elements[e, 1]] - origin, position[elements[e, 2]] - origin
-            if first.cross(second).dot(position[elements[e, 3]] - origin) <= 0.0:
+        for e in range(inverted.body_start[body], inverted.body_start[body + 1]):
+            origin = position[inverted.elements[e, 0]]
+            first, second = position[inverted.elements[e, 1]] - origin, position[inverted.elements[e, 2]] - origin
+            if first.cross(second).dot(position[inverted.elements[e, 3]] - origin) <= 0.0:
                 count += 1
-        inverted[body] = count
+        inverted.count[body] = count

@@ -7,7 +7,9 @@ and, R being frozen in the step (Mueller and Gross 2004, Interactive Virtual Mat
     K_ab = sum_q w (lambda G_a G_b^T + mu G_b G_a^T + mu (G_a . G_b) I).
 """
 
-from taichisoft.kernels.launch import kernel
+from typing import NamedTuple
+
+from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.rotations import polar_rotation
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
 
@@ -16,6 +18,84 @@ ELEMENTS_A_TASK = 128
 BLOCKS_A_TASK = 256
 # What `progress` counts.
 NEXT_TASK, ELEMENTS_DONE = range(2)
+
+
+class Elements(NamedTuple):
+    """Elements of all soft bodies at rest.
+
+    Vectors stand at multiples of four numbers, which keeps them aligned: corner a of element e at
+    4 (e nodes_per_element + a), the next quadrature point 4 element_count nodes_per_element further on.
+
+    Attributes:
+        nodes: node indices of all elements one after the other, shape (element_count * nodes_per_element,).
+        polar: whether the rotation is that of the polar decomposition, else that of two edges, shape (element_count,).
+        rest_frame: frame of the first two edges, shape (element_count, 3, 3).
+        volume: that of each quadrature point [mm^3], shape (element_count, point_count).
+        gradient: gradients of the shape functions [1/mm].
+        scaled_gradient: the same times sqrt(w mu factor), with the factor of K in A.
+        lame: Lame's lambda and mu [kPa], shape (element_count, 2).
+        lag: h + b [s], shape (element_count,).
+    """
+
+    nodes: Integers
+    polar: Integers
+    rest_frame: Matrices
+    volume: ScalarTable
+    gradient: Scalars
+    scaled_gradient: Scalars
+    lame: ScalarTable
+    lag: Scalars
+
+
+class Deformation(NamedTuple):
+    """Elements of a step, at the same places as in `Elements`.
+
+    Attributes:
+        position: of the nodes [mm], shape (3 node_count,).
+        velocity: of the nodes [mm/s], shape (3 node_count,).
+        rotation: of each element, shape (element_count, 3, 3).
+        rotated_gradient: R times the scaled gradients.
+        element_force: forces of each element on its corners [mN].
+    """
+
+    position: Scalars
+    velocity: Scalars
+    rotation: Matrices
+    rotated_gradient: Scalars
+    element_force: Scalars
+
+
+class BlockParts(NamedTuple):
+    """Where the parts of each block of the system matrix stand.
+
+    Attributes:
+        start: where each block's parts begin in the lists that follow, shape (block_count + 1,).
+        row_place, column_place: places of the gradients of the block's two nodes in an element.
+        lame_ratio: lambda / mu of that element.
+        diagonal_node: node of a block on the diagonal, -1 for others, shape (block_count,).
+        diagonal: what is added on the diagonal: masses with their damping, and anchors [kg], shape (node_count,).
+    """
+
+    start: Integers
+    row_place: Integers
+    column_place: Integers
+    lame_ratio: Scalars
+    diagonal_node: Integers
+    diagonal: Scalars
+
+
+class SystemMatrix(NamedTuple):
+    """Forces and matrix of a step.
+
+    Attributes:
+        force: f - (h + b) K v on each node [mN], shape (node_count, 3).
+        blocks: of A, shape (block_count, 3, 3).
+        progress: counters, 0 at the start.
+    """
+
+    force: Vectors
+    blocks: Matrices
+    progress: Integers
 
 
 @ti.func
@@ -46,119 +126,77 @@ def store(array: Scalars, place: ti.i32, value: vec3):
         array[place + d] = value[d]
 
 
-@ti.func
-def strain_element(
-    e: ti.i32,
-    corner_count: ti.i32,
-    point_stride: ti.i32,
-    elements: Integers,
-    polar: Integers,
-    rest_frame: Matrices,
-    volume: ScalarTable,
-    shape_gradient: Scalars,
-    scaled_gradient: Scalars,
-    lame: ScalarTable,
-    lag: Scalars,
-    position: Scalars,
-    velocity: Scalars,
-    rotation: Matrices,
-    rotated_gradient: Scalars,
-    element_force: Scalars,
-):
+@func
+def strain_element(e: ti.i32, nodes_per_element: ti.i32, elements: Elements, deformation: Deformation):
     """An element's rotation, its forces on its corners, and its rotated gradients."""
-    n0 = 3 * elements[e * corner_count]
-    n1, n2 = 3 * elements[e * corner_count + 1], 3 * elements[e * corner_count + 2]
-    x0, v0 = load(position, n0), load(velocity, n0)
-    r = edge_frame(load(position, n1) - x0, load(position, n2) - x0) @ rest_frame[e].transpose()
-    if polar[e] != 0:
-        deformation = ti.Matrix.zero(ti.f64, 3, 3)
-        for q in range(volume.shape[1]):
-            for a in range(corner_count):
-                g = load(shape_gradient, q * point_stride + 4 * (e * corner_count + a))
-                x = load(position, 3 * elements[e * corner_count + a])
-                deformation += volume[e, q] * (x - x0).outer_product(g)
-        r = polar_rotation(deformation, r)
-    rotation[e] = r
-    for a in range(corner_count):
-        store(element_force, 4 * (e * corner_count + a), vec3(0.0))
-    for q in range(volume.shape[1]):
-        first = q * point_stride + 4 * e * corner_count
+    point_stride = 4 * elements.polar.shape[0] * nodes_per_element
+    first_corner = e * nodes_per_element
+    n0 = 3 * elements.nodes[first_corner]
+    n1, n2 = 3 * elements.nodes[first_corner + 1], 3 * elements.nodes[first_corner + 2]
+    x0, v0 = load(deformation.position, n0), load(deformation.velocity, n0)
+    frame = edge_frame(load(deformation.position, n1) - x0, load(deformation.position, n2) - x0)
+    r = frame @ elements.rest_frame[e].transpose()
+    if elements.polar[e] != 0:
+        total = ti.Matrix.zero(ti.f64, 3, 3)
+        for q in range(elements.volume.shape[1]):
+            for a in range(nodes_per_element):
+                g = load(elements.gradient, q * point_stride + 4 * (first_corner + a))
+                x = load(deformation.position, 3 * elements.nodes[first_corner + a])
+                total += elements.volume[e, q] * (x - x0).outer_product(g)
+        r = polar_rotation(total, r)
+    deformation.rotation[e] = r
+    for a in range(nodes_per_element):
+        store(deformation.element_force, 4 * (first_corner + a), vec3(0.0))
+    for q in range(elements.volume.shape[1]):
+        first = q * point_stride + 4 * first_corner
         gradient = ti.Matrix.zero(ti.f64, 3, 3)
-        for a in range(1, corner_count):
-            n = 3 * elements[e * corner_count + a]
-            lagged = load(position, n) - x0 + lag[e] * (load(velocity, n) - v0)
-            gradient += lagged.outer_product(load(shape_gradient, first + 4 * a))
+        for a in range(1, nodes_per_element):
+            n = 3 * elements.nodes[first_corner + a]
+            lagged = load(deformation.position, n) - x0 + elements.lag[e] * (load(deformation.velocity, n) - v0)
+            gradient += lagged.outer_product(load(elements.gradient, first + 4 * a))
         strain = r.transpose() @ gradient - ti.Matrix.identity(ti.f64, 3)
-        pull = -volume[e, q] * (r @ stress(strain, lame[e, 0], lame[e, 1]))
-        for a in range(corner_count):
+        pull = -elements.volume[e, q] * (r @ stress(strain, elements.lame[e, 0], elements.lame[e, 1]))
+        for a in range(nodes_per_element):
             place = first + 4 * a
-            store(rotated_gradient, place, r @ load(scaled_gradient, place))
-            here = 4 * (e * corner_count + a)
-            store(element_force, here, load(element_force, here) + pull @ load(shape_gradient, place))
+            store(deformation.rotated_gradient, place, r @ load(elements.scaled_gradient, place))
+            here = 4 * (first_corner + a)
+            pulled = load(deformation.element_force, here) + pull @ load(elements.gradient, place)
+            store(deformation.element_force, here, pulled)
 
 
-@ti.func
+@func
 def gather_block(
     k: ti.i32,
     point_count: ti.i32,
     point_stride: ti.i32,
-    rotated_gradient: Scalars,
-    element_force: Scalars,
-    block_start: Integers,
-    row_place: Integers,
-    column_place: Integers,
-    lame_ratio: Scalars,
-    diagonal_block: Integers,
-    diagonal: Scalars,
-    force: Vectors,
-    blocks: Matrices,
+    parts: BlockParts,
+    deformation: Deformation,
+    system: SystemMatrix,
 ):
     """A block of the matrix from the elements that contain its two nodes, and on the diagonal the node's force."""
     shear = ti.Matrix.zero(ti.f64, 3, 3)
     total = ti.Matrix.zero(ti.f64, 3, 3)
-    for c in range(block_start[k], block_start[k + 1]):
+    for c in range(parts.start[k], parts.start[k + 1]):
         for q in range(point_count):
-            row = load(rotated_gradient, q * point_stride + row_place[c])
-            column = load(rotated_gradient, q * point_stride + column_place[c])
+            row = load(deformation.rotated_gradient, q * point_stride + parts.row_place[c])
+            column = load(deformation.rotated_gradient, q * point_stride + parts.column_place[c])
             product = row.outer_product(column)
             shear += product
-            total += lame_ratio[c] * product
+            total += parts.lame_ratio[c] * product
     total += shear.transpose() + shear.trace() * ti.Matrix.identity(ti.f64, 3)
-    node = diagonal_block[k]
+    node = parts.diagonal_node[k]
     if node >= 0:
         node_force = vec3(0.0)
-        for c in range(block_start[k], block_start[k + 1]):
-            node_force += load(element_force, row_place[c])
-        force[node] = node_force
-        total += diagonal[node] * ti.Matrix.identity(ti.f64, 3)
-    blocks[k] = total
+        for c in range(parts.start[k], parts.start[k + 1]):
+            node_force += load(deformation.element_force, parts.row_place[c])
+        system.force[node] = node_force
+        total += parts.diagonal[node] * ti.Matrix.identity(ti.f64, 3)
+    system.blocks[k] = total
 
 
 @kernel
 def assemble(
-    corner_count: ti.i32,
-    elements: Integers,
-    polar: Integers,
-    rest_frame: Matrices,
-    volume: ScalarTable,
-    shape_gradient: Scalars,
-    scaled_gradient: Scalars,
-    lame: ScalarTable,
-    lag: Scalars,
-    position: Scalars,
-    velocity: Scalars,
-    rotation: Matrices,
-    rotated_gradient: Scalars,
-    element_force: Scalars,
-    block_start: Integers,
-    row_place: Integers,
-    column_place: Integers,
-    lame_ratio: Scalars,
-    diagonal_block: Integers,
-    diagonal: Scalars,
-    force: Vectors,
-    blocks: Matrices,
-    progress: Integers,
+    nodes_per_element: ti.i32, elements: Elements, deformation: Deformation, parts: BlockParts, system: SystemMatrix
 ):
     """Nodal forces f - lag K v and the matrix A = diagonal + K, K already times its factor in A.
 
@@ -167,33 +205,24 @@ def assemble(
     contain its two nodes, and each diagonal one their forces, in a fixed order. With H_a = sqrt(w mu factor) R g_a and
     M = sum H_a H_b^T, a block is sum (lambda / mu) H_a H_b^T + M^T + tr(M) I.
 
-    Vectors stand at multiples of four numbers, which keeps them aligned: corner a of element e at
-    4 (e corner_count + a), the next quadrature point 4 element_count corner_count further on.
-
-    Each thread takes the next task until none is left; blocks wait for all elements. `progress` must be 0 at the start.
+    Each thread takes the next task until none is left; blocks wait for all elements.
     """
-    element_count, block_count = polar.shape[0], blocks.shape[0]
-    point_stride = 4 * element_count * corner_count
+    element_count, block_count = elements.polar.shape[0], system.blocks.shape[0]
+    point_stride = 4 * element_count * nodes_per_element
     element_tasks = (element_count + ELEMENTS_A_TASK - 1) // ELEMENTS_A_TASK
     block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
     for worker in range(THREADS * CHUNK):
         if worker % CHUNK == 0:
-            t = ti.atomic_add(progress[NEXT_TASK], 1)
+            t = ti.atomic_add(system.progress[NEXT_TASK], 1)
             while t < element_tasks:
                 for e in range(t * ELEMENTS_A_TASK, ti.min((t + 1) * ELEMENTS_A_TASK, element_count)):
-                    strain_element(
-                        e, corner_count, point_stride, elements, polar, rest_frame, volume, shape_gradient,
-                        scaled_gradient, lame, lag, position, velocity, rotation, rotated_gradient, element_force,
-                    )  # fmt: skip
-                ti.atomic_add(progress[ELEMENTS_DONE], 1)
-                t = ti.atomic_add(progress[NEXT_TASK], 1)
-            while ti.atomic_max(progress[ELEMENTS_DONE], 0) < element_tasks:  # a load that the compiler may not move
+                    strain_element(e, nodes_per_element, elements, deformation)
+                ti.atomic_add(system.progress[ELEMENTS_DONE], 1)
+                t = ti.atomic_add(system.progress[NEXT_TASK], 1)
+            while ti.atomic_max(system.progress[ELEMENTS_DONE], 0) < element_tasks:  # a load that nothing may move
                 pass
             while t < element_tasks + block_tasks:
                 first = (t - element_tasks) * BLOCKS_A_TASK
                 for k in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
-                    gather_block(
-                        k, volume.shape[1], point_stride, rotated_gradient, element_force, block_start, row_place,
-                        column_place, lame_ratio, diagonal_block, diagonal, force, blocks,
-                    )  # fmt: skip
-                t = ti.atomic_add(progress[NEXT_TASK], 1)
+                    gather_block(k, elements.volume.shape[1], point_stride, parts, deformation, system)
+                t = ti.atomic_add(system.progress[NEXT_TASK], 1)

@@ -8,12 +8,19 @@ The sweeps find out which contacts are open, stick or slip; while they do, nonli
 problems; the step of one sweep plays the gradient). Now and then a few Newton steps on the closed contacts (newton.py)
 are tried, and taken where a sweep from there finds less than half as much to change. So the answer is always that of a
 sweep, and satisfies every inequality exactly.
+
+On some problems (a cylinder on a plane, whose many contacts share its weight in many ways) the conjugate gradients
+restart for ever where plain sweeps converge: whenever the residual has not halved in PATIENCE sweeps, they are switched
+off, or on again.
 """
 
+from typing import NamedTuple
+
 from taichisoft.kernels.axpy import add_multiple, add_three_multiples
-from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.newton import choose_rows, newton_step
-from taichisoft.kernels.runtime import Integers, Scalars, ScalarTable, mat3, ti, vec3
+from taichisoft.kernels.constraint_rows import CONTACTS
+from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels.newton import Iterate, NewtonSystem, Problem, choose_rows, newton_step, row_count
+from taichisoft.kernels.runtime import Integers, Scalars, mat3, ti, vec3
 
 PATIENCE = 600  # sweeps; less would switch the conjugate gradients off in a grasp, where they do help
 # Sweeps before the first Newton steps, and how many more to wait after each time that they failed.
@@ -22,19 +29,48 @@ LONGEST_WAIT = 32
 # One after the other before the sweeps go on: those from a wrong guess of which contacts are closed mend the guess.
 NEWTON_STEPS = 2
 
-# Rows of the work space.
-LAST, LAST_VELOCITY, DIRECTION, DIRECTION_VELOCITY, WORK_ROWS = range(5)
+# Entries of `Progress.count`: sweeps in all, since the residual last halved, and since the last Newton steps; how many
+# to wait for the next ones; whether the conjugate gradients are on.
+SWEEPS, SINCE_BEST, SINCE_NEWTON, WAIT, ACCELERATES = range(5)
+# Entries of `Progress.figure`: the residual; when it last halved; squared length of the last sweep's step.
+RESIDUAL, BEST, LAST_NORM = range(3)
 
 
-@ti.func
-def measure(w: Scalars, free: Scalars, impulse: Scalars, velocity: Scalars):
+class Search(NamedTuple):
+    """Work space of the conjugate gradients, each of shape (row_capacity,).
+
+    Attributes:
+        last_impulse, last_velocity: before the sweep.
+        direction, direction_velocity: where the last step went.
+    """
+
+    last_impulse: Scalars
+    last_velocity: Scalars
+    direction: Scalars
+    direction_velocity: Scalars
+
+
+class Progress(NamedTuple):
+    """How far the solution has come.
+
+    Attributes:
+        count: numbers of sweeps and the like, shape (5,); its entries stand above.
+        figure: residual and the like, shape (3,); its entries stand above.
+    """
+
+    count: Integers
+    figure: Scalars
+
+
+@func
+def measure_velocity(problem: Problem, iterate: Iterate):
     """velocity = free + W impulse."""
-    count = free.shape[0]
+    count = row_count(problem)
     for k in range(count):
-        velocity[k] = free[k]
+        iterate.velocity[k] = problem.free[k]
     for row in range(count):
-        if impulse[row] != 0.0:
-            add_multiple(velocity, 0, impulse[row], w, row * count, count)
+        if iterate.impulse[row] != 0.0:
+            add_multiple(iterate.velocity, 0, iterate.impulse[row], problem.compliance, row * count, count)
 
 
 @ti.func
@@ -60,16 +96,17 @@ def solve_contact(block: mat3, velocity: vec3, old: vec3, friction: ti.f64) -> v
     return impulse
 
 
-@ti.func
-def sweep(w: Scalars, friction: Scalars, impulse: Scalars, velocity: Scalars) -> ti.f64:
+@func
+def sweep(problem: Problem, iterate: Iterate) -> ti.f64:
     """Visit every block once; returns the largest change of a block's own velocity [mm/s, of a cavity mm^3/s].
 
-    `velocity` follows every change of an impulse (W is symmetric: a row is a column), so that an open contact that
+    The velocities follow every change of an impulse (W is symmetric: a row is a column), so that an open contact that
     stays open costs nothing.
     """
+    w, impulse, velocity = ti.static(problem.compliance, iterate.impulse, iterate.velocity)
     residual = 0.0
-    row_count = impulse.shape[0]
-    for c in range(friction.shape[0]):
+    rows = row_count(problem)
+    for c in range(problem.size[CONTACTS]):
         n = 3 * c
         # The conjugate gradients may have moved the impulse of an open contact to anywhere.
         acts = impulse[n] != 0.0 or impulse[n + 1] != 0.0 or impulse[n + 2] != 0.0
@@ -80,139 +117,173 @@ def sweep(w: Scalars, friction: Scalars, impulse: Scalars, velocity: Scalars) ->
                 old[i] = impulse[n + i]
                 speed[i] = velocity[n + i]
                 for j in ti.static(range(3)):
-                    block[i, j] = w[(n + i) * row_count + n + j]
-            new = solve_contact(block, speed, old, friction[c])
+                    block[i, j] = w[(n + i) * rows + n + j]
+            new = solve_contact(block, speed, old, problem.friction[c])
             change = new - old
             own = block @ change
             for i in ti.static(range(3)):
                 impulse[n + i] = new[i]
                 residual = ti.max(residual, ti.abs(own[i]))
-            add_three_multiples(velocity, change, w, n * row_count, row_count)
-    for row in range(3 * friction.shape[0], row_count):
-        correction = -velocity[row] / w[row * row_count + row]
+            add_three_multiples(velocity, change, w, n * rows, rows)
+    for row in range(3 * problem.size[CONTACTS], rows):
+        correction = -velocity[row] / w[row * rows + row]
         residual = ti.max(residual, ti.abs(velocity[row]))
         impulse[row] = impulse[row] + correction
-        add_multiple(velocity, 0, correction, w, row * row_count, row_count)
+        add_multiple(velocity, 0, correction, w, row * rows, rows)
     return residual
 
 
-@ti.func
-def newton_cost(closed: ti.i32, rows: ti.i32) -> ti.i32:
-    """Sweeps that take about as long as the Newton steps, which need 2 m^3 / 3 operations on m rows, a sweep 2 m n."""
-    return NEWTON_STEPS * closed * closed // (3 * rows)
+@func
+def copy_iterate(rows: ti.i32, source: Iterate, target: Iterate):
+    """Impulses and velocities."""
+    for k in range(rows):
+        target.impulse[k] = source.impulse[k]
+        target.velocity[k] = source.velocity[k]
+
+
+@func
+def restart_search(rows: ti.i32, search: Search, progress: Progress):
+    """Forget where the last steps went."""
+    progress.figure[LAST_NORM] = 0.0
+    for k in range(rows):
+        search.direction[k] = 0.0
+        search.direction_velocity[k] = 0.0
+
+
+@func
+def newton_pays(problem: Problem, current: Iterate, newton: NewtonSystem, progress: Progress) -> ti.i32:
+    """Whether Newton steps are due: after so many sweeps as take about as long.
+
+    They need 2 m^3 / 3 operations on m closed rows, a sweep 2 m n on all n.
+    """
+    pays = 0
+    if progress.count[SINCE_NEWTON] >= progress.count[WAIT]:
+        closed = choose_rows(problem, current, newton)
+        if progress.count[SINCE_NEWTON] >= NEWTON_STEPS * closed * closed // (3 * row_count(problem)):
+            pays = 1
+    return pays
+
+
+@func
+def try_newton(
+    problem: Problem,
+    current: Iterate,
+    point: Iterate,
+    trial: Iterate,
+    newton: NewtonSystem,
+    progress: Progress,
+    max_iterations: ti.i32,
+) -> ti.i32:
+    """Newton steps from `current`, each checked by a sweep; returns whether one was taken."""
+    rows = row_count(problem)
+    progress.count[SINCE_NEWTON] = 0
+    progress.count[WAIT] = ti.max(FIRST_NEWTON, ti.min(progress.count[WAIT] + FIRST_NEWTON, LONGEST_WAIT))
+    copy_iterate(rows, current, point)
+    jumped = 0
+    steps = 0
+    while jumped == 0 and steps < NEWTON_STEPS and progress.count[SWEEPS] < max_iterations:
+        newton_step(problem, point, newton, trial)
+        measure_velocity(problem, trial)
+        copy_iterate(rows, trial, point)
+        residual = sweep(problem, trial)
+        steps += 1
+        progress.count[SWEEPS] += 1
+        if residual < 0.5 * progress.figure[RESIDUAL]:
+            jumped = 1
+            progress.count[WAIT] = 1
+            progress.figure[RESIDUAL] = residual
+            copy_iterate(rows, trial, current)
+    return jumped
+
+
+@func
+def switch_acceleration(progress: Progress) -> ti.i32:
+    """Switch the conjugate gradients when the residual has not halved for long; returns whether."""
+    switched = 0
+    if progress.figure[RESIDUAL] < 0.5 * progress.figure[BEST]:
+        progress.figure[BEST] = progress.figure[RESIDUAL]
+        progress.count[SINCE_BEST] = 0
+    if progress.count[SINCE_BEST] > PATIENCE:
+        progress.count[ACCELERATES] = 1 - progress.count[ACCELERATES]
+        progress.figure[BEST] = progress.figure[RESIDUAL]
+        progress.count[SINCE_BEST] = 0
+        switched = 1
+    return switched
+
+
+@func
+def accelerate(problem: Problem, current: Iterate, search: Search, progress: Progress):
+    """Go on in the direction of the last steps, as far as the conjugate gradients say."""
+    rows = row_count(problem)
+    # Step of the sweep, measured in energy: impulses of different bodies are not alike.
+    norm = 0.0
+    for k in range(rows):
+        norm += problem.compliance[k * rows + k] * (current.impulse[k] - search.last_impulse[k]) ** 2
+    beta = 0.0
+    if progress.figure[LAST_NORM] > 0.0:
+        beta = norm / progress.figure[LAST_NORM]
+    progress.figure[LAST_NORM] = norm
+    if beta > 1.0:
+        for k in range(rows):
+            search.direction[k] = 0.0
+            search.direction_velocity[k] = 0.0
+    else:
+        for k in range(rows):
+            moved = current.impulse[k] - search.last_impulse[k]
+            current.impulse[k] = current.impulse[k] + beta * search.direction[k]
+            search.direction[k] = beta * search.direction[k] + moved
+        for k in range(rows):
+            gained = current.velocity[k] - search.last_velocity[k]
+            current.velocity[k] = current.velocity[k] + beta * search.direction_velocity[k]
+            search.direction_velocity[k] = beta * search.direction_velocity[k] + gained
+
+
+@func
+def begin(problem: Problem, current: Iterate, search: Search, progress: Progress, tolerance: ti.f64):
+    """Velocities of the first impulses; counters at their start."""
+    measure_velocity(problem, current)
+    restart_search(row_count(problem), search, progress)
+    progress.figure[RESIDUAL] = 2.0 * tolerance
+    progress.figure[BEST] = 1e300
+    for k in ti.static(range(5)):
+        progress.count[k] = 0
+    progress.count[WAIT] = FIRST_NEWTON
+    progress.count[ACCELERATES] = 1
 
 
 @kernel
 def solve(
-    w: Scalars,
-    free: Scalars,
-    friction: Scalars,
+    problem: Problem,
+    current: Iterate,
+    point: Iterate,
+    trial: Iterate,
+    search: Search,
+    newton: NewtonSystem,
+    progress: Progress,
     tolerance: ti.f64,
     max_iterations: ti.i32,
-    impulse: Scalars,
-    velocity: Scalars,
-    work: ScalarTable,
-    point: Scalars,
-    point_velocity: Scalars,
-    trial: Scalars,
-    trial_velocity: Scalars,
-    step: Scalars,
-    matrix: Scalars,
-    row_of: Integers,
-    outcome: Scalars,
 ):
-    """Sweep until the residual is below the tolerance; `outcome` gets the number of sweeps and the residual.
-
-    On some problems (a cylinder on a plane, whose many contacts share its weight in many ways) the conjugate gradients
-    restart for ever where plain sweeps converge: whenever the residual has not halved in PATIENCE sweeps, they are
-    switched off, or on again.
-    """
+    """Improve the impulses of `current` until the residual is below the tolerance; its velocities follow."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        rows = impulse.shape[0]
-        residual = 2.0 * tolerance
-        last_norm = 0.0
-        best = 1e300
-        since_best = 0
-        accelerate = 1
-        since_newton = 0
-        wait = FIRST_NEWTON
-        iterations = 0
-        measure(w, free, impulse, velocity)
-        for k in range(rows):
-            work[DIRECTION, k] = 0.0
-            work[DIRECTION_VELOCITY, k] = 0.0
-        while iterations < max_iterations and residual >= tolerance:
+        rows = row_count(problem)
+        begin(problem, current, search, progress, tolerance)
+        while progress.count[SWEEPS] < max_iterations and progress.figure[RESIDUAL] >= tolerance:
             for k in range(rows):
-                work[LAST, k] = impulse[k]
-                work[LAST_VELOCITY, k] = velocity[k]
-            residual = sweep(w, friction, impulse, velocity)
-            iterations += 1
-            since_best += 1
-            since_newton += 1
-            jumped = 0
-            if (
-                residual >= tolerance
-                and iterations < max_iterations
-                and since_newton >= wait
-                and since_newton >= newton_cost(choose_rows(w, velocity, friction, impulse, row_of), rows)
-            ):
-                since_newton = 0
-                wait = ti.max(FIRST_NEWTON, ti.min(wait + FIRST_NEWTON, LONGEST_WAIT))
-                for k in range(rows):
-                    point[k] = impulse[k]
-                    point_velocity[k] = velocity[k]
-                steps = 0
-                while jumped == 0 and steps < NEWTON_STEPS and iterations < max_iterations:
-                    newton_step(w, point_velocity, friction, point, matrix, step, row_of, trial)
-                    measure(w, free, trial, trial_velocity)
-                    for k in range(rows):
-                        point[k] = trial[k]
-                        point_velocity[k] = trial_velocity[k]
-                    trial_residual = sweep(w, friction, trial, trial_velocity)
-                    steps += 1
-                    iterations += 1
-                    if trial_residual < 0.5 * residual:
-                        jumped = 1
-                        wait = 1
-                        residual = trial_residual
-                        for k in range(rows):
-                            impulse[k] = trial[k]
-                            velocity[k] = trial_velocity[k]
-            if residual < 0.5 * best:
-                best = residual
-                since_best = 0
-            if since_best > PATIENCE:
-                accelerate = 1 - accelerate
-                best = residual
-                since_best = 0
-                jumped = 1
-            if jumped != 0:
-                last_norm = 0.0
-                for k in range(rows):
-                    work[DIRECTION, k] = 0.0
-                    work[DIRECTION_VELOCITY, k] = 0.0
-            elif accelerate != 0 and residual >= tolerance and iterations < max_iterations:
-                # Step of the sweep, measured in energy: impulses of different bodies are not alike.
-                norm = 0.0
-                for k in range(rows):
-                    norm += w[k * rows + k] * (impulse[k] - work[LAST, k]) ** 2
-                beta = 0.0
-                if last_norm > 0.0:
-                    beta = norm / last_norm
-                last_norm = norm
-                if beta > 1.0:
-                    for k in range(rows):
-                        work[DIRECTION, k] = 0.0
-                        work[DIRECTION_VELOCITY, k] = 0.0
-                else:
-                    for k in range(rows):
-                        moved = impulse[k] - work[LAST, k]
-                        impulse[k] = impulse[k] + beta * work[DIRECTION, k]
-                        work[DIRECTION, k] = beta * work[DIRECTION, k] + moved
-                    for k in range(rows):
-                        gained = velocity[k] - work[LAST_VELOCITY, k]
-                        velocity[k] = velocity[k] + beta * work[DIRECTION_VELOCITY, k]
-                        work[DIRECTION_VELOCITY, k] = beta * work[DIRECTION_VELOCITY, k] + gained
-        outcome[0] = iterations
-        outcome[1] = residual
+                search.last_impulse[k] = current.impulse[k]
+                search.last_velocity[k] = current.velocity[k]
+            progress.figure[RESIDUAL] = sweep(problem, current)
+            progress.count[SWEEPS] += 1
+            progress.count[SINCE_BEST] += 1
+            progress.count[SINCE_NEWTON] += 1
+            goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
+            restarts = 0
+            if goes_on and newton_pays(problem, current, newton, progress) != 0:
+                restarts = try_newton(problem, current, point, trial, newton, progress, max_iterations)
+                goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
+            if switch_acceleration(progress) != 0:
+                restarts = 1
+            if restarts != 0:
+                restart_search(rows, search, progress)
+            elif goes_on and progress.count[ACCELERATES] != 0:
+                accelerate(problem, current, search, progress)

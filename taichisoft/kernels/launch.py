@@ -57,19 +57,15 @@ class Kernel:
         self._kernel = ti.kernel(function)
         self._described = [_describe(parameter.annotation) for parameter in flat]
         self._flat_names = [parameter.name for parameter in flat]
-        # Numbers are handed over at every launch: where they stand among the arguments, and among the flat ones.
-        numbers = [p.name for p in flat if not _describe(p.annotation)[1]]
-        self._numbers = [
-            (
-                self._names.index(name),
-                self._flat_names.index(name),
-                _describe(flat[self._flat_names.index(name)].annotation)[0],
-            )
-            for name in numbers
+        numbers = [
+            name for name, (_, dimensions, _) in zip(self._flat_names, self._described, strict=True) if not dimensions
         ]
-        held = [index for index, name in enumerate(self._names) if name not in numbers]
-        self._pick_held = itemgetter(*held, held[0])  # once more: of one it would make no tuple
-        self._remembered: dict[tuple[int, ...], tuple[Any, tuple[Any, ...]]] = {}
+        # Where the numbers stand among the flat arguments, and how each is handed over.
+        self._number_places = [(self._flat_names.index(name),) for name in numbers]
+        self._number_kinds = [self._described[place][0] for (place,) in self._number_places]
+        self._pick_numbers = _picker([self._names.index(name) for name in numbers])
+        self._pick_held = _picker([index for index, name in enumerate(self._names) if name not in numbers])
+        self._remembered: dict[tuple[int, ...], _Launch] = {}
         self._compiled: Any = None
 
     def __call__(self, *arguments: Any) -> None:
@@ -82,17 +78,22 @@ class Kernel:
         if len(arguments) != len(self._names):
             raise TypeError(f"kernel {self.__name__} takes {len(self._names)} arguments, not {len(arguments)}")
         identity = tuple(map(id, self._pick_held(arguments)))
-        known = self._remembered.get(identity)
-        context = known[0] if known else self._prepare(identity, arguments)
-        for index, place, kind in self._numbers:
-            if kind is int:
-                context.set_arg_int((place,), int(arguments[index]))
-            else:
-                context.set_arg_float((place,), float(arguments[index]))
-        self._program.launch_kernel(self._compiled, context)
+        launch = self._remembered.get(identity) or self._prepare(identity, arguments)
+        numbers = self._pick_numbers(arguments)
+        if numbers != launch.numbers:
+            self._set_numbers(launch, numbers)
+        self._program.launch_kernel(self._compiled, launch.context)
 
-    def _prepare(self, identity: tuple[int, ...], arguments: tuple[Any, ...]) -> Any:
-        """A launch context with the pointers of these arrays."""
+    def _set_numbers(self, launch: "_Launch", numbers: tuple[Any, ...]) -> None:
+        launch.numbers = numbers
+        for place, kind, number in zip(self._number_places, self._number_kinds, numbers, strict=True):
+            if kind is int:
+                launch.context.set_arg_int(place, int(number))
+            else:
+                launch.context.set_arg_float(place, float(number))
+
+    def _prepare(self, identity: tuple[int, ...], arguments: tuple[Any, ...]) -> "_Launch":
+        """A launch with the pointers of these arrays."""
         flat: list[Any] = []
         for name, argument in zip(self._names, arguments, strict=True):
             if name in self._bundles and not isinstance(argument, self._bundles[name]):
@@ -110,9 +111,8 @@ class Kernel:
                 context.set_arg_external_array_with_shape((place,), address, array.nbytes, array.shape[:outer], 0)
         if len(self._remembered) == REMEMBERED:
             del self._remembered[next(iter(self._remembered))]
-        # Holding the arrays keeps their identities theirs.
-        self._remembered[identity] = context, arguments
-        return context
+        self._remembered[identity] = launch = _Launch(context, arguments)
+        return launch
 
     def _check(self, flat: list[Any]) -> None:
         for name, array, (kind, dimensions, _) in zip(self._flat_names, flat, self._described, strict=True):
@@ -130,6 +130,15 @@ class Kernel:
         self._compiled = self._program.compile_kernel(self._program.config(), capabilities, self._taichi_kernel)
 
 
+class _Launch:
+    """What a launch with certain arrays needs; holding the arrays keeps their identities theirs."""
+
+    def __init__(self, context: Any, arguments: tuple[Any, ...]):
+        self.context = context
+        self.numbers: tuple[Any, ...] | None = None
+        self._arguments = arguments
+
+
 @contextmanager
 def timed_launches(add: Callable[[float], None]) -> Iterator[None]:
     """Within it, `add` gets the seconds of every launch; outside nothing is measured, and nothing costs."""
@@ -145,6 +154,13 @@ def timed_launches(add: Callable[[float], None]) -> Iterator[None]:
         yield
     finally:
         Kernel.__call__ = launch  # type: ignore[method-assign]
+
+
+def _picker(indices: list[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
+    """What picks these entries of a tuple, as a tuple."""
+    if len(indices) < 2:  # of one, itemgetter makes no tuple
+        return lambda arguments: tuple(arguments[index] for index in indices)
+    return itemgetter(*indices)
 
 
 def _is_bundle(annotation: Any) -> bool:

@@ -6,7 +6,9 @@ Pseudonormal), which know inside from outside at edges and corners too.
 
 import math
 
-from taichisoft.kernels.runtime import Integers, IntegerTable, Vectors, ti, vec3
+from taichisoft.kernels.launch import func
+from taichisoft.kernels.runtime import Vectors, ti, vec3
+from taichisoft.kernels.surfaces import Surfaces
 
 # Edges of a deformed flat patch are slightly convex or concave at random: normals may leave an edge's normal cone
 # by this much (sine of the angle).
@@ -14,7 +16,7 @@ CONE_TOLERANCE = 0.1
 CONE_CHORD = 2.0 * math.sin(0.5 * math.asin(CONE_TOLERANCE))  # between unit vectors that are this far apart
 
 
-@ti.func
+@func
 def closest_on_triangle(p: vec3, a: vec3, b: vec3, c: vec3) -> vec3:
     """Barycentric weights of the closest point; exactly 0 for corners not involved (Ericson 2005, section 5.1.5)."""
     ab, ac = b - a, c - a
@@ -45,49 +47,38 @@ def closest_on_triangle(p: vec3, a: vec3, b: vec3, c: vec3) -> vec3:
     return weights
 
 
-@ti.func
-def face_normal(t: ti.i32, triangles: IntegerTable, position: Vectors) -> vec3:
+@func
+def face_normal(t: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
     """Unit normal of triangle t."""
-    a = position[triangles[t, 0]]
-    normal = (position[triangles[t, 1]] - a).cross(position[triangles[t, 2]] - a)
+    a = position[surfaces.triangles[t, 0]]
+    normal = (position[surfaces.triangles[t, 1]] - a).cross(position[surfaces.triangles[t, 2]] - a)
     return normal / ti.max(normal.norm(), 1e-300)
 
 
-@ti.func
-def edge_pseudonormal(e: ti.i32, edge_triangles: IntegerTable, triangles: IntegerTable, position: Vectors) -> vec3:
+@func
+def edge_pseudonormal(e: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
     """Sum of the normals of the triangles at an edge."""
-    normal = face_normal(edge_triangles[e, 0], triangles, position)
-    if edge_triangles[e, 1] >= 0:
-        normal += face_normal(edge_triangles[e, 1], triangles, position)
+    normal = face_normal(surfaces.edge_triangles[e, 0], surfaces, position)
+    if surfaces.edge_triangles[e, 1] >= 0:
+        normal += face_normal(surfaces.edge_triangles[e, 1], surfaces, position)
     return normal
 
 
-@ti.func
-def vertex_pseudonormal(
-    v: ti.i32, fan_start: Integers, fan: Integers, triangles: IntegerTable, position: Vectors
-) -> vec3:
+@func
+def vertex_pseudonormal(v: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
     """Sum of the normals of the triangles around a vertex, weighted by their angles there."""
     normal = vec3(0.0)
-    for k in range(fan_start[v], fan_start[v + 1]):
-        t = fan[k] // 3
-        corner = fan[k] % 3
-        first = position[triangles[t, (corner + 1) % 3]] - position[v]
-        second = position[triangles[t, (corner + 2) % 3]] - position[v]
-        normal += ti.atan2(first.cross(second).norm(), first.dot(second)) * face_normal(t, triangles, position)
+    for k in range(surfaces.fan_start[v], surfaces.fan_start[v + 1]):
+        t = surfaces.fan[k] // 3
+        corner = surfaces.fan[k] % 3
+        first = position[surfaces.triangles[t, (corner + 1) % 3]] - position[v]
+        second = position[surfaces.triangles[t, (corner + 2) % 3]] - position[v]
+        normal += ti.atan2(first.cross(second).norm(), first.dot(second)) * face_normal(t, surfaces, position)
     return normal
 
 
-@ti.func
-def outward_normal(
-    t: ti.i32,
-    weights: vec3,
-    triangles: IntegerTable,
-    triangle_edges: IntegerTable,
-    edge_triangles: IntegerTable,
-    fan_start: Integers,
-    fan: Integers,
-    position: Vectors,
-) -> vec3:
+@func
+def outward_normal(t: ti.i32, weights: vec3, surfaces: Surfaces, position: Vectors) -> vec3:
     """Unit pseudo-normal of the corner, edge or face of triangle t on which a point with these weights lies."""
     normal = vec3(0.0)
     zeros = 0
@@ -100,38 +91,26 @@ def outward_normal(
         else:
             corner = k
     if zeros == 0:
-        normal = face_normal(t, triangles, position)
+        normal = face_normal(t, surfaces, position)
     elif zeros == 1:
-        normal = edge_pseudonormal(triangle_edges[t, opposite], edge_triangles, triangles, position)
+        normal = edge_pseudonormal(surfaces.triangle_edges[t, opposite], surfaces, position)
     else:
-        normal = vertex_pseudonormal(triangles[t, corner], fan_start, fan, triangles, position)
+        normal = vertex_pseudonormal(surfaces.triangles[t, corner], surfaces, position)
     return normal / ti.max(normal.norm(), 1e-300)
 
 
-@ti.func
-def inward(t: ti.i32, start: ti.i32, end: ti.i32, triangles: IntegerTable, position: Vectors) -> vec3:
+@func
+def inward(t: ti.i32, start: ti.i32, end: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
     """Unit direction in the plane of triangle t, across its edge (start, end), into the triangle."""
-    third = triangles[t, 0] + triangles[t, 1] + triangles[t, 2] - start - end
+    third = surfaces.triangles[t, 0] + surfaces.triangles[t, 1] + surfaces.triangles[t, 2] - start - end
     along = (position[end] - position[start]).normalized()
     across = position[third] - position[start]
     across -= across.dot(along) * along
     return across.normalized()
 
 
-@ti.func
-def is_local_minimum(
-    t: ti.i32,
-    weights: vec3,
-    away: vec3,
-    triangles: IntegerTable,
-    triangle_edges: IntegerTable,
-    edges: IntegerTable,
-    edge_triangles: IntegerTable,
-    star_start: Integers,
-    star: Integers,
-    first_triangle: Integers,
-    position: Vectors,
-) -> ti.i32:
+@func
+def is_local_minimum(t: ti.i32, weights: vec3, away: vec3, surfaces: Surfaces, position: Vectors) -> ti.i32:
     """Whether the distance grows in every direction from a closest point on triangle t; `away` leads to the point.
 
     True for one triangle only of those that share the corner or edge.
@@ -144,52 +123,48 @@ def is_local_minimum(
             zeros += 1
             opposite = k
         else:
-            corner = triangles[t, k]
+            corner = surfaces.triangles[t, k]
     minimum = 1
     if zeros == 1:
-        e = triangle_edges[t, opposite]
-        other = edge_triangles[e, 1]
-        if edge_triangles[e, 0] != t:
+        e = surfaces.triangle_edges[t, opposite]
+        other = surfaces.edge_triangles[e, 1]
+        if surfaces.edge_triangles[e, 0] != t:
             minimum = 0
         if other >= 0:
-            across = inward(other, edges[e, 0], edges[e, 1], triangles, position)
+            across = inward(other, surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces, position)
             if away.dot(across) > 0.0:
                 minimum = 0
     elif zeros == 2:
-        if first_triangle[corner] != t:
+        if surfaces.first_triangle[corner] != t:
             minimum = 0
-        for k in range(star_start[corner], star_start[corner + 1]):
-            if away.dot(position[star[k]] - position[corner]) > 0.0:
+        for k in range(surfaces.star_start[corner], surfaces.star_start[corner + 1]):
+            if away.dot(position[surfaces.star[k]] - position[corner]) > 0.0:
                 minimum = 0
     return minimum
 
 
-@ti.func
-def in_normal_cone(
-    e: ti.i32,
-    normal: vec3,
-    edges: IntegerTable,
-    edge_triangles: IntegerTable,
-    triangles: IntegerTable,
-    position: Vectors,
-) -> ti.i32:
+@func
+def in_normal_cone(e: ti.i32, normal: vec3, surfaces: Surfaces, position: Vectors) -> ti.i32:
     """Whether a direction away from the surface leaves edge e between the normals of its triangles."""
     inside = 1
     for k in ti.static(range(2)):
-        t = edge_triangles[e, k]
-        if t >= 0 and normal.dot(inward(t, edges[e, 0], edges[e, 1], triangles, position)) > CONE_TOLERANCE:
+        t = surfaces.edge_triangles[e, k]
+        if (
+            t >= 0
+            and normal.dot(inward(t, surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces, position)) > CONE_TOLERANCE
+        ):
             inside = 0
     return inside
 
 
-@ti.func
-def normal_cone(e: ti.i32, edge_triangles: IntegerTable, triangles: IntegerTable, position: Vectors):
+@func
+def normal_cone(e: ti.i32, surfaces: Surfaces, position: Vectors):
     """A unit vector, and how far from it others can lie that are in the normal cone of edge e and leave the surface."""
-    first = face_normal(edge_triangles[e, 0], triangles, position)
+    first = face_normal(surfaces.edge_triangles[e, 0], surfaces, position)
     axis = first
     spread = 2.0
-    if edge_triangles[e, 1] >= 0:
-        total = first + face_normal(edge_triangles[e, 1], triangles, position)
+    if surfaces.edge_triangles[e, 1] >= 0:
+        total = first + face_normal(surfaces.edge_triangles[e, 1], surfaces, position)
         length = total.norm()
         if length > 1e-6:
             axis = total / length

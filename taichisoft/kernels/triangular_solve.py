@@ -1,8 +1,28 @@
 """Triangular solves with the factor of `kernels/cholesky.py` for one right-hand side."""
 
-from taichisoft.kernels.launch import Kernel, kernel
-from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, ti
+from typing import NamedTuple
+
+from taichisoft.kernels.cholesky import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
+from taichisoft.kernels.launch import Kernel, func, kernel
+from taichisoft.kernels.runtime import CHUNK, THREADS, IntegerTable, Scalars, ti
 from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
+
+# Columns of the table of trees: a range of supernodes, and where the work space of the tree begins.
+FIRST, LAST, WORK = range(3)
+
+
+class Solution(NamedTuple):
+    """A right-hand side that becomes the solution, in elimination order.
+
+    Attributes:
+        trees: one row for each tree of supernodes; its columns stand above.
+        x: entries, shape (3 node_count + 8,).
+        below: work space.
+    """
+
+    trees: IntegerTable
+    x: Scalars
+    below: Columns
 
 
 @ti.func
@@ -17,12 +37,11 @@ def multiply_row(tiles: Columns, row: ti.i32, columns: ti.i32, x: Scalars, first
     return (s[0] + s[1]) + (s[2] + s[3])
 
 
-@ti.func
-def solve_forward(
-    s: ti.i32, front: IntegerTable, position: Integers, tiles: Columns, scalars: Scalars, x: Scalars, one: ti.i32
-):
+@func
+def solve_forward(s: ti.i32, fronts: Fronts, factor: Factor, x: Scalars, one: ti.i32):
     """Solve for a front's own entries of L^-1 b and subtract their share from those of its rows below."""
-    width, columns, start, first = front[s, 0], front[s, 1], front[s, 3], front[s, 8]
+    front, tiles, scalars = ti.static(fronts.table, factor.tiles, factor.scalars)
+    width, columns, start, first = front[s, WIDTH], front[s, COLUMNS], front[s, PANEL], front[s, FIRST_COLUMN]
     for b in range(columns // TILE):
         row = opaque(start + b * columns, one)
         d, i = row + TILE * b, first + TILE * b
@@ -35,30 +54,22 @@ def solve_forward(
                 v[a] -= scalars[TILE * (d + c) + a] * value
             if TILE * b + c < width:
                 x[i + c] = value
-    for t in range(tiles_in(front[s, 2])):
+    for t in range(tiles_in(front[s, BELOW])):
         v = multiply_row(tiles, opaque(start + (columns // TILE + t) * columns, one), columns, x, first, one)
         for a in ti.static(range(TILE)):
-            i = position[front[s, 7] + TILE * t + a]
+            i = fronts.rows[front[s, ROWS] + TILE * t + a]
             x[i] = x[i] - v[a]
 
 
-@ti.func
-def solve_backward(
-    s: ti.i32,
-    front: IntegerTable,
-    position: Integers,
-    tiles: Columns,
-    scalars: Scalars,
-    x: Scalars,
-    below: Columns,
-    work: ti.i32,
-    one: ti.i32,
-):
+@func
+def solve_backward(s: ti.i32, fronts: Fronts, factor: Factor, solution: Solution, work: ti.i32, one: ti.i32):
     """Solve for a front's own entries of L^-T y from those of its rows below."""
-    width, columns, start, first = front[s, 0], front[s, 1], front[s, 3], front[s, 8]
-    for t in range(tiles_in(front[s, 2])):
+    front, tiles, scalars = ti.static(fronts.table, factor.tiles, factor.scalars)
+    x, below = ti.static(solution.x, solution.below)
+    width, columns, start, first = front[s, WIDTH], front[s, COLUMNS], front[s, PANEL], front[s, FIRST_COLUMN]
+    for t in range(tiles_in(front[s, BELOW])):
         for a in ti.static(range(TILE)):
-            below[work + t][a] = x[position[front[s, 7] + TILE * t + a]]
+            below[work + t][a] = x[fronts.rows[front[s, ROWS] + TILE * t + a]]
     for back in range(columns // TILE):
         b = columns // TILE - 1 - back
         sums = [Column(0.0) for _ in range(TILE)]
@@ -70,7 +81,7 @@ def solve_backward(
             for c in ti.static(range(TILE)):
                 sums[c] += tiles[column + c] * values
         k = 0
-        while k < tiles_in(front[s, 2]):
+        while k < tiles_in(front[s, BELOW]):
             values_below = below[work + k]
             column_below = start + (columns // TILE + k) * columns + TILE * b
             for c in ti.static(range(TILE)):
@@ -92,27 +103,19 @@ def make_solve_trees(workers: int) -> Kernel:
     """The kernel that solves on a number of threads; one does not wake any other."""
 
     @kernel
-    def solve_trees(
-        tree: IntegerTable,
-        front: IntegerTable,
-        position: Integers,
-        tiles: Columns,
-        scalars: Scalars,
-        x: Scalars,
-        below: Columns,
-        one: ti.i32,
-    ):
+    def solve_trees(fronts: Fronts, factor: Factor, solution: Solution, one: ti.i32):
         """Solve L L^T x = b in place for one right-hand side in elimination order, trees dealt out to threads."""
         ti.loop_config(serialize=workers == 1)
         for worker in range(workers * CHUNK):
             if worker % CHUNK == 0:
+                tree = ti.static(solution.trees)
                 t = worker // CHUNK
                 while t < tree.shape[0]:
-                    for s in range(tree[t, 0], tree[t, 1]):
-                        solve_forward(s, front, position, tiles, scalars, x, one)
-                    for back in range(tree[t, 1] - tree[t, 0]):
-                        s = tree[t, 1] - 1 - back
-                        solve_backward(s, front, position, tiles, scalars, x, below, tree[t, 2], one)
+                    for s in range(tree[t, FIRST], tree[t, LAST]):
+                        solve_forward(s, fronts, factor, solution.x, one)
+                    for back in range(tree[t, LAST] - tree[t, FIRST]):
+                        s = tree[t, LAST] - 1 - back
+                        solve_backward(s, fronts, factor, solution, tree[t, WORK], one)
                     t += workers
 
     return solve_trees

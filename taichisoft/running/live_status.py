@@ -106,7 +106,7 @@ class LiveStatus:
     def _pressures(self) -> str:
         """One figure where they agree to what is shown."""
         report = self._session.simulation.report
-        values = report.pressures if report is not None else {}
+        values = report.observation.pressures if report is not None else {}
         shown = {name: f"{value:.1f} kPa" for name, value in values.items()}
         if len(set(shown.values())) > 1:
             return ", ".join(f"{name} {value}" for name, value in shown.items())
@@ -116,8 +116,8 @@ class LiveStatus:
         """Lift against gravity since the first state, and the sum of the normal forces of soft bodies."""
         session, report = self._session, self._session.simulation.report
         way = session.simulation.state.rigid_position - session.first_state.rigid_position
-        forces: dict[str, float] = report.normal_forces if report is not None else {}
-        force = sum(value for pair, value in forces.items() if self._is_grip(set(pair.split("|"))))
+        forces = report.observation.normal_forces if report is not None else {}
+        force = sum(value for pair, value in forces.items() if self._is_grip(set(pair)))
         return f"lifted by {self._up @ way[self._object_index]:z.1f} mm, pressed with {force:.0f} mN"
 
     def _is_grip(self, pair: set[str | None]) -> bool:

@@ -54,23 +54,23 @@ def profiled(simulation: Simulation) -> Iterator[Profile]:
 
 def _phases(simulation: Simulation) -> dict[str, list[tuple[Any, str]]]:
     """The methods that make up each phase, without what they call of other phases."""
-    model, problem = simulation.model, simulation._problem
-    soft: dict[str, list[tuple[Any, str]]] = {}
-    if model.elasticity is not None:
-        soft = {
-            "cavities": [(model.cavities, "update")],
-            "rotations and assembly": [(model.elasticity, "assemble")],
-            "factorisation": [(model.elasticity.solver, "factorise")],
-            "motion without contact": [(simulation._soft, "update")],
+    constraints, soft = simulation._constraints, simulation._soft
+    soft_phases: dict[str, list[tuple[Any, str]]] = {}
+    if soft is not None:
+        soft_phases = {
+            "cavities": [(simulation._volumes, "update")],
+            "rotations and assembly": [(soft.system, "assemble")],
+            "factorisation": [(soft.system.solver, "factorise")],
         }
     return {
-        **soft,
-        "contact detection": [(simulation, "_find_contacts"), (simulation, "_choose_contacts")],
-        "compliance": [(problem, "lay_out"), (problem, "measure")],
-        "Gauss-Seidel": [(problem, "solve")],
-        "active set": [(simulation, "_solve_contacts")],
-        "correction": [(simulation, "_push"), (simulation, "_move")],
-        "check": [(simulation, "_check_divergence")],
+        **soft_phases,
+        "motion without contact": [(simulation, "_solve_free_motion")],
+        "contact detection": [(simulation, "_find_contacts")],
+        "compliance": [(constraints, "_build_rows"), (constraints, "_assemble_compliance")],
+        "Gauss-Seidel": [(constraints, "_find_impulses")],
+        "active set": [(constraints, "solve")],
+        "correction": [(constraints, "_apply_impulses"), (simulation, "_integrate")],
+        "check": [(simulation._divergence_check, "check")],
     }
 
 

@@ -1,208 +1,193 @@
-"""The constraint problem of a step: rows for contacts and cavities, their compliance, and their impulses."""
+"""The constraint problem of a step: contacts and cavities of imposed volume, solved together."""
 
 import numpy as np
 
-from taichisoft.contact.detection import ContactPairs
-from taichisoft.kernels import compliance, contact_rows
+from taichisoft.bodies.cavities import CavityVolumes
+from taichisoft.kernels import compliance, constraint_rows
+from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
 from taichisoft.state import State
-from taichisoft.step.constraint_rows import Rows
+from taichisoft.step.active_set import ActiveSet
+from taichisoft.step.constraint_rows import ConstraintRows
 from taichisoft.step.rigid_motion import RigidMotion
+from taichisoft.step.soft_motion import SoftMotion
 
 # Rows times non-zeros of the factor: less than some 0.5 ms of work is not worth waking threads.
 SMALL_COMPLIANCE = 30e6
-# Sizes of the problem whose arrays are kept: the number of contacts goes up and down by a few.
-KEPT_SIZES = 8
+FIRST_CAPACITY = 16
+# A little room to spare: with several hundred contacts the arrays are large.
+GROWTH = 1.25
 
 
-class ConstraintProblem:
-    """Find impulses such that velocities after the step obey contact, friction and imposed volumes.
+class Constraints:
+    """Finds impulses such that velocities after the step obey contact, friction and imposed volumes.
 
-    With v the velocity of each row after the step, v = free + W impulse. A contact has three rows: normal
-    (velocity plus gap / h, at least 0), and two tangents. A cavity of imposed volume has one: its rate of volume
-    less the rate that reaches the imposed growth at the end of the step. (Imposed pressures are known impulses.)
+    With v the velocity of each row after the step, v = free + W impulse. A contact has three rows: normal (velocity
+    plus gap / h, at least 0), and two tangents. A cavity of imposed volume has one: its rate of volume less the rate
+    that reaches the imposed growth at the end of the step. (Imposed pressures are known impulses.)
 
     Attributes:
-        rows: the arrays, which are used again by the next problem of this size.
-        node_impulse: J^T impulse on the soft nodes [mN s], shape (node_count, 3).
-        iterations: sweeps of the Gauss-Seidel, of all problems of a step.
+        node_velocity: of the soft nodes after the step [mm/s], shape (node_count, 3).
+        contact_impulse: on each contact's second body [mN s], shape (contact_count, 3).
+        contact_slip: sliding speed of each contact that presses, else 0 [mm/s], shape (contact_count,).
+        cavity_pressure: imposed or found [kPa], shape (cavity_count,).
+        iterations: sweeps of the Gauss-Seidel.
+        residual: largest change of a block's own velocity in the last sweep [mm/s, of a cavity mm^3/s].
     """
 
-    def __init__(self, model: Model, rigid_motion: RigidMotion):
-        """Make the buffers whose size does not depend on the contacts.
+    def __init__(self, model: Model, soft: SoftMotion | None, rigid: RigidMotion, volumes: CavityVolumes):
+        """Make the work space.
 
         Args:
             model: the bodies.
-            rigid_motion: the rigid bodies of a step; it gets the impulses that are found.
+            soft: the soft bodies of a step, None without any.
+            rigid: the rigid bodies of a step; they get the impulses that are found.
+            volumes: of the model's cavities, at the start of a step.
         """
-        self._model = model
-        self._rigid_motion = rigid_motion
+        self._model, self._soft, self._rigid, self._volumes = model, soft, rigid, volumes
         self._time_step = model.scene.time.step
-        self._node_velocity = np.empty((model.node_count, 3))
-        self.node_impulse = np.zeros((model.node_count, 3))
-        self._kept: dict[tuple[int, int], Rows] = {}
-        self.iterations = 0
+        self._active_set = ActiveSet(model, rigid.state)
+        self._problem = ConstraintRows(model, FIRST_CAPACITY)
+        self._velocity = np.zeros((model.node_count, 3))  # stays in place for the kernels
+        self._node_impulse = np.zeros((model.node_count, 3))
+        self.node_velocity = np.zeros((model.node_count, 3))
 
-    def _rows_of(self, count: int, cavity_count: int) -> Rows:
-        """Arrays of this size; those that were not used for the longest time are dropped."""
-        size = (count, cavity_count)
-        rows = self._kept.pop(size, None) or Rows(self._model, count, cavity_count)
-        self._kept[size] = rows
-        if len(self._kept) > KEPT_SIZES:
-            del self._kept[next(iter(self._kept))]
-        return rows
+    def solve(self, state: State, contacts: Contacts, last_impulse: np.ndarray) -> None:
+        """Find the impulses, and the velocities of all bodies with them.
 
-    def lay_out(self, state: State, contacts: ContactPairs) -> None:
-        """Lay out the rows at the positions of `state`."""
-        self._state = state
-        cavities = np.flatnonzero(state.cavity_volume_imposed)
-        self.rows = rows = self._rows_of(contacts.count, len(cavities))
-        rows.cavities[:] = cavities
-        if not contacts.count:
-            return
-        rows.bodies[:] = contacts.bodies
-        rows.vertices[:] = contacts.vertices
-        rows.vertex_weights[:] = contacts.weights
-        rows.points[:] = contacts.points
-        rows.normal[:] = contacts.normal
-        rows.friction[:] = self._model.friction[rows.bodies[:, 0], rows.bodies[:, 1]]
-        rows.approach[:] = (contacts.distance - self._model.scene.contact.contact_distance) / self._time_step
-        surfaces = self._model.surfaces
-        contact_rows.lay_out(
-            len(self._model.soft_bodies),
-            len(self._model.rigid_bodies),
-            rows.bodies,
-            rows.vertices,
-            rows.vertex_weights,
-            rows.points,
-            rows.normal,
-            surfaces.vertex_nodes,
-            surfaces.vertex_weights,
-            surfaces.vertex_owner,
-            self._rigid_motion.position,
-            rows.basis,
-            rows.node,
-            rows.weight,
-            rows.rigid,
-            rows.rigid_jacobian,
-        )
-
-    def measure(self, node_velocity: np.ndarray) -> None:
-        """Fill the rows' `free` and `compliance`.
+        Contacts that are expected to stay open are left out at first, see `active_set`.
 
         Args:
-            node_velocity: of the soft nodes without the impulses to be found [mm/s], shape (node_count, 3).
+            state: at the start of the step.
+            contacts: those of the step.
+            last_impulse: of each contact in the last step, 0 where it is new [mN s], shape (contact_count, 3).
         """
-        rows, rigid = self.rows, self._rigid_motion
-        if not rows.count:
+        count, cavities = len(last_impulse), np.flatnonzero(state.cavity_volume_imposed)
+        self.iterations, self.residual = 0, 0.0
+        self.contact_impulse, self.contact_slip = np.zeros((count, 3)), np.zeros(count)
+        self.cavity_pressure = state.cavity_target.copy()
+        if not count and not len(cavities):
+            self._rigid.apply_impulses()
+            self.node_velocity = self._free_velocity().copy()
             return
-        self._node_velocity[:] = node_velocity
-        rows.compliance[:] = 0.0
-        if self._model.elasticity is not None:
-            self._add_soft_compliance()
-        if len(rows.bodies):
-            contact_rows.contact_velocity(
-                rows.node,
-                rows.weight,
-                rows.basis,
-                rows.rigid,
-                rows.rigid_jacobian,
-                self._node_velocity,
-                rigid.velocity,
-                rows.approach,
-                rows.free,
+        self._velocity[:] = state.velocity
+        self._active_set.begin(contacts, last_impulse, self._velocity)
+        while True:
+            self._build_rows(contacts, cavities)
+            self._assemble_compliance(state)
+            self._find_impulses(state, last_impulse)
+            self._apply_impulses()
+            self._velocity[:] = self.node_velocity
+            if not self._active_set.add_violated(self._velocity):
+                break
+        self._collect(cavities)
+
+    def _free_velocity(self) -> np.ndarray:
+        return self._soft.free_velocity if self._soft is not None else self._velocity
+
+    def _build_rows(self, contacts: Contacts, cavities: np.ndarray) -> None:
+        """What the rows of the chosen contacts and of these cavities act on."""
+        self._chosen = chosen = np.flatnonzero(self._active_set.chosen)
+        if len(chosen) > self._problem.contact_capacity:
+            self._problem = ConstraintRows(self._model, int(GROWTH * len(chosen)))
+        rows = self._problem.rows
+        rows.size[:] = len(chosen), len(cavities)
+        rows.contact[: len(chosen)] = chosen
+        rows.cavity[: len(cavities)] = cavities
+        if len(chosen):
+            constraint_rows.build_rows(
+                len(self._model.soft_bodies),
+                contacts,
+                self._active_set.separation,
+                self._model.surfaces.carriers,
+                self._model.friction,
+                self._rigid.state,
+                rows,
             )
-            contact_rows.add_rigid_compliance(rows.rigid, rows.rigid_jacobian, rigid.inverse_mass, rows.compliance)
-        self._measure_volumes()
 
-    def _measure_volumes(self) -> None:
-        """Rates of the imposed volumes less those that reach their targets [mm^3/s]."""
-        cavities, state, first = self._model.cavities, self._state, 3 * len(self.rows.bodies)
-        for row, cavity in enumerate(self.rows.cavities, first):
-            entries = slice(cavities.entry_start[cavity], cavities.entry_start[cavity + 1])
-            rate = np.vdot(cavities.gradient[entries], self._node_velocity[cavities.entry_node[entries]])
-            missing = state.cavity_volume[cavity] - cavities.rest_volume[cavity] - state.cavity_target[cavity]
-            self.rows.free[row] = rate + missing / self._time_step
+    def _assemble_compliance(self, state: State) -> None:
+        """The rows' velocities without impulses, and W."""
+        rows, rigid, contact_count = self._problem.rows, self._rigid.state, len(self._chosen)
+        row_count = 3 * contact_count + int(rows.size[constraint_rows.CAVITIES])
+        self._row_count = row_count
+        if self._soft is not None and row_count:
+            self._assemble_soft_compliance(self._soft)
+        else:
+            self._problem.compliance[: row_count**2] = 0.0
+        if contact_count:
+            free_velocity = self._free_velocity()
+            constraint_rows.free_contact_velocity(rows, free_velocity, rigid)
+            constraint_rows.add_rigid_compliance(row_count, rows, rigid, self._problem.compliance)
+        self._measure_volume_rates(state)
 
-    def _add_soft_compliance(self) -> None:
-        assert self._model.elasticity is not None
-        solver, cavities, rows = self._model.elasticity.solver, self._model.cavities, self.rows
-        small = rows.count * solver.factor_entries < SMALL_COMPLIANCE
-        measure = compliance.soft_compliance_serially if small else compliance.soft_compliance
-        rows.done[0] = 0
-        measure(
-            rows.node,
-            rows.weight,
-            rows.basis,
-            rows.cavities,
-            cavities.entry_start,
-            cavities.entry_node,
-            cavities.gradient,
-            solver.position_of_node,
-            solver.supernode_of_position,
-            solver.parent,
-            solver.front,
-            solver.rows,
-            solver.panel,
-            rows.active,
-            rows.columns,
-            rows.compliance,
-            rows.done,
+    def _assemble_soft_compliance(self, soft: SoftMotion) -> None:
+        solver = soft.system.solver
+        small = self._row_count * solver.symbolic.factor_entries < SMALL_COMPLIANCE
+        assemble = compliance.soft_compliance_serially if small else compliance.soft_compliance
+        self._problem.columns.done[0] = 0
+        assemble(
+            self._problem.rows,
+            self._model.cavities.surfaces,
+            self._volumes.gradient,
+            solver.symbolic.tree,
+            solver.symbolic.fronts,
+            solver.factor,
+            self._problem.columns,
+            self._problem.compliance,
             1,
         )
 
-    def solve(self, start: np.ndarray) -> None:
-        """Find the impulses by Gauss-Seidel.
+    def _measure_volume_rates(self, state: State) -> None:
+        """Rates of the imposed volumes less those that reach their targets [mm^3/s]."""
+        rows, cavities = self._problem.rows, self._model.cavities
+        surfaces, velocity = cavities.surfaces, self._free_velocity()
+        for row, cavity in enumerate(rows.cavity[: rows.size[constraint_rows.CAVITIES]], 3 * len(self._chosen)):
+            entries = slice(surfaces.entry_start[cavity], surfaces.entry_start[cavity + 1])
+            rate = np.vdot(self._volumes.gradient[entries], velocity[surfaces.entry_node[entries]])
+            missing = state.cavity_volume[cavity] - cavities.rest_volume[cavity] - state.cavity_target[cavity]
+            rows.free[row] = rate + missing / self._time_step
 
-        Args:
-            start: impulses on second bodies to start from, in world axes [mN s], shape (contact_count, 3).
-        """
-        rows, settings = self.rows, self._model.scene.contact
-        if not rows.count:
+    def _find_impulses(self, state: State, last_impulse: np.ndarray) -> None:
+        """Gauss-Seidel, from the impulses of the last step."""
+        solver, rows, contact_count = self._problem.gauss_seidel, self._problem.rows, len(self._chosen)
+        if not self._row_count:
+            self.residual = 0.0
             return
-        local = np.einsum("cij,cj->ci", rows.basis, start)
+        local = np.einsum("cij,cj->ci", rows.basis[:contact_count], last_impulse[self._chosen])
         local[local[:, 0] < 0.0] = 0.0
-        rows.impulse[: local.size] = local.reshape(-1)
-        rows.impulse[local.size :] = self._state.cavity_impulse[rows.cavities]
-        rows.gauss_seidel.solve(
-            rows.compliance, rows.free, rows.friction, rows.impulse, settings.tolerance, settings.max_iterations
-        )
-        self.iterations += rows.gauss_seidel.iterations
-        self._apply_impulses()
+        solver.impulse[: 3 * contact_count] = local.reshape(-1)
+        cavities = rows.cavity[: rows.size[constraint_rows.CAVITIES]]
+        solver.impulse[3 * contact_count : self._row_count] = state.cavity_pressure[cavities] * self._time_step
+        settings = self._model.scene.contact
+        solver.solve(settings.tolerance, settings.max_iterations)
+        self.iterations += solver.iterations
+        self.residual = solver.residual
 
     def _apply_impulses(self) -> None:
-        cavities, rows = self._model.cavities, self.rows
-        contact_rows.apply_impulses(
-            rows.node,
-            rows.weight,
-            rows.basis,
-            rows.rigid,
-            rows.rigid_jacobian,
-            rows.cavities,
-            cavities.entry_start,
-            cavities.entry_node,
-            cavities.gradient,
-            rows.impulse,
-            rows.contact_impulse,
-            self.node_impulse,
-            self._rigid_motion.impulse,
-        )
+        """Velocities after the impulses: of the rigid bodies, and of the soft nodes."""
+        problem = self._problem
+        if self._row_count:
+            constraint_rows.apply_impulses(
+                problem.rows,
+                self._model.cavities.surfaces,
+                self._volumes.gradient,
+                problem.gauss_seidel.impulse,
+                problem.contact_impulse,
+                self._node_impulse,
+                self._rigid.state,
+            )
+        self._rigid.apply_impulses()
+        if self._soft is not None and self._row_count:
+            self.node_velocity = self._soft.response(self._node_impulse)
+            self.node_velocity += self._soft.free_velocity
+        else:
+            self.node_velocity = self._free_velocity().copy()
 
-    @property
-    def residual(self) -> float:
-        """Largest change of a block's own velocity in the last sweep [mm/s, of a cavity mm^3/s]."""
-        return self.rows.gauss_seidel.residual
-
-    @property
-    def slip(self) -> np.ndarray:
-        """Sliding speed of each contact that presses, else 0 [mm/s], shape (contact_count,)."""
-        count = 3 * len(self.rows.bodies)
-        tangential = self.rows.gauss_seidel.velocity[:count].reshape(-1, 3)[:, 1:]
-        return np.where(self.rows.impulse[:count:3] > 0.0, np.linalg.norm(tangential, axis=1), 0.0)
-
-    @property
-    def cavity_impulse(self) -> np.ndarray:
-        """Pressure times step of every cavity, imposed or found [kPa s], shape (cavity_count,)."""
-        result = self._state.cavity_target * self._time_step
-        result[self.rows.cavities] = self.rows.impulse[3 * len(self.rows.bodies) :]
-        return result
+    def _collect(self, cavities: np.ndarray) -> None:
+        """What the impulses mean for the contacts and cavities of the step."""
+        solver, contact_count = self._problem.gauss_seidel, len(self._chosen)
+        rows = solver.velocity[: 3 * contact_count].reshape(-1, 3)
+        presses = solver.impulse[: 3 * contact_count : 3] > 0.0
+        self.contact_impulse[self._chosen] = self._problem.contact_impulse[:contact_count]
+        self.contact_slip[self._chosen] = np.where(presses, np.linalg.norm(rows[:, 1:], axis=1), 0.0)
+        self.cavity_pressure[cavities] = solver.impulse[3 * contact_count : self._row_count] / self._time_step

@@ -1,5 +1,7 @@
 """Is a new state still a simulation of something?"""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from taichisoft.errors import SimulationDiverged
@@ -17,64 +19,79 @@ ADVICE = "a smaller time.step, a lower pressure or pressure rate, or a finer mes
 
 
 class DivergenceCheck:
-    """Compares the states before and after a step."""
+    """Compares the states before and after a step: soft bodies by their nodes, rigid ones by their centres."""
 
     def __init__(self, model: Model):
-        """Lay out the bodies: the soft ones by their nodes and elements, each rigid one by its centre."""
-        self._model = model
-        soft, rigid, node_count = model.soft_bodies, model.rigid_bodies, model.node_count
-        self._names = [*(body.name for body in soft), *(body.name for body in rigid)]
-        shapes = [*(body.rest_position for body in soft), *(body.vertices for body in rigid)]
-        self._limit = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
-        starts = [*(body.nodes.start for body in soft), *range(node_count, node_count + len(rigid) + 1)]
-        self._start = np.array(starts, dtype=np.int32)
+        """Lay out the bodies."""
+        soft, rigid = model.soft_bodies, model.rigid_bodies
+        node_starts = [*(body.nodes.start for body in soft), model.node_count]
+        self._time_step = model.scene.time.step
+        self._soft = _Leaps([body.name for body in soft], [body.rest_position for body in soft], node_starts)
+        centres = list(range(len(rigid) + 1))
+        self._rigid = _Leaps([body.name for body in rigid], [body.vertices for body in rigid], centres)
         counts = [len(body.elements) for body in soft]
-        self._element_count = np.array(counts)
-        self._element_start = np.cumsum([0, *counts]).astype(np.int32)
-        self._before, self._velocity, self._after = (np.empty((node_count + len(rigid), 3)) for _ in range(3))
-        self._leap = np.empty(len(shapes))
-        self._inverted = np.zeros(len(soft), dtype=np.int32)
+        self._largest_inverted = INVERTED_SHARE * np.array(counts)
+        self._element_counts = counts
+        if model.elasticity is not None:
+            self._inverted = kernels.InvertedElements(
+                elements=model.elasticity.elements,
+                body_start=np.cumsum([0, *counts]).astype(np.int32),
+                count=np.zeros(len(soft), dtype=np.int32),
+            )
 
-    def __call__(self, before: State, after: State) -> None:
-        """Check a step.
+    def check(self, before: State, after: State) -> None:
+        """Compare the states of a step.
 
         Raises:
             SimulationDiverged: a value is not finite, a body explodes, or too many of its elements are inverted.
         """
-        soft_nodes = slice(self._model.node_count)
-        centres = slice(self._model.node_count, None)
-        self._before[soft_nodes], self._before[centres] = before.position, before.rigid_position
-        self._velocity[soft_nodes], self._velocity[centres] = before.velocity, before.rigid_velocity
-        self._after[soft_nodes], self._after[centres] = after.position, after.rigid_position
-        self._check_finite(before.step, after.rigid_rotation)
-        self._check_leaps(before.step)
-        self._check_inverted(before.step)
-
-    def _check_finite(self, step: int, rigid_rotation: np.ndarray) -> None:
-        if np.isfinite(self._after).all() and np.isfinite(rigid_rotation).all():
-            return
-        turned = np.isfinite(rigid_rotation).all(axis=1)
-        finite = np.isfinite(self._after).all(axis=1) & np.append(np.ones(self._model.node_count, dtype=bool), turned)
-        body = int(np.searchsorted(self._start, np.argmin(finite), side="right")) - 1
-        raise SimulationDiverged(self._names[body], step, "has a position that is not finite", ADVICE)
-
-    def _check_leaps(self, step: int) -> None:
-        time_step = self._model.scene.time.step
-        kernels.largest_leaps(time_step, self._before, self._velocity, self._after, self._start, self._leap)
-        leaps = self._leap > self._limit
-        if leaps.any():
-            body = int(np.argmax(leaps))
-            points = slice(self._start[body], self._start[body + 1])
-            move = np.abs(self._after[points] - self._before[points]).max()
-            cause = f"exploded: it would move {move:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
-            raise SimulationDiverged(self._names[body], step, cause, ADVICE)
+        step = before.step
+        self._rigid.refuse_not_finite(after.rigid_rotation, step)
+        self._soft.check(before.position, before.velocity, after.position, step, self._time_step)
+        self._rigid.check(before.rigid_position, before.rigid_velocity, after.rigid_position, step, self._time_step)
+        if self._soft.names:
+            self._check_inverted(step)
 
     def _check_inverted(self, step: int) -> None:
-        if self._model.elasticity is None:
-            return
-        kernels.count_inverted(self._model.elasticity.elements, self._after, self._element_start, self._inverted)
-        bad = self._inverted > INVERTED_SHARE * self._element_count
+        kernels.count_inverted(self._inverted, self._soft.points.after)
+        bad = self._inverted.count > self._largest_inverted
         if bad.any():
             body = int(np.argmax(bad))
-            cause = f"has {self._inverted[body]} of {self._element_count[body]} elements turned inside out"
-            raise SimulationDiverged(self._names[body], step, cause, ADVICE)
+            count = f"{self._inverted.count[body]} of {self._element_counts[body]}"
+            raise SimulationDiverged(self._soft.names[body], step, f"has {count} elements turned inside out", ADVICE)
+
+
+class _Leaps:
+    """Points of some bodies, none of which may leap in a step."""
+
+    def __init__(self, names: list[str], shapes: Sequence[np.ndarray], starts: list[int]):
+        """Bodies of these shapes [mm], each (count, 3), whose points begin at these places among all."""
+        self.names = names
+        self._limit = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
+        before, velocity, after = (np.empty((starts[-1], 3)) for _ in range(3))
+        self.points = kernels.Points(before, velocity, after, np.array(starts, dtype=np.int32), np.empty(len(names)))
+
+    def check(self, before: np.ndarray, velocity: np.ndarray, after: np.ndarray, step: int, time_step: float) -> None:
+        """Raise SimulationDiverged where a point is nowhere or too far away."""
+        if not self.names:
+            return
+        self.refuse_not_finite(after, step)
+        points = self.points
+        points.before[:], points.velocity[:], points.after[:] = before, velocity, after
+        kernels.largest_leaps(time_step, points)
+        leaps = points.largest > self._limit
+        if leaps.any():
+            body = int(np.argmax(leaps))
+            some = slice(points.body_start[body], points.body_start[body + 1])
+            move = np.abs(after[some] - before[some]).max()
+            cause = f"exploded: it would move {move:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
+            raise SimulationDiverged(self.names[body], step, cause, ADVICE)
+
+    def refuse_not_finite(self, values: np.ndarray, step: int) -> None:
+        """Raise SimulationDiverged for the first body with a value that is not finite; a row belongs to each point."""
+        if np.isfinite(np.add.reduce(values, axis=None)):  # which is NaN or infinite where any of the values is
+            return
+        finite = np.isfinite(values).all(axis=1)
+        if not finite.all():
+            body = int(np.searchsorted(self.points.body_start, np.argmin(finite), side="right")) - 1
+            raise SimulationDiverged(self.names[body], step, "has a position that is not finite", ADVICE)

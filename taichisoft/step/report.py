@@ -1,48 +1,51 @@
 """What happened in a step."""
 
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
+
+from taichisoft.control.observation import Observation
 
 
 @dataclass(frozen=True)
 class StepReport:
-    """What happened in a step.
+    """What happened in a step; what a controller sees after it is in `observation`.
 
     Attributes:
         step: index of the step, from 0.
         time: at its end [s].
-        pressures: [kPa] by cavity name.
-        volumes: [mm^3] by cavity name, at its end.
-        normal_forces: sum of the normal contact forces [mN] by pair of bodies ("finger1|cube").
-        friction_forces: sum of the magnitudes of the friction forces [mN] by pair of bodies.
-        slip_speeds: fastest sliding of a contact that presses [mm/s] by pair of bodies.
-        contact_count: contacts, the open ones too.
-        contact_points: midpoints at its start, where contacts were found [mm], shape (contact_count, 3).
-        contact_forces: on the second body [mN], shape (contact_count, 3).
+        contact_points: midpoints at its start, where contacts were found, the open ones too [mm], shape
+            (contact_count, 3).
+        contact_forces: on the second body of each contact [mN], shape (contact_count, 3).
         max_penetration: how far a point was in the contact distance at its start [mm]; surfaces overlap beyond that.
         iterations: sweeps of the Gauss-Seidel.
         residual: largest change of a velocity in the last sweep [mm/s].
         converged: whether the residual is below the tolerance.
-        clipped: what the scene's limits held back: names of cavities, "base_translation" and "base_rotation".
         signals: the controller's own numbers, by name.
         step_time: wall clock [s].
+        observe: works the observation out.
     """
 
     step: int
     time: float
-    pressures: dict[str, float]
-    volumes: dict[str, float]
-    normal_forces: dict[str, float]
-    friction_forces: dict[str, float]
-    slip_speeds: dict[str, float]
-    contact_count: int
     contact_points: np.ndarray
     contact_forces: np.ndarray
     max_penetration: float
     iterations: int
     residual: float
     converged: bool
-    clipped: tuple[str, ...]
-    signals: dict[str, float]
+    signals: Mapping[str, float]
     step_time: float
+    observe: Callable[[], Observation] = field(repr=False, compare=False)
+
+    @property
+    def contact_count(self) -> int:
+        """Number of contacts, the open ones too."""
+        return len(self.contact_points)
+
+    @cached_property
+    def observation(self) -> Observation:
+        """What a controller sees after the step, worked out when it is first asked for."""
+        return self.observe()

@@ -55,12 +55,13 @@ def bench(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tm
 
 
 def test_a_case_gives_figures_as_lines_and_as_json_and_compares_with_itself(bench, tmp_path):
-    code, lines, errors = bench("--case", "tiny", "--repeat", "2", "--json", "out/new.json")
+    code, lines, errors = bench("--case", "tiny", "--repeat", "2", "--output", "out")
     assert (code, errors) == (0, "")
     figures = dict(line.split()[:2] for line in lines if not line.startswith("#"))
     assert figures["tiny.nodes"] == "626"
     assert float(figures["tiny.step_ms"]) > 0.0
-    document = json.loads((tmp_path / "out/new.json").read_text())
+    assert 0.0 < float(figures["tiny.python_ms"]) < float(figures["tiny.phases.step_ms"])
+    document = json.loads((tmp_path / "out/results.json").read_text())
     case = document["cases"]["tiny"]
     assert len(case["figures"]["step_ms"]["values"]) == 2
     assert len(case["calibration_ms"]) == 2
@@ -104,8 +105,8 @@ def test_the_list_starts_nothing(bench):
         (["--case", "tny"], "--case tny: fits no case; did you mean 'tiny'?"),
         (["--tutorial-meshes", "nowhere"], "--tutorial-meshes nowhere: no such folder"),
         (["--compare", "nothing.json"], "nothing.json: not readable as JSON: "),
-        (["--json", "cases.toml/new.json"], "--json cases.toml/new.json: cannot be written: "),
-        (["--fail-on-regression"], "--fail-on-regression: needs --compare OLD.json"),
+        (["--output", "cases.toml/new"], "--output cases.toml/new: cannot be written: "),
+        (["--fail-on-regression"], "--fail-on-regression: needs --compare OLD"),
         (["--cases", "none.toml"], "none.toml: not readable as TOML: "),
     ],
 )

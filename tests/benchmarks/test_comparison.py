@@ -3,7 +3,7 @@
 import pytest
 from made_results import case_of, results_of
 
-from taichisoft_benchmarks.comparison import compare, comparison_lines
+from taichisoft_benchmarks.comparison import compare
 from taichisoft_benchmarks.errors import BenchmarkError
 
 
@@ -65,7 +65,7 @@ def test_runs_with_nothing_in_common_are_not_compared():
 
 
 def test_a_line_says_how_much():
-    changes = compare(
+    (change,) = compare(
         results_of({"finger": case_of({"step_ms": [1.5]})}), results_of({"finger": case_of({"step_ms": [1.0]})})
     )
-    assert list(comparison_lines(changes)) == ["# finger.step_ms x 1.500 (noise 0.050)  <- worse"]
+    assert str(change) == "# finger.step_ms x 1.500 (noise 0.050)  <- worse"

@@ -7,11 +7,12 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
-from taichisoft_benchmarks import convergence
-from taichisoft_benchmarks.convergence_page import Point, Study
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.extrapolation import ORDER, limit_of
-from taichisoft_benchmarks.static_bend import bend
+from taichisoft_benchmarks.scenes import tutorial_surfaces
+from taichisoft_benchmarks.studies import convergence
+from taichisoft_benchmarks.studies.convergence import Point, Study
+from taichisoft_benchmarks.studies.extrapolation import ORDER, limit_of
+from taichisoft_benchmarks.studies.finger_at_rest import bend
 
 
 def test_a_series_with_a_known_limit_is_extrapolated_to_it() -> None:
@@ -41,7 +42,7 @@ def test_two_meshes_are_no_series() -> None:
 
 
 def test_the_state_of_rest_does_not_depend_on_the_steps_that_led_to_it() -> None:
-    """To twice what a node may still move when the finger is said to be at rest."""
+    """The tolerance is twice what a node may still move when the finger counts as resting."""
     nodes, _, first = bend("tutorial-coarse")
     assert nodes == 626
     assert bend("tutorial-coarse", step=1.0, damping=0.3)[2] == pytest.approx(first, abs=2e-4)
@@ -49,13 +50,9 @@ def test_the_state_of_rest_does_not_depend_on_the_steps_that_led_to_it() -> None
 
 @pytest.mark.parametrize(("name", "expected"), [("pneunetCutCoarse.vtk", 12.3), ("pneunetCut.vtk", 28.6)])
 def test_the_tutorials_own_meshes_bend_as_is_known(shared: Path, name: str, expected: float) -> None:
-    """Of a calculation in numpy, to its last digit."""
+    """Their displacements come from a calculation in numpy and are known to one digit after the point."""
     folder = shared / "tutorial-meshes"
-    body = {
-        "collision_surface": str(folder / convergence.TUTORIAL_SURFACE),
-        "cavities": {"cavity": {"surface": str(folder / convergence.TUTORIAL_CAVITY)}},
-    }
-    assert bend(str(folder / name), even_mass=True, **body)[2] == pytest.approx(expected, abs=0.05)
+    assert bend(str(folder / name), even_mass=True, **tutorial_surfaces(folder))[2] == pytest.approx(expected, abs=0.05)
 
 
 def point(name: str, nodes: int, across: int | None) -> Point:
@@ -63,7 +60,7 @@ def point(name: str, nodes: int, across: int | None) -> Point:
 
 
 def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With made-up figures: measuring takes minutes."""
+    """The figures are made up: measuring takes minutes."""
 
     def measured(sizes, even_sizes, tutorial_meshes):
         graded = [point(f"{size:g}", int(50000 / size**2), 1 + (size < 5)) for size in sizes]
@@ -73,7 +70,7 @@ def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(convergence, "measure_all", measured)
     page = tmp_path / "page.md"
-    monkeypatch.setattr(sys, "argv", ["convergence", str(page), "--sizes", "2", "8", "4", "3"])
+    monkeypatch.setattr(sys, "argv", ["convergence", "--output", str(page), "--sizes", "2", "8", "4", "3"])
     page.write_text("no marks")
     with pytest.raises(SystemExit, match="has no line <!-- convergence -->"):
         convergence.main()

@@ -9,9 +9,9 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.control.control import Control
 from taichisoft_benchmarks.errors import PeerMissing
+from taichisoft_benchmarks.measures.peer_steps import pressure_forces
 from taichisoft_benchmarks.peers.drake_deformable import DrakePeer
 from taichisoft_benchmarks.peers.mujoco_flex import MujocoPeer
-from taichisoft_benchmarks.peers.steps import pressure_forces
 
 STEPS = 30
 

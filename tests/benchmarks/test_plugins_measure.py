@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from taichisoft.plugin_system.plugins import plugin_registry
-from taichisoft_benchmarks.case_file import cases_from_dict, read_cases
-from taichisoft_benchmarks.descriptors import PluginsCase
-from taichisoft_benchmarks.measures.plugins import measure_plugins
+from taichisoft_benchmarks.cases import PluginsCase, cases_from_dict, read_cases
+from taichisoft_benchmarks.measures.steps import measure_plugins
 from taichisoft_benchmarks.scenes import Meshes, scene_of
 
 

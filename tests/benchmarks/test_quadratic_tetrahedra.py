@@ -8,10 +8,14 @@ from taichisoft.errors import TaichisoftError
 from taichisoft.meshes.files import read_volume_mesh
 from taichisoft.meshes.volume_mesh import boundary_triangles
 from taichisoft.scenes.shipped import data_folder
-from taichisoft_benchmarks.deformed_cavity import DeformedCavity
-from taichisoft_benchmarks.quadratic_bend import elastic_forces, quadratic_bend
-from taichisoft_benchmarks.quadratic_tetrahedra import make_elements, stiffness
-from taichisoft_benchmarks.static_bend import bend
+from taichisoft_benchmarks.studies.finger_at_rest import bend
+from taichisoft_benchmarks.studies.quadratic_tetrahedra import (
+    DeformedCavity,
+    elastic_forces,
+    make_elements,
+    quadratic_bend,
+    stiffness,
+)
 
 E, NU = 500.0, 0.3
 BLOCK = make_block((4, 2, 2), (40.0, 10.0, 8.0))
@@ -19,7 +23,7 @@ VOLUME = 40.0 * 10.0 * 8.0
 
 
 def energy(field, quadratic: bool) -> float:
-    """Of a displacement [mm] that is given at every node [uJ]."""
+    """Energy of a displacement [mm] that is given at every node [uJ]."""
     elements = make_elements(BLOCK.nodes, BLOCK.elements, quadratic)
     matrix = stiffness(elements, np.full(elements.weights.shape, E), NU)
     moved = np.stack(field(*elements.nodes.T), axis=1).ravel()
@@ -72,7 +76,7 @@ def test_an_element_that_is_turned_inside_out_is_an_error() -> None:
 
 @pytest.mark.parametrize("quadratic", [False, True])
 def test_pressure_is_the_slope_of_the_volume(quadratic: bool) -> None:
-    """Of a block whose sides are curved: along any motion, by Euler's relation for a function of degree three."""
+    """A block with curved sides has the volume of Euler's relation for functions of degree three, along any motion."""
     elements = make_elements(BLOCK.nodes, BLOCK.elements, quadratic)
     cavity = DeformedCavity(elements, boundary_triangles(BLOCK.elements))
     rest = elements.nodes

@@ -1,13 +1,12 @@
-"""What is said of repetitions, and results as JSON."""
+"""Figures of repetitions, and results as JSON."""
 
 import json
 
 import pytest
 from made_results import case_of, results_of
 
-from taichisoft_benchmarks.derived import derive
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.results import Figure, read_results, write_results
+from taichisoft_benchmarks.results import Figure, derive, read_results, write_results
 
 
 def test_a_figure_is_the_least_the_middle_and_the_spread_of_its_repetitions():
@@ -18,9 +17,8 @@ def test_a_figure_is_the_least_the_middle_and_the_spread_of_its_repetitions():
 
 def test_results_survive_the_file(tmp_path):
     results = results_of({"finger": case_of({"step_ms": [1.0, 2.0]}), "failed": case_of({}, problem="burst")})
-    path = tmp_path / "new" / "results.json"
-    write_results(results, path)
-    assert read_results(path) == results
+    path = write_results(results, tmp_path / "new")
+    assert read_results(path) == read_results(tmp_path / "new") == results
     assert {"machine", "versions", "load", "cases", "derived"} <= json.loads(path.read_text()).keys()
 
 

@@ -5,12 +5,12 @@ from pathlib import Path
 from made_results import case_of
 
 from taichisoft_benchmarks import runner
-from taichisoft_benchmarks.case_file import cases_from_dict
-from taichisoft_benchmarks.child import Answer
+from taichisoft_benchmarks.case_process import Answer
+from taichisoft_benchmarks.cases import cases_from_dict
 from taichisoft_benchmarks.measures.measured import Measured
 from taichisoft_benchmarks.scenes import Meshes
 
-MESHING = {"kind": "meshing", "title": "", "sweep": {"a": {"element_size": 9.0}, "b": {"element_size": 8.0}}}
+MESHING = {"kind": "meshing", "title": "", "sweep": {"a": {"preset": "coarse"}, "b": {"preset": "fine"}}}
 CASES = cases_from_dict({"mesh": MESHING})
 
 
@@ -21,21 +21,22 @@ def run(**changes):
 
 def test_every_repetition_is_measured_beside_a_calibration(monkeypatch):
     answers = iter([1.0, 3.0, 2.0, 5.0, 5.0, 5.0])
-    monkeypatch.setattr(runner, "calibrate", lambda: 1.5)
-    monkeypatch.setattr(runner, "measure_in_child", lambda case, meshes: Answer(Measured({"mesh_s": next(answers)})))
+    monkeypatch.setattr(runner.machine, "calibrate", lambda: 1.5)
+    monkeypatch.setattr(runner, "measure_in_process", lambda case, meshes: Answer(Measured({"mesh_s": next(answers)})))
     seen = []
-    results = run(on_progress=lambda progress: seen.append((progress.number, progress.name, progress.repetition)))
+    results = run(on_progress=seen.append)
     assert results.cases["mesh_a"].figures["mesh_s"].values == [1.0, 3.0, 2.0]
     assert results.cases["mesh_a"].calibration_ms == [1.5, 1.5, 1.5]
-    assert results.cases["mesh_b"].parameter == {"element_size": 8.0}
-    assert seen[:4] == [(1, "mesh_a", 1), (1, "mesh_a", 2), (1, "mesh_a", 3), (2, "mesh_b", 1)]
+    assert results.cases["mesh_b"].parameter == {"preset": "fine"}
+    assert seen[0] == "case 1 of 2: mesh_a, run 1 of 3"
+    assert seen[3] == "case 2 of 2: mesh_b, run 1 of 3"
 
 
 def test_a_case_that_fails_is_not_repeated(monkeypatch):
     calls = []
-    monkeypatch.setattr(runner, "calibrate", lambda: 1.5)
+    monkeypatch.setattr(runner.machine, "calibrate", lambda: 1.5)
     monkeypatch.setattr(
-        runner, "measure_in_child", lambda case, meshes: calls.append(case) or Answer(problem="gmsh is not there")
+        runner, "measure_in_process", lambda case, meshes: calls.append(case) or Answer(problem="gmsh is not there")
     )
     results = run()
     assert [case.problem for case in results.cases.values()] == ["gmsh is not there"] * 2

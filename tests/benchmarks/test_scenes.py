@@ -7,11 +7,10 @@ import pytest
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.meshes.volume_mesh import tetrahedron_volumes
-from taichisoft_benchmarks.case_file import cases_from_dict
+from taichisoft_benchmarks.cases import cases_from_dict
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.meshes import CELL, FOOT_DEPTH, MAT_CELLS, make_mat
-from taichisoft_benchmarks.peers.steps import pressure_forces
-from taichisoft_benchmarks.scenes import Meshes, scene_of
+from taichisoft_benchmarks.measures.peer_steps import pressure_forces
+from taichisoft_benchmarks.scenes import CELL, FOOT_DEPTH, MAT_CELLS, Meshes, make_mat, scene_of
 
 TIMING = {"title": "", "steps": 2, "windows": {"step_ms": [1, 2]}}
 FINGER = {**TIMING, "kind": "steps", "scene": "finger-inflated", "finger": "finger"}
@@ -23,23 +22,23 @@ def scene(table, tmp_path: Path, tutorial: Path | None = None):
 
 
 def test_the_shipped_mesh_is_taken_without_a_folder(tmp_path):
-    made = scene({**FINGER, "mesh": "tutorial-medium", "tutorial_mesh": "fine.vtk"}, tmp_path)
+    made = scene({**FINGER, "mesh": "tutorial-medium"}, tmp_path)
     assert Path(made.soft_bodies["finger"].mesh.file).name == "tutorial-medium.msh"
 
 
 def test_the_tutorials_meshes_come_with_their_surfaces(tmp_path):
-    for name in ("fine.vtk", "pneunetCut.stl", "pneunetCavityCut.stl"):
+    for name in ("pneunetCut.vtk", "pneunetCut.stl", "pneunetCavityCut.stl"):
         (tmp_path / name).touch()
-    made = scene({**FINGER, "tutorial_mesh": "fine.vtk"}, tmp_path, tmp_path).soft_bodies["finger"]
-    assert Path(made.mesh.file) == tmp_path / "fine.vtk"
+    made = scene({**FINGER, "mesh": "tutorial-medium"}, tmp_path, tmp_path).soft_bodies["finger"]
+    assert Path(made.mesh.file) == tmp_path / "pneunetCut.vtk"
     assert Path(made.collision_surface) == tmp_path / "pneunetCut.stl"
     assert Path(made.cavities["cavity"].surface) == tmp_path / "pneunetCavityCut.stl"
     assert made.cavities["cavity"].group is None
 
 
 def test_a_folder_that_lacks_a_file_is_refused(tmp_path):
-    with pytest.raises(BenchmarkError, match=r"has no fine\.vtk"):
-        scene({**FINGER, "tutorial_mesh": "fine.vtk"}, tmp_path, tmp_path)
+    with pytest.raises(BenchmarkError, match=r"has no pneunetCut\.vtk"):
+        scene({**FINGER, "mesh": "tutorial-medium"}, tmp_path, tmp_path)
 
 
 def test_a_finger_of_a_size_is_meshed_before_it_is_measured(tmp_path, monkeypatch):

@@ -22,7 +22,8 @@ def sense(made: GraspSensing, normal: list[float], friction: list[float], slip: 
     """Forces and slip by finger; what is far from the cube is not in an observation at all."""
     near = [index for index, force in enumerate(normal) if force > 0.0]
     by_pair = {
-        name: {f"{FINGERS[index]}|cube": values[index] for index in near} | {"cube|floor": 7.0, "left|right": 3.0}
+        name: {(FINGERS[index], "cube"): values[index] for index in near}
+        | {("cube", "floor"): 7.0, ("left", "right"): 3.0}
         for name, values in (("normal_forces", normal), ("friction_forces", friction), ("slip_speeds", slip))
     }
     values: dict[str, Any] = {

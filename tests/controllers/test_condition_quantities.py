@@ -25,10 +25,16 @@ OBSERVATION = Observation(
     base_rotation=np.array([0.0, -np.pi / 4, 0.0]),
     object_positions={"cube": np.array([12.0, 1.0, 1.0]), "ball": np.array([7.0, 0.0, 0.0])},
     object_velocities={"cube": np.array([0.0, 6.0, 8.0]), "ball": np.zeros(3)},
-    contact_counts={"left|cube": 3, "mat|cube": 1, "right|ball": 5, "cube|floor": 7},
-    normal_forces={"left|cube": 30.0, "mat|cube": 5.0, "right|ball": 70.0, "cube|floor": 900.0, "left|floor": 800.0},
-    friction_forces={"left|cube": 3.0, "mat|cube": 0.5, "right|ball": 7.0, "cube|floor": 90.0},
-    slip_speeds={"left|cube": 0.3, "mat|cube": 0.4, "right|ball": 0.7, "cube|floor": 9.0},
+    contact_counts={("left", "cube"): 3, ("mat", "cube"): 1, ("right", "ball"): 5, ("cube", "floor"): 7},
+    normal_forces={
+        ("left", "cube"): 30.0,
+        ("mat", "cube"): 5.0,
+        ("right", "ball"): 70.0,
+        ("cube", "floor"): 900.0,
+        ("left", "floor"): 800.0,
+    },
+    friction_forces={("left", "cube"): 3.0, ("mat", "cube"): 0.5, ("right", "ball"): 7.0, ("cube", "floor"): 90.0},
+    slip_speeds={("left", "cube"): 0.3, ("mat", "cube"): 0.4, ("right", "ball"): 0.7, ("cube", "floor"): 9.0},
 )
 
 

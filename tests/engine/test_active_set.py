@@ -32,10 +32,10 @@ def simulation(block: Callable[..., str]) -> Simulation:
 
 def test_the_motion_is_that_of_all_contacts_together(simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:
     start, repeated = simulation.state, []
-    add_missed = ActiveSet.add_missed
+    add_violated = ActiveSet.add_violated
 
     def counted(self: ActiveSet, velocity: np.ndarray) -> bool:
-        repeated.append(add_missed(self, velocity))
+        repeated.append(add_violated(self, velocity))
         return repeated[-1]
 
     def steps() -> list[tuple[np.ndarray, np.ndarray]]:
@@ -46,7 +46,7 @@ def test_the_motion_is_that_of_all_contacts_together(simulation: Simulation, mon
             states.append((simulation.state.position, simulation.state.rigid_position))
         return states
 
-    monkeypatch.setattr(ActiveSet, "add_missed", counted)
+    monkeypatch.setattr(ActiveSet, "add_violated", counted)
     few = steps()
     assert any(repeated)  # some contacts were not expected to close
 
@@ -71,5 +71,5 @@ def test_contacts_left_out_would_have_been_pierced(simulation: Simulation, monke
     start = simulation.state
     assert deepest() < 1e-3
     simulation.restore(start)
-    monkeypatch.setattr(ActiveSet, "add_missed", lambda *_: False)
+    monkeypatch.setattr(ActiveSet, "add_violated", lambda *_: False)
     assert deepest() > 0.1

@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 
 from taichisoft.cholesky import fronts
 from taichisoft.cholesky.solver import Cholesky
+from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import MeshError, NotPositiveDefinite
 
 
@@ -28,7 +29,7 @@ def random_pattern(seed: int, sizes: list[int], neighbours: float) -> sparse.csr
 
 def fill(solver: Cholesky, matrix: np.ndarray) -> None:
     """Hand a dense matrix to the solver."""
-    for block, (row, column) in zip(solver.blocks, solver.block_pairs, strict=True):
+    for block, (row, column) in zip(solver.blocks, solver.symbolic.block_pairs, strict=True):
         block[:] = matrix[3 * row : 3 * row + 3, 3 * column : 3 * column + 3]
 
 
@@ -55,7 +56,7 @@ def test_solutions_are_those_of_a_dense_solver(seed: int, sizes: list[int], neig
     Tolerance: round-off of numbers scaled over six decades; the residual of a stable solver stays at 1e-13.
     """
     pattern = random_pattern(seed, sizes, neighbours)
-    solver = Cholesky(pattern)
+    solver = Cholesky(SymbolicFactor(pattern))
     for again in range(2):
         matrix = random_matrix(seed + again, pattern)
         fill(solver, matrix)
@@ -72,7 +73,7 @@ def test_solutions_are_those_of_a_dense_solver(seed: int, sizes: list[int], neig
 def test_a_matrix_that_is_not_positive_definite_names_its_node(node: int) -> None:
     """Two bodies; one diagonal entry is far below zero, so the pivot there fails whatever comes before."""
     pattern = random_pattern(5, [25, 15], 3.0)
-    solver = Cholesky(pattern)
+    solver = Cholesky(SymbolicFactor(pattern))
     matrix = random_matrix(5, pattern)
     matrix[3 * node + 1, 3 * node + 1] = -1e9
     fill(solver, matrix)
@@ -86,7 +87,7 @@ def test_a_matrix_that_is_not_positive_definite_names_its_node(node: int) -> Non
 def test_a_matrix_that_is_not_a_number_is_refused() -> None:
     """NaN is not positive, also with the compiler's fast mathematics."""
     pattern = random_pattern(5, [10], 3.0)
-    solver = Cholesky(pattern)
+    solver = Cholesky(SymbolicFactor(pattern))
     matrix = random_matrix(5, pattern)
     matrix[6, 6] = np.nan
     fill(solver, matrix)
@@ -109,7 +110,7 @@ def test_wide_fronts_are_solved_in_pieces(shapes: list[tuple[int, ...]]) -> None
     Tolerance as above.
     """
     pattern = sparse.csr_matrix(sparse.block_diag([grid_pattern(*shape) for shape in shapes]))
-    solver = Cholesky(pattern)
+    solver = Cholesky(SymbolicFactor(pattern))
     matrix = random_matrix(1, pattern)
     fill(solver, matrix)
     solver.factorise()
@@ -122,13 +123,13 @@ def test_wide_fronts_are_solved_in_pieces(shapes: list[tuple[int, ...]]) -> None
 BITS = """
 import hashlib
 import numpy as np
-from test_cholesky import Cholesky, fill, grid_pattern, random_matrix
-solver = Cholesky(grid_pattern(10, 6, 6))
+from test_cholesky import Cholesky, SymbolicFactor, fill, grid_pattern, random_matrix
+solver = Cholesky(SymbolicFactor(grid_pattern(10, 6, 6)))
 fill(solver, random_matrix(3, grid_pattern(10, 6, 6)))
 for _ in range(100):
     solver.factorise()
     solution = solver.solve(np.arange(1080.0).reshape(360, 3))
-    print(hashlib.sha256(solver.panel.tobytes() + solution.tobytes()).hexdigest())
+    print(hashlib.sha256(solver.factor.tiles.tobytes() + solution.tobytes()).hexdigest())
 """
 
 
@@ -152,7 +153,7 @@ def test_the_bits_do_not_depend_on_threads() -> None:
 
 def test_a_mesh_too_large_to_be_indexed_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
     pattern = random_pattern(1, [20], 4.0)
-    Cholesky(pattern)
+    SymbolicFactor(pattern)
     monkeypatch.setattr(fronts, "LARGEST_INDEX", 500)
     with pytest.raises(MeshError, match=r"the soft bodies' 20 nodes need .* mesh the bodies more coarsely"):
-        Cholesky(pattern)
+        SymbolicFactor(pattern)

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
+from taichisoft.contact.selection import ContactSelection
 
 from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.contact.detection import ContactPairs
-from taichisoft.contact.selection import ContactSelection
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict
 
@@ -148,5 +148,5 @@ def test_a_finely_triangulated_body_keeps_features(sections: int, tmp_path: Path
         report = simulation.step()
         assert report.converged
     assert simulation.state.rigid_position[0, 2] == pytest.approx(11.0, abs=1e-3)
-    assert report.normal_forces["cylinder|floor"] == pytest.approx(98.1, rel=1e-3)
+    assert report.observation.normal_forces["cylinder", "floor"] == pytest.approx(98.1, rel=1e-3)
     assert 8 <= report.contact_count <= 40

@@ -3,9 +3,9 @@
 import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from taichisoft.contact.selection import CLEARLY_CLOSER, FIRST_CAPACITY, ContactSelection
 
 from taichisoft.contact.detection import ContactPairs
-from taichisoft.contact.selection import CLEARLY_CLOSER, FIRST_CAPACITY, ContactSelection
 
 BODIES = 4
 SIZE = np.array([100.0, 100.0, 5.0, np.inf])  # [mm]: contacts of body 2 may be as close as 1 mm

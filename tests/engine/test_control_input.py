@@ -57,7 +57,7 @@ def test_what_is_not_mentioned_keeps_its_last_value(simulation: Simulation) -> N
     translation, rotation = np.array([1.0, 2.0, 3.0]), np.array([0.1, 0.0, 0.0])
     simulation.step(Control(pressure={"left.air": 3.0}, base_translation=translation, base_rotation=rotation))
     report = simulation.step(Control(pressure={"right.air": 4.0}))
-    assert report.pressures == pytest.approx({"left.air": 3.0, "right.air": 4.0}, rel=1e-12)
+    assert report.observation.pressures == pytest.approx({"left.air": 3.0, "right.air": 4.0}, rel=1e-12)
     np.testing.assert_array_equal(simulation.state.base_translation, translation)
     np.testing.assert_array_equal(simulation.state.base_rotation, rotation)
     translation[:] = 99.0
@@ -70,11 +70,11 @@ def test_a_cavity_changes_from_pressure_to_volume_and_back(simulation: Simulatio
     for _ in range(60):
         report = simulation.step()
     rest = simulation.model.cavities.rest_volume[0]
-    assert report.volumes["left.air"] - rest == pytest.approx(10.0, abs=1e-6)
-    assert report.pressures["left.air"] > 0.1
-    assert report.pressures["right.air"] == 0.0
+    assert report.observation.volumes["left.air"] - rest == pytest.approx(10.0, abs=1e-6)
+    assert report.observation.pressures["left.air"] > 0.1
+    assert report.observation.pressures["right.air"] == 0.0
     report = simulation.step(Control(pressure={"left.air": 0.0}))
-    assert report.pressures["left.air"] == 0.0
+    assert report.observation.pressures["left.air"] == 0.0
 
 
 def test_the_base_carries_its_anchors(simulation: Simulation) -> None:
@@ -97,5 +97,5 @@ def test_the_observation_is_what_the_report_says_and_cannot_be_written(simulatio
     report = simulation.step(Control(pressure={"left.air": 3.0}))
     seen = simulation.observe()
     assert (seen.time, seen.step) == (0.01, 1)
-    assert seen.pressures == report.pressures
-    assert seen.volumes == report.volumes
+    assert seen.pressures == report.observation.pressures
+    assert seen.volumes == report.observation.volumes

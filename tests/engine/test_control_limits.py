@@ -42,7 +42,7 @@ def pressures(simulation: Simulation, requests: list[float | None]) -> list[floa
     found = []
     for request in requests:
         control = Control() if request is None else Control(pressure={"block.air": request})
-        found.append(simulation.step(control).pressures["block.air"])
+        found.append(simulation.step(control).observation.pressures["block.air"])
     return found
 
 
@@ -61,7 +61,7 @@ def test_after_a_volume_the_pressure_goes_on_from_where_it_is(limited: Callable[
     simulation = limited(pressure_rate=10.0)
     for _ in range(30):
         report = simulation.step(Control(volume_growth={"block.air": 20.0}))
-    reached = report.pressures["block.air"]
+    reached = report.observation.pressures["block.air"]
     assert reached > 0.2
     assert pressures(simulation, [0.0]) == pytest.approx([reached - 0.1], rel=1e-9)
 
@@ -69,7 +69,7 @@ def test_after_a_volume_the_pressure_goes_on_from_where_it_is(limited: Callable[
 def test_a_growth_of_volume_is_not_held_to_the_range_of_pressures(limited: Callable[..., Simulation]) -> None:
     simulation = limited(highest_pressure=1e-3)
     report = simulation.step(Control(volume_growth={"block.air": 20.0}))
-    assert report.clipped == ()
+    assert report.observation.clipped == ()
 
 
 def test_the_base_moves_straight_at_its_speed(limited: Callable[..., Simulation]) -> None:
@@ -110,7 +110,7 @@ def test_the_base_turns_the_shortest_way_at_its_speed(limited: Callable[..., Sim
     simulation = limited(base_turning_speed=500.0)
     simulation.step(Control(base_rotation=np.array([0, 0, np.radians(20.0)])))
     np.testing.assert_allclose(simulation.state.base_rotation, [0, 0, np.radians(5.0)], rtol=1e-12)
-    assert simulation.report is not None and simulation.report.clipped == ("base_rotation",)
+    assert simulation.report is not None and simulation.report.observation.clipped == ("base_rotation",)
 
 
 def test_what_is_clipped_is_observed(limited: Callable[..., Simulation]) -> None:

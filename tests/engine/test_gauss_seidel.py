@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taichisoft.building.simulation import Simulation
+from taichisoft.kernels import newton as kernels
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.step.gauss_seidel import GaussSeidel
 
@@ -25,9 +26,17 @@ class Problem:
 
     def solve(self, tolerance: float = 1e-12, max_iterations: int = 100_000) -> tuple[np.ndarray, np.ndarray]:
         """Impulses, and the number of sweeps and the residual."""
-        impulse, solver = self.start.copy(), GaussSeidel(len(self.start))
-        solver.solve(self.w, self.free, self.friction, impulse, tolerance, max_iterations)
-        return impulse, np.array([solver.iterations, solver.residual])
+        contacts, rows, room = len(self.friction), len(self.start), 5  # more room than needed
+        arrays = kernels.Problem(
+            size=np.array([contacts, rows - 3 * contacts], dtype=np.int32),
+            compliance=np.concatenate([self.w.reshape(-1), np.full((rows + room) ** 2 - rows**2, np.nan)]),
+            free=np.concatenate([self.free, np.full(room, np.nan)]),
+            friction=np.concatenate([self.friction, np.full(room, np.nan)]),
+        )
+        solver = GaussSeidel(arrays)
+        solver.impulse[:rows] = self.start
+        solver.solve(tolerance, max_iterations)
+        return solver.impulse[:rows], np.array([solver.iterations, solver.residual])
 
 
 def make_problem(seed: int, contacts: int, cavities: int, friction: float) -> Problem:

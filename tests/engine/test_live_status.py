@@ -20,10 +20,17 @@ def session(**changes: Any) -> Any:
     goal = SimpleNamespace(object="cube")
     scene = SimpleNamespace(gravity=(-9810.0, 0.0, 0.0), goal=goal, soft_bodies={"left": None, "right": None})
     bodies = [SimpleNamespace(name="ball"), SimpleNamespace(name="cube")]
-    report = SimpleNamespace(
+    observation = SimpleNamespace(
         pressures={"left.air": 50.0, "right.air": 50.04},
-        normal_forces={"left|cube": 120.4, "cube|right": 80.0, "ball|cube": 5.0, "cube|floor": 7.0, "left|right": 9.0},
+        normal_forces={
+            ("left", "cube"): 120.4,
+            ("cube", "right"): 80.0,
+            ("ball", "cube"): 5.0,
+            ("cube", "floor"): 7.0,
+            ("left", "right"): 9.0,
+        },
     )
+    report = SimpleNamespace(observation=observation)
     pace = Pace(speed=1.0)
     pace.real_time_factor = 0.99
     parts = {
@@ -65,7 +72,7 @@ def test_it_says_how_the_run_goes() -> None:
 
 def test_pressures_that_differ_are_named() -> None:
     run = session()
-    run.simulation.report.pressures["right.air"] = 20.0
+    run.simulation.report.observation.pressures["right.air"] = 20.0
     assert "left.air 50.0 kPa, right.air 20.0 kPa" in picture(run)
 
 

@@ -106,18 +106,18 @@ def test_contacts_are_counted_and_their_forces_and_sliding_seen(sliding: Simulat
     """The weight is 98.1 mN, friction 0.2 of it, and the cube loses 0.2 g h in a step."""
     sliding.step()
     observation = sliding.observe()
-    assert observation.contact_counts == {"cube|floor": 4}
-    assert observation.normal_forces["cube|floor"] == pytest.approx(98.1, rel=1e-6)
-    assert observation.friction_forces["cube|floor"] == pytest.approx(0.2 * 98.1, rel=1e-6)
-    assert observation.slip_speeds["cube|floor"] == pytest.approx(1000.0 - 0.2 * 98.1, rel=1e-3)
+    assert observation.contact_counts == {("cube", "floor"): 4}
+    assert observation.normal_forces["cube", "floor"] == pytest.approx(98.1, rel=1e-6)
+    assert observation.friction_forces["cube", "floor"] == pytest.approx(0.2 * 98.1, rel=1e-6)
+    assert observation.slip_speeds["cube", "floor"] == pytest.approx(1000.0 - 0.2 * 98.1, rel=1e-3)
 
 
 def test_what_sticks_does_not_slip(sliding: Simulation) -> None:
     for _ in range(60):
         sliding.step()
     assert np.abs(sliding.state.rigid_velocity).max() < 1e-3
-    assert sliding.observe().slip_speeds["cube|floor"] < sliding.model.scene.contact.tolerance
-    assert sliding.observe().contact_counts["cube|floor"] == 4
+    assert sliding.observe().slip_speeds["cube", "floor"] < sliding.model.scene.contact.tolerance
+    assert sliding.observe().contact_counts["cube", "floor"] == 4
 
 
 def test_objects_are_seen_with_pose_and_velocity(sliding: Simulation) -> None:

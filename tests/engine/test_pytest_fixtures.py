@@ -39,15 +39,15 @@ def test_the_pads_are_few_tetrahedra_around_closed_cavities(taichisoft_scene: Sc
 def test_the_pads_close_on_the_cube_and_lift_it(taichisoft_scene: Scene) -> None:
     simulation, controller = Simulation(taichisoft_scene), CloseAndLift()
     run(simulation, controller, duration=0.6)
-    pressing = [seen.normal_forces.get("left|cube", 0.0) > 0.0 for seen in controller.seen]
+    pressing = [seen.normal_forces.get(("left", "cube"), 0.0) > 0.0 for seen in controller.seen]
     touched = controller.seen[pressing.index(True)]
     assert 6.0 < touched.pressures["left.cavity"] < 8.0
     assert touched.object_positions["cube"] == pytest.approx([0.0, 0.0, 5.2], abs=1e-3)
     seen = simulation.observe()
     assert seen.object_positions["cube"][2] - 5.2 == pytest.approx(40.0 * 0.3, abs=1.5)  # less what the pads lag behind
     weight = 0.001 * 9810.0
-    assert seen.friction_forces["left|cube"] + seen.friction_forces["right|cube"] > weight
-    assert "cube|floor" not in seen.normal_forces
+    assert seen.friction_forces["left", "cube"] + seen.friction_forces["right", "cube"] > weight
+    assert ("cube", "floor") not in seen.normal_forces
     assert simulation.report is not None and simulation.report.converged
 
 

@@ -31,7 +31,7 @@ def simulation(block: Callable[..., str]) -> Simulation:
     simulation = Simulation(scene_from_dict(scene))
     for _ in range(2):
         simulation.step(Control(pressure={"block.air": 5.0}, base_rotation=np.array([0.1, 0.2, 0.3])))
-    assert len(simulation.state.contact_key)
+    assert len(simulation.state.contact_body_pair)
     return simulation
 
 

@@ -28,8 +28,12 @@ def gripper_model() -> SimpleNamespace:
     for name, body in scene.soft_bodies.items():
         bodies.append(make_soft_body(name, body, meshes[name], node_count))
         node_count = bodies[-1].nodes.stop
+    anchored = np.concatenate([body.rest_position[body.anchor_stiffness > 0] for body in bodies])
     return SimpleNamespace(
         scene=scene,
+        base_pivot=anchored.mean(axis=0),
+        body_names=(*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles),
+        cavities=SimpleNamespace(names=[cavity.name for body in bodies for cavity in body.cavities]),
         soft_bodies=tuple(bodies),
         rigid_bodies=tuple(make_rigid_body(name, body) for name, body in scene.rigid_bodies.items()),
         obstacles=tuple(make_obstacle(name, obstacle) for name, obstacle in scene.obstacles.items()),
@@ -67,8 +71,9 @@ def gripper_state(model: SimpleNamespace, step: int) -> SimpleNamespace:
     state.base_translation = lift
     cavities = np.zeros(len(model.soft_bodies))
     state.cavity_volume_imposed = cavities > 0
-    state.cavity_request = state.cavity_target = state.cavity_impulse = state.cavity_volume = cavities
-    state.contact_key = np.ones(count, dtype=np.int32)
+    state.cavity_request = state.cavity_target = state.cavity_volume = cavities
+    state.cavity_pressure = cavities + FRAMES[step][1]
+    state.contact_body_pair = np.tile(np.array([0, 1], dtype=np.int32), (count, 1))
     state.contact_point = middle - 21.0 * inwards
     state.contact_normal = inwards
     state.contact_impulse = 300.0 * inwards * model.scene.time.step
@@ -83,10 +88,9 @@ def record_gripper(folder: Path) -> Path:
     output.begin(model, gripper_state(model, 0))
     for step in range(1, len(FRAMES)):
         state, report = gripper_state(model, step), fake_run.fake_report(step)
-        cavities = [cavity.name for body in model.soft_bodies for cavity in body.cavities]
-        report.pressures, report.volumes = dict.fromkeys(cavities, FRAMES[step][1]), dict.fromkeys(cavities, 0.0)
-        report.normal_forces = report.friction_forces = report.slip_speeds = {}
-        report.contact_count = len(state.contact_key)
+        seen = report.observation
+        seen.normal_forces = seen.friction_forces = seen.slip_speeds = {}
+        report.contact_count = len(state.contact_body_pair)
         report.contact_points = state.contact_point
         report.contact_forces = state.contact_impulse / model.scene.time.step
         output.record(state, report)

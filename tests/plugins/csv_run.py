@@ -44,17 +44,16 @@ def state(step: int) -> Any:
 
 def report(step: int, **changes: Any) -> Any:
     """Of the step that led to `state(step)`."""
-    values: dict[str, Any] = {
-        "time": step * STEP,
+    seen: dict[str, Any] = {
         "pressures": {"left.air": 1.0 * step, "right.base": 2.0 * step, "right.tip": 3.0 * step},
         "volumes": {"left.air": 100.0, "right.base": 200.0, "right.tip": 300.0 + 1.0 / 3.0},
-        "normal_forces": {"left|cube": 10.0 * step, "cube|floor": 9.81, "left|right": 99.0},
-        "friction_forces": {"left|cube": 1.0 * step},
-        "slip_speeds": {"cube|ball": 0.5},
-        "signals": {"set_point": 60.0, "error": -step},
+        "normal_forces": {("left", "cube"): 10.0 * step, ("cube", "floor"): 9.81, ("left", "right"): 99.0},
+        "friction_forces": {("left", "cube"): 1.0 * step},
+        "slip_speeds": {("cube", "ball"): 0.5},
         "clipped": (),
     }
-    return SimpleNamespace(**{**values, **changes})
+    signals = changes.pop("signals", {"set_point": 60.0, "error": -step})
+    return SimpleNamespace(time=step * STEP, signals=signals, observation=SimpleNamespace(**{**seen, **changes}))
 
 
 if __name__ == "__main__":

@@ -12,6 +12,11 @@ import time
 from pathlib import Path
 
 
+def worker(log: Path, what: str = "nothing", at: int = 0, times: int = 0) -> tuple[str, ...]:
+    """The arguments of Python that `frame_process.WORKER` has to be."""
+    return __file__, str(log), what, str(at), str(times)
+
+
 def main() -> None:
     """Write the frames that standard input asks for."""
     log, what, at, times = Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]), int(sys.argv[4])

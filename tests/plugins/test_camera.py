@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from taichisoft_plugins.drawing.camera import MARGIN, VERTICAL_ANGLE, VIEWS, fit_camera, scene_axes
+from taichisoft_plugins.drawing.camera import MARGIN, VERTICAL_ANGLE, VIEW_DIRECTIONS, fit_camera, scene_axes
 
 
 def project(camera, points, aspect):
@@ -19,7 +19,7 @@ def project(camera, points, aspect):
     return np.stack(picture, axis=1), depth
 
 
-@pytest.mark.parametrize("view", VIEWS)
+@pytest.mark.parametrize("view", VIEW_DIRECTIONS)
 @pytest.mark.parametrize("extent", [(1, 1, 1), (200, 10, 10), (10, 10, 300), (0.1, 40, 3)])
 @pytest.mark.parametrize("up", [(0, 0, 1), (1, 0, 0), (0, -1, 0), (0.6, 0, 0.8)])
 def test_nothing_is_cut_off_and_nothing_could_be_larger(view, extent, up):

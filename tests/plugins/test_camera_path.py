@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from taichisoft_plugins.drawing.camera import MARGIN, project, seen_from_front
-from taichisoft_plugins.drawing.camera_path import camera_path
-from taichisoft_plugins.drawing.framing import outermost_points, spread
+from taichisoft_plugins.drawing.camera_path import camera_path, outermost_points
+from taichisoft_plugins.drawing.scales import sample_frames
 from taichisoft_plugins.drawing.style import Style, StyleError
 from taichisoft_plugins.recording.reader import RecordedSurface
 
@@ -97,5 +97,5 @@ def test_a_frame_without_finite_positions_is_named():
 
 
 def test_frames_are_spread_with_first_and_last():
-    assert spread(range(10, 20), 3) == [10, 14, 19]
-    assert spread([4], 3) == [4]
+    assert sample_frames(range(10, 20), 3) == [10, 14, 19]
+    assert sample_frames([4], 3) == [4]

@@ -10,12 +10,10 @@ from PIL import Image
 
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.meshes.surface_files import read_surface, write_stl
-from taichisoft_plugins.drawing.caption import caption_parts, paint_caption
-from taichisoft_plugins.drawing.colour_scale import AIR, SOFT, ColourScale, round_up
-from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
-from taichisoft_plugins.drawing.drawer import check_style
+from taichisoft_plugins.drawing.colouring import PLAIN, Colouring, displacement, stress
 from taichisoft_plugins.drawing.force_arrows import ForceArrows
-from taichisoft_plugins.drawing.node_values import displacement, stress
+from taichisoft_plugins.drawing.overlay import caption_parts, paint_caption
+from taichisoft_plugins.drawing.scales import AIR, SOFT, ColourScale, round_up
 from taichisoft_plugins.drawing.style import Style, StyleError
 from taichisoft_plugins.drawing.visual_surface import with_visual_surfaces
 from taichisoft_plugins.recording.output import RecordingOutput
@@ -33,9 +31,9 @@ def gripper(tmp_path_factory):
 def test_displacement_is_against_the_shape_at_rest_carried_along_with_the_base(gripper):
     values = displacement(gripper)
     for body in gripper.soft_bodies:
-        assert np.allclose(values(body, 0), 0.0, atol=1e-9)
+        assert np.allclose(values(0)[body.nodes], 0.0, atol=1e-9)
         anchored = body.mesh_nodes[:, 0] > -1e-9
-        lifted = values(body, 2)
+        lifted = values(2)[body.nodes]
         assert np.allclose(lifted[anchored], 0.0, atol=1e-9), "the base has risen by 25 mm, with them"
         tip = np.argmin(body.mesh_nodes[:, 0])
         angle, nodes = bent_gripper.FRAMES[2][0], body.mesh_nodes
@@ -48,23 +46,21 @@ def test_displacement_follows_a_base_that_turns(tmp_path):
     state = bent_gripper.gripper_state(model, 0)
     # A quarter of a turn about x, about the mean of the anchored nodes (y = 70 or so, z = 0).
     rest = state.position
-    anchored = np.concatenate([body.rest_position[body.anchor_stiffness > 0] for body in model.soft_bodies])
-    pivot = anchored.mean(axis=0)
+    pivot = model.base_pivot
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     state.position = (rest - pivot) @ turn.T + pivot
     state.base_rotation = np.array([np.pi / 2, 0.0, 0.0])
     output.begin(model, state)
     output.end("completed")
     with read_recording(output.path) as recording:
-        values = displacement(recording)
-        assert max(values(body, 0).max() for body in recording.soft_bodies) < 1e-9
+        assert displacement(recording)(0).max() < 1e-9
 
 
 def test_stress_is_nothing_at_rest_and_highest_where_fibres_are_longest(gripper):
     values = stress(gripper)
     body = gripper.soft_bodies[0]
-    assert np.allclose(values(body, 0), 0.0, atol=1e-6)
-    bent = values(body, 1)
+    assert np.allclose(values(0)[body.nodes], 0.0, atol=1e-6)
+    bent = values(1)[body.nodes]
     middle = np.abs(body.mesh_nodes[:, 0] + 60.0) < 30.0
     outer = bent[middle & (body.mesh_nodes[:, 1] < 2.0)].mean()
     inner = bent[middle & (body.mesh_nodes[:, 1] > 28.0)].mean()
@@ -80,23 +76,23 @@ def test_colours_of_soft_bodies_and_cavities_mean_what_the_bars_say(gripper):
     assert (first.title, second.title) == ("displacement [mm]", "pressure [kPa]")
     assert (second.low, second.high) == (0.0, 50.0)
     soft, cavity = gripper.surfaces[:2]
-    assert np.allclose(colouring.colours(soft, 0), SOFT[0])
+    assert np.allclose(colouring.colours(0)[soft.name], SOFT[0])
     tips = soft.vertices(0)[:, 0] < -114.0
-    assert (colouring.colours(soft, 2)[tips, 1] < 0.4).all(), "violet"
-    assert np.allclose(colouring.colours(cavity, 0), AIR[0]), "before the first step no pressure is known"
-    assert np.allclose(colouring.colours(cavity, 2), AIR[-1])
+    assert (colouring.colours(2)[soft.name][tips, 1] < 0.4).all(), "violet"
+    assert np.allclose(colouring.colours(0)[cavity.name], AIR[0]), "before the first step no pressure is known"
+    assert np.allclose(colouring.colours(2)[cavity.name], AIR[-1])
     cube = next(surface for surface in gripper.surfaces if surface.kind == "rigid")
-    assert tuple(colouring.colours(cube, 2)) == PLAIN["rigid"]
+    assert tuple(colouring.colours(2)[cube.name]) == PLAIN["rigid"]
 
 
 def test_there_is_no_bar_for_what_cannot_be_seen(gripper, tmp_path):
     for style in (Style(cavity_pressure=False), Style(opacity=1.0)):
         assert Colouring(gripper, style, FRAMES, gripper.surfaces).scales == ()
-    fake_run.fake_run([RecordingOutput(tmp_path, fields="positions")], steps=2)
-    with read_recording(tmp_path / "recording.h5") as bare:
-        assert Colouring(bare, Style(), FRAMES, bare.surfaces).scales == ()
-        assert caption_parts(bare, 1) == ["0.01 s", "cube raised 0.0 mm"]
-        ForceArrows(bare, FRAMES, 10.0).paint(None, None, 1)  # would fail if it tried to paint
+    fake_run.fake_run([RecordingOutput(tmp_path)], steps=0)
+    with read_recording(tmp_path / "recording.h5") as start:  # without any pressure or contact
+        assert Colouring(start, Style(), [0], start.surfaces).scales == ()
+        assert caption_parts(start, 0) == ["0.00 s", "cube raised 0.0 mm"]
+        ForceArrows(start, [0], 10.0).paint(None, None, 0)  # would fail if it tried to paint
 
 
 def test_a_colour_scale_is_linear_and_holds_its_ends():
@@ -122,8 +118,8 @@ def test_the_caption_has_time_pressure_and_height(gripper):
 def test_different_pressures_are_all_in_the_caption(pressures, text):
     rows = {"pressure": np.array(pressures), "rigid_position": np.zeros((0, 3))}
     recording = SimpleNamespace(
-        times=np.zeros(3), has=rows.__contains__, cavities=pressures, row=lambda name, frame: rows[name], last_start=0,
-        rigid_bodies=(), up=np.array([0.0, 0.0, 1.0]),
+        times=np.zeros(3), cavities=pressures, row=lambda name, frame: rows[name], last_start=0,
+        scene=SimpleNamespace(rigid_bodies=(), up=np.array([0.0, 0.0, 1.0])),
     )  # fmt: skip
     assert caption_parts(recording, 1) == ["0.00 s", text]
 
@@ -142,7 +138,7 @@ def test_a_caption_that_is_too_long_goes_on_in_the_next_line():
 def test_twice_the_force_is_twice_the_arrow(gripper):
     from taichisoft_plugins.drawing.camera import fit_camera
 
-    camera = fit_camera(gripper.surfaces[0].vertices(0), gripper.up, "front", 16 / 9)
+    camera = fit_camera(gripper.surfaces[0].vertices(0), gripper.scene.up, "front", 16 / 9)
     lengths = []
     for radius in (50.0, 100.0):
         picture = Image.new("RGB", (640, 360))
@@ -176,5 +172,5 @@ def test_a_surface_that_lies_elsewhere_and_an_unknown_body_are_refused(gripper, 
     with pytest.raises(StyleError, match="8 of 8 vertices lie further from the mesh of 'finger1'"):
         with_visual_surfaces(gripper, path)
     with pytest.raises(StyleError, match="no body is called 'ball'; there are: finger1, finger2, finger3, cube"):
-        check_style(gripper, Style(view="follow:ball"))
-    check_style(gripper, Style(view="follow:cube"))
+        Style(view="follow:ball").check(gripper.scene)
+    Style(view="follow:cube").check(gripper.scene)

@@ -8,9 +8,9 @@ import typer
 from typer.testing import CliRunner
 
 import taichisoft_plugins
+from taichisoft.child_process import ChildResult
 from taichisoft_plugins.doctor import command as doctor_command
-from taichisoft_plugins.doctor.system_libraries import SYSTEM_LIBRARIES, packages_for
-from taichisoft_plugins.rendering.child_process import ChildResult
+from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, packages_for
 
 
 @pytest.fixture
@@ -35,9 +35,9 @@ def test_what_is_missing_is_named_with_the_package_to_install(doctor, monkeypatc
     def bare_machine(arguments, time_limit):
         if "gmsh" in arguments[-1]:
             return ChildResult("OSError: libGLU.so.1: cannot open shared object file")
-        if "picture_check" in arguments[-1]:
+        if arguments[-1] == "picture":
             return ChildResult("the process was ended by SIGSEGV")
-        if "video_check" in arguments[-1]:
+        if arguments[-1] == "video":
             return ChildResult("no ffmpeg, which writes videos: pip install imageio-ffmpeg")
         return ChildResult("", "1.0\n")
 
@@ -71,7 +71,7 @@ def test_what_is_optional_is_no_fault(doctor, monkeypatch):
 def test_a_driver_that_egl_cannot_use_is_reported(monkeypatch):
     monkeypatch.setenv("EGL_PLATFORM", "device")
     monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
-    finding = doctor_command._examine_egl()
+    finding = doctor_command._examine("EGL")
     assert not finding.ok
     assert finding.found == "no driver for EGL_PLATFORM=device"
     assert {"libegl1", "libgl1-mesa-dri"} <= set(finding.packages)
@@ -79,7 +79,7 @@ def test_a_driver_that_egl_cannot_use_is_reported(monkeypatch):
 
 def test_an_ffmpeg_that_does_not_start_is_reported(monkeypatch):
     monkeypatch.setenv("IMAGEIO_FFMPEG_EXE", "/nowhere/ffmpeg")
-    finding = doctor_command._examine_video()
+    finding = doctor_command._examine("ffmpeg")
     assert not finding.ok
     assert finding.found == "/nowhere/ffmpeg: ffmpeg cannot be started: No such file or directory"
 

@@ -12,7 +12,7 @@ from taichisoft_plugins.paraview.export import ExportError, chosen_frames, expor
 from taichisoft_plugins.plots.plots import PlotError, draw_plots
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.reader import Recording, read_recording
-from taichisoft_plugins.stress import element_stress, von_mises
+from taichisoft_plugins.stress import StressLaw, von_mises
 
 FRAME = 37
 """A frame in which the cube is carried."""
@@ -76,7 +76,8 @@ def test_cells_have_stress_material_body_and_groups(exported: Path, recording: R
     np.testing.assert_array_equal(soft.point_data["body"], [0] * len(left.mesh_nodes) + [1] * len(right.mesh_nodes))
     for body, cells in ((left, slice(0, count)), (right, slice(count, None))):
         position = recording.row("position", FRAME)[body.nodes]
-        stress = element_stress(body.rest_position, body.elements, body.young_modulus, body.poisson_ratio, position)
+        law = StressLaw(body.rest_position, body.elements, body.young_modulus, body.poisson_ratio)
+        stress = law.stress(position)
         close(soft.cell_data["von_mises"][cells], von_mises(stress))
         xx_yy_zz_xy_yz_xz = stress[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
         close(soft.cell_data["stress"][cells], xx_yy_zz_xy_yz_xz)
@@ -95,13 +96,8 @@ def test_rotations_are_those_of_the_scene(tmp_path: Path) -> None:
         found = grid(tmp_path, "soft_bodies", FRAME).cell_data["von_mises"]
         expected = [
             von_mises(
-                element_stress(
-                    body.rest_position,
-                    body.elements,
-                    body.young_modulus,
-                    body.poisson_ratio,
-                    recording.row("position", FRAME)[body.nodes],
-                    polar,
+                StressLaw(body.rest_position, body.elements, body.young_modulus, body.poisson_ratio, polar).stress(
+                    recording.row("position", FRAME)[body.nodes]
                 )
             )
             for body, polar in zip(recording.soft_bodies, (True, False), strict=True)
@@ -204,21 +200,6 @@ def test_of_a_run_that_was_started_anew_only_the_last_start_is_exported(tmp_path
     )
 
 
-def test_what_was_not_recorded_is_left_out_but_positions_are_needed(tmp_path: Path) -> None:
-    tiny_run.tiny_run(tmp_path / "some", fields="positions")
-    with read_recording(tmp_path / "some" / "recording.h5") as recording:
-        export_vtu(recording, [3], tmp_path)
-        assert sorted(path.stem for path in tmp_path.glob("*.pvd")) == ["cavities", "rigid_bodies", "soft_bodies"]
-        assert "velocity" not in grid(tmp_path, "soft_bodies", 3).point_data
-        assert "pressure" not in grid(tmp_path, "cavities", 3).cell_data
-    tiny_run.tiny_run(tmp_path / "none", fields="cavities")
-    with (
-        read_recording(tmp_path / "none" / "recording.h5") as recording,
-        pytest.raises(RecordingError, match="has no steps/position: --fields cavities left it out"),
-    ):
-        export_vtu(recording, [3], tmp_path / "none")
-
-
 def test_what_was_written_before_it_ended_can_be_opened(recording: Recording, tmp_path: Path) -> None:
     """Somebody presses Ctrl and c after two frames."""
 
@@ -238,9 +219,3 @@ def test_a_recording_without_a_frame_is_refused(run: Path, tmp_path: Path) -> No
             chosen_frames(recording, None, None)
         with pytest.raises(PlotError, match=r"recording\.h5: has no frame; the run ended before"):
             draw_plots(recording, "png")
-
-
-def test_an_unknown_format_is_refused_with_the_known_ones(run: Path) -> None:
-    shown = tiny_run.command("export", run, "--format", "stl")
-    assert shown.exit_code != 0
-    assert "--format stl: there are: vtu" in str(shown.exception)

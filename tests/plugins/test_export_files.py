@@ -21,7 +21,6 @@ def grid() -> Grid:
         cell_type=TETRAHEDRON,
         point_data={"displacement": random.normal(size=(300, 3)), "chosen": np.arange(300) % 2 == 0},
         cell_data={"stress": random.normal(size=(170, 6)), 'body <1> & "2"': np.arange(170, dtype=np.int32)},
-        field_data={"TimeValue": np.array([0.1])},
     )
 
 
@@ -40,7 +39,6 @@ def test_vtk_reads_what_was_written(
         np.testing.assert_array_equal(read.point_data[name], values.astype(np.float32))
     for name, values in grid.cell_data.items():
         np.testing.assert_array_equal(read.cell_data[name], values.astype(np.float32))
-    assert float(read.field_data["TimeValue"][0]) == 0.1, "in double precision"
     stress = read.GetCellData().GetArray("stress")
     assert [stress.GetComponentName(i) for i in range(6)] == ["XX", "YY", "ZZ", "XY", "YZ", "XZ"]
 
@@ -64,7 +62,6 @@ def test_a_grid_of_nothing(tmp_path: Path) -> None:
 
 
 def test_a_list_gives_the_file_of_each_time(grid: Grid, tmp_path: Path) -> None:
-    (tmp_path / "of <run>").mkdir()
     files = []
     for index, time in enumerate((0.0, 0.01, 0.3)):
         path = tmp_path / "of <run>" / f"{index}.vtu"
@@ -78,5 +75,6 @@ def test_a_list_gives_the_file_of_each_time(grid: Grid, tmp_path: Path) -> None:
 
 
 def test_a_file_that_cannot_be_written(grid: Grid, tmp_path: Path) -> None:
-    with pytest.raises(TaichisoftError, match=r"nowhere/a\.vtu: cannot be written: No such file"):
-        write_vtu(tmp_path / "nowhere" / "a.vtu", grid)
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(TaichisoftError, match=r"file/a\.vtu: cannot be written: "):
+        write_vtu(tmp_path / "file" / "a.vtu", grid)

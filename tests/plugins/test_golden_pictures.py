@@ -9,7 +9,7 @@ from golden_pictures import BROKEN, GOLDEN, STYLES
 from PIL import Image
 from scipy.ndimage import gaussian_filter, shift
 
-from taichisoft_plugins.rendering.child_process import run_python
+from taichisoft.child_process import run_python
 
 ALIKE = 0.93
 """Least similarity: other renderers put edges a fraction of a pixel elsewhere, and round colours otherwise."""

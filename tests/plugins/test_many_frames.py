@@ -2,7 +2,7 @@
 
 from bent_gripper import record_gripper
 
-from taichisoft_plugins.rendering.child_process import run_python
+from taichisoft.child_process import run_python
 
 LARGEST_GROWTH = 200.0 / 1000
 """[MB] a frame: a thousand frames may cost 200 MB."""

@@ -25,15 +25,14 @@ def model(goal: bool = True) -> Any:
             "time": {"step": STEP},
             "goal": {"object": "cube", "hold": 2.0, "tolerance": 1.0, "creep": 0.1} if goal else None,
             "obstacles": {"floor": {"plane": {"point": (-20.0 * UP).tolist(), "normal": UP.tolist()}}},
+            "soft_bodies": {
+                name: {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
+                for name in ("finger1", "finger2")
+            },
             "rigid_bodies": {name: {"box": [10, 10, 10], "mass": 0.001} for name in ("other", "cube")},
         }
     )
-    return SimpleNamespace(
-        scene=scene,
-        gravity=np.array(scene.gravity),
-        rigid_bodies=[SimpleNamespace(name="other"), SimpleNamespace(name="cube")],
-        soft_bodies=[SimpleNamespace(name="finger1"), SimpleNamespace(name="finger2")],
-    )
+    return SimpleNamespace(scene=scene)
 
 
 def report(step: int, **changes: Any) -> Any:
@@ -43,15 +42,18 @@ def report(step: int, **changes: Any) -> Any:
         "iterations": step,
         "converged": True,
         "max_penetration": 0.01,
+    }
+    seen = {
         "normal_forces": {
-            "finger1|cube": 30.0,
-            "cube|finger2": 20.0,
-            "cube|floor": 500.0 if step < 2 else 0.0,  # before the base moves
-            "finger1|finger2": 900.0,
-            "finger1|floor": 700.0,
+            ("finger1", "cube"): 30.0,
+            ("cube", "finger2"): 20.0,
+            ("cube", "floor"): 500.0 if step < 2 else 0.0,  # before the base moves
+            ("finger1", "finger2"): 900.0,
+            ("finger1", "floor"): 700.0,
         },
     }
-    return SimpleNamespace(**{**values, **changes})
+    seen |= {name: changes.pop(name) for name in seen if name in changes}
+    return SimpleNamespace(**{**values, **changes}, observation=SimpleNamespace(**seen))
 
 
 def state(height_of_base: float, height_of_cube: float) -> Any:
@@ -108,7 +110,7 @@ def test_the_file_has_the_figures_of_the_steps(tmp_path: Path) -> None:
     changes = {
         3: {"converged": False, "iterations": 999},
         5: {"max_penetration": 0.25},
-        7: {"normal_forces": {"finger1|cube": 70.0, "cube|finger2": 50.0}},
+        7: {"normal_forces": {("finger1", "cube"): 70.0, ("cube", "finger2"): 50.0}},
     }
     metrics = follow(tmp_path, RISE + HOLD, cube_heights(), changes=changes)
     count = len(RISE + HOLD) - 1
@@ -134,7 +136,7 @@ def test_the_file_has_the_figures_of_the_steps(tmp_path: Path) -> None:
         (
             RISE + HOLD,
             cube_heights(),
-            {step: {"normal_forces": {"cube|floor": 9.81}} for step in range(30)},
+            {step: {"normal_forces": {("cube", "floor"): 9.81}} for step in range(30)},
             "no soft body touched it in the last 2 s",
         ),
         ([0.0] * 30, [0.0] * 30, {}, "the base rose by 0.00 mm (more than 1 mm is needed)"),
@@ -142,7 +144,7 @@ def test_the_file_has_the_figures_of_the_steps(tmp_path: Path) -> None:
         (
             RISE + HOLD,
             cube_heights(),
-            {len(RISE + HOLD) - 2: {"normal_forces": {"finger1|cube": 30.0, "cube|floor": 9.81}}},
+            {len(RISE + HOLD) - 2: {"normal_forces": {("finger1", "cube"): 30.0, ("cube", "floor"): 9.81}}},
             "obstacles still carry it at the end, with 9.81 mN",
         ),
         (RISE, [0.0, 0.0, 0.0, 10.0, 20.0], {}, "the run of 0.4 s is shorter than the 2 s of holding"),

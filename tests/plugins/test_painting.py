@@ -5,16 +5,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from taichisoft.bodies.surfaces import Plane
+from taichisoft_plugins.drawing.antialiasing import antialias
 from taichisoft_plugins.drawing.camera import fit_camera, project
 from taichisoft_plugins.drawing.floor import Floor
 from taichisoft_plugins.drawing.painting import arrow_outline, paint_polygon, text_colour
-from taichisoft_plugins.drawing.shading import shaded
+from taichisoft_plugins.drawing.planes import reaches_under, square_of_plane
+from taichisoft_plugins.drawing.shading import shade
 from taichisoft_plugins.drawing.shadow import PIXELS, SUN_RADIUS, shadow
-from taichisoft_plugins.drawing.smooth_edges import smooth_edges
-from taichisoft_plugins.drawing.stage import NOTHING
-from taichisoft_plugins.drawing.translucency import in_layers, laid_over
-from taichisoft_plugins.drawing.walls import reaches_under, square_of_plane
-from taichisoft_plugins.recording.reader import RecordedPlane
+from taichisoft_plugins.drawing.stage import EMPTY
+from taichisoft_plugins.drawing.surface_painter import depth_layers, lay_over
 
 RIGHT, FRONT, UP = np.eye(3)
 SIZE = (320, 180)
@@ -49,7 +49,7 @@ def test_silicone_throws_a_weaker_shadow_and_nothing_under_the_plane_throws_one(
 def test_the_floor_is_dark_under_a_body_and_fades_into_the_background():
     background = np.array([0.8, 0.8, 0.8])
     points = fake_run.CUBE + np.array([0.0, 0.0, 5.0])
-    floor = Floor(RecordedPlane("floor", np.zeros(3), UP), points, background)
+    floor = Floor(Plane("floor", np.zeros(3), UP), points, background)
     camera = fit_camera(3 * points, UP, "front", SIZE[0] / SIZE[1])
     empty = np.full((180, 320, 3), 204, dtype=np.uint8)
     picture = floor.paint(empty, camera, [(points, fake_run.CUBE_FACES, 1.0)]).astype(int)
@@ -64,14 +64,14 @@ def test_the_floor_is_dark_under_a_body_and_fades_into_the_background():
 
 
 def test_slopes_and_walls_end_at_the_floor():
-    floor = RecordedPlane("floor", np.zeros(3), UP)
-    slope = RecordedPlane("slope", np.zeros(3), np.array([0.6, 0.0, 0.8]))
+    floor = Plane("floor", np.zeros(3), UP)
+    slope = Plane("slope", np.zeros(3), np.array([0.6, 0.0, 0.8]))
     vertices, triangles = square_of_plane(slope, fake_run.CUBE, [floor])
     assert vertices[:, 2].min() == pytest.approx(0.0, abs=1e-9)
     assert vertices[:, 2].max() > 5.0
     a, b, c = (vertices[triangles[:, k]] for k in range(3))
     assert (np.cross(b - a, c - a) @ slope.normal > 0).all(), "seen from where things are"
-    sunk, _ = square_of_plane(RecordedPlane("w", np.array([0, 0, -9.0]), -UP), fake_run.CUBE, [floor])
+    sunk, _ = square_of_plane(Plane("w", np.array([0, 0, -9.0]), -UP), fake_run.CUBE, [floor])
     assert len(sunk) == 0
     assert reaches_under(floor, fake_run.CUBE) and not reaches_under(floor, fake_run.CUBE + np.array([0, 0, 4.9]))
 
@@ -82,24 +82,24 @@ def test_bodies_share_a_layer_where_none_stands_before_another():
     toward_camera = np.sign((camera.eye - camera.target)[1])
     if toward_camera > 0:
         near, far = far, near
-    layers = in_layers([near, far, beside], camera, SIZE)
+    layers = depth_layers([near, far, beside], camera, SIZE)
     assert len(layers) == 2
     assert set(layers[0]) == {1, 2} and layers[1] == [0]
-    assert in_layers([], camera, SIZE) == []
+    assert depth_layers([], camera, SIZE) == []
 
 
 def test_a_layer_shines_through_only_where_it_shows_something():
     below = np.full((4, 6, 3), 100, dtype=np.uint8)
     layer = np.empty_like(below)
-    layer[:] = NOTHING
+    layer[:] = EMPTY
     layer[1, 2] = (200, 0, 255)
     layer[2, 3] = (255, 0, 254)
-    over = laid_over(below, layer, 0.5)
+    over = lay_over(below, layer, 0.5)
     assert over[1, 2].tolist() == [150, 50, 177]
     assert over[2, 3].tolist() == [177, 50, 177]
     over[1, 2] = over[2, 3] = 100
     assert np.array_equal(over, below)
-    assert laid_over(below, layer, 1.0)[1, 2].tolist() == [200, 0, 255]
+    assert lay_over(below, layer, 1.0)[1, 2].tolist() == [200, 0, 255]
 
 
 def test_smooth_edges_come_nearer_to_the_true_picture_and_leave_the_rest():
@@ -107,18 +107,18 @@ def test_smooth_edges_come_nearer_to_the_true_picture_and_leave_the_rest():
     fine = (rows > 20 + 0.23 * columns) ^ (columns > 100 + 0.1 * rows)
     true = fine.reshape(120, 4, 160, 4).mean(axis=(1, 3))
     stepped = np.repeat((255 * fine[2::4, 2::4]).astype(np.uint8)[..., None], 3, axis=2)
-    smooth = smooth_edges(stepped)
+    smooth = antialias(stepped)
     before, after = (np.abs(image[..., 0] / 255.0 - true).mean() for image in (stepped, smooth))
     assert after < 0.6 * before
     inside = (true == 0) | (true == 1)
     far = inside & (np.abs(stepped[..., 0].astype(int) - smooth[..., 0]) > 0)
     assert far.sum() < 0.02 * inside.sum()
     plain = np.full((20, 30, 3), 77, dtype=np.uint8)
-    assert np.array_equal(smooth_edges(plain), plain)
+    assert np.array_equal(antialias(plain), plain)
 
 
 def test_light_comes_from_above_and_no_side_is_black_or_too_bright():
-    shades = shaded(np.ones(3), np.vstack([np.eye(3), -np.eye(3)]), np.eye(3))[:, 0]
+    shades = shade(np.ones(3), np.vstack([np.eye(3), -np.eye(3)]), np.eye(3))[:, 0]
     right, front, up, left, back, down = shades
     assert up > front > left > down and up > right > back
     assert shades.min() > 0.4 and shades.max() <= 1.0

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import fake_run
+import fake_worker
 import numpy as np
 import pytest
 from PIL import Image
@@ -42,8 +43,7 @@ def test_the_hooks_draw_a_picture_of_the_present_state(
     tmp_path: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Nothing but the picture is left. What a picture shows is tested elsewhere."""
-    worker = (str(Path(__file__).with_name("fake_worker.py")), str(tmp_path_factory.mktemp("log") / "started"))
-    monkeypatch.setattr(frame_process, "WORKER", (*worker, "nothing", "0", "0"))
+    monkeypatch.setattr(frame_process, "WORKER", fake_worker.worker(tmp_path_factory.mktemp("log") / "started"))
     run = session(tmp_path, step=10)
     taichisoft_plugins.taichisoft_picture_wanted(run)
     taichisoft_plugins.taichisoft_run_ends(run)

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from taichisoft.child_process import ChildResult, run_python
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import read_recording
-from taichisoft_plugins.rendering import pictures
-from taichisoft_plugins.rendering.child_process import ChildResult, run_python
-from taichisoft_plugins.rendering.pictures import PicturesOutput, key_moments
-from taichisoft_plugins.rendering.render import RenderError, render_pictures
+from taichisoft_plugins.rendering import outputs
+from taichisoft_plugins.rendering.outputs import PicturesOutput
+from taichisoft_plugins.rendering.render import RenderError, key_moments, render_pictures
 
 
 @pytest.fixture(scope="module")
@@ -96,7 +96,7 @@ def test_whoever_stops_the_drawing_still_has_the_run(tmp_path, monkeypatch):
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pictures, "render_pictures", stop)
+    monkeypatch.setattr(outputs, "render_pictures", stop)
     with pytest.raises(RenderError, match=r"no pictures: interrupted; `taichisoft render .*recording\.h5` draws later"):
         fake_run.fake_run([RecordingOutput(tmp_path), PicturesOutput(tmp_path)], steps=2)
 

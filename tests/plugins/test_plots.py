@@ -9,11 +9,9 @@ import pytest
 import tiny_run
 
 from taichisoft.control.observation import Observation
-from taichisoft_plugins.plots.curve import Curve, Panel, pieces
-from taichisoft_plugins.plots.figure import draw_figure
+from taichisoft_plugins.plots.figure import Curve, Panel, draw_figure, pieces
 from taichisoft_plugins.plots.panels import PANELS, TIME_AXIS, RunCurves
 from taichisoft_plugins.plots.plots import PlotError, draw_plots
-from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import Recording, read_recording
 
@@ -92,11 +90,11 @@ def test_a_base_that_stands_still_in_a_scene_without_objects_is_not_worth_a_pane
     for steps, shown in ((3, False), (9, True)):
         fake_run.fake_run([RecordingOutput(tmp_path / str(steps))], steps=steps)
         with read_recording(tmp_path / str(steps) / "recording.h5") as recording:
-            recording.surfaces = tuple(surface for surface in recording.surfaces if surface.kind != "rigid")
+            recording.scene = recording.scene.model_copy(update={"rigid_bodies": {}})
             plots = draw_plots(recording, "svg")
         assert ("height" in plots.shown) is shown
         assert ("height" in plots.left_out) is not shown
-        assert plots.left_out["bending"] == "nothing of the kind in this run"
+        assert "bending" in plots.left_out
 
 
 def test_slip_is_what_the_object_stays_behind_since_the_base_moves(
@@ -185,18 +183,18 @@ def test_the_command_writes_png_and_svg(run: tuple[Path, list[Observation]], tmp
     assert {"pressure [kPa]", "slip against the base [mm]"} == axes_of(tmp_path / "plots.svg")
 
 
-def test_what_was_not_recorded_is_said_and_the_rest_drawn(tmp_path: Path) -> None:
-    tiny_run.tiny_run(tmp_path, fields="cavities")
+def test_panels_without_anything_to_show_are_named_and_the_rest_drawn(tmp_path: Path) -> None:
+    """The made-up finger is not held and the base has not moved yet: no tip, and no slip."""
+    fake_run.fake_run([RecordingOutput(tmp_path)], steps=3)
     shown = tiny_run.command("plot", tmp_path / "recording.h5", "--format", "svg")
-    assert "no plot of normal-force: " in shown.output
-    assert "--fields cavities left it out; record it with 'forces'" in shown.output
-    expected = {"pressure [kPa]", "volume [cm³]", "risen by [mm]", "slip against the base [mm]"}
-    assert axes_of(tmp_path / "plots.svg") == expected
+    assert "no plot of slip: nothing of the kind in this run\n" in shown.output
+    assert "no plot of bending: nothing of the kind in this run\n" in shown.output
+    assert {"pressure [kPa]", "normal force [mN]", "risen by [mm]"} < axes_of(tmp_path / "plots.svg")
     with (
         read_recording(tmp_path / "recording.h5") as recording,
-        pytest.raises(RecordingError, match="has no steps/normal_force"),
+        pytest.raises(PlotError, match="nothing to plot: this run has nothing of slip"),
     ):
-        draw_plots(recording, "svg", ["normal-force"])
+        draw_plots(recording, "svg", ["slip"])
 
 
 def test_unknown_names_are_refused_with_the_known_ones(recording: Recording) -> None:

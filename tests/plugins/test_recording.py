@@ -40,7 +40,6 @@ def test_meshes_and_materials_come_back(recording):
     assert np.array_equal(finger.surface_groups["outer"], fake_run.FACES)
     assert finger.element_groups["tip"].tolist() == [0]
     assert np.array_equal(finger.mesh("a").nodes, fake_run.REST)
-    assert [(body.name, len(body.vertices)) for body in recording.rigid_bodies] == [("cube", 8)]
 
 
 def test_pressures_and_forces_stand_in_named_columns_whatever_the_order_of_a_pair(recording):
@@ -63,8 +62,8 @@ def test_contacts_of_a_frame(recording, frame):
 def test_header(recording):
     assert recording.outcome == "completed"
     assert recording.step_size == fake_run.STEP
-    assert recording.scene == scene_to_toml(fake_run.fake_model().scene)
-    assert np.array_equal(recording.up, [1.0, 0.0, 0.0]), "gravity is along -x"
+    assert recording.scene_text == scene_to_toml(fake_run.fake_model().scene)
+    assert recording.scene == fake_run.fake_model().scene
     assert [plane.name for plane in recording.planes] == ["floor"]
     assert recording.versions["taichi"] == version("taichi")
     assert recording.versions["machine"].startswith(platform.system())

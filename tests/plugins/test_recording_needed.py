@@ -8,8 +8,7 @@ import pytest
 from taichisoft import Controller, Simulation, run
 from taichisoft_plugins.recording.needed import NeededRecording, RecordingNeeded
 from taichisoft_plugins.recording.output import RecordingOutput
-from taichisoft_plugins.rendering.pictures import PicturesOutput
-from taichisoft_plugins.rendering.video_output import VideoOutput
+from taichisoft_plugins.rendering.outputs import PicturesOutput, VideoOutput
 
 
 class Still(Controller):

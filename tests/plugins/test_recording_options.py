@@ -1,11 +1,10 @@
-"""Recording less: every N-th step, some fields; what was left out is named, and nothing is lost in silence."""
+"""Recording every N-th step, and packed; files of another layout are refused."""
 
 import fake_run
-import numpy as np
 import pytest
 
 from taichisoft.state import State
-from taichisoft_plugins.recording.layout import FIELDS, RecordingError
+from taichisoft_plugins.recording.layout import LAYOUT, RecordingError
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import read_recording
 
@@ -57,43 +56,9 @@ def test_a_run_started_anew_has_the_last_step_before_it_as_a_frame(tmp_path):
         assert recording.column("step").tolist() == [0, 4, 6, 0, 4]
 
 
-def test_what_the_fields_leave_out_is_named_when_it_is_asked_for(tmp_path):
-    with record(tmp_path, steps=3, fields="forces, contacts") as recording:
-        assert recording.fields == ("contacts", "forces")
-        assert recording.has("normal_force") and recording.has("rigid_position") and not recording.has("position")
-        assert len(recording.contacts(2)[0]) == 2
-        cube = next(surface for surface in recording.surfaces if surface.kind == "rigid")
-        assert cube.vertices(3).shape == (8, 3), "rigid poses are always recorded"
-        for name in ("position", "pressure"):
-            with pytest.raises(
-                RecordingError, match=f"no steps/{name}: --fields contacts,forces left it out"
-            ) as caught:
-                recording.column(name)
-            assert str(tmp_path) in str(caught.value) and "\n" not in str(caught.value)
-        with pytest.raises(RecordingError, match="no 'presure'; there are: "):
-            recording.column("presure")
-        with pytest.raises(RecordingError, match=r"left out positions, velocities, cavities, controls$"):
-            recording.state(1)
-
-
-@pytest.mark.parametrize("field", FIELDS)
-def test_each_field_can_be_recorded_alone(tmp_path, field):
-    with record(tmp_path, steps=5, fields=field) as recording:
-        assert recording.frame_count == 6
-        assert np.array_equal(recording.times, 0.01 * np.arange(6))
-
-
-@pytest.mark.parametrize(
-    ("settings", "message"),
-    [
-        ({"every": 0}, "--every 0: must be at least 1"),
-        ({"fields": "positions,force"}, "--fields positions,force: no field is called 'force'; there are: positions, "),
-        ({"fields": " , "}, "names no field"),
-    ],
-)
-def test_what_cannot_be_recorded_is_an_error_before_the_run(tmp_path, settings, message):
-    with pytest.raises(RecordingError, match=message):
-        RecordingOutput(tmp_path, **settings)
+def test_what_cannot_be_recorded_is_an_error_before_the_run(tmp_path):
+    with pytest.raises(RecordingError, match="--every 0: must be at least 1"):
+        RecordingOutput(tmp_path, every=0)
 
 
 def test_a_packed_recording_has_the_same_numbers(tmp_path, monkeypatch):
@@ -107,14 +72,25 @@ def test_a_packed_recording_has_the_same_numbers(tmp_path, monkeypatch):
         assert packed["steps/position"].compression == "gzip" and plain["steps/position"].compression is None
 
 
-def test_a_file_of_an_older_version_says_so(tmp_path):
+def test_a_quantity_that_is_not_recorded_is_named_beside_those_that_are(tmp_path):
+    with (
+        record(tmp_path, steps=2) as recording,
+        pytest.raises(RecordingError, match=r"no .presure.; there are: .*time"),
+    ):
+        recording.column("presure")
+
+
+@pytest.mark.parametrize(("layout", "shown"), [(LAYOUT - 1, LAYOUT - 1), (LAYOUT + 1, LAYOUT + 1), (None, "none")])
+def test_a_file_of_another_layout_is_refused_with_one_line(tmp_path, layout, shown):
     import h5py
 
-    record(tmp_path, steps=2).__exit__()
+    record(tmp_path, steps=2).close()
     with h5py.File(tmp_path / "recording.h5", "r+") as file:
-        del file["soft_bodies/0/young_modulus"], file["steps/cavity_target"], file["frames"], file.attrs["layout"]
-    with read_recording(tmp_path / "recording.h5") as recording:
-        assert recording.frame_count == 3 and len(recording.surfaces) == 3
-        for ask in (lambda: recording.soft_bodies, lambda: recording.state(1)):
-            with pytest.raises(RecordingError, match=r"taichisoft [\d.]+ wrote it in layout 1, this version reads 2"):
-                ask()
+        if layout is None:
+            del file.attrs["layout"]
+        else:
+            file.attrs["layout"] = layout
+    expected = rf"recording\.h5: taichisoft [\d.]+ wrote it in layout {shown}, this version reads layout {LAYOUT}; run"
+    with pytest.raises(RecordingError, match=expected) as caught:
+        read_recording(tmp_path / "recording.h5")
+    assert "\n" not in str(caught.value)

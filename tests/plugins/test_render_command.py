@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import fake_run
+import fake_worker
 import numpy as np
 import pytest
 import typer
@@ -17,8 +18,6 @@ from taichisoft_plugins.rendering import command as render_command
 from taichisoft_plugins.rendering import frame_process
 from taichisoft_plugins.rendering.render import RenderError
 
-WORKER = Path(__file__).with_name("fake_worker.py")
-
 
 @pytest.fixture
 def run(tmp_path: Path) -> Path:
@@ -29,7 +28,7 @@ def run(tmp_path: Path) -> Path:
 @pytest.fixture
 def fake(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Frames of one colour, their index."""
-    monkeypatch.setattr(frame_process, "WORKER", (str(WORKER), str(tmp_path / "started"), "nothing", "0", "0"))
+    monkeypatch.setattr(frame_process, "WORKER", fake_worker.worker(tmp_path / "started"))
 
 
 def render(*arguments: Any) -> Any:
@@ -107,7 +106,7 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
     ("options", "problem"),
     [
         (["--size", "large"], "size 'large' must be written as width x height in pixels, 1280x720"),
-        (["--size", "8x8"], "width and height must be from 16"),
+        (["--size", "8x8"], "width and height must be whole numbers from 16"),
         (["--eye", "1,2"], "eye '1,2' must be three numbers in mm, as 300,-200,150"),
         (["--eye", "1,2,3", "--view", "top"], "give either --eye or --view"),
         (["--view", "behind"], "no view is called 'behind'; there are: iso"),
@@ -130,7 +129,7 @@ def test_what_is_impossible_is_said_before_anything_is_drawn(run: Path, monkeypa
 def test_a_second_attempt_is_told_and_a_second_failure_is_an_error(run: Path, tmp_path: Path, monkeypatch) -> None:
     for times, code in ((1, 0), (9, 1)):
         log = tmp_path / f"started{times}"
-        monkeypatch.setattr(frame_process, "WORKER", (str(WORKER), str(log), "crash", "1", str(times)))
+        monkeypatch.setattr(frame_process, "WORKER", fake_worker.worker(log, "crash", 1, times))
         answer = render(run, "--size", "32x16", "--video", tmp_path / "run.gif")
         assert "warning: drawing stopped after 1 of 4 frames" in answer.output
         assert answer.exit_code == code

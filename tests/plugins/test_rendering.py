@@ -8,6 +8,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import fake_run
+import fake_worker
 import numpy as np
 import pytest
 
@@ -17,7 +18,6 @@ from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.rendering import frame_process, render
 from taichisoft_plugins.rendering.render import RenderError, draw_frames, render_pictures
 
-WORKER = Path(__file__).with_name("fake_worker.py")
 STYLE = Style(size=(32, 16))
 
 
@@ -27,7 +27,7 @@ def worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Sim
     log = tmp_path / "started"
 
     def begin(what: str = "nothing", at: int = 0, times: int = 0) -> SimpleNamespace:
-        monkeypatch.setattr(frame_process, "WORKER", (str(WORKER), str(log), what, str(at), str(times)))
+        monkeypatch.setattr(frame_process, "WORKER", fake_worker.worker(log, what, at, times))
         return SimpleNamespace(
             starts=lambda: [int(line.split()[0]) for line in log.read_text().splitlines()],
             processes=lambda: [int(line.split()[1]) for line in log.read_text().splitlines()],
@@ -54,7 +54,9 @@ def test_frames_come_in_order_from_one_process(worker) -> None:
     assert started.starts() == [0]
 
 
-@pytest.mark.parametrize(("what", "problem"), [("crash", "SIGSEGV"), ("stop", "exit code 0"), ("fail", "libEGL")])
+@pytest.mark.parametrize(
+    ("what", "problem"), [("crash", "SIGSEGV"), ("stop", "ended before its last frame"), ("fail", "libEGL")]
+)
 def test_after_a_crash_a_new_process_goes_on_with_the_frame_where_the_first_stopped(worker, what, problem) -> None:
     started = worker(what, at=2, times=1)
     with pytest.warns(UserWarning, match=f"stopped after 2 of 4 frames: .*{problem}.*going on in a new process"):

@@ -21,7 +21,6 @@ from taichisoft_plugins.recording.needed import RecordingNeeded
 from taichisoft_plugins.recording.reader import Recording
 from taichisoft_plugins.report import contents as report_contents
 from taichisoft_plugins.report import page as report_page
-from taichisoft_plugins.report.contents import collect
 from taichisoft_plugins.report.output import ReportError, ReportOutput, write_report
 
 
@@ -75,13 +74,13 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(autouse=True, scope="module")
 def plots_drawn_once() -> Iterator[None]:
-    """Many tests make a page, and its plots take the most time; those of one recording do for all that are whole."""
-    drawn: dict[tuple[str, ...], Plots] = {}
+    """Many tests make a page, and its plots take the most time; those of one recording do for all."""
+    drawn: list[Plots] = []
 
     def draw_once(recording: Recording, format: str) -> Plots:
-        if recording.fields not in drawn:
-            drawn[recording.fields] = draw_plots(recording, format)
-        return drawn[recording.fields]
+        if not drawn:
+            drawn.append(draw_plots(recording, format))
+        return drawn[0]
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(report_contents, "draw_plots", draw_once)
@@ -156,14 +155,6 @@ def test_what_is_missing_is_said(run: Path, tmp_path: Path) -> None:
     assert "There are no metrics: the run was made without the output 'metrics'." in page.text
     (tmp_path / "metrics.json").write_text('{"outcome": ')
     assert "There are no metrics: " in page_of(tmp_path).text and "is not readable" in page_of(tmp_path).text
-
-
-def test_what_was_not_recorded_is_said_and_the_rest_plotted(tmp_path: Path) -> None:
-    """Base and objects are always recorded."""
-    tiny_run.tiny_run(tmp_path, fields="contacts")
-    contents = collect(tmp_path / "recording.h5")
-    assert "risen by [mm]" in contents.plots
-    assert any(line.startswith("There is no plot of pressure: ") for line in contents.missing)
 
 
 def test_the_output_marks_pictures_of_an_earlier_run(tmp_path: Path) -> None:

@@ -95,6 +95,10 @@ def test_the_folder_is_beside_that_of_the_recording(straight):
             ["--at", "0.3", "--set", "rigid_bodies.ball={box=[1.0,1.0,1.0],mass=1.0,position=[0.0,90.0,9.0]}"],
             "has rigid body cube, the scene rigid body cube, ball",
         ),
+        (
+            ["--at", "0.3", "--set", "soft_bodies.left.cavities={}"],
+            "has cavity left.cavity, right.cavity, the scene cavity right.cavity",
+        ),
         (["--at", "0.3", "--set", "time.step=0.02"], "the state belongs to another model: 30 steps took 0.3 s"),
         (["--at", "0.3", "--set", "contact.friction=-1.0"], "contact.friction"),
     ],
@@ -111,14 +115,6 @@ def test_the_recording_is_never_replaced(straight, capsys):
     assert resume(straight, "--at", 0.3, "--output", straight) == 2
     assert "would replace the recording" in capsys.readouterr().err
     assert (straight / "recording.h5").stat() == before
-
-
-def test_a_recording_without_velocities_cannot_go_on(straight, tmp_path, capsys):
-    everything_else = "positions,contacts,forces,cavities,controls,solver"
-    assert resume(straight, "--at", 0.4, "--output", tmp_path / "a", "--fields", everything_else) == 0
-    assert taichisoft("resume", tmp_path / "a" / "recording.h5", "--at", 0.45, "--output", tmp_path / "b") == 2
-    said = capsys.readouterr().err
-    assert f"no whole state: --fields {everything_else} left out velocities\n" in said
 
 
 def test_other_settings_than_the_recorded_ones_may_be_tried(straight, tmp_path):

@@ -4,7 +4,7 @@ import fake_run
 import numpy as np
 import trimesh
 
-from taichisoft_plugins.drawing.smooth_normals import SmoothNormals
+from taichisoft_plugins.drawing.shading import SmoothNormals
 
 
 def test_a_cube_keeps_its_faces_flat():

@@ -10,8 +10,8 @@ from taichisoft_plugins.drawing.style import Style, StyleError
 @pytest.mark.parametrize(
     ("choice", "complaint"),
     [
-        ({"size": (1280, 8)}, "size 1280x8: width and height must be from 16 to 8192 pixels"),
-        ({"size": (640.5, 480)}, "size: 640.5 is no whole number of pixels"),
+        ({"size": (1280, 8)}, "size 1280x8: width and height must be whole numbers from 16 to 8192 pixels"),
+        ({"size": (640.5, 480)}, "size 640.5x480: width and height must be whole numbers"),
         ({"size": (640,)}, r"size \(640,\) must be 2 numbers"),
         ({"view": "back"}, "no view is called 'back'; there are: iso, front, top, orbit, follow:BODY"),
         ({"view": "follow:"}, "no view is called 'follow:'"),

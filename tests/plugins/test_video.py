@@ -10,6 +10,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import fake_run
+import fake_worker
 import numpy as np
 import pytest
 from PIL import Image
@@ -21,7 +22,6 @@ from taichisoft_plugins.rendering import frame_process, video_file
 from taichisoft_plugins.rendering.render import RenderError, render_pictures
 from taichisoft_plugins.rendering.video import render_video, video_frames
 
-WORKER = Path(__file__).with_name("fake_worker.py")
 STYLE = Style(size=(32, 16))
 
 
@@ -38,8 +38,7 @@ def worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Non
     """Draws frames of one colour, their index; or misbehaves."""
 
     def begin(what: str = "nothing", at: int = 0, times: int = 0) -> None:
-        arguments = (str(WORKER), str(tmp_path / "started"), what, str(at), str(times))
-        monkeypatch.setattr(frame_process, "WORKER", arguments)
+        monkeypatch.setattr(frame_process, "WORKER", fake_worker.worker(tmp_path / "started", what, at, times))
 
     return begin
 
@@ -235,7 +234,7 @@ from pathlib import Path
 from taichisoft_plugins.rendering import frame_process
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.rendering.video import render_video
-frame_process.WORKER = ({str(WORKER)!r}, {str(log)!r}, "hang", "5", "9")
+frame_process.WORKER = {fake_worker.worker(log, "hang", 5, 9)!r}
 show = lambda done, total: print(done, flush=True)
 render_video(Path({str(run)!r}), Path({str(tmp_path / "new" / "run.mp4")!r}), Style(size=(32, 16)), on_frame=show)
 """

@@ -4,17 +4,16 @@ import re
 from pathlib import Path
 
 import fake_run
+import fake_worker
 import pytest
 from PIL import Image
 
 from taichisoft.errors import TaichisoftError
 from taichisoft_plugins.drawing.style import StyleError
 from taichisoft_plugins.recording.output import RecordingOutput
-from taichisoft_plugins.rendering import frame_process, video_output
+from taichisoft_plugins.rendering import frame_process, outputs
+from taichisoft_plugins.rendering.outputs import VideoOutput
 from taichisoft_plugins.rendering.render import RenderError
-from taichisoft_plugins.rendering.video_output import VideoOutput
-
-WORKER = Path(__file__).with_name("fake_worker.py")
 
 
 @pytest.fixture
@@ -22,8 +21,7 @@ def worker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Draws frames of one colour, their index; or misbehaves."""
 
     def begin(what: str = "nothing", at: int = 0, times: int = 0) -> None:
-        arguments = (str(WORKER), str(tmp_path / "started"), what, str(at), str(times))
-        monkeypatch.setattr(frame_process, "WORKER", arguments)
+        monkeypatch.setattr(frame_process, "WORKER", fake_worker.worker(tmp_path / "started", what, at, times))
 
     return begin
 
@@ -49,7 +47,7 @@ def test_without_a_name_it_is_beside_the_recording(tmp_path, worker) -> None:
     [
         ({"file": Path("film.mov")}, "film.mov: a video ends with"),
         ({"fps": -1.0}, "-1 frames per second"),
-        ({"size": "0x0"}, "width and height must be from 16"),
+        ({"size": "0x0"}, "width and height must be whole numbers from 16"),
         ({"slow_motion": 0.0}, "slow motion 0: must be positive"),
         ({"view": "nowhere"}, "no view is called 'nowhere'"),
     ],
@@ -81,6 +79,6 @@ def test_whoever_stops_the_drawing_still_has_the_run(tmp_path, monkeypatch) -> N
     def stop(*_):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(video_output, "render_video", stop)
+    monkeypatch.setattr(outputs, "render_video", stop)
     with pytest.raises(RenderError, match=r"no video: interrupted; `taichisoft render .*recording\.h5` draws"):
         fake_run.fake_run([RecordingOutput(tmp_path), VideoOutput(tmp_path)], steps=2)

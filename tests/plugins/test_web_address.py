@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from taichisoft_plugins.web import address as module
-from taichisoft_plugins.web.address import find_address
-from taichisoft_plugins.web.errors import WebError
+from taichisoft_plugins.web.address import WebError, find_address
 from taichisoft_plugins.web.output import WebOutput
 
 

@@ -11,16 +11,15 @@ from typing import Any
 
 import numpy as np
 import pytest
+from panel_viewer import PanelViewer
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent
 from taichisoft.running.loop import run_session
 from taichisoft.scenes.scene import Scene
 from taichisoft.session.key_log import KeyReplay
 from taichisoft.session.session import Session
-from taichisoft_benchmarks.measures.web_viewer import Viewer
 from taichisoft_controllers.keyboard.controller import KeyboardController
 from taichisoft_plugins.web.output import WebOutput
 
@@ -97,7 +96,7 @@ def test_sliders_buttons_and_hotkeys_steer_the_run_and_their_log_replays_it(
     running: Callable[..., Any], tmp_path: Path, taichisoft_scene: Scene
 ) -> None:
     """To the last bit, with a pressure that has many digits, a pause and a new start."""
-    with running(tmp_path) as run, Viewer(run.url) as viewer:
+    with running(tmp_path) as run, PanelViewer(run.url) as viewer:
         viewer.set("left [kPa]", 10.0 / 3.0)
         run.wait_for(lambda: has_pressures(run, 10.0 / 3.0, 0.0))
         viewer.press("pageup")
@@ -121,7 +120,7 @@ def test_sliders_buttons_and_hotkeys_steer_the_run_and_their_log_replays_it(
 
 
 def test_sliders_follow_the_keys_and_other_viewers_without_feeding_back(running: Callable[..., Any]) -> None:
-    with running() as run, Viewer(run.url) as one, Viewer(run.url) as other:
+    with running() as run, PanelViewer(run.url) as one, PanelViewer(run.url) as other:
         one.find("left [kPa]")
         run.session.keys.put(KeyEvent("+"))
         run.wait_for(lambda: one.value("left [kPa]") == other.value("right [kPa]") == 1.0)
@@ -134,7 +133,7 @@ def test_sliders_follow_the_keys_and_other_viewers_without_feeding_back(running:
 
 def test_the_page_shows_where_the_bodies_are(running: Callable[..., Any]) -> None:
     """Every drawn vertex of the silicone is one of the mesh, and the cube is drawn where it is."""
-    with running() as run, Viewer(run.url) as viewer:
+    with running() as run, PanelViewer(run.url) as viewer:
         viewer.set("left [kPa]", 5.0)
         run.wait_for(lambda: has_pressures(run, 5.0, 0.0))
         time.sleep(0.3)
@@ -147,15 +146,17 @@ def test_the_page_shows_where_the_bodies_are(running: Callable[..., Any]) -> Non
         assert np.allclose(100.0 * viewer.vertices["/cube"].mean(axis=0), state.rigid_position[0], atol=1e-3)
 
 
-class Constant(Controller):
+class Constant:
     """Heeds no keys."""
+
+    def reset(self, model: Any) -> None: ...
 
     def control(self, observation: Any) -> Control:
         return Control(pressure=dict.fromkeys(observation.pressures, 4.0))
 
 
 def test_a_controller_without_sliders_has_its_pressures_shown(running: Callable[..., Any]) -> None:
-    with running(controller=Constant()) as run, Viewer(run.url) as viewer:
+    with running(controller=Constant()) as run, PanelViewer(run.url) as viewer:
         slider = viewer.elements[viewer.find("left [kPa]")]
         assert slider["disabled"]
         run.wait_for(lambda: viewer.value("left [kPa]") == 4.0)
@@ -171,7 +172,7 @@ def test_without_the_token_viewers_only_watch(running: Callable[..., Any], capfd
     with (
         pytest.warns(UserWarning, match=r"whoever reaches 0\.0\.0\.0 can watch, and what passes is not encrypted"),
         running(address="0.0.0.0:0") as run,
-        Viewer(f"http://127.0.0.1:{run.url.rpartition(':')[2]}") as viewer,
+        PanelViewer(f"http://127.0.0.1:{run.url.rpartition(':')[2]}") as viewer,
     ):
         token = capfd.readouterr().out.strip().rpartition(" ")[2]
         assert len(token) == 16
@@ -201,7 +202,7 @@ def test_viewers_who_leave_or_read_nothing_change_nothing(
             b"Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: MDEyMzQ1Njc4OWFiY2RlZg==\r\n"
             b"Sec-WebSocket-Protocol: viser-v" + viser.__version__.encode() + b"\r\n\r\n"
         )
-        with Viewer(run.url):
+        with PanelViewer(run.url):
             time.sleep(0.3)
         run.join()
     assert run.outcome == "completed"

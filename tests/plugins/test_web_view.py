@@ -9,9 +9,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from panel_viewer import PanelViewer
 from tiny_run import STEPS, command, tiny_run
 
-from taichisoft_benchmarks.measures.web_viewer import Viewer
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.reader import read_recording
 
@@ -21,7 +21,7 @@ PATIENCE = 60.0
 
 
 @contextmanager
-def served(path: Path) -> Iterator[tuple[object, Viewer, Callable[[Callable[[], bool]], None]]]:
+def served(path: Path) -> Iterator[tuple[object, PanelViewer, Callable[[Callable[[], bool]], None]]]:
     """The page of a recording, a viewer of it, and what lets the page go on until a condition holds."""
     from taichisoft_plugins.web.address import find_address
     from taichisoft_plugins.web.recording_page import RecordingPage
@@ -36,13 +36,13 @@ def served(path: Path) -> Iterator[tuple[object, Viewer, Callable[[Callable[[], 
             time.sleep(0.02)
 
     try:
-        with Viewer(f"http://127.0.0.1:{page.page.port}") as viewer:
+        with PanelViewer(f"http://127.0.0.1:{page.page.port}") as viewer:
             yield page, viewer, until
     finally:
         page.close()
 
 
-def cube(viewer: Viewer) -> np.ndarray:
+def cube(viewer: PanelViewer) -> np.ndarray:
     """Its centre [mm], as drawn."""
     return 100.0 * viewer.vertices["/cube"].mean(axis=0)
 

@@ -27,7 +27,7 @@ def tiny_run(
     overrides: Sequence[str] = (),
     restart_after: int | None = None,
     outputs: Sequence[Any] = (),
-    **fields: Any,
+    **settings: Any,
 ) -> list[Observation]:
     """Close on the cube with up to 9 kPa, then rise at 40 mm/s.
 
@@ -36,13 +36,13 @@ def tiny_run(
         overrides: of the scene.
         restart_after: so many steps after which everything begins anew.
         outputs: that follow the recording.
-        fields: settings of the recording.
+        settings: of the recording.
 
     Returns:
         What was observed in each frame of the recording.
     """
     simulation = Simulation(load_scene(TINY_GRIPPER, overrides))
-    outputs = [RecordingOutput(folder, **fields), *outputs]
+    outputs = [RecordingOutput(folder, **settings), *outputs]
     first = simulation.state
     for output in outputs:
         output.begin(simulation.model, first)

@@ -29,7 +29,7 @@ def _collide(simulation: Simulation, steps: int = 60) -> tuple[float, float, flo
         assert report.converged
         deepest = max(deepest, report.max_penetration)
         drift = max(drift, float(np.abs(momentum() - before).max()))
-        force = max(force, sum(report.normal_forces.values()))
+        force = max(force, sum(report.observation.normal_forces.values()))
     return deepest, drift, force
 
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from scenes import silicone, simulate
 from scipy.spatial.transform import Rotation
 
+from taichisoft.bodies.elasticity import internal_force
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft.model import Model
@@ -39,7 +40,7 @@ def _inner_nodes(elements: np.ndarray) -> np.ndarray:
 
 def _forces(model: Model, position: np.ndarray) -> np.ndarray:
     assert model.elasticity is not None
-    return model.elasticity.internal_force(position)
+    return internal_force(model.elasticity, position)
 
 
 def _inner_and_largest_force(model: Model, deformation: np.ndarray) -> tuple[float, float]:

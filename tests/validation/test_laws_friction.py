@@ -46,7 +46,7 @@ def test_a_block_sticks_below_the_angle_of_friction(figures: Figures, tilt_plane
     figures.at_most("creep [mm/s]", np.abs(simulation.state.rigid_position[0] - start).max(), CREEP)
     weight = 0.01 * GRAVITY
     normal = weight * math.cos(math.radians(CRITICAL - 0.5))
-    assert report.normal_forces["block|floor"] == pytest.approx(normal, rel=1e-6)
+    assert report.observation.normal_forces["block", "floor"] == pytest.approx(normal, rel=1e-6)
 
 
 @pytest.mark.parametrize("tilt_plane", [False, True], ids=["tilted gravity", "tilted plane"])

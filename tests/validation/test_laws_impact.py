@@ -37,7 +37,7 @@ def test_an_edge_that_strikes_the_floor_stops_and_turns_the_box(figures: Figures
     inertia = MASS * (SIZE[0] ** 2 + SIZE[2] ** 2) / 12
     impulse = SPEED / (1 / MASS + lowest[0] ** 2 / inertia)
     velocity, spin = simulation.state.rigid_velocity[0], simulation.state.rigid_angular_velocity[0]
-    figures.close("impulse [mN s]", report.normal_forces["box|floor"] * 1e-4, impulse, 1e-6 * impulse)
+    figures.close("impulse [mN s]", report.observation.normal_forces["box", "floor"] * 1e-4, impulse, 1e-6 * impulse)
     figures.close("velocity of the centre [mm/s]", velocity[2], impulse / MASS - SPEED, 1e-6 * SPEED)
     expected = -lowest[0] * impulse / inertia
     figures.close("spin [rad/s]", spin[1], expected, 1e-6 * abs(expected))

@@ -25,7 +25,7 @@ def last_state(model: Model) -> State:
     simulation = Simulation(model)
     falling_finger.advance(simulation, falling_finger.STEPS)
     assert simulation.report is not None
-    assert sum(simulation.report.normal_forces.values()) > 10.0
+    assert sum(simulation.report.observation.normal_forces.values()) > 10.0
     return simulation.state
 
 

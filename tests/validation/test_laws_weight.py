@@ -23,7 +23,7 @@ def test_a_rigid_block_weighs_its_weight(figures: Figures) -> None:
     simulation = simulate(gravity=DOWN, rigid_bodies={"block": block}, obstacles={"floor": FLOOR})
     report = advance(simulation, 0.5)
     weight = 0.01 * GRAVITY
-    figures.close("normal force [mN]", report.normal_forces["block|floor"], weight, EXACT * weight)
+    figures.close("normal force [mN]", report.observation.normal_forces["block", "floor"], weight, EXACT * weight)
     assert report.contact_count == 4
     assert np.abs(simulation.state.rigid_position[0] - [1, 2, _resting_on(0, 20)]).max() < 1e-4
 
@@ -38,8 +38,10 @@ def test_a_stack_weighs_floor_by_floor(figures: Figures, side: float, turn: floa
     bodies = {"lower": lower, "upper": upper}
     simulation = simulate(gravity=DOWN, rigid_bodies=bodies, obstacles={"floor": FLOOR})
     report = advance(simulation, 0.5)
-    for pair, mass in (("lower|upper", 0.01), ("lower|floor", 0.03)):
-        figures.close(f"force of {pair} [mN]", report.normal_forces[pair], mass * GRAVITY, EXACT * mass * GRAVITY)
+    for pair, mass in ((("lower", "upper"), 0.01), (("lower", "floor"), 0.03)):
+        figures.close(
+            f"force of {pair} [mN]", report.observation.normal_forces[pair], mass * GRAVITY, EXACT * mass * GRAVITY
+        )
     figures.at_most("motion of the upper block [mm]", abs(simulation.state.rigid_position[1, 2] - above), 1e-4)
 
 
@@ -50,7 +52,7 @@ def test_a_soft_block_weighs_its_weight(block: Callable[..., str], figures: Figu
     simulation = simulate(gravity=DOWN, soft_bodies={"block": body}, obstacles={"floor": FLOOR})
     report = advance(simulation, 0.5)
     weight = 1e-6 * 20**3 * GRAVITY
-    figures.close("normal force [mN]", report.normal_forces["block|floor"], weight, 1e-5 * weight)
+    figures.close("normal force [mN]", report.observation.normal_forces["block", "floor"], weight, 1e-5 * weight)
     lowest = simulation.state.position[:, 2].min()
     figures.close("lowest point [mm]", lowest, CONTACT_DISTANCE, 1e-4)
 
@@ -71,5 +73,7 @@ def test_a_rigid_block_on_a_soft_one_on_the_floor(block: Callable[..., str], fig
         contact={"spacing": 0, "max_iterations": 20_000},
     )
     report = advance(simulation, 0.5)
-    for pair, mass in (("mat|cube", 0.004), ("mat|floor", 0.008)):
-        figures.close(f"force of {pair} [mN]", report.normal_forces[pair], mass * GRAVITY, 1e-4 * mass * GRAVITY)
+    for pair, mass in ((("mat", "cube"), 0.004), (("mat", "floor"), 0.008)):
+        figures.close(
+            f"force of {pair} [mN]", report.observation.normal_forces[pair], mass * GRAVITY, 1e-4 * mass * GRAVITY
+        )

@@ -32,4 +32,4 @@ def test_a_block_that_sank_into_the_rim_of_a_table_comes_out_upwards(tmp_path: P
     for _ in range(20):
         report = simulation.step()
     np.testing.assert_allclose(simulation.state.rigid_position[0], [39.0, 0.0, 54.0], atol=1e-5)
-    np.testing.assert_allclose(report.normal_forces["block|table"], 98.1, rtol=1e-3)
+    np.testing.assert_allclose(report.observation.normal_forces["block", "table"], 98.1, rtol=1e-3)

@@ -65,8 +65,8 @@ def run_grasp(shared: Path, pressure: float = 50.0, steps: int = 350, **scene: f
         control = Control({f"{finger}.cavity": float(imposed) for finger in fingers}, base_translation=lift)
         report = simulation.step(control)
         height.append(simulation.state.rigid_position[0, 0])
-        normal.append([report.normal_forces.get(f"{finger}|cube", 0.0) for finger in fingers])
-        friction.append([report.friction_forces.get(f"{finger}|cube", 0.0) for finger in fingers])
+        normal.append([report.observation.normal_forces.get((finger, "cube"), 0.0) for finger in fingers])
+        friction.append([report.observation.friction_forces.get((finger, "cube"), 0.0) for finger in fingers])
         converged &= report.converged
     return Grasp(np.array(height), np.array(normal), np.array(friction), converged, sofa)
 

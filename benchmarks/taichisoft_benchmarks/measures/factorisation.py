@@ -11,41 +11,43 @@ import numpy as np
 import scipy.sparse as sparse
 
 from taichisoft.scenes.scene import Scene
-from taichisoft_benchmarks import calibration
-from taichisoft_benchmarks.descriptors import FactorisationCase
+from taichisoft_benchmarks import machine
+from taichisoft_benchmarks.cases import FactorisationCase
 from taichisoft_benchmarks.errors import PeerMissing
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
-from taichisoft_benchmarks.peers import cholmod, superlu
+from taichisoft_benchmarks.peers.factorisations import prepare_cholmod, prepare_superlu
 
 WARM_UP = 3
-DENSE_MFLOP = 2.0 * calibration.DENSE_SIZE**3 / 1e6
+DENSE_MFLOP = 2.0 * machine.DENSE_SIZE**3 / 1e6
 
 
 def measure_factorisation(case: FactorisationCase, scene: Scene) -> Measured:
-    """Median times of the matrix of the first step."""
-    from taichisoft.building.simulation import Simulation
+    """Median times to factorise the matrix of the first step."""
+    from taichisoft.bodies.elasticity import ElasticSystem
+    from taichisoft.building.simulation import make_model
 
-    simulation = Simulation(scene)
-    simulation.step()  # assembles the matrix, and leaves it with the solver
-    model = simulation.model
+    model = make_model(scene)
     assert model.elasticity is not None
-    solver = model.elasticity.solver
-    matrix = system_matrix(solver.block_pairs, solver.blocks, model.node_count)
+    system = ElasticSystem(model.elasticity)
+    system.position[:] = model.rest_position
+    system.assemble()
+    solver, symbolic = system.solver, system.solver.symbolic
+    matrix = system_matrix(symbolic.block_pairs, solver.blocks, model.node_count)
     contestants: dict[str, Callable[[], Any]] = {"factorise": solver.factorise}
     facts: dict[str, Any] = {
         "nodes": model.node_count,
         "unknowns": matrix.shape[0],
-        "factor_entries": int(solver.factor_entries),
+        "factor_entries": int(symbolic.factor_entries),
     }
-    for name, peer in (("cholmod", cholmod), ("superlu", superlu)):
+    for name, prepare in (("cholmod", prepare_cholmod), ("superlu", prepare_superlu)):
         try:
-            contestants[name] = peer.prepare(matrix)
+            contestants[name] = prepare(matrix)
         except PeerMissing as missing:
             facts[f"{name}_skipped"] = str(missing)
     facts["mflop"] = round(arithmetic(contestants["superlu"]().L), 2)
     times = _in_turns(contestants, case.rounds)
     # What the processor gives a dense product on the case's threads: no factorisation can be faster.
-    facts["dense_gflops"] = round(DENSE_MFLOP / calibration.measure()["dense_ms"], 1)
+    facts["dense_gflops"] = round(DENSE_MFLOP / machine.measure()["dense_ms"], 1)
     measured = Measured({f"{name}_ms": median for name, median in times.items()}, facts)
     for name in ("cholmod", "superlu"):
         if name in times:
@@ -59,8 +61,8 @@ def system_matrix(block_pairs: np.ndarray, blocks: np.ndarray, node_count: int) 
 
     Args:
         block_pairs: nodes of each block's row and column, shape (block_count, 2).
-        blocks: shape (block_count, 3, 3).
-        node_count: half the matrix has 3 rows per node.
+        blocks: blocks on and below the diagonal, shape (block_count, 3, 3).
+        node_count: number of nodes; the matrix has three rows for each.
     """
     axes = np.arange(3)
     rows = np.broadcast_to(3 * block_pairs[:, 0, None, None] + axes[:, None], blocks.shape)
@@ -73,13 +75,13 @@ def system_matrix(block_pairs: np.ndarray, blocks: np.ndarray, node_count: int) 
 
 
 def arithmetic(factor: sparse.csc_matrix) -> float:
-    """Multiplications and additions of a Cholesky factorisation with the pattern of this factor [millions]."""
+    """Number of multiplications and additions of a Cholesky factorisation with this factor's pattern [millions]."""
     in_column = np.diff(factor.indptr).astype(float)
     return float((in_column**2).sum() / 1e6)
 
 
 def _in_turns(contestants: dict[str, Callable[[], Any]], rounds: int) -> dict[str, float]:
-    """Median time of each [ms]."""
+    """Median time of each contestant [ms]."""
     times: dict[str, list[float]] = {name: [] for name in contestants}
     for _ in range(WARM_UP + rounds):
         for name, factorise in contestants.items():

@@ -1,8 +1,15 @@
-"""What one repetition of a case gives."""
+"""The outcome of one repetition of a case, and what measurements share."""
 
 import sys
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+from taichisoft.scenes.scene import Scene
+
+if TYPE_CHECKING:
+    from taichisoft.simulation import Simulation
+    from taichisoft.step.report import StepReport
 
 
 @dataclass
@@ -12,13 +19,13 @@ class Measured:
     Attributes:
         figures: values by metric; the end of a metric's name is its unit (_ms, _s, _mb).
         facts: what the case turned out to be.
-        phases: [ms] by phase of the step, by window.
+        phases: time of each phase of the step at the end of the case [ms].
         does_not: what another program leaves out of the job; empty for taichisoft itself.
     """
 
     figures: dict[str, float] = field(default_factory=dict)
     facts: dict[str, Any] = field(default_factory=dict)
-    phases: dict[str, dict[str, float]] = field(default_factory=dict)
+    phases: dict[str, float] = field(default_factory=dict)
     does_not: str = ""
 
 
@@ -30,3 +37,12 @@ def peak_memory() -> float:
 
     used = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return float(used) / (2**20 if sys.platform == "darwin" else 2**10)
+
+
+def controlled_step(simulation: "Simulation", scene: Scene) -> "Callable[[], StepReport]":
+    """A function that makes one step, driven by a new controller of the scene."""
+    from taichisoft.building.run_parts import make_controller
+
+    controller = make_controller(scene)
+    controller.reset(simulation.model)
+    return lambda: simulation.step(controller.control(simulation.observe()))

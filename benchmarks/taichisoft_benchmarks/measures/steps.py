@@ -1,56 +1,59 @@
-"""Time per step of a scene."""
+"""Time per step of a scene: the whole step, its phases, the part of it in Python, and what plug-ins add."""
 
 import time
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from taichisoft.plugin_system.hookspecs import hookimpl
 from taichisoft.scenes.scene import Scene
-from taichisoft_benchmarks.descriptors import Simulated
-from taichisoft_benchmarks.measures.measured import Measured, peak_memory
-
-if TYPE_CHECKING:
-    from taichisoft.building.simulation import Simulation
+from taichisoft_benchmarks.cases import PluginsCase, Simulated
+from taichisoft_benchmarks.measures.measured import Measured, controlled_step, peak_memory
 
 PROFILED_STEPS = 30
+"""Largest number of steps after those of a case in which phases are measured."""
 
 
 def measure_steps(case: Simulated, scene: Scene) -> Measured:
-    """Make the case's steps; what the first one takes with the preparation is told apart from the rest."""
+    """Make the case's steps, then some more to see the phases: measuring these takes time too.
+
+    The first step and its preparation are told apart from the rest. `python_ms` is the part of a step that is not
+    spent in kernels, in the steps with phases.
+    """
     started = time.perf_counter()
-    from taichisoft.building.run_parts import make_controller
     from taichisoft.building.simulation import Simulation
+    from taichisoft.running.profile import TOTAL, profiled
 
     simulation = Simulation(scene)
-    controller = make_controller(scene)
-    controller.reset(simulation.model)
-    reports = [simulation.step(controller.control(simulation.observe()))]
+    step = controlled_step(simulation, scene)
+    reports = [step()]
     prepared = time.perf_counter() - started
-    for _ in range(case.steps - 1):
-        reports.append(simulation.step(controller.control(simulation.observe())))
-    measured = Measured({**window_medians(case, [report.step_time for report in reports]), "prepare_s": prepared})
-    measured.figures["peak_mb"] = peak_memory()
+    reports += [step() for _ in range(case.steps - 1)]
+    figures = {**window_medians(case, [report.step_time for report in reports]), "prepare_s": prepared}
+    figures["peak_mb"] = peak_memory()
     moved = np.linalg.norm(simulation.state.position - simulation.model.rest_position, axis=1).max(initial=0.0)
-    measured.facts = {
+    facts: dict[str, Any] = {
         "nodes": simulation.model.node_count,
         "displacement_mm": round(float(moved), 4),
         "unconverged": sum(not report.converged for report in reports),
     }
     if len(simulation.state.rigid_position):
-        measured.facts["object_mm"] = simulation.state.rigid_position[0].round(5).tolist()
+        facts["object_mm"] = simulation.state.rigid_position[0].round(5).tolist()
     for metric, (first, last) in case.windows.items():
-        some = reports[first:last]
-        name = metric.removesuffix("_ms")
-        measured.facts[f"{name}_contacts"] = round(float(np.mean([report.contact_count for report in some])))
-        measured.facts[f"{name}_sweeps"] = round(float(np.mean([report.iterations for report in some])))
-    if case.steps >= PROFILED_STEPS:
-        measured.phases["end"] = _phases(simulation, controller)
-    return measured
+        name, some = metric.removesuffix("_ms"), reports[first:last]
+        facts[f"{name}_contacts"] = round(float(np.mean([report.contact_count for report in some])))
+        facts[f"{name}_sweeps"] = round(float(np.mean([report.iterations for report in some])))
+    with profiled(simulation) as profile:
+        for _ in range(min(PROFILED_STEPS, 1 + case.steps // 4)):
+            step()
+    medians = profile.medians()
+    figures["python_ms"] = medians[TOTAL][1]
+    return Measured(figures, facts, {phase: times[0] for phase, times in medians.items()})
 
 
 def window_medians(case: Simulated, seconds: Sequence[float]) -> dict[str, float]:
-    """Median time of the steps of each window [ms], of the time of every step [s]."""
+    """Median time of the steps of each window [ms], from the time of every step [s]; later windows are left out."""
     return {
         metric: 1e3 * float(np.median(seconds[first:last]))
         for metric, (first, last) in case.windows.items()
@@ -58,15 +61,50 @@ def window_medians(case: Simulated, seconds: Sequence[float]) -> dict[str, float
     }
 
 
-def _phases(simulation: "Simulation", controller: Any) -> dict[str, float]:
-    """Median time of each phase [ms] in more steps of the case, and of the part of a step in Python.
+class Listener:
+    """A plug-in that is called after every step and does nothing."""
 
-    They are steps of their own, because measuring phases takes time too.
+    @hookimpl
+    def taichisoft_step_done(self, session: Any, report: Any) -> None:
+        """Do nothing."""
+
+
+def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
+    """Median times around the steps of each window; a step in between leaves the caches as cold as in a run.
+
+    The figures by part are those of the last window. The summary of the contacts stands apart: the report of a step
+    needs it in any case, and the observation takes it over.
     """
-    from taichisoft.running.profile import TOTAL, profiled
+    from taichisoft.building.run_parts import make_controller
+    from taichisoft.building.simulation import Simulation
+    from taichisoft.control.contact_summary import summarise_contacts
+    from taichisoft.plugin_system.hooks import notify
+    from taichisoft.plugin_system.plugins import register_plugin, unregister_plugin
 
-    with profiled(simulation) as profile:
-        for _ in range(PROFILED_STEPS):
-            simulation.step(controller.control(simulation.observe()))
-    medians = profile.medians()
-    return {**{phase: times[0] for phase, times in medians.items()}, "of it in Python": medians[TOTAL][1]}
+    simulation = Simulation(scene)
+    controller = make_controller(scene)
+    controller.reset(simulation.model)
+    parts = ("contact_summary", "observation", "hook", "hook_nobody")
+    times = np.zeros((case.steps, len(parts)))
+    for index in range(case.steps):
+        started = time.perf_counter()
+        summarise_contacts(simulation.model, simulation.state)
+        summarised = time.perf_counter()
+        observation = simulation.observe()
+        observed = time.perf_counter()
+        report = simulation.step(controller.control(observation))
+        name = register_plugin(Listener())
+        stepped = time.perf_counter()
+        notify("taichisoft_step_done", session=None, report=report)
+        notified = time.perf_counter()
+        unregister_plugin(name)
+        idle = time.perf_counter()
+        notify("taichisoft_step_done", session=None, report=report)
+        nobody = time.perf_counter() - idle
+        times[index] = summarised - started, observed - summarised, notified - stepped, nobody
+    figures = window_medians(case, times[:, 1:3].sum(axis=1).tolist())
+    first, last = list(case.windows.values())[-1]
+    for part, seconds in zip(parts, np.median(times[first:last], axis=0).tolist(), strict=True):
+        figures[f"{part}_ms"] = 1e3 * seconds
+    figures["peak_mb"] = peak_memory()
+    return Measured(figures, {"nodes": simulation.model.node_count, "contacts": report.contact_count})

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from taichisoft.model import Model
 
 METRE = 1e-3
-"""[m] per millimetre: Drake's tolerances are meant for SI units."""
+"""Metres in a millimetre: Drake's tolerances are meant for SI units."""
 
 
 class DrakePeer:
@@ -26,7 +26,7 @@ class DrakePeer:
     )
 
     def __init__(self, model: "Model"):
-        """Set up.
+        """Set the model up in Drake.
 
         Raises:
             PeerMissing: drake is not installed, or the scene has rigid bodies.
@@ -81,15 +81,15 @@ class DrakePeer:
         return identity
 
     def positions(self) -> np.ndarray:
-        """Of the nodes [mm], shape (node_count, 3)."""
+        """Positions of the nodes [mm], shape (node_count, 3)."""
         found = self._plant.deformable_model().GetPositions(self._context, self._body)
         return np.asarray(found).T / METRE
 
     def step(self, force: np.ndarray) -> None:
-        """One step; the forces are not used, see `does_not`."""
+        """Make one step; the forces are not used, see `does_not`."""
         self._step += 1
         self._simulator.AdvanceTo(self._step * self._time_step)
 
     def facts(self) -> dict[str, int]:
-        """Nothing beyond what all have."""
+        """No facts beyond those that all programs have."""
         return {}

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
 
 NEEDS = "pip install 'taichisoft[peers]'"
 PLANE_SIZE = 1000.0
-# Of a tetrahedron's stiffness in MuJoCo: half a matrix of six edges, and three that are zero.
 NUMBERS_PER_ELEMENT = 24
+"""Length of a tetrahedron's stiffness in MuJoCo: half a matrix of six edges, and three numbers that are zero."""
 
 
 class MujocoPeer:
@@ -26,7 +26,7 @@ class MujocoPeer:
     )
 
     def __init__(self, model: "Model", iterations: int = 100, tolerance: float = 1e-8):
-        """Set up; the defaults are MuJoCo's own.
+        """Set the model up in MuJoCo; the defaults are its own.
 
         Raises:
             PeerMissing: mujoco is not installed or has no implicit flex.
@@ -58,11 +58,11 @@ class MujocoPeer:
         self._dof = self._model.body_dofadr[body[free]][:, None] + np.arange(3)
 
     def positions(self) -> np.ndarray:
-        """Of the nodes [mm], shape (node_count, 3)."""
+        """Positions of the nodes [mm], shape (node_count, 3)."""
         return np.array(self._data.flexvert_xpos)
 
     def step(self, force: np.ndarray) -> None:
-        """One step with these forces on the nodes [mN], shape (node_count, 3)."""
+        """Make one step with these forces on the nodes [mN], shape (node_count, 3)."""
         self._data.qfrc_applied[self._dof] = force[self._free]
         self._mujoco.mj_step(self._model, self._data)
 
@@ -72,7 +72,7 @@ class MujocoPeer:
         return {"contacts": int(self._data.ncon), "unsolved": int(unsolved)}
 
     def _stiffen(self, model: "Model") -> None:
-        """A flex has one modulus: elements of another one get their own stiffness afterwards."""
+        """Give elements of another Young's modulus their own stiffness: a flex has one for all."""
         for index, body in enumerate(model.soft_bodies):
             first = self._model.flex_stiffnessadr[index]
             rows = self._model.flex_stiffness[first : first + NUMBERS_PER_ELEMENT * len(body.elements)]

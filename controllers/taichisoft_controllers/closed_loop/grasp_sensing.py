@@ -66,7 +66,7 @@ class GraspSensing:
         self.object = object_called(None, model)
         self.cavities = cavities_called(None, model.cavities.names)
         self.up = model.scene.up
-        self._pairs = {finger: f"{finger}|{self.object}" for finger in fingers_called(None, model)}
+        self._pairs = {finger: (finger, self.object) for finger in fingers_called(None, model)}
         self._most_used = dict.fromkeys(self._pairs, 0.0)
         self._touch_force = touch_force
 

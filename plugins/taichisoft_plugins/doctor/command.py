@@ -3,29 +3,42 @@
 import platform
 import re
 import sys
+from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import metadata
 
 import typer
 
-from taichisoft_plugins.doctor.system_libraries import SYSTEM_LIBRARIES, install_line, packages_for
-from taichisoft_plugins.rendering.child_process import run_python
+from taichisoft.child_process import last_line, run_python
+from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, install_line, packages_for
 
 TIME_LIMIT = 90.0
+"""Longest duration of an import or a check [s]."""
 
-IMPORTS = {
-    "taichi": "import taichi; taichi.init(arch=taichi.cpu); print(*taichi.__version__, sep='.')",
-    "gmsh": "import gmsh; gmsh.initialize(); print(gmsh.__version__)",
-    "h5py": "import h5py; print(h5py.__version__)",
-    "matplotlib": "import matplotlib; matplotlib.use('Agg'); import matplotlib.pyplot; print(matplotlib.__version__)",
-    "open3d": "import open3d; print(open3d.__version__)",
-    "viser": "import viser; print(viser.__version__)",
+CHECK = ("-m", "taichisoft_plugins.doctor.checks")
+PROGRAMS: dict[str, tuple[Sequence[str], str]] = {
+    "taichi": (
+        ("-c", "import taichi; taichi.init(arch=taichi.cpu); print(*taichi.__version__, sep='.')"),
+        "taichi",
+    ),
+    "gmsh": (("-c", "import gmsh; gmsh.initialize(); print(gmsh.__version__)"), "gmsh"),
+    "h5py": (("-c", "import h5py; print(h5py.__version__)"), "h5py"),
+    "matplotlib": (
+        ("-c", "import matplotlib as m; m.use('Agg'); import matplotlib.pyplot; print(m.__version__)"),
+        "matplotlib",
+    ),
+    "open3d": (("-c", "import open3d; print(open3d.__version__)"), "open3d"),
+    "viser": (("-c", "import viser; print(viser.__version__)"), "viser"),
+    "EGL": ((*CHECK, "egl"), "open3d"),
+    "picture": ((*CHECK, "picture"), "open3d"),
+    "ffmpeg": ((*CHECK, "video"), ""),
 }
-"""Python code by module, each run in a process of its own; it prints the version last."""
+"""By what is looked at, the arguments of a Python process whose last line of output is the answer, and the module whose
+system libraries are missing when it fails."""
 
 OPTIONAL = {"viser": "for `taichisoft run --web`: pip install 'taichisoft[web]'"}
-"""What for and how to get it, by module that need not be there."""
+"""Modules that need not be there, with what they are for and how to get them."""
 
 
 @dataclass(frozen=True)
@@ -33,11 +46,11 @@ class Finding:
     """One row of the answer.
 
     Attributes:
-        subject: what was looked at.
-        found: a version, or what is wrong.
-        ok: whether it will do.
-        packages: what apt-get should install; empty when that would not help.
-        needed: whether taichisoft does not do without it.
+        subject: What was looked at.
+        found: A version, or what is wrong.
+        ok: Whether it will do.
+        packages: What apt-get should install; empty when that would not help.
+        needed: Whether taichisoft cannot do without it.
     """
 
     subject: str
@@ -48,7 +61,7 @@ class Finding:
 
     @property
     def verdict(self) -> str:
-        """One word."""
+        """The word that begins the row."""
         return "ok" if self.ok else "MISSING" if self.needed else "without"
 
 
@@ -69,9 +82,9 @@ def examine() -> list[Finding]:
     """All findings, in the order in which they are shown."""
     # Two at a time: each import reads some hundred megabytes.
     with ThreadPoolExecutor(max_workers=2) as pool:
-        imports = [pool.submit(_examine_import, module, code) for module, code in IMPORTS.items()]
-        others = [pool.submit(job) for job in (_examine_egl, _examine_picture, _examine_video, _examine_libraries)]
-    return [_examine_python(), *(job.result() for job in (*imports, *others))]
+        jobs = [pool.submit(_examine, subject) for subject in PROGRAMS]
+        jobs.append(pool.submit(_examine_libraries))
+    return [_examine_python(), *(job.result() for job in jobs)]
 
 
 def _examine_python() -> Finding:
@@ -82,47 +95,27 @@ def _examine_python() -> Finding:
     return Finding("python", platform.python_version() + needed, ok)
 
 
-def _examine_import(module: str, code: str) -> Finding:
-    child = run_python(["-c", code], TIME_LIMIT)
-    if child.problem and module in OPTIONAL:
+def _examine(subject: str) -> Finding:
+    """Run one of PROGRAMS."""
+    if subject == "EGL" and sys.platform != "linux":
+        return Finding(subject, "only needed on Linux", True)
+    arguments, module = PROGRAMS[subject]
+    child = run_python(arguments, TIME_LIMIT)
+    if not child.problem:
+        return Finding(subject, last_line(child.output), True)
+    if subject in OPTIONAL:
         absent = "not installed" if "No module named" in child.problem else child.problem
-        return Finding(module, f"{absent}; {OPTIONAL[module]}", False, needed=False)
-    if child.problem:
-        return Finding(module, child.problem, False, tuple(packages_for(child.problem, module)))
-    return Finding(module, child.output.split()[-1], True)
-
-
-def _examine_egl() -> Finding:
-    """By which driver Open3D draws without a display: a picture that fails does not say."""
-    if sys.platform != "linux":
-        return Finding("EGL", "only needed on Linux", True)
-    child = run_python(["-m", "taichisoft_plugins.doctor.egl_check"], TIME_LIMIT)
-    if child.problem:
-        return Finding("EGL", child.problem, False, tuple(packages_for(child.problem, "open3d")))
-    return Finding("EGL", child.output.strip(), True)
-
-
-def _examine_picture() -> Finding:
-    child = run_python(["-m", "taichisoft_plugins.doctor.picture_check"], TIME_LIMIT)
-    if child.problem:
-        return Finding("picture", child.problem, False, tuple(packages_for(child.problem, "open3d")))
-    return Finding("picture", "drawn off-screen", True)
-
-
-def _examine_video() -> Finding:
-    child = run_python(["-m", "taichisoft_plugins.doctor.video_check"], TIME_LIMIT)
-    return Finding("ffmpeg", child.problem or child.output.strip(), not child.problem)
+        return Finding(subject, f"{absent}; {OPTIONAL[subject]}", False, needed=False)
+    return Finding(subject, child.problem, False, tuple(packages_for(child.problem, module) if module else ()))
 
 
 def _examine_libraries() -> Finding:
-    """Try all at once: an import stops at the first one that is missing."""
+    """Try all libraries at once: an import stops at the first one that is missing."""
     if sys.platform != "linux":
         return Finding("libraries", "only looked at on Linux", True)
-    missing = []
-    for library in SYSTEM_LIBRARIES:
-        if library.file and run_python(["-c", f"import ctypes; ctypes.CDLL('{library.file}')"], 20).problem:
-            missing.append(library)
-    if missing:
-        files = ", ".join(library.file for library in missing)
-        return Finding("libraries", files, False, tuple(library.package for library in missing))
-    return Finding("libraries", "all found", True)
+    loads = "import ctypes; ctypes.CDLL('{}')".format
+    missing = [
+        library for library in SYSTEM_LIBRARIES if library.file and run_python(["-c", loads(library.file)], 20).problem
+    ]
+    found = ", ".join(library.file for library in missing) or "all found"
+    return Finding("libraries", found, not missing, tuple(library.package for library in missing))

@@ -10,12 +10,12 @@ VERTICAL_ANGLE = 28.0
 MARGIN = 0.08
 """Part of the picture that stays free along each edge [-]."""
 
-# Direction from the scene to the camera in the axes (right, front, up) of `scene_axes`.
-VIEWS = {
+VIEW_DIRECTIONS = {
     "iso": (-0.58, 1.0, 0.5),
     "front": (0.0, 1.0, 0.06),
     "top": (0.0, 0.0, 1.0),
 }
+"""Directions from the scene to the camera in the axes (right, front, up) of `scene_axes`."""
 
 
 @dataclass(frozen=True)
@@ -23,9 +23,9 @@ class Camera:
     """A perspective camera.
 
     Attributes:
-        eye: where it stands [mm], shape (3,).
-        target: what it looks at [mm], shape (3,).
-        up: direction that is up in the picture [-], shape (3,).
+        eye: Position of the camera [mm], shape (3,).
+        target: Point that it looks at [mm], shape (3,).
+        up: Direction that is up in the picture [-], shape (3,).
     """
 
     eye: np.ndarray
@@ -36,14 +36,11 @@ class Camera:
     def axes(self) -> np.ndarray:
         """Orthonormal rows right, up and backward of the picture, shape (3, 3)."""
         backward = self.eye - self.target
-        backward = backward / np.linalg.norm(backward)
-        right = np.cross(self.up, backward)
-        right /= np.linalg.norm(right)
-        return np.array([right, np.cross(backward, right), backward])
+        return _picture_axes(backward / np.linalg.norm(backward), self.up)
 
 
 def scene_axes(up: np.ndarray) -> np.ndarray:
-    """Orthonormal rows right, front and up of a scene with the unit vector `up` against gravity, (3, 3).
+    """Orthonormal rows right, front and up of a scene with the unit vector `up` against gravity, shape (3, 3).
 
     Right is the next coordinate axis after up (z up: x, x up: y), so that the view of a scene stands firm.
     """
@@ -53,20 +50,23 @@ def scene_axes(up: np.ndarray) -> np.ndarray:
     return np.array([right, np.cross(right, up), up])
 
 
+def radius_around_mean(points: np.ndarray) -> float:
+    """Largest distance of points [mm], shape (point_count, 3), from their mean [mm]."""
+    return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+
+
 def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> Camera:
-    """The nearest camera of the named view that has all points in the picture, margins free.
+    """The nearest camera of a named view that has all points in the picture, with its margins free.
 
     Args:
-        points: [mm], shape (point_count, 3).
-        up: unit vector against gravity, shape (3,).
-        view: a key of VIEWS.
-        aspect: width / height of the picture.
+        points: Points to be seen [mm], shape (point_count, 3).
+        up: Unit vector against gravity, shape (3,).
+        view: A key of VIEW_DIRECTIONS.
+        aspect: Width / height of the picture.
     """
-    backward, picture_up = view_direction(up, view)
-    right = np.cross(picture_up, backward)
-    right /= np.linalg.norm(right)
-    frame = np.array([right, np.cross(backward, right), backward])
-    coordinates = points @ frame.T
+    backward, up_in_picture = view_direction(up, view)
+    axes = _picture_axes(backward, up_in_picture)
+    coordinates = points @ axes.T
     depth = coordinates[:, 2]
     # The camera at (x0, z0) sees a point at (x, z) when |x - x0| <= slope (z0 - z).
     centres, distances = [], []
@@ -76,49 +76,50 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
         centres.append((high + low) / 2)
         distances.append((high - low) / (2 * slope))
     # Something long seen from its end would have the camera at its very tip.
-    radius = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
-    eye = np.array([*centres, max(*distances, depth.max() + radius / 2)]) @ frame
-    middle = np.array([*centres, depth.mean()]) @ frame
-    return Camera(eye, middle, picture_up)
+    eye = np.array([*centres, max(*distances, depth.max() + radius_around_mean(points) / 2)]) @ axes
+    middle = np.array([*centres, depth.mean()]) @ axes
+    return Camera(eye, middle, up_in_picture)
 
 
 def distance_to_see(points: np.ndarray, camera: Camera, aspect: float) -> float:
-    """How far from its target [mm] a camera that looks in the same direction has all points in the picture.
+    """Distance from its target [mm] at which a camera that looks in the same direction has all points in the picture.
 
     Args:
-        points: [mm], shape (point_count, 3).
-        camera: whose target and direction are kept.
-        aspect: width / height of the picture.
+        points: Points to be seen [mm], shape (point_count, 3).
+        camera: The camera whose target and direction are kept.
+        aspect: Width / height of the picture.
     """
     x, y, depth = ((points - camera.target) @ camera.axes.T).T
     slope_x, slope_y = _slopes(aspect)
-    radius = np.linalg.norm(points - points.mean(axis=0), axis=1).max()
     needed = depth + np.maximum(np.abs(x) / slope_x, np.abs(y) / slope_y)
-    return float(max(needed.max(), depth.max() + radius / 2))
+    return float(max(needed.max(), depth.max() + radius_around_mean(points) / 2))
 
 
 def view_direction(up: np.ndarray, view: str, turned: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
-    """Unit vector from the scene to the camera, and what is up in the picture.
+    """The unit vector from the scene to the camera, and the direction that is up in the picture.
 
     Args:
-        up: unit vector against gravity, shape (3,).
-        view: a key of VIEWS.
-        turned: about `up`, seen from above against the clock [rad].
+        up: Unit vector against gravity, shape (3,).
+        view: A key of VIEW_DIRECTIONS.
+        turned: Angle about `up`, counterclockwise as seen from above [rad].
     """
-    axes = scene_axes(up)
-    x, y, z = VIEWS[view]
+    x, y, z = VIEW_DIRECTIONS[view]
     # From above, front is a quarter of a turn clockwise from right.
     cosine, sine = np.cos(turned), np.sin(turned)
-    backward = np.array([cosine * x + sine * y, cosine * y - sine * x, z]) @ axes
+    backward = np.array([cosine * x + sine * y, cosine * y - sine * x, z]) @ scene_axes(up)
     backward /= np.linalg.norm(backward)
+    return backward, picture_up(backward, up)
+
+
+def picture_up(backward: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """The direction that is up in a picture, shape (3,): against gravity, unless one looks along it.
+
+    Args:
+        backward: Unit vector from the scene to the camera, shape (3,).
+        up: Unit vector against gravity, shape (3,).
+    """
     # Seen from the top, what is in front lies at the bottom of the picture.
-    return backward, up if abs(backward @ up) < 0.999 else -axes[1]
-
-
-def _slopes(aspect: float) -> tuple[float, float]:
-    """Tangents of the half angles to the right and up within which things are to be seen."""
-    tangent = np.tan(np.radians(VERTICAL_ANGLE / 2)) * (1 - 2 * MARGIN)
-    return tangent * aspect, tangent
+    return up if abs(backward @ up) < 0.999 else -scene_axes(up)[1]
 
 
 def seen_from_front(camera: Camera, corners: np.ndarray) -> np.ndarray:
@@ -128,13 +129,13 @@ def seen_from_front(camera: Camera, corners: np.ndarray) -> np.ndarray:
 
 
 def pixel_matrix(camera: Camera, origin: np.ndarray, directions: np.ndarray, size: tuple[int, int]) -> np.ndarray:
-    """From coordinates on a plane, or in space, to pixels.
+    """The projection from coordinates on a plane, or in space, to pixels.
 
     Args:
-        camera: sees them.
-        origin: where the coordinates are 0 [mm], shape (3,).
-        directions: where they lead, shape (count, 3).
-        size: width and height of the picture [pixels].
+        camera: The camera that sees them.
+        origin: Point where the coordinates are 0 [mm], shape (3,).
+        directions: Directions of the coordinates, shape (count, 3).
+        size: Width and height of the picture [pixels].
 
     Returns:
         Shape (3, count + 1): times (coordinates..., 1) it gives (w x, w y, w) with the pixel (x, y), to the right of
@@ -150,9 +151,9 @@ def project(camera: Camera, points: np.ndarray, size: tuple[int, int]) -> tuple[
     """Where the camera sees points.
 
     Args:
-        camera: sees them.
-        points: [mm], shape (point_count, 3).
-        size: width and height of the picture [pixels].
+        camera: The camera that sees them.
+        points: Points [mm], shape (point_count, 3).
+        size: Width and height of the picture [pixels].
 
     Returns:
         Pixels to the right of the left edge and below the upper edge, shape (point_count, 2), and distances in front of
@@ -162,3 +163,16 @@ def project(camera: Camera, points: np.ndarray, size: tuple[int, int]) -> tuple[
     x, y, depth = matrix[:, :3] @ points.T + matrix[:, 3:]
     depth = np.maximum(depth, 1e-6)
     return np.stack([x / depth, y / depth], axis=1), depth
+
+
+def _picture_axes(backward: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Orthonormal rows right, up and backward of a picture that is seen against the unit vector `backward`."""
+    right = np.cross(up, backward)
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(backward, right), backward])
+
+
+def _slopes(aspect: float) -> tuple[float, float]:
+    """Tangents of the half angles to the right and up within which things are to be seen."""
+    tangent = np.tan(np.radians(VERTICAL_ANGLE / 2)) * (1 - 2 * MARGIN)
+    return tangent * aspect, tangent

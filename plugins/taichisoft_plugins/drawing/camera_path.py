@@ -1,16 +1,17 @@
-"""Where the camera stands in each frame, as a style says."""
+"""Where the camera stands in each frame, so that nothing that moves is cut off in any of them."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from taichisoft_plugins.drawing.camera import Camera, distance_to_see, fit_camera, scene_axes, view_direction
-from taichisoft_plugins.drawing.framing import outermost_points
-from taichisoft_plugins.drawing.style import Style
+from taichisoft_plugins.drawing.camera import Camera, distance_to_see, fit_camera, picture_up, view_direction
+from taichisoft_plugins.drawing.style import Style, StyleError
 from taichisoft_plugins.recording.reader import RecordedSurface
 
-ORBIT_LOOKS = 72
-"""Directions from which the distance of an orbit is chosen."""
+ORBIT_DIRECTIONS = 72
+"""Number of directions from which the distance of an orbit is chosen."""
+POINTS_AT_A_TIME = 100_000
+"""Number of points that are kept before they are reduced to their outermost."""
 
 CameraPath = Callable[[int], Camera]
 """Gives the camera of a frame."""
@@ -24,44 +25,76 @@ def camera_path(
     up: np.ndarray,
     aspect: float,
 ) -> CameraPath:
-    """The way of the camera.
+    """The path that a style asks for.
 
     Args:
-        style: says which; a body that it follows is there.
-        surfaces: of the recording.
-        frames: all that will be drawn, in order.
+        style: What the user chose; a body that it follows is there.
+        surfaces: Surfaces of the recording.
+        frames: All frames that will be drawn, in order.
         points: `outermost_points` of these [mm], shape (point_count, 3).
-        up: unit vector against gravity, shape (3,).
-        aspect: width / height of the part of the picture that things are fitted into.
+        up: Unit vector against gravity, shape (3,).
+        aspect: Width / height of the part of the picture that things are fitted into.
     """
-    if style.eye is not None:
-        return _standing(_explicit(style, points, up))
     if style.followed is not None:
         return _following(style.followed, surfaces, frames, up, aspect)
-    if style.view == "orbit":
+    if style.eye is None and style.view == "orbit":
         return _orbiting(points, frames, up, aspect)
-    return _standing(fit_camera(points, up, style.view, aspect))
-
-
-def _standing(camera: Camera) -> CameraPath:
+    camera = fit_camera(points, up, style.view, aspect) if style.eye is None else _explicit(style, points, up)
     return lambda frame: camera
+
+
+def outermost_points(
+    surfaces: Iterable[RecordedSurface], frames: Iterable[int], origin: Callable[[int], np.ndarray] | None = None
+) -> np.ndarray:
+    """The corners of the convex hull of all that moves, over all frames [mm], shape (point_count, 3).
+
+    Args:
+        surfaces: Surfaces of a recording; obstacles may be large and are left out, unless there is nothing else.
+        frames: All frames that will be drawn.
+        origin: Gives the origin of the coordinates in a frame [mm], shape (3,); None for that of the scene.
+
+    Raises:
+        StyleError: A position is not a finite number; the message says in which frame and of what.
+    """
+    surfaces = list(surfaces)
+    moving = [surface for surface in surfaces if surface.kind in ("soft", "rigid")] or surfaces
+    kept: list[np.ndarray] = []
+    for frame in frames:
+        shift = 0.0 if origin is None else origin(frame)
+        for surface in moving:
+            vertices = surface.vertices(frame)
+            if not np.isfinite(vertices).all():
+                raise StyleError(f"frame {frame} cannot be drawn: positions of '{surface.name}' are not finite")
+            kept.append(vertices - shift)
+        if sum(map(len, kept)) > POINTS_AT_A_TIME:
+            kept = [_outermost(np.concatenate(kept))]
+    return _outermost(np.concatenate(kept))
+
+
+def _outermost(points: np.ndarray) -> np.ndarray:
+    from scipy.spatial import ConvexHull
+
+    points = np.unique(points, axis=0)
+    if len(points) < 5:
+        return points
+    # Joggling lets flat things have a hull too.
+    return points[ConvexHull(points, qhull_options="QJ").vertices]
 
 
 def _explicit(style: Style, points: np.ndarray, up: np.ndarray) -> Camera:
     eye = np.array(style.eye)
     target = points.mean(axis=0) if style.target is None else np.array(style.target)
-    backward = (eye - target) / np.linalg.norm(eye - target)
-    return Camera(eye, target, up if abs(backward @ up) < 0.999 else -scene_axes(up)[1])
+    return Camera(eye, target, picture_up((eye - target) / np.linalg.norm(eye - target), up))
 
 
 def _orbiting(points: np.ndarray, frames: Sequence[int], up: np.ndarray, aspect: float) -> CameraPath:
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
 
     def looking(turned: float, distance: float) -> Camera:
-        backward, picture_up = view_direction(up, "iso", turned)
-        return Camera(middle + distance * backward, middle, picture_up)
+        backward, up_in_picture = view_direction(up, "iso", turned)
+        return Camera(middle + distance * backward, middle, up_in_picture)
 
-    turns = np.linspace(0, 2 * np.pi, ORBIT_LOOKS, endpoint=False)
+    turns = np.linspace(0, 2 * np.pi, ORBIT_DIRECTIONS, endpoint=False)
     distance = max(distance_to_see(points, looking(turned, 1.0), aspect) for turned in turns)
     place = {frame: index for index, frame in enumerate(frames)}
     return lambda frame: looking(2 * np.pi * place[frame] / len(frames), distance)

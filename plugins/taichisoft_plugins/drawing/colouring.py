@@ -1,15 +1,17 @@
-"""The colours of the surfaces of a recording in its frames, before light falls on them."""
+"""The colours of the surfaces of a recording in its frames, before light falls on them.
 
-from collections.abc import Sequence
+Soft bodies can have the colours of their displacement or stress, and cavities have those of their pressure.
+"""
+
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from taichisoft.bodies.embedding import embed
-from taichisoft_plugins.drawing import node_values
-from taichisoft_plugins.drawing.colour_scale import AIR, SOFT, ColourScale, round_up
-from taichisoft_plugins.drawing.framing import spread
+from taichisoft_plugins.drawing.scales import AIR, SOFT, ColourScale, round_up, sample_frames
 from taichisoft_plugins.drawing.style import Style
-from taichisoft_plugins.recording.reader import RecordedSoftBody, RecordedSurface, Recording
+from taichisoft_plugins.recording.bodies import RecordedSurface
+from taichisoft_plugins.recording.reader import Recording
+from taichisoft_plugins.stress import nodal_mean, stress_laws, von_mises
 
 PLAIN = {
     "soft": (0.96, 0.93, 0.88),
@@ -19,82 +21,97 @@ PLAIN = {
 }
 """Red, green and blue [-] by the kind of surface."""
 
-QUANTITIES = {
-    "displacement": (node_values.displacement, "displacement [mm]"),
-    "stress": (node_values.stress, "stress [kPa]"),
-}
-LOOKS = 40
-"""Frames, at most, in which the range of a quantity is looked for."""
-SHARE = 0.995
+SAMPLES = 40
+"""Number of frames, at most, in which the range of a quantity is looked for."""
+COVERED_SHARE = 0.995
 """Part of the values that the range covers: single elements at an edge would make all others look alike."""
+
+NodeValues = Callable[[int], np.ndarray]
+"""Gives the values at the nodes of all soft bodies in a frame, shape (node_count,)."""
 
 
 class Colouring:
     """Gives every surface its colours.
 
     Args:
-        recording: stays open.
-        style: what the user chose.
-        frames: all that will be drawn.
-        surfaces: all that will be drawn.
+        recording: The recording, which stays open.
+        style: What the user chose.
+        frames: All frames that will be drawn.
+        surfaces: All surfaces that will be drawn.
 
     Attributes:
-        scales: what the colours mean.
-
-    Raises:
-        RecordingError: what colours shall mean was not recorded.
+        scales: What the colours mean.
     """
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int], surfaces: Sequence[RecordedSurface]):
-        self._recording = recording
-        self._bodies: dict[str, tuple[RecordedSoftBody, np.ndarray, np.ndarray]] = {}
+        self._recording, self._surfaces = recording, surfaces
         self._scale: ColourScale | None = None
-        if style.colour_by in QUANTITIES:
+        if style.colour_by != "none":
             quantity, title = QUANTITIES[style.colour_by]
             self._values = quantity(recording)
-            self._scale = ColourScale(title, 0.0, self._highest(frames), SOFT)
-            self._bodies = _embedded(recording, surfaces)
+            self._scale = ColourScale(title, 0.0, self._high_end(frames), SOFT)
         seen = style.cavity_pressure and style.opacity < 1.0
         self._pressure_scale = _pressure_scale(recording, frames) if seen else None
         self.scales = tuple(scale for scale in (self._scale, self._pressure_scale) if scale is not None)
 
-    def colours(self, surface: RecordedSurface, frame: int) -> np.ndarray:
-        """Red, green and blue [-] of all its vertices, shape (3,), or of each, shape (vertex_count, 3)."""
-        if surface.kind == "soft" and self._scale is not None:
-            body, nodes, weights = self._bodies[surface.name]
-            values = np.einsum("vk,vk->v", weights, self._values(body, frame)[nodes])
-            return self._scale.colours(values)
-        if surface.kind == "cavity" and self._pressure_scale is not None:
-            pressure = self._recording.row("pressure", frame)[self._recording.cavities.index(surface.name)]
+    def colours(self, frame: int) -> dict[str, np.ndarray]:
+        """Red, green and blue [-] by surface, shape (3,), or of each of its vertices, shape (vertex_count, 3)."""
+        colours = {surface.name: np.array(PLAIN[surface.kind]) for surface in self._surfaces}
+        if self._pressure_scale is not None:
             # Before the first step no pressure is known.
-            return self._pressure_scale.colours(np.nan_to_num([pressure]))[0]
-        return np.array(PLAIN[surface.kind])
+            pressures = np.nan_to_num(self._recording.row("pressure", frame))
+            colours |= zip(self._recording.cavities, self._pressure_scale.colours(pressures), strict=True)
+        if self._scale is not None:
+            values = self._values(frame)
+            for surface in self._surfaces:
+                if surface.kind == "soft" and surface.mapping is not None:
+                    at_vertices = np.einsum("vk,vk->v", surface.mapping.weights, values[surface.mapping.nodes])
+                    colours[surface.name] = self._scale.colours(at_vertices)
+        return colours
 
-    def _highest(self, frames: Sequence[int]) -> float:
-        """Of the quantity in the frames."""
-        some = spread(frames, LOOKS)
-        bodies = self._recording.soft_bodies
-        highest = max(
-            (float(np.quantile(self._values(body, frame), SHARE)) for body in bodies for frame in some), default=0.0
-        )
+    def _high_end(self, frames: Sequence[int]) -> float:
+        samples = [self._values(frame) for frame in sample_frames(frames, SAMPLES)]
+        values = [sample[body.nodes] for body in self._recording.soft_bodies for sample in samples]
+        highest = max((float(np.quantile(some, COVERED_SHARE)) for some in values), default=0.0)
         return round_up(highest) if highest > 0 else 1.0
 
 
-def _embedded(
-    recording: Recording, surfaces: Sequence[RecordedSurface]
-) -> dict[str, tuple[RecordedSoftBody, np.ndarray, np.ndarray]]:
-    """Of each soft body, and the nodes and weights of its surface's vertices, each (vertex_count, 4)."""
-    vertices = {surface.name: surface.vertices(0) for surface in surfaces if surface.kind == "soft"}
-    position = recording.row("position", 0)
-    return {
-        body.name: (body, *embed(vertices[body.name], position[body.nodes], body.elements))
-        for body in recording.soft_bodies
-    }
+def displacement(recording: Recording) -> NodeValues:
+    """Distance of each node from its place if the bodies had moved with the base and kept their shape [mm]."""
+    pivot = recording.base_pivot
+    from_pivot = np.concatenate([np.zeros((0, 3)), *(body.rest_position for body in recording.soft_bodies)]) - pivot
+
+    def values(frame: int) -> np.ndarray:
+        from scipy.spatial.transform import Rotation
+
+        turn = Rotation.from_rotvec(recording.row("base_rotation", frame)).as_matrix()
+        carried = from_pivot @ turn.T + pivot + recording.row("base_translation", frame)
+        return np.linalg.norm(recording.row("position", frame) - carried, axis=1)
+
+    return values
+
+
+def stress(recording: Recording) -> NodeValues:
+    """Von Mises stress at each node [kPa], the mean of the elements around it."""
+    bodies = list(zip(recording.soft_bodies, stress_laws(recording), strict=True))
+
+    def values(frame: int) -> np.ndarray:
+        position = recording.row("position", frame)
+        of_bodies = [
+            nodal_mean(von_mises(law.stress(position[body.nodes])), body.elements, body.rest_position)
+            for body, law in bodies
+        ]
+        return np.concatenate([np.zeros(0), *of_bodies])
+
+    return values
+
+
+QUANTITIES = {"displacement": (displacement, "displacement [mm]"), "stress": (stress, "stress [kPa]")}
 
 
 def _pressure_scale(recording: Recording, frames: Sequence[int]) -> ColourScale | None:
-    """None where no pressure was recorded, or none but zero."""
-    if not (recording.has("pressure") and recording.cavities):
+    """The scale of the pressures; None where there is no cavity, or no pressure but zero."""
+    if not recording.cavities:
         return None
     pressures = recording.column("pressure")[np.unique(frames)]
     lowest, highest = np.nanmin(pressures, initial=0.0), np.nanmax(pressures, initial=0.0)

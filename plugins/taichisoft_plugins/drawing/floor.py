@@ -8,15 +8,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from taichisoft_plugins.drawing.camera import Camera, pixel_matrix, scene_axes
-from taichisoft_plugins.drawing.shadow import PIXELS, SUN, Thrower, shadow
-from taichisoft_plugins.recording.reader import RecordedPlane
+from taichisoft.bodies.surfaces import Plane
+from taichisoft_plugins.drawing.camera import Camera, pixel_matrix, radius_around_mean, scene_axes
+from taichisoft_plugins.drawing.planes import HALF_WIDTH, foot_of
+from taichisoft_plugins.drawing.shadow import PIXELS, SUN, Caster, shadow
 
-SQUARE = 2.2
-"""Half width of what takes shadows, in radii of what stands on the floor [-]."""
 FADES = (2.5, 14.0)
-"""Distances between which it fades, in the same radii [-]."""
-FLOOR = 0.90
+"""Distances between which the floor fades, in radii of what stands on it [-]."""
+BRIGHTNESS = 0.90
 """Brightness of the floor, as part of the background's [-]."""
 DARKEST = 0.34
 """Part of the light that a full shadow takes [-]."""
@@ -28,15 +27,14 @@ class Floor:
     """A horizontal plane under the scene.
 
     Args:
-        plane: whose normal points up.
-        points: what must stand on it [mm], shape (point_count, 3).
-        background: its colour, red, green and blue [-], shape (3,).
+        plane: The plane, whose normal points up.
+        points: What stands on it [mm], shape (point_count, 3).
+        background: Red, green and blue of the background [-], shape (3,).
     """
 
-    def __init__(self, plane: RecordedPlane, points: np.ndarray, background: np.ndarray):
-        middle = points.mean(axis=0)
-        self._radius = np.linalg.norm(points - middle, axis=1).max()
-        self._centre = middle - plane.normal * ((middle - plane.point) @ plane.normal)
+    def __init__(self, plane: Plane, points: np.ndarray, background: np.ndarray):
+        self._radius = radius_around_mean(points)
+        self._centre = foot_of(points, plane)
         self._normal = plane.normal
         axes = scene_axes(plane.normal)
         self._sun = np.array(SUN) @ axes
@@ -45,13 +43,13 @@ class Floor:
         self._background = background
         self._plain: tuple[Camera, np.ndarray, np.ndarray] | None = None
 
-    def paint(self, picture: np.ndarray, camera: Camera, throwers: Sequence[Thrower]) -> np.ndarray:
+    def paint(self, picture: np.ndarray, camera: Camera, casters: Sequence[Caster]) -> np.ndarray:
         """The picture with the floor over it, as far as the camera stands above the floor.
 
         Args:
-            picture: shape (height, width, 3), dtype uint8.
-            camera: sees it.
-            throwers: what throws shadows.
+            picture: The background, shape (height, width, 3), dtype uint8.
+            camera: The camera that sees the floor.
+            casters: What casts shadows.
         """
         from PIL import Image
 
@@ -59,8 +57,8 @@ class Floor:
             return picture
         size = picture.shape[1], picture.shape[0]
         to_picture = pixel_matrix(camera, self._centre, self._axes, size)
-        half = SQUARE * self._radius
-        dark = shadow(throwers, self._centre, self._axes[0], self._axes[1], self._sun, half)
+        half = HALF_WIDTH * self._radius
+        dark = shadow(casters, self._centre, self._axes[0], self._axes[1], self._sun, half)
         dark_bytes = Image.fromarray(np.rint(255 * dark).astype(np.uint8))
         plain, ground = self._without_shadows(camera, np.linalg.inv(to_picture), size)
         # From pixels of the shadow's picture to coordinates on the floor.
@@ -100,7 +98,7 @@ class Floor:
         near, far = FADES
         distance = np.where(scale > 0, np.hypot(first, second) / np.maximum(scale, 1e-30) / self._radius, np.inf)
         floor = 1.0 - np.clip((distance - near) / (far - near), 0.0, 1.0)
-        coarse = np.rint(255 * self._background * (1 - (1 - FLOOR) * floor[..., None])).astype(np.uint8)
+        coarse = np.rint(255 * self._background * (1 - (1 - BRIGHTNESS) * floor[..., None])).astype(np.uint8)
         whole = (COARSE * len(columns), COARSE * len(rows))
         fine, ground = (
             np.asarray(Image.fromarray(part).resize(whole, way))[:height, :width]

@@ -6,36 +6,32 @@ from typing import Any
 import numpy as np
 
 from taichisoft_plugins.drawing.camera import Camera, project
-from taichisoft_plugins.drawing.framing import spread
-from taichisoft_plugins.drawing.painting import Colour, arrow_outline, paint_polygon, write
+from taichisoft_plugins.drawing.painting import Colour, arrow_outline, paint_polygon, paint_text
+from taichisoft_plugins.drawing.scales import round_down, sample_frames
 from taichisoft_plugins.recording.reader import Recording
 
 COLOUR: Colour = (0.86, 0.27, 0.05)
 LONGEST = 0.5
-"""The arrow of the strongest force, in radii of the scene [-]."""
-LOOKS = 200
-"""Frames, at most, in which the strongest force is looked for."""
+"""Length of the arrow of the strongest force, in radii of the scene [-]."""
+SAMPLES = 200
+"""Number of frames, at most, in which the strongest force is looked for."""
 WIDTH = 1 / 220
-"""Of an arrow's shaft, in heights of the picture [-]."""
+"""Width of an arrow's shaft, in heights of the picture [-]."""
 
 
 class ForceArrows:
     """Arrows of one scale over all frames: twice the force is twice the length.
 
     Args:
-        recording: stays open; where it has no contacts there are no arrows.
-        frames: all that will be drawn.
-        radius: of the scene [mm].
+        recording: The recording, which stays open.
+        frames: All frames that will be drawn.
+        radius: Radius of the scene [mm].
     """
 
     def __init__(self, recording: Recording, frames: Sequence[int], radius: float):
         self._recording = recording
-        self._strongest = 0.0
-        if recording.has("contact_count"):
-            forces = (recording.contacts(frame)[1] for frame in spread(frames, LOOKS))
-            self._strongest = max(
-                (float(np.linalg.norm(force, axis=1).max(initial=0.0)) for force in forces), default=0
-            )
+        forces = (recording.contacts(frame)[1] for frame in sample_frames(frames, SAMPLES))
+        self._strongest = max((float(np.linalg.norm(force, axis=1).max(initial=0.0)) for force in forces), default=0)
         self._length = LONGEST * radius / self._strongest if self._strongest else 0.0  # [mm/mN]
 
     def paint(self, picture: Any, camera: Camera, frame: int) -> None:
@@ -54,7 +50,7 @@ class ForceArrows:
         """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene."""
         if not self._strongest:
             return
-        force = _round_down(self._strongest)
+        force = round_down(self._strongest)
         apart = camera.target + self._length * force * camera.axes[0]
         pixels, _ = project(camera, np.array([camera.target, apart]), picture.size)
         length = pixels[1, 0] - pixels[0, 0]
@@ -62,10 +58,4 @@ class ForceArrows:
         tip = np.array([picture.width - 0.03 * height, height - 0.04 * height])
         paint_polygon(picture, arrow_outline(tip - [length, 0], tip, WIDTH * height), COLOUR)
         text = f"force {force:g} mN"
-        write(picture, (tip[0], tip[1] - 0.02 * height), text, height / 40, ink, "rs")
-
-
-def _round_down(value: float) -> float:
-    """The last of 1, 2, 5, 10 times a power of ten."""
-    power = 10.0 ** np.floor(np.log10(value))
-    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-9)))
+        paint_text(picture, (tip[0], tip[1] - 0.02 * height), text, height / 40, ink, "rs")

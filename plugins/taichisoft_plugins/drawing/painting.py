@@ -6,19 +6,22 @@ from typing import Any
 
 import numpy as np
 
-FINER = 4
-"""Polygons are painted this many times finer and reduced."""
+SUPERSAMPLING = 4
+"""Polygons are painted this many times finer, and reduced."""
+SMALLEST_LETTERS = 7.0
+"""Height of letters that can still be read [pixels]."""
 
 Colour = tuple[float, float, float]
+"""Red, green and blue, each from 0 to 1 [-]."""
 
 
 def paint_polygon(picture: Any, corners: Sequence[Sequence[float]] | np.ndarray, colour: Colour) -> None:
     """Paint a filled polygon with smooth edges.
 
     Args:
-        picture: a Pillow image in RGB.
-        corners: pixels to the right of the left edge and below the upper edge, shape (count, 2).
-        colour: red, green and blue [-].
+        picture: A Pillow image in RGB, which is changed.
+        corners: Pixels to the right of the left edge and below the upper edge, shape (count, 2).
+        colour: Colour of the polygon.
     """
     from PIL import Image, ImageDraw
 
@@ -27,17 +30,17 @@ def paint_polygon(picture: Any, corners: Sequence[Sequence[float]] | np.ndarray,
     high = np.minimum(np.ceil(corners.max(axis=0)).astype(int) + 1, picture.size)
     if (high <= low).any():
         return
-    mask = Image.new("L", (int(high[0] - low[0]) * FINER, int(high[1] - low[1]) * FINER))
-    ImageDraw.Draw(mask).polygon([tuple(corner) for corner in (corners - low) * FINER], fill=255)
-    picture.paste(_bytes(colour), tuple(int(part) for part in low), mask.reduce(FINER))
+    mask = Image.new("L", (int(high[0] - low[0]) * SUPERSAMPLING, int(high[1] - low[1]) * SUPERSAMPLING))
+    ImageDraw.Draw(mask).polygon([tuple(corner) for corner in (corners - low) * SUPERSAMPLING], fill=255)
+    picture.paste(_bytes(colour), tuple(int(part) for part in low), mask.reduce(SUPERSAMPLING))
 
 
 def arrow_outline(tail: np.ndarray, tip: np.ndarray, width: float) -> np.ndarray:
     """Corners of an arrow [pixels], shape (7, 2); one shorter than its head is all head, and narrower.
 
     Args:
-        tail, tip: shape (2,) [pixels].
-        width: of the shaft [pixels].
+        tail, tip: Where the arrow begins and ends [pixels], shape (2,).
+        width: Width of the shaft [pixels].
     """
     length = max(float(np.linalg.norm(tip - tail)), 1e-9)
     along = (tip - tail) / length
@@ -50,13 +53,9 @@ def arrow_outline(tail: np.ndarray, tip: np.ndarray, width: float) -> np.ndarray
 
 
 def text_colour(background: Sequence[float]) -> Colour:
-    """Dark on a light background, light on a dark one."""
+    """The colour of text: dark on a light background, light on a dark one."""
     red, green, blue = background
     return (0.13, 0.16, 0.20) if 0.3 * red + 0.6 * green + 0.1 * blue > 0.45 else (0.94, 0.95, 0.97)
-
-
-SMALLEST = 7.0
-"""Height of letters that can still be read [pixels]."""
 
 
 @cache
@@ -64,19 +63,19 @@ def font(height: float) -> Any:
     """The font of all text, its letters about `height` [pixels] high; reading it takes longer than writing with it."""
     from PIL import ImageFont
 
-    return ImageFont.load_default(size=max(height, SMALLEST))
+    return ImageFont.load_default(size=max(height, SMALLEST_LETTERS))
 
 
-def write(picture: Any, place: tuple[float, float], text: str, height: float, colour: Colour, anchor: str) -> None:
-    """Write text.
+def paint_text(picture: Any, place: tuple[float, float], text: str, height: float, colour: Colour, anchor: str) -> None:
+    """Write text into a picture.
 
     Args:
-        picture: a Pillow image in RGB.
-        place: of the anchor [pixels].
-        text: what to write.
-        height: of the letters [pixels].
-        colour: red, green and blue [-].
-        anchor: Pillow's two letters: "la" left and top, "mm" the middle, "ls" left on the line.
+        picture: A Pillow image in RGB, which is changed.
+        place: Place of the anchor [pixels].
+        text: What to write.
+        height: Height of the letters [pixels].
+        colour: Colour of the letters.
+        anchor: Pillow's two letters for the anchor: "la" left and top, "mm" the middle, "ls" left on the line.
     """
     from PIL import ImageDraw
 

@@ -1,26 +1,72 @@
-"""How bright a surface is where its normal points: a high key light, and light from all around, more from above."""
+"""Smooth normals of surfaces, and how bright a surface is where its normal points.
+
+There is a high key light, and light from all around, more of it from above.
+"""
 
 import numpy as np
 
-KEY = (0.55, 0.75, 1.25)
+KEY_LIGHT = (0.55, 0.75, 1.25)
 """Direction to the key light in the axes (right, front, up) of `camera.scene_axes`: in front, from the right."""
 
 DARKEST, KEY_STRENGTH, SKY_STRENGTH = 0.44, 0.44, 0.12
 """Brightness of what is turned away, and what the two lights add at most; together 1 [-]."""
 
 
-def shaded(colours: np.ndarray, normals: np.ndarray, axes: np.ndarray) -> np.ndarray:
-    """Colours as they appear in the light.
+class SmoothNormals:
+    """Gives every triangle corner a vertex and a normal of its own, as its surface deforms.
+
+    The normal of a corner is the area-weighted mean of those triangles at its vertex that are turned by less than
+    `crease_angle` against its own triangle: curved faces are smooth, and edges stay sharp.
 
     Args:
-        colours: red, green and blue [-], shape (3,) or (count, 3).
-        normals: unit normals, shape (count, 3).
-        axes: rows right, front and up of the scene, see `camera.scene_axes`.
-
-    Returns:
-        Shape (count, 3).
+        triangles: Vertex indices, outward, shape (triangle_count, 3).
+        crease_angle: Angle from which an edge is sharp [degrees].
     """
-    key = np.array(KEY) @ axes
+
+    def __init__(self, triangles: np.ndarray, crease_angle: float = 40.0):
+        self._triangles = triangles
+        self._cosine = np.cos(np.radians(crease_angle))
+        # The pairs do not change while the surface deforms; finding them takes longer than all the rest.
+        self._corners, others = _corners_at_same_vertex(triangles.ravel())
+        self._own, self._other = self._corners // 3, others // 3
+
+    def __call__(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Corners and normals for vertices [mm] of shape (vertex_count, 3).
+
+        Returns:
+            Corner positions [mm] and unit normals, each (3 * triangle_count, 3); corner 3 i + k is corner k of
+            triangle i.
+        """
+        corners = vertices[self._triangles]
+        areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
+        smooth = np.einsum("ij,ij->i", units[self._own], units[self._other]) > self._cosine
+        where, what = self._corners[smooth], areas[self._other[smooth]]
+        normals = np.stack([np.bincount(where, part, self._triangles.size) for part in what.T], axis=1)
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        return corners.reshape(-1, 3), normals / np.maximum(lengths, 1e-30)
+
+
+def _corners_at_same_vertex(vertex_of_corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """All ordered pairs of corners that share a vertex, each corner with itself too."""
+    order = np.argsort(vertex_of_corner, kind="stable")
+    _, start, count = np.unique(vertex_of_corner[order], return_index=True, return_counts=True)
+    size = np.repeat(count, count)  # per sorted corner: how many corners its vertex has
+    first = np.repeat(np.arange(len(order)), size)
+    step = np.arange(len(first)) - np.repeat(np.cumsum(size) - size, size)
+    second = np.repeat(np.repeat(start, count), size) + step
+    return order[first], order[second]
+
+
+def shade(colours: np.ndarray, normals: np.ndarray, axes: np.ndarray) -> np.ndarray:
+    """Colours as they appear in the light, shape (count, 3).
+
+    Args:
+        colours: Red, green and blue [-], shape (3,) or (count, 3).
+        normals: Unit normals, shape (count, 3).
+        axes: Rows right, front and up of the scene, see `camera.scene_axes`.
+    """
+    key = np.array(KEY_LIGHT) @ axes
     # Half of the light reaches around what it falls on, so that no side that is turned away looks flat.
     from_key = (0.5 + 0.5 * normals @ (key / np.linalg.norm(key))) ** 1.5
     from_sky = 0.5 + 0.5 * normals @ axes[2]

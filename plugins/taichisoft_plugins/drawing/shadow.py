@@ -6,32 +6,32 @@ import numpy as np
 
 SUN = (0.25, 0.2, 1.0)
 """Direction to the middle of the sun in the axes (right, front, up) of `camera.scene_axes`: high, so that shadows stay
-near what throws them."""
+near what casts them."""
 
 SUN_RADIUS = 0.13
-"""Of the sun, as the tangent of an angle: the edge of a shadow is this part of its height wide, twice."""
+"""Radius of the sun, as the tangent of an angle: the edge of a shadow is twice this part of its height wide."""
 
 RAYS = 5
-"""Points of the sun that are looked from; the blur hides that they are few."""
+"""Number of points of the sun whose light is followed; the blur hides that they are few."""
 
 PIXELS = 256
-"""Width and height of the shadow's picture."""
+"""Width and height of the picture of the shadows."""
 
-Thrower = tuple[np.ndarray, np.ndarray, float]
-"""Vertices [mm] (vertex_count, 3), outward triangles (triangle_count, 3), and the part of the light held back [-]."""
+Caster = tuple[np.ndarray, np.ndarray, float]
+"""Vertices [mm] (vertex_count, 3), outward triangles (triangle_count, 3), and the part of the light they take [-]."""
 
 
 def shadow(
-    throwers: Sequence[Thrower], centre: np.ndarray, first: np.ndarray, second: np.ndarray, sun: np.ndarray, half: float
+    casters: Sequence[Caster], centre: np.ndarray, first: np.ndarray, second: np.ndarray, sun: np.ndarray, half: float
 ) -> np.ndarray:
     """The hidden part of the sun over a square of a plane.
 
     Args:
-        throwers: what stands before the plane; a later one covers an earlier one.
-        centre: of the square [mm], shape (3,).
-        first, second: unit vectors along its sides, shape (3,); first x second points to where things stand.
-        sun: direction to the sun, shape (3,).
-        half: half the width of the square [mm].
+        casters: What stands before the plane; a later one covers an earlier one.
+        centre: Centre of the square [mm], shape (3,).
+        first, second: Unit vectors along its sides, shape (3,); first x second points to where things stand.
+        sun: Direction to the sun, shape (3,).
+        half: Half the width of the square [mm].
 
     Returns:
         From 0 (light) to 1 (dark), shape (PIXELS, PIXELS); columns run along `first` and rows along
@@ -48,7 +48,7 @@ def shadow(
         light = sun + SUN_RADIUS * (np.cos(angle) * first + np.sin(angle) * second)
         picture = Image.new("L", (PIXELS, PIXELS))
         fill = ImageDraw.Draw(picture).polygon
-        for vertices, triangles, opacity in throwers:
+        for vertices, triangles, opacity in casters:
             offset = vertices - centre
             height = offset @ normal
             on_plane = offset - height[:, None] * light

@@ -7,19 +7,19 @@ import numpy as np
 
 from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, Camera
 
-NOTHING = (255, 0, 255)
-"""Red, green and blue where nothing stands, a colour that no surface has: other things are painted there later."""
+EMPTY = (255, 0, 255)
+"""Red, green and blue where nothing stands, a colour that no surface has: other things are painted there."""
 
 
 class Stage:
-    """What can be seen; a process can have only one, as Open3D allows one renderer.
+    """The scene and its renderer; a process can have only one, as Open3D allows one renderer.
 
     Light is in the colours already (`shading`), the floor with its shadows is painted (`floor`), and edges are smoothed
-    afterwards (`smooth_edges`): where the processor draws, Open3D's own light, shadows and smoothing take over half a
+    afterwards (`antialiasing`): where the processor draws, Open3D's own light, shadows and smoothing take over half a
     second a picture, and this takes a tenth of it.
 
     Args:
-        size: width and height of the pictures [pixels].
+        size: Width and height of the pictures [pixels].
     """
 
     def __init__(self, size: tuple[int, int]):
@@ -36,7 +36,7 @@ class Stage:
         self._scene.scene.enable_indirect_light(False)
         self._scene.scene.enable_sun_light(False)
         # Backgrounds are decoded from sRGB, colours of vertices are not: 0 and 1 are the same in both.
-        self._scene.set_background([*(part / 255 for part in NOTHING), 1.0])
+        self._scene.set_background([*(part / 255 for part in EMPTY), 1.0])
         self._material = rendering.MaterialRecord()
         self._material.shader = "defaultUnlit"
         self._names: set[str] = set()
@@ -48,10 +48,10 @@ class Stage:
         single pixels would show along the outlines of a body.
 
         Args:
-            name: of what is drawn.
-            vertices: [mm], shape (vertex_count, 3).
-            triangles: vertex indices, counterclockwise as seen from the front, shape (triangle_count, 3).
-            colours: red, green and blue of every vertex as they shall appear [-], shape (vertex_count, 3).
+            name: Name of what is drawn.
+            vertices: Vertices [mm], shape (vertex_count, 3).
+            triangles: Vertex indices, counterclockwise as seen from the front, shape (triangle_count, 3).
+            colours: Red, green and blue of every vertex as they shall appear [-], shape (vertex_count, 3).
         """
         utility = self._open3d.utility
         mesh = self._open3d.geometry.TriangleMesh(
@@ -64,7 +64,7 @@ class Stage:
         self._names.add(name)
 
     def image(self, camera: Camera, visible: Collection[str]) -> np.ndarray:
-        """The picture of what is visible before NOTHING, shape (height, width, 3), dtype uint8."""
+        """The picture of the visible names, EMPTY where nothing is, shape (height, width, 3), dtype uint8."""
         for name in self._names:
             self._scene.show_geometry(name, name in visible)
         # The near and far planes are taken from what stands on the stage now.

@@ -1,16 +1,20 @@
 """What a user can choose about pictures: their size, where the camera stands, and what is shown how."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from taichisoft.errors import TaichisoftError
+
+if TYPE_CHECKING:
+    from taichisoft.scenes.scene import Scene
 
 VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
 COLOURINGS = ("none", "displacement", "stress")
 SMALLEST, LARGEST = 16, 8192
-"""Widths and heights that can be drawn [pixels]."""
+"""Least and greatest width and height that can be drawn [pixels]."""
 
 
 class StyleError(TaichisoftError):
@@ -22,23 +26,23 @@ class Style:
     """How frames are drawn.
 
     Attributes:
-        size: width and height [pixels].
-        view: "iso", "front" or "top" (each stands still), "orbit" (from iso once around the scene, over all frames), or
-            "follow:BODY" (from iso, moving with that body).
-        eye: where the camera stands [mm]; takes the place of `view`.
-        target: what it looks at from there [mm]; None for the middle of the scene.
-        opacity: of soft bodies [-], above 0, at most 1; with 1 the cavities are hidden.
-        background: red, green and blue [-], each from 0 to 1; or "#rrggbb".
-        colour_by: what the colours of soft bodies mean: "none", "displacement" [mm] or "stress" (von Mises) [kPa].
-        cavity_pressure: cavities have the colour of their pressure.
-        arrows: contact forces are drawn as arrows.
-        axes: the scene's axes stand in a corner of the picture.
-        caption: time, pressures and the height of the rigid bodies are written in the picture.
-        surface: file of a surface that is drawn for every soft body instead of its mesh's own: STL, OBJ or PLY, in the
-            coordinates of the body's mesh file [mm]; usually finer.
+        size: Width and height [pixels].
+        view: "iso", "front" or "top" (the camera stands still), "orbit" (from iso once around the scene, over all
+            frames), or "follow:BODY" (from iso, moving with that body).
+        eye: Position of the camera [mm], which takes the place of `view`.
+        target: Point that a camera at `eye` looks at [mm]; None for the middle of the scene.
+        opacity: Opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden.
+        background: Red, green and blue [-], each from 0 to 1; or "#rrggbb".
+        colour_by: What the colours of soft bodies mean: "none", "displacement" [mm] or "stress" (von Mises) [kPa].
+        cavity_pressure: Whether cavities have the colour of their pressure.
+        arrows: Whether contact forces are drawn as arrows.
+        axes: Whether the scene's axes stand in a corner of the picture.
+        caption: Whether time, pressures and the height of the rigid bodies are written in the picture.
+        surface: File of a surface, usually a finer one, that is drawn for every soft body instead of its mesh's own:
+            STL, OBJ or PLY, in the coordinates of the body's mesh file [mm].
 
     Raises:
-        StyleError: a value is impossible; says what would be valid.
+        StyleError: A value is impossible; the message says what would be valid.
     """
 
     size: tuple[int, int] = (1280, 720)
@@ -55,11 +59,11 @@ class Style:
     surface: Path | None = None
 
     def __post_init__(self) -> None:
-        self._set("size", tuple(_whole(value) for value in _numbers("size", self.size, 2)))
-        if not all(SMALLEST <= side <= LARGEST for side in self.size):
-            raise StyleError(
-                f"size {self.size[0]}x{self.size[1]}: width and height must be from {SMALLEST} to {LARGEST} pixels"
-            )
+        width, height = _numbers("size", self.size, 2)
+        if not all(SMALLEST <= side <= LARGEST and side == int(side) for side in (width, height)):
+            sides = f"width and height must be whole numbers from {SMALLEST} to {LARGEST} pixels"
+            raise StyleError(f"size {width:g}x{height:g}: {sides}")
+        self._set("size", (int(width), int(height)))
         if self.view not in VIEWS[:-1] and not (self.view.startswith("follow:") and len(self.view) > len("follow:")):
             raise StyleError(f"no view is called '{self.view}'; there are: {', '.join(VIEWS)}")
         if not 0.0 < self.opacity <= 1.0:
@@ -81,7 +85,7 @@ class Style:
 
     @property
     def followed(self) -> str | None:
-        """Name of the body that the camera moves with."""
+        """Name of the body that the camera moves with; None where it does not follow one."""
         return self.view.removeprefix("follow:") if self.view.startswith("follow:") and self.eye is None else None
 
     @property
@@ -90,8 +94,45 @@ class Style:
         red, green, blue = _colour(self.background)
         return red, green, blue
 
+    def check(self, scene: "Scene") -> None:
+        """Check that the body to follow is in a scene, before anything is computed or drawn.
+
+        Raises:
+            StyleError: It is not; the message says which bodies there are.
+        """
+        bodies = [*scene.soft_bodies, *scene.rigid_bodies]
+        if self.followed is not None and self.followed not in bodies:
+            raise StyleError(f"view '{self.view}': no body is called '{self.followed}'; there are: {', '.join(bodies)}")
+
     def _set(self, name: str, value: Any) -> None:
         object.__setattr__(self, name, value)  # the class is frozen for everybody else
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height [pixels] from "1280x720".
+
+    Raises:
+        StyleError: The text is written otherwise.
+    """
+    size = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text.strip().lower())
+    if size is None:
+        raise StyleError(f"size '{text}' must be written as width x height in pixels, 1280x720")
+    return int(size[1]), int(size[2])
+
+
+def parse_point(name: str, text: str | None) -> tuple[float, float, float] | None:
+    """A point [mm] from "300,-200,150", or None from None.
+
+    Raises:
+        StyleError: The text is written otherwise; the message begins with `name`.
+    """
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise StyleError(f"{name} '{text}' must be three numbers in mm, as 300,-200,150") from None
+    return x, y, z
 
 
 def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
@@ -102,12 +143,6 @@ def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...
     if len(numbers) != count or not all(abs(number) < 1e9 for number in numbers):
         raise StyleError(f"{name} {values!r} must be {count} numbers")
     return numbers
-
-
-def _whole(value: float) -> int:
-    if value != int(value):
-        raise StyleError(f"size: {value:g} is no whole number of pixels")
-    return int(value)
 
 
 def _colour(value: Sequence[float] | str) -> tuple[float, ...]:

@@ -1,28 +1,26 @@
-"""Surfaces over a background: opaque ones, and translucent soft bodies in layers."""
+"""Surfaces over a background: opaque ones, and translucent bodies in layers from the farthest to the nearest."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from taichisoft_plugins.drawing.camera import Camera, seen_from_front
-from taichisoft_plugins.drawing.shading import shaded
-from taichisoft_plugins.drawing.smooth_normals import SmoothNormals
-from taichisoft_plugins.drawing.stage import NOTHING, Stage
-from taichisoft_plugins.drawing.translucency import in_layers, laid_over
+from taichisoft_plugins.drawing.camera import Camera, project, seen_from_front
+from taichisoft_plugins.drawing.shading import SmoothNormals, shade
+from taichisoft_plugins.drawing.stage import EMPTY, Stage
 
-HOLE = " as a hole"
-"""What an opaque surface hides of a layer of translucent ones is left open in that layer."""
+HOLDOUT = " as a holdout"
+"""Ends the name of what is drawn in the colour EMPTY, so that it hides parts of a layer without being seen in it."""
 
 
 class SurfacePainter:
     """Paints surfaces that deform; a process can have only one.
 
     Args:
-        size: width and height of the pictures [pixels].
-        triangles: of all surfaces by their names, vertex indices, outward, (triangle_count, 3).
-        translucent: names of those that can be seen through.
-        opacity: of the translucent surfaces [-].
-        axes: rows right, front and up of the scene, from which the light comes.
+        size: Width and height of the pictures [pixels].
+        triangles: Vertex indices of all surfaces by their names, outward, (triangle_count, 3).
+        translucent: Names of the surfaces that can be seen through.
+        opacity: Opacity of the translucent surfaces [-].
+        axes: Rows right, front and up of the scene, from which the light comes.
     """
 
     def __init__(
@@ -45,12 +43,12 @@ class SurfacePainter:
         """Let nothing be seen behind triangles that are painted elsewhere.
 
         Args:
-            name: of what they are.
-            vertices: [mm], shape (vertex_count, 3).
-            triangles: vertex indices, shape (triangle_count, 3).
+            name: Name of the triangles.
+            vertices: Vertices [mm], shape (vertex_count, 3).
+            triangles: Vertex indices, shape (triangle_count, 3).
         """
-        self._put_hole(name + HOLE, vertices, triangles)
-        self._always.append(name + HOLE)
+        self._put_holdout(name + HOLDOUT, vertices, triangles)
+        self._always.append(name + HOLDOUT)
 
     def paint(
         self, picture: np.ndarray, camera: Camera, vertices: dict[str, np.ndarray], colours: dict[str, np.ndarray]
@@ -58,19 +56,19 @@ class SurfacePainter:
         """The picture with all surfaces over it.
 
         Args:
-            picture: shape (height, width, 3), dtype uint8.
-            camera: sees them.
-            vertices: of every surface [mm], shape (vertex_count, 3).
-            colours: red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3).
+            picture: The background, shape (height, width, 3), dtype uint8.
+            camera: The camera that sees the surfaces.
+            vertices: Vertices of every surface [mm], shape (vertex_count, 3).
+            colours: Red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3).
         """
         for name, where in vertices.items():
             self._put(name, camera, where, colours[name])
-        picture = laid_over(picture, self._stage.image(camera, self._opaque + self._always), 1.0)
-        holes = [name + HOLE for name in self._opaque] + self._always
+        picture = lay_over(picture, self._stage.image(camera, self._opaque + self._always), 1.0)
+        holdouts = [name + HOLDOUT for name in self._opaque] + self._always
         bodies = [vertices[name] for name in self._translucent]
-        for layer in in_layers(bodies, camera, self._size):
-            image = self._stage.image(camera, [self._translucent[body] for body in layer] + holes)
-            picture = laid_over(picture, image, self._opacity)
+        for layer in depth_layers(bodies, camera, self._size):
+            image = self._stage.image(camera, [self._translucent[body] for body in layer] + holdouts)
+            picture = lay_over(picture, image, self._opacity)
         return picture
 
     def _put(self, name: str, camera: Camera, vertices: np.ndarray, colours: np.ndarray) -> None:
@@ -79,9 +77,65 @@ class SurfacePainter:
             colours = colours[self._triangles[name].ravel()]
         triangles = np.arange(len(corners)).reshape(-1, 3)
         triangles = triangles[seen_from_front(camera, corners.reshape(-1, 3, 3))]
-        self._stage.put(name, corners, triangles, shaded(colours, normals, self._axes))
+        self._stage.put(name, corners, triangles, shade(colours, normals, self._axes))
         if name in self._opaque:
-            self._put_hole(name + HOLE, corners, triangles)
+            self._put_holdout(name + HOLDOUT, corners, triangles)
 
-    def _put_hole(self, name: str, vertices: np.ndarray, triangles: np.ndarray) -> None:
-        self._stage.put(name, vertices, triangles, np.tile(np.array(NOTHING) / 255, (len(vertices), 1)))
+    def _put_holdout(self, name: str, vertices: np.ndarray, triangles: np.ndarray) -> None:
+        self._stage.put(name, vertices, triangles, np.tile(np.array(EMPTY) / 255, (len(vertices), 1)))
+
+
+def depth_layers(bodies: Sequence[np.ndarray], camera: Camera, size: tuple[int, int]) -> list[list[int]]:
+    """Indices of bodies from the farthest layer to the nearest; in no layer does one stand before another.
+
+    Two bodies may share a layer where their rectangles in the picture do not touch, so mostly few layers are needed.
+
+    Args:
+        bodies: Vertices [mm] of each body, shape (vertex_count, 3).
+        camera: The camera that sees the bodies.
+        size: Width and height of the picture [pixels].
+    """
+    rectangles, distances = [], []
+    for vertices in bodies:
+        pixels, depth = project(camera, vertices, size)
+        rectangles.append((pixels.min(axis=0), pixels.max(axis=0)))
+        distances.append(depth.mean())
+    layers: list[list[int]] = []
+    layer_of: dict[int, int] = {}
+    for index in sorted(range(len(bodies)), key=lambda body: -distances[body]):
+        low, high = rectangles[index]
+        behind = [
+            layer
+            for other, layer in layer_of.items()
+            if (low <= rectangles[other][1]).all() and (rectangles[other][0] <= high).all()
+        ]
+        layer_of[index] = max(behind, default=-1) + 1
+        if layer_of[index] == len(layers):
+            layers.append([])
+        layers[layer_of[index]].append(index)
+    return layers
+
+
+def lay_over(below: np.ndarray, layer: np.ndarray, opacity: float) -> np.ndarray:
+    """A picture with a layer over it, where that shows something.
+
+    Args:
+        below: Picture of all that is behind the layer, shape (height, width, 3), dtype uint8.
+        layer: Picture of the layer, EMPTY where there is nothing in it.
+        opacity: Opacity of the layer [-].
+    """
+    from PIL import Image
+
+    red, green, blue = EMPTY
+    # Channel by channel, and only where there is something: this is done for every pixel of a video.
+    covered = (layer[..., 1] != green) | (layer[..., 0] != red) | (layer[..., 2] != blue)
+    mask = Image.fromarray(covered)
+    box = mask.getbbox()
+    if box is None:
+        return below
+    part = np.s_[box[1] : box[3], box[0] : box[2]]
+    bottom, top = Image.fromarray(below[part]), Image.fromarray(layer[part])
+    bottom.paste(top if opacity == 1.0 else Image.blend(bottom, top, opacity), mask=mask.crop(box))
+    over = below.copy()
+    over[part] = np.asarray(bottom)
+    return over

@@ -1,6 +1,6 @@
-"""Exporting a recording for other programs, frame by frame."""
+"""Exporting a recording to ParaView, frame by frame."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from taichisoft.errors import TaichisoftError
@@ -14,24 +14,22 @@ class ExportError(TaichisoftError):
 
 
 def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> list[Path]:
-    """Write a .vtu file per frame and kind of thing, and for each kind the .pvd file that ParaView opens.
+    """Write a .vtu file per frame and grid, and for each grid the .pvd file that ParaView opens.
 
     Args:
-        recording: has the frames.
-        frames: indices, in the order of time; may be something that shows progress.
-        folder: gets "soft_bodies.pvd", "soft_bodies/00000.vtu" and so on.
+        recording: The recording that has the frames.
+        frames: Indices in the order of time; an iterator may show progress.
+        folder: Gets "soft_bodies.pvd", "soft_bodies/00000.vtu" and so on.
 
     Returns:
         The .pvd files.
 
     Raises:
-        TaichisoftError: a file cannot be written, or the recording has no positions.
+        TaichisoftError: A file cannot be written.
     """
     makers = grid_makers(recording)
     times = recording.times
     written: dict[str, list[tuple[float, Path]]] = {name: [] for name in makers}
-    for name in makers:
-        _make_folder(folder / name)
     try:
         for frame in frames:
             for name, make in makers.items():
@@ -44,16 +42,12 @@ def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> lis
     return [folder / f"{name}.pvd" for name in makers]
 
 
-FORMATS: dict[str, Callable[[Recording, Iterable[int], Path], list[Path]]] = {"vtu": export_vtu}
-"""What writes frames into a folder and returns what was written, by format."""
-
-
 def chosen_frames(recording: Recording, every: int | None, times: Sequence[float] | None) -> list[int]:
     """Frames to export, in the order of time: those nearest to `times` [s], or every so many since the last start.
 
     Raises:
-        ExportError: both are given, `every` is not positive, or the run was killed before its first frame was written.
-        RecordingError: a time was not recorded.
+        ExportError: Both are given, `every` is not positive, or the run was killed before its first frame was written.
+        RecordingError: A time was not recorded.
     """
     if recording.frame_count == 0:
         raise ExportError(f"{recording.path}: has no frame; the run ended before the first one was written")
@@ -64,10 +58,3 @@ def chosen_frames(recording: Recording, every: int | None, times: Sequence[float
     if every is not None and every < 1:
         raise ExportError(f"--every {every}: must be 1 or more; 10 takes each tenth recorded frame")
     return list(range(recording.last_start, recording.frame_count, every or 1))
-
-
-def _make_folder(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise ExportError(f"{folder}: cannot be made: {error.strerror or error}") from error

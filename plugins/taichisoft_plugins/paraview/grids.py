@@ -1,57 +1,74 @@
-"""What ParaView gets of a frame: soft bodies, cavities, surfaces of the other bodies, and contacts.
+"""Grids of a frame for ParaView: soft bodies, cavities, surfaces of the other bodies, and contacts.
 
 `body` numbers the bodies in the order of the scene: soft bodies, rigid bodies, obstacles. Units are mm, mm/s, kPa, mm^3
-and mN. What a recording leaves out (`--fields`) is left out here, too; positions are needed.
+and mN.
 """
 
-import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 
 import numpy as np
 
+from taichisoft.bodies.surfaces import Plane
 from taichisoft_plugins.paraview.soft_bodies import SoftBodyGrid
-from taichisoft_plugins.paraview.surfaces import SurfaceGrid
-from taichisoft_plugins.paraview.vtu_file import VERTEX, Grid
-from taichisoft_plugins.recording.reader import RecordedPlane, RecordedSurface, Recording
+from taichisoft_plugins.paraview.vtu_file import TRIANGLE, VERTEX, Grid
+from taichisoft_plugins.recording.reader import RecordedSurface, Recording
 
 PLANE_SIZE = 2.0
 """Half the side of the square that stands for a plane, as a multiple of the largest extent of the bodies."""
 
 
 def grid_makers(recording: Recording) -> dict[str, Callable[[int], Grid]]:
-    """What makes the grid of a frame, by the name of the grid; only of those that the scene has something for.
-
-    Raises:
-        RecordingError: the recording has no positions, or an older version wrote it.
-    """
+    """The functions that make the grids of a frame, by the names of the grids; only those that show something."""
+    scene = recording.scene
     makers: dict[str, Callable[[int], Grid]] = {}
     if recording.soft_bodies:
         makers["soft_bodies"] = SoftBodyGrid(recording)
     cavities = [surface for surface in recording.surfaces if surface.kind == "cavity"]
     if cavities:
-        makers["cavities"] = SurfaceGrid(cavities, "cavity", recording.cavities, _cavity_values(recording))
+        values = {name: partial(recording.row, name) for name in ("pressure", "volume")}
+        makers["cavities"] = SurfaceGrid(cavities, "cavity", recording.cavities, values)
     others = [surface for surface in recording.surfaces if surface.kind in ("rigid", "obstacle")]
     others += [_square(plane, recording) for plane in recording.planes]
     if others:
-        makers["rigid_bodies"] = SurfaceGrid(others, "body", body_names(recording))
-    if recording.has("contact_offset"):
-        makers["contacts"] = lambda frame: _contact_grid(*recording.contacts(frame))
+        names = [*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles]
+        makers["rigid_bodies"] = SurfaceGrid(others, "body", names, {})
+    makers["contacts"] = lambda frame: _contact_grid(*recording.contacts(frame))
     return makers
 
 
-def body_names(recording: Recording) -> list[str]:
-    """Names of all bodies of the scene, in the order of their numbers."""
-    scene = tomllib.loads(recording.scene)
-    return [name for kind in ("soft_bodies", "rigid_bodies", "obstacles") for name in scene.get(kind, {})]
+class SurfaceGrid:
+    """Makes one grid of triangles of several surfaces in any frame."""
 
+    def __init__(
+        self,
+        surfaces: Sequence[RecordedSurface],
+        number_name: str,
+        numbered: Sequence[str],
+        values: Mapping[str, Callable[[int], np.ndarray]],
+    ):
+        """Put together the triangles.
 
-def _cavity_values(recording: Recording) -> dict[str, Callable[[int], np.ndarray]]:
-    """Pressures [kPa] and volumes [mm^3] of all cavities in a frame, as far as they were recorded."""
+        Args:
+            surfaces: The surfaces of which the grid is made.
+            number_name: Name of the cell data that tell to which surface a triangle belongs.
+            numbered: Names of surfaces; the place of a name in this list is its number.
+            values: Further cell data by name; each function gives a value for every entry of `numbered` in a frame.
+        """
+        self._surfaces = surfaces
+        numbers = np.array([numbered.index(surface.name) for surface in surfaces], dtype=np.int32)
+        self._number_name = number_name
+        self._numbers = np.repeat(numbers, [len(surface.triangles) for surface in surfaces])
+        self._values = values
 
-    def of_frame(name: str) -> Callable[[int], np.ndarray]:
-        return lambda frame: recording.row(name, frame)
-
-    return {name: of_frame(name) for name in ("pressure", "volume") if recording.has(name)}
+    def __call__(self, frame: int) -> Grid:
+        """The grid of a frame."""
+        vertices = [surface.vertices(frame) for surface in self._surfaces]
+        first = np.cumsum([0, *map(len, vertices)])
+        cells = [surface.triangles + start for surface, start in zip(self._surfaces, first, strict=False)]
+        values = {name: value(frame)[self._numbers] for name, value in self._values.items()}
+        cell_data = {self._number_name: self._numbers, **values}
+        return Grid(np.vstack(vertices), np.vstack(cells), TRIANGLE, cell_data=cell_data)
 
 
 def _contact_grid(points: np.ndarray, forces: np.ndarray) -> Grid:
@@ -59,7 +76,7 @@ def _contact_grid(points: np.ndarray, forces: np.ndarray) -> Grid:
     return Grid(points, np.arange(len(points))[:, None], VERTEX, point_data={"force": forces})
 
 
-def _square(plane: RecordedPlane, recording: Recording) -> RecordedSurface:
+def _square(plane: Plane, recording: Recording) -> RecordedSurface:
     """A piece of an infinite plane, large enough to be seen below everything; its front is that of the plane."""
     everything = np.vstack([surface.vertices(0) for surface in recording.surfaces] or [plane.point[None]])
     middle, extent = everything.mean(axis=0), np.ptp(everything, axis=0).max()

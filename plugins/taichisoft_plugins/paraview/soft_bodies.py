@@ -1,41 +1,25 @@
-"""The soft bodies of a frame as one grid of tetrahedra: where they are and what they bear."""
+"""The soft bodies of a frame as one grid of tetrahedra, with their motion, stress and material."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from taichisoft_plugins.paraview.vtu_file import TETRAHEDRON, Grid
 from taichisoft_plugins.recording.reader import Recording
-from taichisoft_plugins.stress import StressLaw, von_mises
+from taichisoft_plugins.stress import stress_laws, von_mises
 
-# Rows and columns of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz.
 ROWS, COLUMNS = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]
+"""Rows and columns of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz."""
 
 
 class SoftBodyGrid:
-    """Makes the grid of any frame."""
+    """Makes the grid of all soft bodies in any frame."""
 
     def __init__(self, recording: Recording):
-        """Put together what does not change during a run.
-
-        Raises:
-            RecordingError: the recording has no positions, or an older version wrote it.
-        """
-        recording.row("position", 0)  # better said now than after other files were written
+        """Put together what does not change during a run."""
         self._recording = recording
         self._bodies = recording.soft_bodies
-        tables = tomllib.loads(recording.scene)["soft_bodies"]
-        self._laws = [
-            StressLaw(
-                body.rest_position,
-                body.elements,
-                body.young_modulus,
-                body.poisson_ratio,
-                polar=tables[body.name]["corotation"] == "polar",
-            )
-            for body in self._bodies
-        ]
+        self._laws = stress_laws(recording)
         self._rest_position = np.vstack([body.rest_position for body in self._bodies])
         self._cells = np.vstack([body.elements + body.nodes.start for body in self._bodies])
         # Soft bodies are the first of all bodies, so that their places are their numbers.
@@ -55,21 +39,20 @@ class SoftBodyGrid:
     def __call__(self, frame: int) -> Grid:
         """The grid of a frame."""
         position = self._recording.row("position", frame)
-        moving = {"displacement": position - self._rest_position}
-        if self._recording.has("velocity"):
-            moving["velocity"] = self._recording.row("velocity", frame)
+        velocity = self._recording.row("velocity", frame)
+        moving = {"displacement": position - self._rest_position, "velocity": velocity}
         stress = self._stress(position)
-        bearing = {"stress": stress[:, ROWS, COLUMNS], "von_mises": von_mises(stress)}
-        return Grid(position, self._cells, TETRAHEDRON, moving | self._point_data, bearing | self._cell_data)
+        stresses = {"stress": stress[:, ROWS, COLUMNS], "von_mises": von_mises(stress)}
+        return Grid(position, self._cells, TETRAHEDRON, moving | self._point_data, stresses | self._cell_data)
 
     def _stress(self, position: np.ndarray) -> np.ndarray:
-        """Of all elements [kPa], shape (element_count, 3, 3)."""
+        """Stress of all elements [kPa], shape (element_count, 3, 3)."""
         positions = [position[body.nodes] for body in self._bodies]
         return np.concatenate([law.stress(nodes) for law, nodes in zip(self._laws, positions, strict=True)])
 
 
 def _members(prefix: str, counts: Sequence[int], groups: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:
-    """Whether each item of all bodies belongs to a group, by "prefix_group"; groups have indices within a body."""
+    """Whether each item of all bodies belongs to a group, by "prefix_group"; `groups` has indices within each body."""
     names = dict.fromkeys(name for of_body in groups for name in of_body)
     members = {f"{prefix}_{name}": np.zeros(sum(counts), dtype=bool) for name in names}
     for first, of_body in zip(np.cumsum([0, *counts]), groups, strict=False):

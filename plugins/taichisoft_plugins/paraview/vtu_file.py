@@ -29,12 +29,11 @@ class Grid:
     """Points and cells of one type with data on them.
 
     Attributes:
-        points: shape (point_count, 3).
-        cells: point indices, shape (cell_count, points_per_cell).
-        cell_type: VTK's number of it.
-        point_data: arrays by name, each (point_count,) or (point_count, components).
-        cell_data: arrays by name, each (cell_count,) or (cell_count, components).
-        field_data: arrays by name that belong to the whole grid.
+        points: Positions, shape (point_count, 3).
+        cells: Point indices, shape (cell_count, points_per_cell).
+        cell_type: VTK's number of the type of the cells.
+        point_data: Arrays by name, each (point_count,) or (point_count, components).
+        cell_data: Arrays by name, each (cell_count,) or (cell_count, components).
     """
 
     points: np.ndarray
@@ -42,14 +41,13 @@ class Grid:
     cell_type: int
     point_data: Mapping[str, np.ndarray] = field(default_factory=dict)
     cell_data: Mapping[str, np.ndarray] = field(default_factory=dict)
-    field_data: Mapping[str, np.ndarray] = field(default_factory=dict)
 
 
 def write_vtu(path: Path, grid: Grid) -> None:
-    """Write a grid; real numbers on points and cells get single precision, all others keep their type.
+    """Write a grid; real numbers get single precision, all others keep their type. The file's folder is made.
 
     Raises:
-        TaichisoftError: the file cannot be written.
+        TaichisoftError: The file cannot be written.
     """
     appended = _AppendedArrays()
     offsets = grid.cells.shape[1] * np.arange(1, len(grid.cells) + 1, dtype=np.int64)
@@ -60,7 +58,6 @@ def write_vtu(path: Path, grid: Grid) -> None:
         '<VTKFile type="UnstructuredGrid" version="1.0" byte_order="LittleEndian" header_type="UInt64" '
         'compressor="vtkZLibDataCompressor">',
         "<UnstructuredGrid>",
-        *appended.section("FieldData", grid.field_data),
         f'<Piece NumberOfPoints="{len(grid.points)}" NumberOfCells="{len(grid.cells)}">',
         *appended.section("PointData", grid.point_data),
         *appended.section("CellData", grid.cell_data),
@@ -71,6 +68,7 @@ def write_vtu(path: Path, grid: Grid) -> None:
         '<AppendedData encoding="raw">',
     ]
     with atomic_file(path) as partial:
+        path.parent.mkdir(parents=True, exist_ok=True)
         partial.write_bytes(
             "\n".join(lines).encode() + b"\n_" + appended.content() + b"\n</AppendedData>\n</VTKFile>\n"
         )
@@ -80,7 +78,7 @@ def write_pvd(path: Path, files: Sequence[tuple[float, Path]]) -> None:
     """Write the list that ParaView opens: times [s] and files, which are named relative to the list's folder.
 
     Raises:
-        TaichisoftError: the file cannot be written.
+        TaichisoftError: The file cannot be written.
     """
     lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">']
     lines.append("<Collection>")
@@ -89,6 +87,7 @@ def write_pvd(path: Path, files: Sequence[tuple[float, Path]]) -> None:
         lines.append(f'<DataSet timestep="{time:.12g}" part="0" file={name}/>')
     lines += ["</Collection>", "</VTKFile>", ""]
     with atomic_file(path) as partial:
+        path.parent.mkdir(parents=True, exist_ok=True)
         partial.write_text("\n".join(lines), encoding="utf-8")
 
 
@@ -101,23 +100,19 @@ class _AppendedArrays:
 
     def section(self, tag: str, arrays: Mapping[str, np.ndarray]) -> list[str]:
         """The element `tag` with its arrays."""
-        of_grid = tag == "FieldData"
-        return [f"<{tag}>", *(self._element(name, values, of_grid) for name, values in arrays.items()), f"</{tag}>"]
+        return [f"<{tag}>", *(self._element(name, values) for name, values in arrays.items()), f"</{tag}>"]
 
     def content(self) -> bytes:
         """All arrays, packed."""
         return b"".join(self._packed)
 
-    def _element(self, name: str, values: np.ndarray, of_grid: bool) -> str:
-        """Those of a whole grid say how many entries they have, which is not known otherwise."""
+    def _element(self, name: str, values: np.ndarray) -> str:
         if values.dtype.kind == "b":
             values = values.astype(np.uint8)
-        elif values.dtype.kind == "f" and not of_grid:
+        elif values.dtype.kind == "f":
             values = values.astype(np.float32)
         type_name = {"f": "Float", "i": "Int", "u": "UInt"}[values.dtype.kind] + str(8 * values.dtype.itemsize)
         attributes = [f'type="{type_name}"', f"Name={quoteattr(name)}"]
-        if of_grid:
-            attributes.append(f'NumberOfTuples="{len(values)}"')
         if values.ndim == 2:
             components = enumerate(COMPONENTS[values.shape[1]])
             attributes.append(f'NumberOfComponents="{values.shape[1]}"')
@@ -130,7 +125,7 @@ class _AppendedArrays:
 
 
 def _packed(content: bytes) -> bytes:
-    """Number of blocks, their size, size of the last one if it is smaller, compressed sizes; then the blocks."""
+    """Number of blocks, block size, size of a smaller last block or 0, compressed sizes; then the blocks."""
     blocks = [zlib.compress(content[start : start + BLOCK_BYTES], 1) for start in range(0, len(content), BLOCK_BYTES)]
     header = [len(blocks), BLOCK_BYTES, len(content) % BLOCK_BYTES, *map(len, blocks)]
     return np.array(header, dtype="<u8").tobytes() + b"".join(blocks)

@@ -16,7 +16,7 @@ def plot(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the picture  \\[default: RUN's]")
     ] = None,
-    format: Annotated[str, typer.Option(help=f"Of the picture: {' or '.join(FORMATS)}.")] = "png",
+    format: Annotated[str, typer.Option(help=f"Format of the picture: {' or '.join(FORMATS)}.")] = "png",
     only: Annotated[
         str | None, typer.Option(metavar="NAMES", help=f"Panels, separated by commas: {', '.join(PANELS)}.")
     ] = None,
@@ -27,13 +27,10 @@ def plot(
         raise PlotError(f"--only names no panel; there are: {', '.join(PANELS)}")
     with read_recording(run) as recording:
         plots = draw_plots(recording, format, names)
-    for name, why in plots.left_out.items():
-        typer.echo(f"no plot of {name}: {why}")
+    for name in plots.left_out:
+        typer.echo(f"no plot of {name}: nothing of the kind in this run")
     path = (output or run.parent) / f"plots.{format}"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise PlotError(f"{path.parent}: cannot be made: {error.strerror or error}") from error
     with atomic_file(path, PlotError) as partial:
+        path.parent.mkdir(parents=True, exist_ok=True)
         partial.write_bytes(plots.picture)
     typer.echo(path)

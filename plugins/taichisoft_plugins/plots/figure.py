@@ -1,31 +1,73 @@
-"""Drawing the panels of a run as small multiples in one picture."""
+"""Panels of curves, drawn as small multiples in one picture."""
 
 import io
 from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-
-from taichisoft_plugins.plots.curve import Curve, Panel, pieces
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
-"""Of the bodies, in turn: the colours of Okabe and Ito, which the colour-blind tell apart."""
-
+"""Colours of the bodies, in turn: those of Okabe and Ito, which the colour-blind tell apart."""
 NEUTRAL = "#404040"
 LINE_STYLES = ("-", "--", ":", "-.")
-"""Of curves of the same colour in one panel, in turn."""
+"""Styles of the curves of one colour in a panel, in turn."""
 
 COLUMNS = 2
 PANEL_SIZE = (5.6, 2.9)  # inches
 LEGEND_CHARACTERS = 76
-"""So much text stands beside each other above a panel."""
+"""Most characters that stand beside each other above a panel."""
 
 EARLIER_START = 0.3
 """Opacity of what happened before the run was started anew."""
+
+
+@dataclass(frozen=True)
+class Curve:
+    """A line.
+
+    Attributes:
+        label: Name of the line in the legend.
+        body: Name of the body whose colour it has; "" for a line of no body.
+        x, y: Points, each of shape (count,); NaN leaves a gap.
+        time: Time of each point [s]; where it goes back, the run was started anew.
+    """
+
+    label: str
+    body: str
+    x: np.ndarray
+    y: np.ndarray
+    time: np.ndarray
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Axes with curves.
+
+    Attributes:
+        x_axis, y_axis: Names of the axes, with units.
+        curves: The lines.
+        equal_scales: Whether both axes have the same scale, as paths need it.
+        logarithmic: Whether the vertical axis is logarithmic.
+        level: Height and label of a horizontal line; None for no such line.
+    """
+
+    x_axis: str
+    y_axis: str
+    curves: list[Curve]
+    equal_scales: bool = False
+    logarithmic: bool = False
+    level: tuple[float, str] | None = None
+
+
+def pieces(time: np.ndarray) -> list[tuple[int, int]]:
+    """First and last+1 index of each part in which the time does not go back."""
+    return list(pairwise([0, *(np.flatnonzero(np.diff(time) < 0.0) + 1).tolist(), len(time)]))
 
 
 def draw_figure(panels: Sequence[Panel], bodies: Sequence[str]) -> "Figure":
@@ -59,7 +101,7 @@ def figure_bytes(figure: "Figure", format: str) -> bytes:
 
 
 def _style() -> Any:
-    """Text of SVG as text and fixed identities: small files that change only with the figures."""
+    """Settings that leave text of SVG as text and fix its identities: small files that change only with the figures."""
     return {"svg.fonttype": "none", "svg.hashsalt": "taichisoft", "font.size": 9.0, "axes.axisbelow": True}
 
 
@@ -91,7 +133,7 @@ def _draw_panel(axes: "Axes", panel: Panel, colours: dict[str, str]) -> None:
 
 
 def _draw_curve(axes: "Axes", curve: Curve, label: str, marked: bool, **look: Any) -> None:
-    """Start by start, so that no line runs back; a path has a dot where its last start was."""
+    """Draw each start by itself, so that no line runs back; a path has a dot where its last start was."""
     parts = pieces(curve.time)
     for start, end in parts:
         last = end == len(curve.time)
@@ -104,7 +146,7 @@ def _draw_curve(axes: "Axes", curve: Curve, label: str, marked: bool, **look: An
 
 
 def _make_logarithmic(axes: "Axes") -> None:
-    """With ticks at 1, 2, 5, 10 and so on, as plain numbers: the range is often less than a factor of ten."""
+    """Put ticks at 1, 2, 5, 10 and so on, as plain numbers: the range is often less than a factor of ten."""
     from matplotlib.ticker import FormatStrFormatter, LogLocator, NullLocator
 
     axes.set_yscale("log")
@@ -114,7 +156,7 @@ def _make_logarithmic(axes: "Axes") -> None:
 
 
 def _add_legend(axes: "Axes") -> None:
-    """Above the axes, where it hides nothing."""
+    """Put the legend above the axes, where it hides nothing."""
     handles, labels = axes.get_legend_handles_labels()
     if labels:
         columns = max(1, min(len(labels), LEGEND_CHARACTERS // (max(map(len, labels)) + 6)))
@@ -133,7 +175,7 @@ def _add_legend(axes: "Axes") -> None:
 
 
 def _without_doubles(curves: Sequence[Curve]) -> list[tuple[Curve, list[str]]]:
-    """Curves that are equal are drawn once, with all their labels: of lines on each other only one is seen."""
+    """The different curves, each with the labels of all that are equal to it: only one of them would be seen."""
     groups: list[tuple[Curve, list[str]]] = []
     for curve in curves:
         for first, labels in groups:

@@ -5,7 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
-from taichisoft_plugins.plots.curve import Curve, Panel, pieces
+from taichisoft_plugins.plots.figure import Curve, Panel, pieces
 from taichisoft_plugins.plots.fingertips import TipMotion, tip_motion
 from taichisoft_plugins.recording.reader import Recording
 
@@ -16,19 +16,19 @@ class RunCurves:
     """Makes the panels of a recording."""
 
     def __init__(self, recording: Recording):
-        """Nothing is read yet."""
+        """Prepare; tips are read when they are asked for."""
         self.recording = recording
         self.times = recording.times
 
     @cached_property
     def tips(self) -> TipMotion:
-        """Several panels share them."""
+        """Motion of the tips, which several panels share."""
         return tip_motion(self.recording)
 
     @cached_property
     def sideways(self) -> tuple[tuple[str, np.ndarray], tuple[str, np.ndarray]]:
         """Names and directions of two horizontal axes."""
-        up = self.recording.up
+        up = self.recording.scene.up
         if np.isclose(np.abs(up).max(), 1.0):
             vertical = int(np.argmax(np.abs(up)))
             first, second = ((vertical + 1) % 3, (vertical + 2) % 3)
@@ -46,26 +46,26 @@ class RunCurves:
 
 
 def pressure(run: RunCurves) -> Panel:
-    """Of the cavities."""
+    """Pressures of the cavities."""
     values = run.recording.column("pressure")
     return run.over_time("pressure [kPa]", values, run.recording.cavities, _bodies(run.recording.cavities))
 
 
 def volume(run: RunCurves) -> Panel:
-    """Of the cavities."""
+    """Volumes of the cavities."""
     values = 1e-3 * run.recording.column("volume")
     return run.over_time("volume [cm³]", values, run.recording.cavities, _bodies(run.recording.cavities))
 
 
 def bending(run: RunCurves) -> Panel:
-    """By how much the tips have turned against the base."""
+    """Angles by which the tips have turned against the base."""
     time, angles = run.times[run.tips.frames], np.degrees(run.tips.bending_angles)
     curves = [Curve(name, name, time, angles[:, finger], time) for finger, name in enumerate(run.tips.names)]
     return Panel(TIME_AXIS, "bending angle [degrees]", curves)
 
 
 def height(run: RunCurves) -> Panel:
-    """How far objects and base have risen since the start."""
+    """Heights of objects and base over those at the start."""
     names = _objects(run.recording)
     rises = [_since_start(run, run.recording.column("rigid_position")[:, body]) for body in range(len(names))]
     base = _since_start(run, run.recording.column("base_translation"))
@@ -75,7 +75,7 @@ def height(run: RunCurves) -> Panel:
 
 
 def slip(run: RunCurves) -> Panel:
-    """How far objects stay behind the base since the moment before it moves, as in metrics.json."""
+    """Heights by which objects stay behind the base since the moment before it moves, as in metrics.json."""
     base, names = run.recording.column("base_translation"), _objects(run.recording)
     behind = np.full((len(run.times), len(names)), np.nan)
     for start, end in pieces(run.times):
@@ -84,14 +84,14 @@ def slip(run: RunCurves) -> Panel:
             before = start + max(int(np.argmax(moved)) - 1, 0)
             for body in range(len(names)):
                 motion = base[before:end] - run.recording.column("rigid_position")[before:end, body]
-                behind[before:end, body] = (motion - motion[0]) @ run.recording.up
+                behind[before:end, body] = (motion - motion[0]) @ run.recording.scene.up
     return run.over_time("slip against the base [mm]", behind, names, names)
 
 
 def tips_side(run: RunCurves) -> Panel:
     """Paths of the tips seen from the side."""
     (name, direction), _ = run.sideways
-    return _paths(run, name, direction, "height", run.recording.up)
+    return _paths(run, name, direction, "height", run.recording.scene.up)
 
 
 def tips_above(run: RunCurves) -> Panel:
@@ -101,17 +101,17 @@ def tips_above(run: RunCurves) -> Panel:
 
 
 def normal_force(run: RunCurves) -> Panel:
-    """Between bodies that ever touched."""
+    """Normal forces between bodies that ever touched."""
     return _forces(run, "normal force [mN]", "normal_force")
 
 
 def friction_force(run: RunCurves) -> Panel:
-    """Between bodies that ever touched."""
+    """Friction forces between bodies that ever touched."""
     return _forces(run, "friction force [mN]", "friction_force")
 
 
 def step_time(run: RunCurves) -> Panel:
-    """What each step took to compute, beside what it simulated."""
+    """Time that each step took to compute, beside the time that it simulated."""
     values = 1e3 * np.where(run.recording.column("step_time") > 0.0, run.recording.column("step_time"), np.nan)
     every = run.recording.every
     label = "each step" if every == 1 else f"mean of {every} steps"
@@ -132,7 +132,7 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "slip": slip,
     "step-time": step_time,
 }
-"""What makes each panel; it raises RecordingError where the recording lacks what it needs."""
+"""The functions that make the panels, by name."""
 
 
 def _bodies(cavities: Sequence[str]) -> list[str]:
@@ -142,20 +142,20 @@ def _bodies(cavities: Sequence[str]) -> list[str]:
 
 def _objects(recording: Recording) -> list[str]:
     """Names of the rigid bodies."""
-    return [surface.name for surface in recording.surfaces if surface.kind == "rigid"]
+    return list(recording.scene.rigid_bodies)
 
 
 def _since_start(run: RunCurves, position: np.ndarray) -> np.ndarray:
     """Height (frame_count,) above that at the last start; positions of shape (frame_count, 3)."""
-    level = position @ run.recording.up
+    level = position @ run.recording.scene.up
     return np.concatenate([level[start:end] - level[start] for start, end in pieces(run.times)])
 
 
 def _forces(run: RunCurves, y_axis: str, column: str) -> Panel:
     values = run.recording.column(column)
     touching = [index for index in range(len(run.recording.pairs)) if values[:, index].any()]
-    names = [run.recording.pairs[index] for index in touching]
-    return run.over_time(y_axis, values[:, touching], names, [name.split("|")[0] for name in names])
+    pairs = [run.recording.pairs[index] for index in touching]
+    return run.over_time(y_axis, values[:, touching], ["|".join(pair) for pair in pairs], [first for first, _ in pairs])
 
 
 def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis: np.ndarray) -> Panel:

@@ -1,28 +1,83 @@
-"""What of a recording does not change during a run: the header and the bodies."""
+"""The part of a recording that does not change during a run, written and read: header, bodies, surfaces."""
 
 import json
 import platform
+from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 import taichisoft
+from taichisoft.bodies.surfaces import BodySurface, Plane, Surface, soft_surface
+from taichisoft.meshes.surface import MappedSurface
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft_plugins.recording.layout import LAYOUT
 
 if TYPE_CHECKING:
     from taichisoft.bodies.soft_body import SoftBody
-    from taichisoft.meshes.surface import MappedSurface
     from taichisoft.model import Model
 
 
 PACKAGES = ("taichi", "numpy", "scipy", "h5py")
 
 
-def write_header(file: Any, model: "Model", every: int, fields: tuple[str, ...]) -> None:
-    """Write the file's attributes; until the run has ended its outcome is "unfinished"."""
+@dataclass(frozen=True)
+class RecordedSurface(Surface):
+    """A surface in the frames of a recording.
+
+    Attributes:
+        vertices: Gives the positions of the vertices [mm], shape (vertex_count, 3), in a frame.
+        mapping: The map from all soft nodes to the vertices; None for surfaces that keep their shape.
+    """
+
+    vertices: Callable[[int], np.ndarray]
+    mapping: MappedSurface | None = None
+
+
+@dataclass(frozen=True)
+class RecordedSoftBody:
+    """A soft body; node indices count within it.
+
+    Attributes:
+        name: Name of the body.
+        nodes: Where its nodes stand in `row("position", frame)` and the other arrays of all nodes.
+        rest_position: Placed nodes [mm], shape (node_count, 3).
+        elements: Node indices of each element, shape (element_count, nodes_per_element).
+        young_modulus: Young's modulus of each element [kPa], shape (element_count,).
+        poisson_ratio: Poisson's ratio of each element, shape (element_count,).
+        element_groups: Element indices by the group names of the mesh.
+        surface_groups: Triangles (count, 3) of node indices by the group names of the mesh.
+        mesh_nodes: Nodes as they were in the mesh, before they were placed [mm], shape (node_count, 3).
+    """
+
+    name: str
+    nodes: slice
+    rest_position: np.ndarray
+    elements: np.ndarray
+    young_modulus: np.ndarray
+    poisson_ratio: np.ndarray
+    element_groups: dict[str, np.ndarray]
+    surface_groups: dict[str, np.ndarray]
+    mesh_nodes: np.ndarray
+
+    def mesh(self, source: str) -> VolumeMesh:
+        """The mesh that the body was made of; errors about it begin with `source`."""
+        return VolumeMesh(source, self.mesh_nodes, self.elements, self.surface_groups, self.element_groups)
+
+
+def write_constants(file: Any, model: "Model", every: int, cavities: list[str], pairs: list[str]) -> None:
+    """Write everything but frames; until the run has ended its outcome is "unfinished".
+
+    Args:
+        file: The open HDF5 file.
+        model: The model of the run.
+        every: Steps from frame to frame.
+        cavities, pairs: Names of the columns of quantities by cavity and by pair of bodies.
+    """
     import h5py
 
     attributes = file.attrs
@@ -31,23 +86,12 @@ def write_header(file: Any, model: "Model", every: int, fields: tuple[str, ...])
     attributes["layout"] = LAYOUT
     attributes["scene"] = scene_to_toml(model.scene)
     attributes["every"] = every
-    attributes.create("fields", list(fields), (len(fields),), h5py.string_dtype())
     attributes["gravity"] = np.array(model.scene.gravity, dtype=np.float64)
+    attributes["base_pivot"] = model.base_pivot
     attributes["step_size"] = float(model.scene.time.step)
     attributes["outcome"] = "unfinished"
-
-
-def _versions() -> dict[str, str]:
-    """Of what computes the run, and the machine that it does so on."""
-    versions = {"taichisoft": taichisoft.__version__, "Python": platform.python_version()}
-    for package in PACKAGES:
-        with suppress(PackageNotFoundError):
-            versions[package] = version(package)
-    return {**versions, "machine": f"{platform.system()} {platform.machine()}"}
-
-
-def write_bodies(file: Any, model: "Model") -> None:
-    """Write meshes, materials and surfaces."""
+    for name, columns in (("cavities", cavities), ("pairs", pairs)):
+        file.require_group("steps").attrs.create(name, columns, (len(columns),), h5py.string_dtype())
     for index, body in enumerate(model.soft_bodies):
         _write_soft_body(file.create_group(f"soft_bodies/{index}"), body)
     for index, rigid in enumerate(model.rigid_bodies):
@@ -63,13 +107,53 @@ def write_bodies(file: Any, model: "Model") -> None:
             group["vertices"], group["triangles"] = obstacle.vertices, obstacle.triangles
 
 
-def write_columns(file: Any, cavities: list[str], pairs: list[str]) -> None:
-    """Write what the columns of quantities by cavity and by pair of bodies are called."""
-    import h5py
+def read_soft_bodies(file: Any) -> list[RecordedSoftBody]:
+    """The soft bodies in the order of the scene."""
+    return [
+        RecordedSoftBody(
+            name=group.attrs["name"],
+            nodes=_nodes(group),
+            rest_position=group["rest_position"][:],
+            elements=group["elements"][:],
+            young_modulus=group["young_modulus"][:],
+            poisson_ratio=group["poisson_ratio"][:],
+            element_groups={name: members[:] for name, members in group["element_groups"].items()},
+            surface_groups={name: members[:] for name, members in group["surface_groups"].items()},
+            mesh_nodes=group["mesh_nodes"][:],
+        )
+        for group in _numbered(file, "soft_bodies")
+    ]
 
-    attributes = file.require_group("steps").attrs
-    attributes.create("cavities", cavities, (len(cavities),), h5py.string_dtype())
-    attributes.create("pairs", pairs, (len(pairs),), h5py.string_dtype())
+
+def read_surfaces(file: Any) -> Iterator[BodySurface]:
+    """The surfaces in the order of `taichisoft.bodies.surfaces.body_surfaces`."""
+    for group in _numbered(file, "soft_bodies"):
+        yield soft_surface(group.attrs["name"], "soft", _read_surface(group["surface"]), _nodes(group))
+        for cavity in _numbered(group, "cavities"):
+            yield soft_surface(cavity.attrs["name"], "cavity", _read_surface(cavity), _nodes(group))
+    for index, group in enumerate(_numbered(file, "rigid_bodies")):
+        yield BodySurface(group.attrs["name"], "rigid", group["triangles"][:], group["vertices"][:], index)
+    for group in _numbered(file, "obstacles"):
+        if "vertices" in group:
+            yield BodySurface(group.attrs["name"], "obstacle", group["triangles"][:], group["vertices"][:])
+
+
+def read_planes(file: Any) -> list[Plane]:
+    """The infinite obstacles."""
+    return [
+        Plane(group.attrs["name"], group.attrs["point"], group.attrs["normal"])
+        for group in _numbered(file, "obstacles")
+        if "point" in group.attrs
+    ]
+
+
+def _versions() -> dict[str, str]:
+    """Versions of the programs that compute the run, and the kind of machine."""
+    versions = {"taichisoft": taichisoft.__version__, "Python": platform.python_version()}
+    for package in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[package] = version(package)
+    return {**versions, "machine": f"{platform.system()} {platform.machine()}"}
 
 
 def _write_soft_body(group: Any, body: "SoftBody") -> None:
@@ -96,5 +180,18 @@ def _engineering_constants(lame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return second * (3.0 * first + 2.0 * second) / (first + second), 0.5 * first / (first + second)
 
 
-def _write_surface(group: Any, surface: "MappedSurface") -> None:
+def _write_surface(group: Any, surface: MappedSurface) -> None:
     group["nodes"], group["weights"], group["triangles"] = surface.nodes, surface.weights, surface.triangles
+
+
+def _read_surface(group: Any) -> MappedSurface:
+    return MappedSurface(group["nodes"][:], group["weights"][:], group["triangles"][:])
+
+
+def _nodes(group: Any) -> slice:
+    return slice(*map(int, group.attrs["nodes"]))
+
+
+def _numbered(file: Any, name: str) -> list[Any]:
+    """The groups "0", "1", ... of a group, in this order; HDF5 lists them as words ("10" before "2")."""
+    return [file[name][key] for key in sorted(file[name], key=int)] if name in file else []

@@ -1,4 +1,4 @@
-"""Outputs that are made of the recording at the end: whether it will be there is known before the first step."""
+"""Outputs that need the recording at the end know before the first step whether the run writes one."""
 
 from pathlib import Path
 
@@ -14,22 +14,19 @@ class NeededRecording:
     """The recording of a run, for an output that reads it at the end.
 
     Attributes:
-        path: of the file.
-
-    Args:
-        folder: of the run.
+        path: Place of the file.
     """
 
     def __init__(self, folder: Path):
-        """Made with the output, before any output has begun: a recording that is there now is of another run."""
+        """Look into the folder of a run before any output has begun: a recording that is there now is an older one."""
         self.path = Path(folder) / FILE_NAME
         self._before = self._stamp()
 
     def require(self, output: str) -> None:
-        """See that it is being written; to be called when the output begins.
+        """See that the recording is being written; to be called when the output begins.
 
         Raises:
-            RecordingNeeded: no output has begun it.
+            RecordingNeeded: No output has begun to write it.
         """
         if self._stamp() in (None, self._before):
             raise RecordingNeeded(f"output '{output}' needs the output 'recording' before it: recording,{output}")

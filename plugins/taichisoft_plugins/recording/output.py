@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from taichisoft.session.output import Output
-from taichisoft_plugins.recording.bodies import write_bodies, write_columns, write_header
+from taichisoft_plugins.recording.bodies import write_constants
 from taichisoft_plugins.recording.file import RecordingFile
-from taichisoft_plugins.recording.layout import FIELDS, FILE_NAME, RecordingError, parse_fields
+from taichisoft_plugins.recording.layout import FILE_NAME, RecordingError
 from taichisoft_plugins.recording.rows import Frame, RowMaker, SolverFigures
 
 if TYPE_CHECKING:
@@ -16,31 +16,29 @@ if TYPE_CHECKING:
     from taichisoft.step.report import StepReport
 
 BUFFERED_FRAMES = 100
-"""Frames kept in memory between two writes: what a killed run loses at most ..."""
+"""Most frames that are kept in memory between two writes, which a killed run loses."""
 LONGEST_BUFFERED = 2.0
-"""... and the time [s] after which they are written anyway, so that a slow run loses less and can be watched."""
+"""Time [s] after which frames are written in any case, so that a slow run loses less and can be watched."""
 
 
 class RecordingOutput(Output):
-    """Writes `recording.h5` into the run's folder; `layout` says what is in it."""
+    """Writes `recording.h5` into the folder of a run."""
 
-    def __init__(self, folder: Path, every: int = 1, fields: str | None = None, compress: bool = False):
-        """Prepare.
+    def __init__(self, folder: Path, every: int = 1, compress: bool = False):
+        """Prepare a recording.
 
         Args:
-            folder: the run's.
-            every: steps between two frames; the last step before the run ends or starts anew is always one.
-            fields: keys of `layout.FIELDS`, separated by commas; all when it is not given.
-            compress: pack what has a number for every node: a quarter smaller, at thirty times the time.
+            folder: Folder of the run.
+            every: Steps from frame to frame; the last step before the run ends or starts anew is a frame in any case.
+            compress: Pack what has a number for every node: a quarter smaller, at thirty times the time.
 
         Raises:
-            RecordingError: `every` is less than 1, or there is no such field.
+            RecordingError: `every` is less than 1.
         """
         if every < 1:
             raise RecordingError(f"--every {every}: must be at least 1, the number of steps from frame to frame")
         self.path = Path(folder) / FILE_NAME
         self._every, self._compress = every, compress
-        self.fields = tuple(FIELDS) if fields is None else parse_fields(fields)
         self._file: RecordingFile | None = None
         self._frames: list[Frame] = []
         self._skipped: Frame | None = None
@@ -50,20 +48,19 @@ class RecordingOutput(Output):
         """Write scene and bodies; the state before the first step becomes frame 0.
 
         Raises:
-            RecordingError: the file cannot be written.
+            RecordingError: The file cannot be written.
         """
         self._model = model
-        self._rows = RowMaker(model, self.fields)
+        self._rows = RowMaker(model)
         self._keep(Frame(state, None, self._solver))
-        rows, contacts = self._rows.rows(self._frames, 0), self._rows.contacts(self._frames)
-        self._file = RecordingFile(self.path, self._describe, rows, contacts, self._compress)
+        self._file = RecordingFile(self.path, self._describe, self._rows.rows(self._frames, 0), self._compress)
         self._write()
 
     def record(self, state: "State", report: "StepReport") -> None:
         """Keep the step if it is to be a frame, and write when enough are kept.
 
         Raises:
-            RecordingError: the file cannot be written.
+            RecordingError: The file cannot be written.
         """
         self._solver.add(report)
         frame = Frame(state, report, self._solver)
@@ -83,7 +80,7 @@ class RecordingOutput(Output):
         """Write what is still in memory and how the run ended; the file is closed whatever happens.
 
         Raises:
-            RecordingError: the file cannot be written.
+            RecordingError: The file cannot be written.
         """
         if self._file is None:
             return
@@ -99,7 +96,7 @@ class RecordingOutput(Output):
         self._skipped, self._solver = None, SolverFigures()
 
     def _keep_skipped(self) -> None:
-        """The last step counts, whatever its number."""
+        """Keep the last step, whatever its number."""
         if self._skipped is not None:
             self._keep(self._skipped)
 
@@ -109,13 +106,13 @@ class RecordingOutput(Output):
         return (written + len(self._frames)) % BUFFERED_FRAMES == 0
 
     def _describe(self, root: Any) -> None:
-        write_header(root, self._model, self._every, self.fields)
-        write_bodies(root, self._model)
-        write_columns(root, self._rows.cavities, self._rows.pairs)
+        write_constants(
+            root, self._model, self._every, self._rows.cavities, ["|".join(pair) for pair in self._rows.pairs]
+        )
 
     def _write(self) -> None:
         """Add the frames that are kept to the file."""
         frames, self._frames = self._frames, []
         self._written_at = time.monotonic()
         if self._file is not None and frames:
-            self._file.append(self._rows.rows(frames, self._file.contact_count), self._rows.contacts(frames))
+            self._file.append(self._rows.rows(frames, self._file.contact_count))

@@ -1,52 +1,45 @@
 """Reading a recording: what was simulated, and what was in every frame."""
 
 import json
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
+from taichisoft.bodies.surfaces import BodySurface
+from taichisoft.control.observation import Pair
+from taichisoft.meshes.surface import MappedSurface
+from taichisoft.scenes.file import scene_from_toml
+from taichisoft.scenes.scene import Scene
 from taichisoft.state import State
-from taichisoft_plugins.recording.layout import (
-    CONTACT_QUANTITIES,
-    FIELDS,
-    LAYOUT,
-    OPENED,
-    STEP_QUANTITIES,
-    RecordingError,
-)
-from taichisoft_plugins.recording.recorded_bodies import (
-    RecordedPlane,
-    RecordedRigidBody,
+from taichisoft_plugins.recording.bodies import (
     RecordedSoftBody,
     RecordedSurface,
-    numbered,
-    read_rigid_body,
-    read_soft_body,
+    read_planes,
+    read_soft_bodies,
+    read_surfaces,
 )
-from taichisoft_plugins.recording.recorded_surfaces import read_planes, read_surfaces
-
-__all__ = ["RecordedPlane", "RecordedRigidBody", "RecordedSoftBody", "RecordedSurface", "Recording", "read_recording"]
+from taichisoft_plugins.recording.layout import LAYOUT, OPENED, QUANTITIES, RecordingError
 
 
 class Recording:
     """An open recording; steps are read when they are asked for.
 
     Attributes:
-        path: the file.
-        scene: the resolved scene as TOML text.
-        versions: of taichisoft and what it computed with, by name.
-        outcome: how the run ended; "unfinished" while it runs and when it was killed.
-        step_size: [s].
-        every: steps from frame to frame.
-        fields: what was recorded, see `layout.FIELDS`.
-        gravity: [mm/s^2], shape (3,).
-        frame_count: frames that were written whole; frame 0 is the state before the first step.
-        cavities: names of the columns of `column("pressure")` and `column("volume")`.
-        pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
-        surfaces: everything with triangles.
-        planes: the infinite obstacles.
+        path: The file.
+        scene_text: The resolved scene as TOML.
+        versions: Versions of taichisoft and of what it computed with, by name.
+        outcome: How the run ended; "unfinished" while it runs and when it was killed.
+        step_size: Time step [s].
+        every: Steps from frame to frame.
+        frame_count: Frames that were written whole; frame 0 is the state before the first step.
+        cavities: Names of the columns of `column("pressure")` and `column("volume")`.
+        pairs: Names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
+        base_pivot: The point about which the base turns [mm], shape (3,).
+        surfaces: Everything with triangles: soft bodies with their cavities, rigid bodies, obstacles.
+        planes: The infinite obstacles.
     """
 
     def __init__(self, path: Path, file: Any):
@@ -54,17 +47,16 @@ class Recording:
         self._file = file
         self._steps = file["steps"]
         attributes = file.attrs
-        self.scene: str = attributes["scene"]
-        self.versions: dict[str, str] = json.loads(attributes.get("versions", "{}"))
+        self.scene_text: str = attributes["scene"]
+        self.versions: dict[str, str] = json.loads(attributes["versions"])
         self.outcome: str = attributes["outcome"]
         self.step_size = float(attributes["step_size"])
-        self.every = int(attributes.get("every", 1))
-        self.fields: tuple[str, ...] = tuple(attributes.get("fields", FIELDS))
-        self.gravity: np.ndarray = attributes["gravity"]
-        self.frame_count = self._count_frames()
+        self.every = int(attributes["every"])
+        self.frame_count = int(file["frames"][0])
         self.cavities: list[str] = list(self._steps.attrs["cavities"])
-        self.pairs: list[str] = list(self._steps.attrs["pairs"])
-        self.surfaces = tuple(read_surfaces(file, self.row))
+        self.pairs: list[Pair] = [tuple(pair.split("|")) for pair in self._steps.attrs["pairs"]]
+        self.base_pivot: np.ndarray = attributes["base_pivot"]
+        self.surfaces = tuple(map(self.follow, read_surfaces(file)))
         self.planes = tuple(read_planes(file))
 
     def __enter__(self) -> Self:
@@ -77,96 +69,74 @@ class Recording:
         """Close the file, as the end of a `with` statement does."""
         self._file.close()
 
+    @cached_property
+    def scene(self) -> Scene:
+        """The resolved scene.
+
+        Raises:
+            SceneError: This version does not understand it; the message begins with the path.
+        """
+        return scene_from_toml(self.scene_text, str(self.path))
+
+    @cached_property
+    def soft_bodies(self) -> tuple[RecordedSoftBody, ...]:
+        """Meshes and materials."""
+        return tuple(read_soft_bodies(self._file))
+
     @property
     def times(self) -> np.ndarray:
         """Time of every frame [s], shape (frame_count,)."""
         return self.column("time")
 
     @property
-    def up(self) -> np.ndarray:
-        """Unit vector against gravity, shape (3,); z where there is no gravity."""
-        strength = np.linalg.norm(self.gravity)
-        return -self.gravity / strength if strength > 0 else np.array([0.0, 0.0, 1.0])
-
-    @cached_property
-    def soft_bodies(self) -> tuple[RecordedSoftBody, ...]:
-        """Meshes and materials.
-
-        Raises:
-            RecordingError: an older version wrote the file, without them.
-        """
-        try:
-            return tuple(map(read_soft_body, numbered(self._file, "soft_bodies")))
-        except KeyError as error:
-            raise self._lacks("meshes and materials of the soft bodies", None) from error
-
-    @cached_property
-    def rigid_bodies(self) -> tuple[RecordedRigidBody, ...]:
-        """Surfaces in the body frames."""
-        return tuple(map(read_rigid_body, numbered(self._file, "rigid_bodies")))
-
-    def has(self, name: str) -> bool:
-        """Whether a quantity was recorded; `recording_layout` has names and units."""
-        return name in self._steps
+    def last_start(self) -> int:
+        """The frame with the first state of the last start: a user may have started the run anew."""
+        return int(np.max(np.flatnonzero(np.diff(self.times) < 0.0) + 1, initial=0))
 
     def column(self, name: str) -> np.ndarray:
-        """One quantity in all frames, shape (frame_count, ...).
+        """One quantity in all frames, shape (frame_count, ...); `layout.QUANTITIES` has names and units.
 
         Raises:
-            RecordingError: it was not recorded.
+            RecordingError: There is no such quantity.
         """
-        return self._dataset("steps", name)[: self.frame_count]
+        return self._quantity(name)[: self.frame_count]
 
     def row(self, name: str, frame: int) -> np.ndarray:
         """One quantity in one frame.
 
         Raises:
-            RecordingError: it was not recorded.
+            RecordingError: There is no such quantity.
         """
-        return self._dataset("steps", name)[range(self.frame_count)[frame]]
+        return self._quantity(name)[range(self.frame_count)[frame]]
 
     def contacts(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
-        """Points [mm] and forces [mN] on the second body, each of shape (contact_count, 3).
-
-        Raises:
-            RecordingError: they were not recorded.
-        """
+        """Points [mm] and forces [mN] on the second body of each contact, each of shape (contact_count, 3)."""
         return self._contact_rows("point", frame), self._contact_rows("impulse", frame) / self.step_size
 
+    def follow(self, surface: BodySurface) -> RecordedSurface:
+        """A surface of one of the bodies in the frames of this recording."""
+        mapping = surface.shape if isinstance(surface.shape, MappedSurface) else None
+
+        def vertices(frame: int) -> np.ndarray:
+            return surface.vertices(_RecordedPoses(self, frame))
+
+        return RecordedSurface(surface.name, surface.kind, surface.triangles, vertices, mapping)
+
     def state(self, frame: int) -> State:
-        """The state in a frame, bit for bit: a run that goes on from it is the one that was recorded.
-
-        Raises:
-            RecordingError: something of it was not recorded.
-        """
-        needed = {
-            quantity.field
-            for quantity in (*STEP_QUANTITIES.values(), *CONTACT_QUANTITIES.values())
-            if quantity.of_state
-        }
-        missing = [field for field in FIELDS if field in needed and field not in self.fields]
-        if missing:
-            raise RecordingError(
-                f"{self.path}: has no whole state: --fields {','.join(self.fields)} left out {', '.join(missing)}"
-            )
+        """The state in a frame, bit for bit: a run that goes on from it is the one that was recorded."""
         values: dict[str, Any] = {}
-        for name, quantity in STEP_QUANTITIES.items():
-            if quantity.of_state:
-                values[quantity.of_state] = self.row(name, frame)
-        for name, quantity in CONTACT_QUANTITIES.items():
-            values[quantity.of_state] = self._contact_rows(name, frame)
+        for path, quantity in QUANTITIES.items():
+            group, name = path.split("/")
+            if quantity.state_field:
+                read = self.row if group == "steps" else self._contact_rows
+                values[quantity.state_field] = read(name, frame)
         return State(**{**values, "time": float(values["time"]), "step": int(values["step"])})
-
-    @property
-    def last_start(self) -> int:
-        """The frame with the first state of the last start: a user may have started the run anew."""
-        return int(np.max(np.flatnonzero(np.diff(self.times) < 0.0) + 1, initial=0))
 
     def frame_at(self, time: float) -> int:
         """Index of the frame nearest to `time` [s] since the last start.
 
         Raises:
-            RecordingError: it was not recorded.
+            RecordingError: The time was not recorded.
         """
         first = self.last_start
         times = self.times[first:]
@@ -178,44 +148,46 @@ class Recording:
     def refresh(self) -> None:
         """See the frames that a run in progress has written since the file was opened, or since the last call."""
         self._file["frames"].refresh()
-        frame_count = self._count_frames()  # before the others, which may go on growing
+        frame_count = int(self._file["frames"][0])  # before the others, which may go on growing
         for dataset in (*self._steps.values(), *self._file["contacts"].values()):
             dataset.refresh()
         self.frame_count = frame_count
 
-    def _count_frames(self) -> int:
-        if "frames" in self._file:
-            return int(self._file["frames"][0])
-        # Of an older version; if it was killed, some datasets are longer than others.
-        return min(len(dataset) for dataset in self._steps.values())
-
     def _contact_rows(self, name: str, frame: int) -> np.ndarray:
         start = int(self.row("contact_offset", frame))
-        return self._dataset("contacts", name)[start : start + int(self.row("contact_count", frame))]
+        return self._file["contacts"][name][start : start + int(self.row("contact_count", frame))]
 
-    def _dataset(self, group: str, name: str) -> Any:
-        if name in self._file[group]:
-            return self._file[group][name]
-        quantities = STEP_QUANTITIES if group == "steps" else CONTACT_QUANTITIES
-        if name not in quantities:
-            raise RecordingError(f"{self.path}: {group} have no '{name}'; there are: {', '.join(self._file[group])}")
-        raise self._lacks(f"{group}/{name}", quantities[name].field)
+    def _quantity(self, name: str) -> Any:
+        if name not in self._steps:
+            raise RecordingError(f"{self.path}: steps have no '{name}'; there are: {', '.join(self._steps)}")
+        return self._steps[name]
 
-    def _lacks(self, what: str, field: str | None) -> RecordingError:
-        if field is not None and field not in self.fields:
-            why = f"--fields {','.join(self.fields)} left it out; record it with '{field}'"
-        else:
-            version = self._file.attrs["taichisoft_version"]
-            layout = self._file.attrs.get("layout", 1)
-            why = f"taichisoft {version} wrote it in layout {layout}, this version reads {LAYOUT}; run the scene again"
-        return RecordingError(f"{self.path}: has no {what}: {why}")
+
+@dataclass(frozen=True)
+class _RecordedPoses:
+    """Where nodes and bodies are in a frame; only what is asked for is read."""
+
+    recording: Recording
+    frame: int
+
+    @property
+    def position(self) -> np.ndarray:
+        return self.recording.row("position", self.frame)
+
+    @property
+    def rigid_position(self) -> np.ndarray:
+        return self.recording.row("rigid_position", self.frame)
+
+    @property
+    def rigid_rotation(self) -> np.ndarray:
+        return self.recording.row("rigid_rotation", self.frame)
 
 
 def read_recording(path: str | Path) -> Recording:
     """Open a recording; use it in a `with` statement. That of a killed or running simulation opens too.
 
     Raises:
-        RecordingError: the file is missing or is no recording.
+        RecordingError: The file is missing, is no recording, or has another layout than this version reads.
     """
     import h5py
 
@@ -227,7 +199,20 @@ def read_recording(path: str | Path) -> Recording:
     except OSError as error:
         raise RecordingError(f"{path}: not readable as HDF5: {error}") from error
     try:
+        _check_layout(path, file.attrs)
         return Recording(path, file)
+    except RecordingError:
+        file.close()
+        raise
     except (KeyError, ValueError, OSError) as error:
         file.close()
         raise RecordingError(f"{path}: not a recording of taichisoft: {error}") from error
+
+
+def _check_layout(path: Path, attributes: Any) -> None:
+    version, layout = attributes["taichisoft_version"], attributes.get("layout", "none")
+    if layout != LAYOUT:
+        raise RecordingError(
+            f"{path}: taichisoft {version} wrote it in layout {layout}, this version reads layout {LAYOUT}; run the "
+            "scene again"
+        )

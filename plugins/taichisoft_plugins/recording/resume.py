@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
+from taichisoft.bodies.surfaces import body_surfaces
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import StateError, TaichisoftError
-from taichisoft.meshes.surface import MappedSurface
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_toml
 from taichisoft.scenes.scene import Scene
@@ -25,39 +25,41 @@ def recorded_scene(recording: Recording, overrides: Sequence[str], controller: s
     """The scene of the recording, with changes as in `taichisoft run`.
 
     Raises:
-        SceneError: something is not valid; begins with the recording's path.
+        SceneError: Something is not valid; the message begins with the recording's path.
     """
     source = " with --set ".join([str(recording.path), *overrides])
-    return scene_from_toml(recording.scene, source, overrides, controller)
+    return scene_from_toml(recording.scene_text, source, overrides, controller)
 
 
 def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simulation:
-    """At the recorded state, with the recorded meshes; surfaces are read from the files that the scene names.
+    """A simulation in the recorded state, with the recorded meshes; surfaces are read from the files of the scene.
 
     Raises:
-        RecordingError: the frame lacks something.
-        ResumeError: a body is not the one that was recorded, or the time step is another.
-        TaichisoftError: the model cannot be made.
+        ResumeError: A body is not the one that was recorded, or the time step is another.
+        TaichisoftError: The model cannot be made.
     """
-    state = recording.state(frame)
-    bodies = {body.name: body for body in recording.soft_bodies}
-    _check_names("soft body", list(bodies), list(scene.soft_bodies), recording.path)
-    meshes = {name: bodies[name].mesh(f"{recording.path}: {name}") for name in scene.soft_bodies}
-    model = Model(scene, meshes)
+    path, now = recording.path, _names(scene)
+    for kind, recorded in _names(recording.scene).items():
+        if recorded != now[kind]:
+            raise ResumeError(
+                f"{path}: has {_listed(kind, recorded)}, the scene {_listed(kind, now[kind])}; a run goes on with what "
+                "it had"
+            )
+    model = Model(scene, {body.name: body.mesh(f"{path}: {body.name}") for body in recording.soft_bodies})
     _check_bodies(recording, model)
     simulation = Simulation(model)
     try:
-        simulation.restore(state)
+        simulation.restore(recording.state(frame))
     except StateError as error:
-        raise ResumeError(f"{recording.path}: {error}") from error
+        raise ResumeError(f"{path}: {error}") from error
     return simulation
 
 
 def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
-    """From a frame to the end that the scene gives a run [s].
+    """Time from a frame to the end that the scene gives a run [s].
 
     Raises:
-        ResumeError: there is none.
+        ResumeError: No time is left.
     """
     time, end = float(recording.row("time", frame)), scene.time.duration
     if end - time < 0.5 * scene.time.step:
@@ -69,42 +71,33 @@ def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
 
 
 def base_has_moved(recording: Recording, frame: int) -> bool:
-    """Whether it had since the last start: the goal of a scene is judged from the moment before."""
+    """Whether the base has moved since the last start; the goal of a scene is judged from the moment before it does."""
     base = recording.column("base_translation")
     return bool((base[recording.last_start : frame + 1] != base[recording.last_start]).any())
 
 
-def _check_bodies(recording: Recording, model: Model) -> None:
-    """Refuse what was not recorded: the state would make no sense in it."""
-    for recorded, body in zip(recording.soft_bodies, model.soft_bodies, strict=True):
-        _check_positions(recording.path, body.name, "rest positions", recorded.rest_position, body.rest_position)
-    rigid = {body.name: body for body in recording.rigid_bodies}
-    _check_names("rigid body", list(rigid), [body.name for body in model.rigid_bodies], recording.path)
-    for name, part in ((body.name, body) for body in model.rigid_bodies):
-        _check_positions(recording.path, name, "surface points", rigid[name].vertices, part.vertices)
-    surfaces = {surface.name: surface.vertices(0) for surface in recording.surfaces}
-    position = recording.row("position", 0)
-    for body in model.soft_bodies:
-        parts: list[tuple[str, MappedSurface]] = [(body.name, body.surface)]
-        parts += [(cavity.name, cavity.surface) for cavity in body.cavities]
-        for name, surface in parts:
-            now = surface.positions(position[body.nodes])
-            _check_positions(recording.path, name, "surface points", surfaces[name], now)
-    obstacles = [surface.name for surface in recording.surfaces if surface.kind == "obstacle"]
-    obstacles += [plane.name for plane in recording.planes]
-    _check_names("obstacle", sorted(obstacles), sorted(part.name for part in model.obstacles), recording.path)
-
-
-def _check_names(kind: str, recorded: list[str], present: list[str], path: Path) -> None:
-    if recorded != present:
-        raise ResumeError(
-            f"{path}: has {_listed(kind, recorded)}, the scene {_listed(kind, present)}; a run goes on with the bodies "
-            "that it had"
-        )
+def _names(scene: Scene) -> dict[str, list[str]]:
+    """Names of what a recorded state belongs to, by kind."""
+    return {
+        "soft body": list(scene.soft_bodies),
+        "cavity": [f"{name}.{cavity}" for name, body in scene.soft_bodies.items() for cavity in body.cavities],
+        "rigid body": list(scene.rigid_bodies),
+        "obstacle": list(scene.obstacles),
+    }
 
 
 def _listed(kind: str, names: list[str]) -> str:
     return f"{kind} {', '.join(names)}" if names else f"no {kind}"
+
+
+def _check_bodies(recording: Recording, model: Model) -> None:
+    """Refuse bodies that are not those recorded: the state would make no sense in them."""
+    for recorded, body in zip(recording.soft_bodies, model.soft_bodies, strict=True):
+        _check_positions(recording.path, body.name, "rest positions", recorded.rest_position, body.rest_position)
+    first = recording.state(0)
+    before = {surface.name: surface.vertices(0) for surface in recording.surfaces}
+    for surface in body_surfaces(model.soft_bodies, model.rigid_bodies, obstacles=()):
+        _check_positions(recording.path, surface.name, "surface points", before[surface.name], surface.vertices(first))
 
 
 def _check_positions(path: Path, name: str, what: str, recorded: np.ndarray, present: np.ndarray) -> None:

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from taichisoft.plugin_system.run_options import OutputsOption, SpeedOption, requested, takes_run_options
-from taichisoft_plugins.recording.layout import FILE_NAME
+from taichisoft_plugins.recording.layout import FILE_NAME, RecordingError
 from taichisoft_plugins.recording.reader import Recording, read_recording
 
 
@@ -14,15 +14,15 @@ from taichisoft_plugins.recording.reader import Recording, read_recording
 def resume(
     context: typer.Context,
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run, also of one that was killed.")],
-    at: Annotated[float | None, typer.Option(help="Moment to go on from \\[s]; the last frame otherwise.")] = None,
+    at: Annotated[float | None, typer.Option(help="Time to go on from \\[s]  \\[default: the last frame]")] = None,
     duration: Annotated[
         float | None,
-        typer.Option(help="Simulated time from there \\[s]; to the end of the scene otherwise."),
+        typer.Option(help="Simulated time from there \\[s]  \\[default: to the end of the scene]"),
     ] = None,
-    controller: Annotated[str | None, typer.Option(help="Name of a controller; the recorded one otherwise.")] = None,
+    controller: Annotated[str | None, typer.Option(help="Name of a controller  \\[default: the recorded one]")] = None,
     output: Annotated[
         Path | None,
-        typer.Option("--output", "-o", help="Folder for the results; RUN's with the time in its name otherwise."),
+        typer.Option("--output", "-o", help="Folder for the results  \\[default: RUN's, with the time in its name]"),
     ] = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="Override a value of the recorded scene (repeatable).")
@@ -44,7 +44,7 @@ def resume(
         scene = recorded_scene(recording, set_ or [], controller or asked.controller)
         folder = output or _new_folder(recording, frame)
         if (folder / FILE_NAME).resolve() == run.resolve():
-            raise typer.BadParameter(f"--output {folder}: would replace the recording; name another folder")
+            raise RecordingError(f"--output {folder}: would replace the recording; name another folder")
         if scene.goal is not None and base_has_moved(recording, frame):
             typer.echo("the goal of the scene is not judged: the base had moved before")
             scene = scene.model_copy(update={"goal": None})
@@ -59,6 +59,6 @@ def resume(
 
 
 def _new_folder(recording: Recording, frame: int) -> Path:
-    """Beside the recording's."""
+    """A folder beside the recording's, with the time in its name."""
     folder = recording.path.resolve().parent
     return folder.with_name(f"{folder.name}-from-{recording.row('time', frame):.2f}s")

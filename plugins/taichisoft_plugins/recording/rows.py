@@ -1,4 +1,4 @@
-"""The rows of a recording: one frame of the run, as it goes into the datasets."""
+"""The rows of a recording: what is written about each frame of a run."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,9 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft_plugins.recording.layout import CONTACT_QUANTITIES, STEP_QUANTITIES, recorded
+from taichisoft_plugins.recording.layout import QUANTITIES
 
 if TYPE_CHECKING:
+    from taichisoft.control.contact_summary import ContactSummary
+    from taichisoft.control.observation import Observation, Pair
     from taichisoft.model import Model
     from taichisoft.state import State
     from taichisoft.step.report import StepReport
@@ -17,13 +19,13 @@ if TYPE_CHECKING:
 
 @dataclass
 class SolverFigures:
-    """What happened in the steps since the last frame: the worst, and the time that they took.
+    """How the solver fared in all steps since the last frame.
 
     Attributes:
-        steps: how many there were.
-        iterations, residual, max_penetration: the largest, see `StepReport`.
-        converged: whether all were.
-        seconds: time of all steps together.
+        steps: Number of these steps.
+        iterations, residual, max_penetration: The largest of these steps, see `StepReport`.
+        converged: Whether all of them converged.
+        seconds: Time of all of them together [s].
     """
 
     steps: int = 0
@@ -48,9 +50,9 @@ class Frame:
     """A state and how it came about; states never change, so nothing is copied.
 
     Attributes:
-        state: at the end of the step.
-        report: of the step; None for the state before the first one.
-        solver: of the steps since the last frame.
+        state: The state at the end of the step.
+        report: The report of the step; None for the state before the first one.
+        solver: Figures of the steps since the last frame.
     """
 
     state: "State"
@@ -59,93 +61,63 @@ class Frame:
 
 
 class RowMaker:
-    """Makes rows of frames.
+    """Makes the rows of frames.
 
     Attributes:
-        cavities: names of the columns of `pressure` and `volume`.
-        pairs: names of the columns of `normal_force`, `friction_force` and `slip_speed`: all that could ever touch.
+        cavities: Names of the columns of `pressure` and `volume`.
+        pairs: Bodies of the columns of `normal_force`, `friction_force` and `slip_speed`: all that could touch.
     """
 
-    def __init__(self, model: "Model", fields: Sequence[str]):
-        """Prepare for a model; `fields` are those that are wanted."""
+    def __init__(self, model: "Model"):
         self._model = model
-        self._names = recorded(STEP_QUANTITIES, fields)
-        self._contact_names = recorded(CONTACT_QUANTITIES, fields)
-        names = [body.name for body in model.soft_bodies]
-        names += [body.name for body in model.rigid_bodies]
-        names += [obstacle.name for obstacle in model.obstacles]
-        couples = list(combinations_with_replacement(names, 2))
-        self.cavities = [cavity.name for body in model.soft_bodies for cavity in body.cavities]
-        self.pairs = ["|".join(couple) for couple in couples]
-        self._cavity_column = {name: column for column, name in enumerate(self.cavities)}
+        self.pairs = list(combinations_with_replacement(model.body_names, 2))
+        self.cavities = list(model.cavities.names)
         # A pair may come with its bodies the other way round.
-        self._pair_column = {"|".join(reversed(couple)): column for column, couple in enumerate(couples)}
-        self._pair_column |= {name: column for column, name in enumerate(self.pairs)}
+        self._pair_column = {(second, first): column for column, (first, second) in enumerate(self.pairs)}
+        self._pair_column |= {pair: column for column, pair in enumerate(self.pairs)}
 
     def rows(self, frames: Sequence[Frame], first_contact: int) -> dict[str, np.ndarray]:
-        """Of each dataset of `steps`, shape (frame_count, ...); `first_contact` is the first frame's offset."""
-        counts = np.array([len(frame.state.contact_key) for frame in frames])
-        offsets = {"contact_offset": first_contact + np.cumsum(counts) - counts, "contact_count": counts}
-        numbers = [self._numbers(frame) for frame in frames]
-        result = {}
-        for name, quantity in self._names.items():
-            if quantity.of_state:
-                result[name] = np.array([getattr(frame.state, quantity.of_state) for frame in frames])
-            elif name in offsets:
-                result[name] = offsets[name]
-            else:
-                result[name] = np.array([row[name] for row in numbers])
-        return result
+        """The rows of every dataset of `layout.QUANTITIES`, by its path.
 
-    def contacts(self, frames: Sequence[Frame]) -> dict[str, np.ndarray]:
-        """The contacts of all frames, by dataset of `contacts`, shape (contact_count, ...)."""
-        return {
-            name: np.concatenate([getattr(frame.state, quantity.of_state) for frame in frames])
-            for name, quantity in self._contact_names.items()
-        }
+        Args:
+            frames: The frames; datasets of `steps` get a row for each, shape (frame_count, ...).
+            first_contact: Number of contacts that were written before those of these frames.
+        """
+        numbers = [self._numbers(frame) for frame in frames]
+        count = np.array([len(frame.state.contact_point) for frame in frames])
+        rows = {"steps/contact_offset": first_contact + np.cumsum(count) - count, "steps/contact_count": count}
+        rows |= {path: np.array([row[path] for row in numbers]) for path in numbers[0]}
+        for path, quantity in QUANTITIES.items():
+            if quantity.state_field:
+                values = [getattr(frame.state, quantity.state_field) for frame in frames]
+                rows[path] = np.concatenate(values) if path.startswith("contacts") else np.array(values)
+        return rows
 
     def _numbers(self, frame: Frame) -> dict[str, Any]:
-        """What State does not have."""
-        normal, friction, slip = self._forces(frame)
-        solver = frame.solver
+        """The quantities that are no part of a state, by the paths of their datasets; not where its contacts stand."""
+        contacts, solver = self._contacts(frame), frame.solver
         return {
-            "pressure": self._pressures(frame),
-            "normal_force": self._by_pair(normal),
-            "friction_force": self._by_pair(friction),
-            "slip_speed": self._by_pair(slip),
-            "max_penetration": float(solver.max_penetration),
-            "iterations": int(solver.iterations),
-            "residual": float(solver.residual),
-            "converged": bool(solver.converged),
-            "step_time": solver.seconds / max(solver.steps, 1),
+            "steps/normal_force": self._by_pair(contacts.normal_forces),
+            "steps/friction_force": self._by_pair(contacts.friction_forces),
+            "steps/slip_speed": self._by_pair(contacts.slip_speeds),
+            "steps/max_penetration": float(solver.max_penetration),
+            "steps/iterations": int(solver.iterations),
+            "steps/residual": float(solver.residual),
+            "steps/converged": bool(solver.converged),
+            "steps/step_time": solver.seconds / max(solver.steps, 1),
         }
 
-    def _pressures(self, frame: Frame) -> np.ndarray:
+    def _contacts(self, frame: Frame) -> "Observation | ContactSummary":
         if frame.report is not None:
-            return _columns(frame.report.pressures, self._cavity_column)
-        if frame.state.step == 0:  # no pressure is known before the first step
-            return np.full(len(self.cavities), np.nan)
-        return frame.state.cavity_impulse / self._model.scene.time.step
+            return frame.report.observation
+        from taichisoft.control.contact_summary import summarise_contacts
 
-    def _forces(self, frame: Frame) -> tuple[Mapping[str, float], ...]:
-        report = frame.report
-        if report is not None:
-            return report.normal_forces, report.friction_forces, report.slip_speeds
-        if not len(frame.state.contact_key):
-            return {}, {}, {}
-        from taichisoft.control.contact_summary import (
-            summarise_contacts,  # a run that goes on from a state with contacts
-        )
+        # A run that goes on from a recorded state begins with contacts and without a report.
+        return summarise_contacts(self._model, frame.state)
 
-        summary = summarise_contacts(self._model, frame.state)
-        return summary.normal_forces, summary.friction_forces, summary.slip_speeds
-
-    def _by_pair(self, values: Mapping[str, float]) -> np.ndarray:
-        return _columns(values, self._pair_column, len(self.pairs))
-
-
-def _columns(values: Mapping[str, float], column: Mapping[str, int], count: int | None = None) -> np.ndarray:
-    row = np.zeros(len(column) if count is None else count)
-    for name, value in values.items():
-        row[column[name]] = value
-    return row
+    def _by_pair(self, values: "Mapping[Pair, float]") -> np.ndarray:
+        """The values in their columns; a pair without a value has 0."""
+        row = np.zeros(len(self.pairs))
+        for pair, value in values.items():
+            row[self._pair_column[pair]] = value
+        return row

@@ -8,13 +8,10 @@ import rich
 import typer
 
 from taichisoft.errors import TaichisoftError
-from taichisoft_plugins.drawing.style import COLOURINGS, VIEWS, Style
-from taichisoft_plugins.drawing.style_options import parse_point, parse_size
+from taichisoft_plugins.drawing.style import COLOURINGS, VIEWS, Style, parse_point, parse_size
 from taichisoft_plugins.recording.reader import read_recording
-from taichisoft_plugins.rendering.pictures import key_moments
-from taichisoft_plugins.rendering.progress import frame_progress
-from taichisoft_plugins.rendering.render import render_pictures
-from taichisoft_plugins.rendering.video import FPS, check_slow_motion, render_video
+from taichisoft_plugins.rendering.render import key_moments, render_pictures
+from taichisoft_plugins.rendering.video import FPS, check_slow_motion, frame_progress, render_video
 from taichisoft_plugins.rendering.video_file import check_video
 
 STYLE = Style()
@@ -22,7 +19,9 @@ STYLE = Style()
 
 def render(
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
-    output: Annotated[Path | None, typer.Option(help="Folder of the pictures  \\[default: RUN's]")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the pictures  \\[default: RUN's]")
+    ] = None,
     image: Annotated[bool, typer.Option("--image", help="Draw pictures; always without --video.")] = False,
     time: Annotated[
         list[float] | None,
@@ -45,7 +44,7 @@ def render(
         str | None,
         typer.Option(metavar="X,Y,Z", help="What it looks at from there \\[mm]  \\[default: middle of the scene]"),
     ] = None,
-    opacity: Annotated[float, typer.Option(help="Of soft bodies, up to 1.")] = STYLE.opacity,
+    opacity: Annotated[float, typer.Option(help="Opacity of soft bodies, up to 1.")] = STYLE.opacity,
     background: Annotated[str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything.")] = None,
     colour_by: Annotated[
         str, typer.Option(help=f"What the colours of soft bodies mean: {', '.join(COLOURINGS)}.")

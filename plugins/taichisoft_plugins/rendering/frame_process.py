@@ -1,52 +1,50 @@
 """A child process that draws: each of its frames arrives within a time limit, or the process is ended."""
 
 import json
-import queue
-import signal
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from tempfile import TemporaryFile
 from typing import Any, Self
 
 import numpy as np
 
+from taichisoft.child_process import how_it_ended
+
 WORKER = ("-m", "taichisoft_plugins.rendering.render_process")
-"""What Python is started with; `render_process` says what it reads and writes."""
+"""Arguments of Python for the process; `render_process` says what it reads and writes."""
 
 REFUSED = 3
 """Exit code of a process that was asked for what no second attempt could give."""
 
 POLL = 0.1
-"""Somebody who wants everything to stop waits at most so long [s]."""
+"""Longest time that somebody waits who wants everything to stop [s]."""
 
 
 class FrameProcess:
     """Reads frames from a process of its own, which cannot hang or crash the caller; use it in a `with` statement.
 
-    At most two frames are in memory. The process does not hear the terminal's Ctrl and c: who reads decides.
+    One frame is read ahead. The process does not hear the terminal's Ctrl and c: who reads decides.
 
     Attributes:
-        problem: why there was no further frame, one line; empty before.
-        refused: whether that would be the same in a new process.
+        problem: One line that says why there was no further frame; empty before.
+        refused: Whether that would be the same in a new process.
 
     Args:
-        job: of `render_process`.
-        shape: of a frame: height, width, 3.
+        job: What `render_process` reads; paths may be among its values.
+        shape: Shape of a frame: height, width, 3.
     """
 
     def __init__(self, job: dict[str, Any], shape: tuple[int, int, int]):
         self.problem = ""
         self.refused = False
         self._shape = shape
-        self._frames: queue.Queue[bytes] = queue.Queue(maxsize=1)
-        self._closed = False
         # Files instead of pipes: a process that neither reads nor is read from cannot block us.
         self._log = TemporaryFile()  # noqa: SIM115 - closed in __exit__
         with TemporaryFile() as description:
-            description.write(json.dumps(job).encode())
+            description.write(json.dumps(job, default=str).encode())
             description.seek(0)
             self._process = subprocess.Popen(
                 [sys.executable, *WORKER],
@@ -55,67 +53,53 @@ class FrameProcess:
                 stderr=self._log,
                 start_new_session=True,
             )
-        threading.Thread(target=self._read, name="frames", daemon=True).start()
+        self._reader = ThreadPoolExecutor(1)
+        self._coming = self._read_ahead()
 
     def __enter__(self) -> Self:
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._closed = True
         self._process.kill()
         self._process.wait()
+        self._reader.shutdown()
         self._log.close()
+        assert self._process.stdout is not None
+        self._process.stdout.close()
 
     def next_frame(self, time_limit: float, stop_if_asked: Callable[[], None]) -> np.ndarray | None:
         """The next frame, shape (height, width, 3), dtype uint8; None when there is none, see `problem`.
 
         Args:
-            time_limit: after which the process is taken to hang [s].
-            stop_if_asked: called while we wait; may raise.
+            time_limit: Duration after which the process is taken to hang [s].
+            stop_if_asked: Is called while we wait, and may raise.
         """
         latest = time.monotonic() + time_limit
-        while True:
+        stop_if_asked()
+        while not wait([self._coming], POLL).done:
             stop_if_asked()
-            try:
-                frame = self._frames.get(timeout=POLL)
-            except queue.Empty:
-                if time.monotonic() < latest:
-                    continue
+            if time.monotonic() >= latest:
                 self.problem = f"no answer within {time_limit:g} s"
                 return None
-            if not frame:
-                self._note_end()
-                return None
-            return np.frombuffer(frame, np.uint8).reshape(self._shape)
+        frame = self._coming.result()
+        if len(frame) < np.prod(self._shape):
+            self._note_end()
+            return None
+        self._coming = self._read_ahead()
+        return np.frombuffer(frame, np.uint8).reshape(self._shape)
 
-    def _read(self) -> None:
-        """Pass frames on, and at the end an empty one."""
-        size = int(np.prod(self._shape))
+    def _read_ahead(self) -> Future[bytes]:
+        """Begin to read the next frame; what comes is shorter when there is none."""
         assert self._process.stdout is not None
-        with self._process.stdout as frames:
-            frame = b"all"
-            while frame:
-                frame = frames.read(size)
-                self._pass_on(frame if len(frame) == size else b"")
-
-    def _pass_on(self, frame: bytes) -> None:
-        while not self._closed:
-            try:
-                return self._frames.put(frame, timeout=POLL)
-            except queue.Full:
-                continue
+        return self._reader.submit(self._process.stdout.read, int(np.prod(self._shape)))
 
     def _note_end(self) -> None:
-        """The frames have ended; the process may still be busy with that."""
+        """Note why the frames have ended; the process may still be busy with its end."""
         try:
             code = self._process.wait(timeout=10.0)
         except subprocess.TimeoutExpired:
             self.problem = "the process stopped drawing"
             return
         self._log.seek(0)
-        lines = self._log.read().decode(errors="replace").strip().splitlines()
         self.refused = code == REFUSED
-        if code < 0:
-            self.problem = f"the process was ended by {signal.Signals(-code).name}"
-        else:
-            self.problem = lines[-1] if lines else f"the process ended early, with exit code {code}"
+        self.problem = how_it_ended(code, self._log.read()) or "the process ended before its last frame"

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from taichisoft.state import State
 
 MOST_WAITING = 8
-"""Somebody who holds the key does not mean hundreds of pictures."""
+"""Number of pictures that may wait: somebody who holds the key does not mean hundreds of them."""
 
 _takers: dict[int, "PictureTaker"] = {}
 
@@ -33,7 +33,7 @@ def take_picture(session: "Session") -> None:
 
 
 def finish_pictures(session: "Session") -> None:
-    """Wait for the pictures that are not done; nothing where none was asked for."""
+    """Wait for the pictures of a session that are not done."""
     taker = _takers.pop(id(session), None)
     if taker is not None:
         taker.finish()
@@ -43,7 +43,6 @@ class PictureTaker:
     """Draws one picture after the other in a thread and child processes; what goes wrong is a warning."""
 
     def __init__(self, folder: Path):
-        """Nothing happens before the first picture."""
         self._folder = folder
         self._count = 0
         self._jobs: queue.SimpleQueue[tuple[str, Model, State] | None] = queue.SimpleQueue()
@@ -76,7 +75,7 @@ class PictureTaker:
                 warnings.warn(f"no picture {self._folder / name}.png: {error}", stacklevel=1)
 
     def _draw(self, name: str, model: "Model", state: "State") -> None:
-        """The drawing process reads recordings, so it gets one of a single frame."""
+        """Draw a state from a recording of a single frame, since the drawing process reads recordings."""
         with TemporaryDirectory(prefix="taichisoft-picture-") as folder:
             recording = RecordingOutput(Path(folder))
             recording.begin(model, state)

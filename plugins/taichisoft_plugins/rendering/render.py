@@ -4,25 +4,23 @@ import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from taichisoft.atomic_file import atomic_file
+from taichisoft.atomic_file import atomic_file, named_os_errors
 from taichisoft.errors import TaichisoftError
 from taichisoft.running.interruption import deferred_signals
-from taichisoft_plugins.doctor.system_libraries import install_line, packages_for
-from taichisoft_plugins.drawing.drawer import check_style
 from taichisoft_plugins.drawing.style import Style
-from taichisoft_plugins.recording.reader import read_recording
+from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.frame_process import FrameProcess
+from taichisoft_plugins.system_libraries import install_line, packages_for
 
 START_LIMIT = 60.0
-"""For the start of Open3D on a busy machine [s]; usually 3."""
+"""Time that Open3D has to start on a busy machine [s]; usually it takes 3."""
 LOOK_LIMIT = 0.1
-"""More for each frame of a recording [s]: all are looked at before the first is drawn."""
+"""Further time for each frame of a recording [s]: all are looked at before the first is drawn."""
 FRAME_LIMIT = 10.0
-"""For a frame of a million pixels on a busy machine [s]; usually 0.2."""
+"""Time that a frame of a million pixels may take on a busy machine [s]; usually it takes 0.2."""
 ATTEMPTS = 2
 
 
@@ -34,20 +32,20 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
     """Draw the frames nearest to the times and return the paths `folder/NAME.png`.
 
     Args:
-        recording: path of the recording.
-        times: [s] by name of the picture, since the last start.
-        folder: made when it does not exist.
-        style: how they are drawn; all seen by a camera that suits them all.
+        recording: Path of the recording.
+        times: Times since the last start [s] by the name of the picture.
+        folder: Folder of the pictures, which is made when it does not exist.
+        style: How the frames are drawn; one camera suits them all.
 
     Raises:
-        RecordingError: the recording is missing or unreadable, or ends before one of the times.
-        StyleError: the style does not fit the recording.
-        RenderError: drawing failed twice, and the message says what to install; or a picture cannot be written.
-        KeyboardInterrupt: Ctrl and c, or SIGTERM.
+        RecordingError: The recording is missing or unreadable, or ends before one of the times.
+        StyleError: The style does not fit the recording.
+        RenderError: Drawing failed twice, and the message says what to install; or a picture cannot be written.
+        KeyboardInterrupt: Somebody pressed Ctrl and c, or sent SIGTERM.
     """
     style = style or Style()
     with read_recording(recording) as opened:
-        check_style(opened, style)
+        style.check(opened.scene)
         names: dict[int, list[str]] = {}
         for name, time in times.items():
             names.setdefault(opened.frame_at(time), []).append(name)
@@ -58,10 +56,25 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
         for name in names[next(unwritten)]:
             write_png(image, folder / f"{name}.png")
 
-    make_folder(folder)
+    with named_os_errors(folder, RenderError):
+        folder.mkdir(parents=True, exist_ok=True)
     with deferred_signals() as stop_if_asked:
         draw_frames(recording, style, frames, write, stop_if_asked)
     return [folder / f"{name}.png" for name in times]
+
+
+def key_moments(recording: Recording) -> dict[str, float]:
+    """Times [s] of the pictures of a run: before, grasped (the last moment before the base rises), lifted.
+
+    Where the base does not move there are only before and after.
+    """
+    times = recording.times[recording.last_start :]
+    base = recording.column("base_translation")[recording.last_start :]
+    moved = np.any(base != base[0], axis=1)
+    if not moved.any():
+        return {"before": float(times[0]), "after": float(times[-1])}
+    grasped = max(int(np.argmax(moved)) - 1, 0)
+    return {"before": float(times[0]), "grasped": float(times[grasped]), "lifted": float(times[-1])}
 
 
 def draw_frames(
@@ -74,17 +87,17 @@ def draw_frames(
     """Draw frames one after the other; a process that hangs or crashes is replaced once, and the new one goes on.
 
     Args:
-        recording: path of the recording.
-        style: how they are drawn.
-        frames: indices without repetitions.
-        take: is given each image, shape (height, width, 3), dtype uint8.
-        stop_if_asked: called at least every tenth of a second; may raise.
+        recording: Path of the recording.
+        style: How the frames are drawn.
+        frames: Frame indices without repetitions.
+        take: Is called with each image, shape (height, width, 3), dtype uint8.
+        stop_if_asked: Is called at least every tenth of a second, and may raise.
 
     Raises:
-        RenderError: it failed again, or cannot succeed; says what to install if that could help.
+        RenderError: Drawing failed again, or cannot succeed; the message says what to install if that could help.
     """
     width, height = style.size
-    job = {"recording": str(recording), "style": _plain(style), "frames": [int(frame) for frame in frames]}
+    job = {"recording": str(recording), "style": asdict(style), "frames": [int(frame) for frame in frames]}
     start_limit = START_LIMIT + LOOK_LIMIT * len(frames)
     frame_limit = FRAME_LIMIT * max(1.0, width * height / 1e6)
     done = 0
@@ -115,26 +128,9 @@ def write_png(image: np.ndarray, path: Path) -> None:
     """Write an image, shape (height, width, 3), dtype uint8.
 
     Raises:
-        RenderError: the file cannot be written.
+        RenderError: The file cannot be written.
     """
     from PIL import Image
 
     with atomic_file(path, RenderError) as partial:
         Image.fromarray(image).save(partial, format="PNG")
-
-
-def make_folder(folder: Path) -> None:
-    """Make a folder for results, and those above it.
-
-    Raises:
-        RenderError: that is not possible.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise RenderError(f"{folder}: cannot be made: {error.strerror or error}") from error
-
-
-def _plain(style: Style) -> dict[str, Any]:
-    """As JSON has it."""
-    return {key: str(value) if isinstance(value, Path) else value for key, value in asdict(style).items()}

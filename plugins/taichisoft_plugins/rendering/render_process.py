@@ -36,8 +36,8 @@ def draw(job: dict, to: BinaryIO) -> None:
     """Write the frames of a job.
 
     Raises:
-        TaichisoftError: there is no such recording or frame, or it cannot be drawn in this style.
-        OSError: nobody reads the frames any more, or Open3D finds no way to draw.
+        TaichisoftError: There is no such recording or frame, or it cannot be drawn in this style.
+        OSError: Nobody reads the frames any more, or Open3D finds no way to draw.
         RuntimeError: Open3D failed.
     """
     style = Style(**job["style"])
@@ -52,7 +52,7 @@ def draw(job: dict, to: BinaryIO) -> None:
 
 
 def claim_standard_output() -> BinaryIO:
-    """Standard output for the frames alone: whatever else libraries print goes to standard error."""
+    """Take standard output for the frames alone: whatever else libraries print goes to standard error."""
     frames = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     return frames

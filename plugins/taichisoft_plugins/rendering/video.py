@@ -1,13 +1,15 @@
-"""Videos of a recording: which frames they show, and drawing them into a file."""
+"""Videos of a recording: which frames they show, drawing them into a file, and how far that is."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import rich
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from taichisoft.running.interruption import deferred_signals
-from taichisoft_plugins.drawing.drawer import check_style
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.render import RenderError, draw_frames
@@ -29,25 +31,25 @@ def render_video(
     A frame that is shown several times, because fewer were recorded, is drawn once.
 
     Args:
-        recording: path of the recording.
+        recording: Path of the recording.
         file: "NAME.mp4", "NAME.gif", or a folder for PNG files.
-        style: how frames are drawn.
-        fps: frames per second.
-        slow_motion: how many times slower than in reality things move [-]; below 1 they are faster.
-        on_frame: is told how many frames are written, and of how many.
+        style: How frames are drawn.
+        fps: Frames per second.
+        slow_motion: Factor by which things move slower than in reality [-]; below 1 they are faster.
+        on_frame: Is called with the number of frames that are written, and of all frames.
 
     Raises:
-        RecordingError: the recording is missing, unreadable or empty.
-        StyleError: the style does not fit the recording.
-        RenderError: the name, the rate or the slow motion is impossible; drawing failed twice, and the message says
+        RecordingError: The recording is missing, unreadable or empty.
+        StyleError: The style does not fit the recording.
+        RenderError: The name, the rate or the slow motion is impossible; drawing failed twice, and the message says
             what to install; or the file cannot be written.
-        KeyboardInterrupt: Ctrl and c, or SIGTERM.
+        KeyboardInterrupt: Somebody pressed Ctrl and c, or sent SIGTERM.
     """
     style = style or Style()
     check_video(file, fps)
     check_slow_motion(slow_motion)
     with read_recording(recording) as opened:
-        check_style(opened, style)
+        style.check(opened.scene)
         shown = video_frames(opened, fps * slow_motion)
     drawn, repetitions = np.unique(shown, return_counts=True)
     times = iter(repetitions)
@@ -56,22 +58,22 @@ def render_video(
     def write(image: np.ndarray) -> None:
         nonlocal written
         for _ in range(next(times)):
-            video.add(image)
+            add_frame(image)
             written += 1
         if on_frame is not None:
             on_frame(written, len(shown))
 
-    with deferred_signals() as stop_if_asked, open_video(file, style.size, fps) as video:
+    with deferred_signals() as stop_if_asked, open_video(file, style.size, fps) as add_frame:
         draw_frames(recording, style, drawn.tolist(), write, stop_if_asked)
         stop_if_asked()
     return written
 
 
 def check_slow_motion(factor: float) -> None:
-    """See whether things can be shown so many times slower.
+    """Check that things can be shown so many times slower.
 
     Raises:
-        RenderError: they cannot.
+        RenderError: They cannot.
     """
     if not 0.0 < factor < math.inf:
         raise RenderError(f"slow motion {factor:g}: must be positive; 4 is four times slower than in reality")
@@ -81,14 +83,14 @@ def video_frames(recording: Recording, rate: float) -> np.ndarray:
     """The recorded frames nearest to the moments that a video shows, from the last start to the very end.
 
     Args:
-        recording: open.
-        rate: moments per simulated second [1/s].
+        recording: An open recording.
+        rate: Number of moments per simulated second [1/s].
 
     Returns:
         Frame indices that never fall, shape (moment_count,).
 
     Raises:
-        RenderError: nothing was recorded.
+        RenderError: Nothing was recorded.
     """
     first = recording.last_start
     times = recording.times[first:]
@@ -102,3 +104,18 @@ def video_frames(recording: Recording, rate: float) -> np.ndarray:
     # In the middle between two it is always the earlier one, whatever rounding says: motion stays even.
     nearer_before = moments - times[after - 1] <= times[after] - moments + 1e-9
     return first + after - nearer_before
+
+
+@contextmanager
+def frame_progress(title: str) -> Iterator[Callable[[int, int], None]]:
+    """Show a bar on the terminal; the function that is yielded is an `on_frame` of `render_video`."""
+    columns = (
+        TextColumn("{task.description}", markup=False),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TextColumn("frames"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=rich.get_console()) as progress:
+        task = progress.add_task(title, total=None)
+        yield lambda done, total: progress.update(task, completed=done, total=total)

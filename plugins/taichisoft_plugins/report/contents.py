@@ -1,7 +1,6 @@
 """What a report shows: found in the folder of a run, or said to be missing."""
 
 import json
-import tomllib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,20 +16,20 @@ MOMENTS = ("before", "grasped", "lifted", "after")
 """Pictures that begin with these words come first, in this order."""
 
 CLOCK_STEP = 2.0
-"""Some file systems know the time of a file to this only [s]."""
+"""Steps in which some file systems know the time of a file [s]."""
 
 
 @dataclass(frozen=True)
-class Shown:
+class MediaFile:
     """A picture or video.
 
     Attributes:
-        path: the file.
-        earlier: it is older than this run, so it may show another one.
+        path: The file.
+        older_than_run: Whether it was there before this run, so that it may show another one.
     """
 
     path: Path
-    earlier: bool
+    older_than_run: bool
 
 
 @dataclass
@@ -38,17 +37,17 @@ class ReportContents:
     """Everything that a report shows.
 
     Attributes:
-        title: of the scene.
-        outcome: how the run ended.
-        recording: the file.
-        duration: simulated time since the last start [s].
-        restarts: how often the run was started anew.
-        pictures, videos: in the order in which they are shown.
-        metrics: what metrics.json has.
-        plots: an SVG file, or "" if there is none.
-        scene: resolved, as TOML.
-        versions: of what the run was computed with, and of what makes the report, by name.
-        missing: what the report has to do without, one sentence each.
+        title: Title of the scene.
+        outcome: How the run ended.
+        recording: File of the recording.
+        duration: Simulated time since the last start [s].
+        restarts: How often the run was started anew.
+        scene: The resolved scene as TOML.
+        versions: Versions of what computed the run, and of what makes the report, by name.
+        pictures, videos: Files in the order in which they are shown.
+        metrics: Figures of metrics.json by name.
+        plots: Content of an SVG file; empty if there is none.
+        missing: Sentences that say what the report has to do without.
     """
 
     title: str
@@ -57,11 +56,11 @@ class ReportContents:
     duration: float
     restarts: int
     scene: str
-    pictures: list[Shown] = field(default_factory=list)
-    videos: list[Shown] = field(default_factory=list)
+    versions: dict[str, str]
+    pictures: list[MediaFile] = field(default_factory=list)
+    videos: list[MediaFile] = field(default_factory=list)
     metrics: dict[str, Any] = field(default_factory=dict)
     plots: str = ""
-    versions: dict[str, str] = field(default_factory=dict)
     missing: list[str] = field(default_factory=list)
 
 
@@ -69,28 +68,27 @@ def collect(path: Path, began: float | None = None) -> ReportContents:
     """Look at a recording and what lies beside it.
 
     Args:
-        path: the recording.
-        began: when its run began [s since the epoch], to tell pictures of an earlier run in the same folder. Later that
-            cannot be told: to copy a folder changes the times of its files.
+        path: File of the recording.
+        began: Time at which its run began [s since the epoch], to tell pictures of an earlier run in the same folder.
+            Later that cannot be told: to copy a folder changes the times of its files.
 
     Raises:
-        RecordingError: there is no such recording.
+        RecordingError: There is no such recording.
     """
-    folder = path.parent
     with read_recording(path) as recording:
         times = recording.times
         contents = ReportContents(
-            title=tomllib.loads(recording.scene).get("title") or path.parent.resolve().name,
+            title=recording.scene.title or path.parent.resolve().name,
             outcome=recording.outcome,
             recording=path,
             duration=float(times[-1]) if len(times) else 0.0,
             restarts=int((times[1:] < times[:-1]).sum()),
-            scene=recording.scene,
+            scene=recording.scene_text,
             versions={**recording.versions, "report by taichisoft": taichisoft.__version__},
         )
         _add_plots(contents, recording)
-    _add_pictures(contents, folder, began)
-    _add_metrics(contents, folder)
+    _add_media(contents, began)
+    _add_metrics(contents)
     return contents
 
 
@@ -101,16 +99,17 @@ def _add_plots(contents: ReportContents, recording: Recording) -> None:
         contents.missing.append(f"There are no plots: {error}.")
         return
     contents.plots = plots.picture.decode()
-    contents.missing += [f"There is no plot of {name}: {why}." for name, why in plots.left_out.items()]
+    contents.missing += [f"There is no plot of {name}: nothing of the kind in this run." for name in plots.left_out]
 
 
-def _add_pictures(contents: ReportContents, folder: Path, began: float | None) -> None:
-    """Everything in the folder that can be looked at, but for the plots, which are drawn anew."""
+def _add_media(contents: ReportContents, began: float | None) -> None:
+    """Add all pictures and videos of the folder, except for the plots, which are drawn anew."""
     start = 0.0 if began is None else began - CLOCK_STEP
-    found = sorted(path for path in folder.iterdir() if path.is_file() and not path.name.startswith((".", "plots.")))
-    shown = [Shown(path, path.stat().st_mtime < start) for path in sorted(found, key=_rank)]
-    contents.pictures = [one for one in shown if one.path.suffix.lower() in PICTURES]
-    contents.videos = [one for one in shown if one.path.suffix.lower() in VIDEOS]
+    files = [path for path in contents.recording.parent.iterdir() if path.is_file()]
+    found = sorted((path for path in files if not path.name.startswith((".", "plots."))), key=_rank)
+    media = [MediaFile(path, path.stat().st_mtime < start) for path in found]
+    contents.pictures = [one for one in media if one.path.suffix.lower() in PICTURES]
+    contents.videos = [one for one in media if one.path.suffix.lower() in VIDEOS]
     if not contents.pictures:
         contents.missing.append(f"There are no pictures: `taichisoft render {contents.recording}` draws them.")
 
@@ -120,8 +119,8 @@ def _rank(path: Path) -> tuple[int, str]:
     return (first[0] if first else len(MOMENTS), path.name)
 
 
-def _add_metrics(contents: ReportContents, folder: Path) -> None:
-    path = folder / METRICS
+def _add_metrics(contents: ReportContents) -> None:
+    path = contents.recording.parent / METRICS
     try:
         metrics = json.loads(path.read_text(encoding="utf-8"))
         if not isinstance(metrics, dict):

@@ -31,40 +31,40 @@ class ReportOutput(Output):
         self._began: float | None = None
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Note the time: what is older in the folder is of another run.
+        """Note the time: what is older in the folder belongs to another run.
 
         Raises:
-            RecordingNeeded: this run has no recording.
+            RecordingNeeded: This run has no recording.
         """
         self._recording.require("report")
         self._began = time.time()
 
     def record(self, state: "State", report: "StepReport") -> None:
-        """The recording has it."""
+        """Do nothing: the recording has all steps."""
 
     def end(self, outcome: str) -> None:
-        """Write the page, also when the run failed; not after an interruption, where nobody wants to wait.
+        """Write the page, also when the run failed, unless it was interrupted, when nobody wants to wait.
 
         Nor is one written where there was no recording: that of an earlier run may lie there.
 
         Raises:
-            ReportError: the page cannot be written.
+            ReportError: The page cannot be written.
         """
         if self._began is not None and outcome != "interrupted":
             write_report(self._recording.path, began=self._began)
 
 
 def write_report(recording: Path, path: Path | None = None, began: float | None = None) -> Path:
-    """Write the report of a recording, beside it unless `path` is given; returns the page.
+    """Write the report of a recording, and return its path.
 
     Args:
-        recording: the file.
-        path: where the page goes.
-        began: when the run began, see `collect`.
+        recording: File of the recording.
+        path: File of the report; report.html beside the recording when it is not given.
+        began: Time at which the run began, see `collect`.
 
     Raises:
-        RecordingError: there is no such recording.
-        ReportError: the page cannot be written, or a picture not be read.
+        RecordingError: There is no such recording.
+        ReportError: The page cannot be written, or a picture cannot be read.
     """
     path = path or recording.with_name(FILE_NAME)
     contents = collect(recording, began)

@@ -9,11 +9,10 @@ from html import escape
 from pathlib import Path
 from typing import Any
 
-from taichisoft_plugins.report.contents import ReportContents, Shown
-from taichisoft_plugins.report.style import STYLE
+from taichisoft_plugins.report.contents import MediaFile, ReportContents
 
 EMBEDDED_BYTES = 20_000_000
-"""Larger pictures and videos are linked, not embedded."""
+"""Size of pictures and videos up to which they are embedded; larger ones are linked."""
 
 UNITS = {"mm": "mm", "mN": "mN", "s": "s", "ms": "ms"}
 """Units that stand at the end of a metric's name."""
@@ -21,20 +20,57 @@ UNITS = {"mm": "mm", "mN": "mN", "s": "s", "ms": "ms"}
 HEADLINES = ("object_lift_mm", "object_slip_mm", "object_creep_mm", "mean_normal_force_mN", "real_time_factor")
 """Metrics that stand large at the top."""
 
+STYLE = """
+:root { color-scheme: light; --line: #d9dde3; --faint: #5c6670; --good: #1a7f4b; --bad: #b3261e; }
+body { margin: 0; background: #f4f5f7; color: #1c2126; font: 15px/1.5 system-ui, "DejaVu Sans", sans-serif; }
+main { max-width: 1180px; margin: 0 auto; padding: 28px 24px 60px; }
+h1 { margin: 0 0 4px; font-size: 28px; }
+h2 { margin: 0 0 12px; font-size: 18px; }
+section { margin-top: 20px; padding: 18px 20px; background: #fff; border: 1px solid var(--line); border-radius: 8px; }
+.status { margin: 0 0 16px; color: var(--faint); }
+.pill { margin-right: 8px; padding: 2px 10px; border-radius: 12px; color: #fff; font-weight: 600; }
+.pill.good { background: var(--good); }
+.pill.bad { background: var(--bad); }
+em.bad { color: var(--bad); }
+.cards { display: flex; flex-wrap: wrap; gap: 12px; }
+.card { flex: 1 1 150px; padding: 10px 14px; background: #fff; border: 1px solid var(--line); border-radius: 8px; }
+.card b { font-size: 24px; }
+.card small { display: block; color: var(--faint); }
+.figures { display: grid; grid-template-columns: repeat(auto-fit, minmax(320px, 1fr)); gap: 14px; }
+figure { margin: 0; max-width: 780px; }
+figure img, figure video { display: block; width: 100%; border: 1px solid var(--line); border-radius: 6px; }
+figcaption { margin-top: 4px; color: var(--faint); text-align: center; }
+.plots svg { display: block; width: 100%; height: auto; }
+table { border-collapse: collapse; }
+th, td { padding: 3px 14px 3px 0; border-bottom: 1px solid var(--line); text-align: left; vertical-align: top; }
+th { color: var(--faint); font-weight: 400; white-space: nowrap; }
+td { font-variant-numeric: tabular-nums; }
+pre { overflow-x: auto; padding: 12px; background: #f4f5f7; border-radius: 6px; font-size: 13px; line-height: 1.35; }
+summary { cursor: pointer; }
+@media print { body { background: #fff; } section { break-inside: avoid; } }
+"""
+
 
 def report_page(contents: ReportContents, folder: Path) -> str:
-    """The page; `folder` is where it will lie, for links to what is too large to embed.
+    """The page.
+
+    Args:
+        contents: What the page shows.
+        folder: Folder in which the page will lie, for links to what is too large to embed.
 
     Raises:
-        OSError: a picture or video cannot be read.
+        OSError: A picture or video cannot be read.
     """
     parts = [
         f"<h1>{escape(contents.title)}</h1>",
         _status(contents),
         _headlines(contents.metrics),
-        _figures("Pictures", contents.pictures, folder),
-        _figures("Video", contents.videos, folder),
-        _section("Plots", _inline_svg(contents.plots)) if contents.plots else "",
+        _gallery("Pictures", contents.pictures, folder),
+        _gallery("Video", contents.videos, folder),
+        # An SVG file of its own begins with what does not belong into a page.
+        _section("Plots", f'<div class="plots">{contents.plots[contents.plots.index("<svg") :]}</div>')
+        if contents.plots
+        else "",
         _section("Metrics", _table(_rows(contents.metrics))) if contents.metrics else "",
         _section("What is not here", _list(contents.missing)) if contents.missing else "",
         _section("Scene", f"<details><summary>resolved scene</summary><pre>{escape(contents.scene)}</pre></details>"),
@@ -77,33 +113,29 @@ def _short(value: float) -> str:
     return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
 
 
-def _figures(title: str, shown: list[Shown], folder: Path) -> str:
-    if not shown:
-        return ""
-    return _section(title, f'<div class="figures">{"".join(_figure(one, folder) for one in shown)}</div>')
+def _gallery(title: str, media: list[MediaFile], folder: Path) -> str:
+    figures = "".join(_figure(one, folder) for one in media)
+    return _section(title, f'<div class="figures">{figures}</div>') if media else ""
 
 
-def _figure(shown: Shown, folder: Path) -> str:
-    path = shown.path
+def _figure(media: MediaFile, folder: Path) -> str:
+    path = media.path
     name = escape(path.stem.replace("_", " "))
-    warning = '<em class="bad"> older than this run; it may show another one</em>' if shown.earlier else ""
+    warning = '<em class="bad"> older than this run; it may show another one</em>' if media.older_than_run else ""
     size = path.stat().st_size
     if size > EMBEDDED_BYTES:
         link = escape(Path(os.path.relpath(path, folder)).as_posix())
-        body = f'<a href="{link}">{escape(path.name)}</a>, {size / 1e6:.0f} MB, is too large to be embedded'
-        return f"<figure><p>{body}</p><figcaption>{name}{warning}</figcaption></figure>"
-    kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
-    data = f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
-    if kind.startswith("video/"):
-        body = f'<video controls preload="metadata" src="{data}"></video>'
+        body = f'<p><a href="{link}">{escape(path.name)}</a>, {size / 1e6:.0f} MB, is too large to be embedded</p>'
     else:
-        body = f'<img src="{data}" alt="{name}">'
+        kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
+        data = f"data:{kind};base64,{base64.b64encode(path.read_bytes()).decode()}"
+        is_video = kind.startswith("video/")
+        body = (
+            f'<video controls preload="metadata" src="{data}"></video>'
+            if is_video
+            else f'<img src="{data}" alt="{name}">'
+        )
     return f"<figure>{body}<figcaption>{name}{warning}</figcaption></figure>"
-
-
-def _inline_svg(svg: str) -> str:
-    """Without what belongs before the root of a file of its own."""
-    return f'<div class="plots">{svg[svg.index("<svg") :]}</div>'
 
 
 def _rows(metrics: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
@@ -113,7 +145,7 @@ def _rows(metrics: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
 
 
 def _words(name: str) -> tuple[str, str]:
-    """What a metric is called, and its unit: "object_lift_mm" is the object lift in mm."""
+    """The words of a metric's name, and its unit: "object_lift_mm" is the object lift in mm."""
     words, _, last = name.rpartition("_")
     return (words.replace("_", " "), UNITS[last]) if last in UNITS and words else (name.replace("_", " "), "")
 
@@ -136,7 +168,7 @@ def _table(rows: Iterable[tuple[str, str]]) -> str:
 
 
 def _list(sentences: Iterable[str]) -> str:
-    """Commands in backquotes are set as code."""
+    """A list of sentences, in which commands in backquotes are set as code."""
     items = [re.sub(r"`([^`]*)`", r"<code>\1</code>", escape(sentence)) for sentence in sentences]
     return f"<ul>{''.join(f'<li>{item}</li>' for item in items)}</ul>"
 

@@ -1,16 +1,27 @@
 """Where a page is served: reading HOST:PORT, finding a free port, and who can reach it."""
 
+import importlib.util
 import ipaddress
 import secrets
 import socket
 from dataclasses import dataclass, replace
 
-from taichisoft_plugins.web.errors import WebError
+from taichisoft.errors import TaichisoftError
 
 HOST, PORT = "127.0.0.1", 8080
 PORTS_TRIED = 100
-"""From the usual one on, where the user named none."""
+"""Ports that are tried, from the usual one on, where the user named none."""
 VALID = "must look like 127.0.0.1:8080 or [::1]:8080, with a port from 0 to 65535 (0 takes any that is free)"
+
+
+class WebError(TaichisoftError):
+    """A web page cannot be served."""
+
+
+def require_viser() -> None:
+    """Raise WebError, which says what to install, unless viser is there."""
+    if importlib.util.find_spec("viser") is None:
+        raise WebError("a web page needs the package viser, which is not installed; run: pip install 'taichisoft[web]'")
 
 
 @dataclass(frozen=True)
@@ -18,9 +29,9 @@ class Address:
     """A place to listen at.
 
     Attributes:
-        host: name or number of a network interface of this machine.
-        port: free when it was looked for.
-        token: what somebody must enter to control a run; empty where only this machine reaches the page.
+        host: Name or number of a network interface of this machine.
+        port: A port that was free when the address was found.
+        token: What a viewer must enter to control a run; empty where only this machine reaches the page.
     """
 
     host: str
@@ -29,12 +40,12 @@ class Address:
 
     @property
     def url(self) -> str:
-        """What to open in a browser; for an address that stands for all interfaces, with the machine's name."""
+        """The page as a browser opens it; an address that stands for all interfaces gets the machine's name."""
         named = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(self.host, self.host)
         return f"http://{f'[{named}]' if ':' in named else named}:{self.port}"
 
     def at(self, port: int) -> "Address":
-        """The same with the port that was really taken."""
+        """The same address with another port."""
         return replace(self, port=port)
 
 
@@ -42,7 +53,7 @@ def find_address(text: str | None) -> Address:
     """The address of a command line; without one, a free port that only this machine reaches.
 
     Raises:
-        WebError: the text is no address, or nothing can listen there.
+        WebError: The text is no address, or nothing can listen there.
     """
     if text is None:
         for port in range(PORT, PORT + PORTS_TRIED):
@@ -67,7 +78,7 @@ def _parse(text: str) -> tuple[str, int]:
 
 
 def _problem(host: str, port: int) -> str:
-    """Why nothing can listen there; empty when it can."""
+    """The reason why nothing can listen at an address; empty when something can."""
     try:
         family, kind, protocol, _, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(family, kind, protocol) as tried:

@@ -8,13 +8,11 @@ from typing import Any
 
 from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
-from taichisoft_plugins.web.messages import Opening, Snapshot, SpeedWanted
+from taichisoft_plugins.web.messages import PageSetup, Snapshot, SpeedWanted
+from taichisoft_plugins.web.page import SPEEDS
 
-SPEEDS = (0.05, 4.0)
-"""That the slider reaches [-]."""
-
-# A slider that a viewer has just moved is not set back to what the run has not heard of yet [s].
 MOVED_BY_VIEWER = 0.5
+"""For so long [s] a slider that a viewer has moved is not set back to what the run has not heard of yet."""
 
 LABELS = {"up": "↑ up", "down": "↓ down", "left": "← left", "right": "→ right"}
 
@@ -27,18 +25,18 @@ HOTKEYS = {
     "-": "pagedown",
     **{key: key for key in ("space", "enter", "escape", "tab", "backspace")},
 }
-"""What browsers call them. They keep + and - for themselves; letters and digits are called what they are."""
+"""Names of keys in a browser, which keeps + and - for itself; letters and digits keep their names."""
 
 
 class Controls:
     """The controls of one viewer; without the token, if the page has one, only a field to enter it."""
 
-    def __init__(self, gui: Any, opening: Opening, first: Snapshot, send: Callable[[Any], None]):
-        """Put them into the viewer's own panel; `send` takes key events and speeds."""
-        self._gui, self._opening, self._send = gui, opening, send
+    def __init__(self, gui: Any, setup: PageSetup, first: Snapshot, send: Callable[[Any], None]):
+        """Put the controls into the viewer's own panel; `send` takes key events and speeds."""
+        self._gui, self._setup, self._send = gui, setup, send
         self._sliders: dict[str, tuple[Any, list[float]]] = {}
         self._speed: tuple[Any, Any] | None = None
-        if opening.token:
+        if setup.token:
             self._ask_for_token(first)
         else:
             self._add_all(first)
@@ -62,24 +60,24 @@ class Controls:
 
         @field.on_update
         async def _(event: Any) -> None:
-            if hmac.compare_digest(field.value.strip().encode(), self._opening.token.encode()):
+            if hmac.compare_digest(field.value.strip().encode(), self._setup.token.encode()):
                 folder.remove()
                 self._add_all(first)
 
     def _add_all(self, first: Snapshot) -> None:
-        opening = self._opening
+        setup = self._setup
         if first.sliders:
             with self._gui.add_folder("pressures", order=1.0):
                 for name, slider in first.sliders.items():
                     self._add_slider(name, slider)
-        if opening.controller_bindings:
+        if setup.controller_bindings:
             with self._gui.add_folder("gripper", order=2.0):
-                for keys, effect in opening.controller_bindings.items():
+                for keys, effect in setup.controller_bindings.items():
                     self._add_group(effect, [key for key in keys.split() if key != "..."])
                     self._add_hotkeys(effect, _all_keys(keys))
         with self._gui.add_folder("run", order=3.0):
             self._add_speed(first)
-            for key, effect in opening.run_bindings.items():
+            for key, effect in setup.run_bindings.items():
                 if key in HOTKEYS or key.isalnum():  # "?" is for terminals, which have no buttons
                     self._add_button(effect, key)
                     self._add_hotkeys(effect, [key])
@@ -92,11 +90,11 @@ class Controls:
             max=float(slider.highest),
             step=float(slider.step),
             initial_value=_within(slider),
-            disabled=not self._opening.sliders_move,
+            disabled=not self._setup.sliders_move,
         )
         moved = [-math.inf]
         self._sliders[name] = handle, moved
-        if not self._opening.sliders_move:
+        if not self._setup.sliders_move:
             return
 
         @handle.on_update
@@ -155,7 +153,7 @@ class Controls:
 
 
 def _all_keys(keys: str) -> list[str]:
-    """ "1 2 3 ..." stands for all further digits, too."""
+    """The keys that a text names; "1 2 3 ..." stands for all further digits, too."""
     named = keys.split()
     if named[-1] != "...":
         return named
@@ -163,5 +161,5 @@ def _all_keys(keys: str) -> list[str]:
 
 
 def _within(slider: Slider) -> float:
-    """A controller that only shows its pressure may have it anywhere."""
+    """The value of a slider within its ends: a controller that only shows its pressure may have it beyond them."""
     return float(min(max(slider.value, slider.lowest), slider.highest))

@@ -1,53 +1,68 @@
-"""The plots of a page: pressures, forces on the gripped object, and its height over time."""
+"""The plots of a page: pressures, forces on the main object, and its height over time."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from taichisoft_plugins.web.frame import Cast, Frame, grip_forces
+from taichisoft.control.observation import Pair
+from taichisoft.scenes.scene import Scene
+from taichisoft_plugins.web.frame import Frame, PageScene
 
 MOST_POINTS = 300
-"""Drawn at once; beyond that every second one goes, so that a plot reaches back to the start."""
+"""Most points that are drawn at once; beyond that every second one goes, so that a plot reaches back to the start."""
 
 LINES = ("#0077bb", "#ee7733", "#009988", "#cc3311", "#33bbee", "#ee3377", "#999933", "#555555")
 
 
-def row_of(
-    cast: Cast, pressures: Mapping[str, float], normal_forces: Mapping[str, float], rigid_position: np.ndarray
+def plotted_row(
+    scene: Scene, pressures: Sequence[float], normal_forces: "Mapping[Pair, float]", rigid_position: np.ndarray
 ) -> np.ndarray:
-    """What is plotted of a moment: pressures [kPa], forces [mN], and the height [mm] of the gripped body, in a row."""
-    height = 0.0 if cast.gripped is None else float(rigid_position[cast.gripped_index] @ cast.up)
-    return np.array([*(pressures.get(name, 0.0) for name in cast.cavities), *grip_forces(cast, normal_forces), height])
+    """The figures that are plotted at one time, in a row.
+
+    Args:
+        scene: The scene of the run.
+        pressures: Pressure of each cavity [kPa]; one that is not known counts as 0.
+        normal_forces: Normal force of each pair of bodies [mN].
+        rigid_position: Centres of mass [mm], shape (rigid_count, 3).
+
+    Returns:
+        Pressures [kPa], force of each soft body on the main object [mN], and the height of that [mm].
+    """
+    if scene.main_object is None:
+        return np.nan_to_num(np.array([*pressures, *(0.0 for _ in scene.soft_bodies), 0.0]))
+    pressed = {frozenset(pair): force for pair, force in normal_forces.items()}
+    forces = (pressed.get(frozenset((name, scene.main_object)), 0.0) for name in scene.soft_bodies)
+    height = rigid_position[list(scene.rigid_bodies).index(scene.main_object)] @ scene.up
+    return np.nan_to_num(np.array([*pressures, *forces, height]))
 
 
 class History:
     """What the plots show of the frames since the last start.
 
     Attributes:
-        times: [s], of the frames that were kept.
-        rows: of each, see `row_of`; heights over that of the first frame.
+        times: Times of the frames that are kept [s].
+        rows: Their rows of `plotted_row`, with heights over that of the first frame of all.
     """
 
-    def __init__(self, cast: Cast, first: Frame):
-        """Empty; the first frame is the one that heights are counted from."""
-        self._cast = cast
-        self._start = self._row(first)[-1]
+    def __init__(self, first: Frame):
+        """Begin without any frame; heights are counted from that in `first`."""
+        self._start = first.plotted[-1]
         self.times: list[float] = []
         self.rows: list[np.ndarray] = []
         self._last = -math.inf
         self._count, self._stride = 0, 1
 
     def add(self, frame: Frame) -> None:
-        """Take a frame; one before the last one begins anew, and the same moment again is nothing new."""
+        """Take a frame; one before the last one begins anew, and the same time again is nothing new."""
         if frame.time < self._last:
             self.times, self.rows, self._last, self._count, self._stride = [], [], -math.inf, 0, 1
         if frame.time == self._last:
             return
         self._last = frame.time
         if self._count % self._stride == 0:
-            row = self._row(frame)
+            row = frame.plotted.copy()
             row[-1] -= self._start
             self.times.append(frame.time)
             self.rows.append(row)
@@ -56,22 +71,18 @@ class History:
             self.times, self.rows = self.times[::2], self.rows[::2]
             self._stride *= 2
 
-    def _row(self, frame: Frame) -> np.ndarray:
-        return row_of(self._cast, frame.pressures, frame.normal_forces, frame.rigid_position)
-
 
 class Curves:
     """Three plots in the panel of a page; those without anything to show are left out."""
 
-    def __init__(self, gui: Any, cast: Cast):
-        """Empty ones."""
-        forces = cast.soft_bodies if cast.gripped is not None else ()
-        heights = (cast.gripped,) if cast.gripped is not None else ()
+    def __init__(self, gui: Any, content: PageScene):
+        """Add empty plots to a panel of viser."""
+        shown, soft = content.scene.main_object, tuple(content.scene.soft_bodies)
         start, self._plots = 0, []
-        groups: Iterable[tuple[str, tuple[str, ...], int]] = (
-            ("pressure [kPa]", cast.cavities, len(cast.cavities)),
-            (f"pressed on {cast.gripped} [mN]", forces, len(cast.soft_bodies)),
-            (f"{cast.gripped} lifted by [mm]", heights, 1),
+        groups: Iterable[tuple[str, Sequence[str], int]] = (
+            ("pressure [kPa]", content.cavities, len(content.cavities)),
+            (f"pressed on {shown} [mN]", soft if shown is not None else (), len(soft)),
+            (f"{shown} lifted by [mm]", (shown,) if shown is not None else (), 1),
         )
         for title, names, width in groups:
             if names:
@@ -80,13 +91,13 @@ class Curves:
             start += width
 
     def show(self, times: np.ndarray, rows: np.ndarray) -> None:
-        """Draw rows of `row_of`, shape (count, columns), over times [s], shape (count,)."""
+        """Draw rows of `plotted_row`, shape (count, columns), over times [s], shape (count,)."""
         if len(times) > 1:
             for columns, plot in self._plots:
                 plot.data = (times, *rows.T[columns])
 
 
-def _add_plot(gui: Any, title: str, names: tuple[str, ...]) -> Any:
+def _add_plot(gui: Any, title: str, names: Sequence[str]) -> Any:
     from viser import uplot
 
     lines = [

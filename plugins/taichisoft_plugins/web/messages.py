@@ -1,34 +1,34 @@
 """What a run and the process of its page tell each other, one pickled object after the other through pipes."""
 
 import pickle
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import IO, Any
 
 import numpy as np
 
+from taichisoft.bodies.surfaces import BodySurface
 from taichisoft.control.controller import Slider
-from taichisoft_plugins.web.live_bodies import LiveBodies
+from taichisoft_plugins.web.frame import PageScene
 
 
 @dataclass(frozen=True)
 class Snapshot:
-    """A run between two steps; from the run to its page.
+    """A run between two steps; sent by the run. The arrays of poses are those of `State`.
 
     Attributes:
-        time: [s].
-        position: soft nodes [mm], shape (node_count, 3).
-        rigid_position: centres of mass [mm], shape (rigid_count, 3).
-        rigid_rotation: unit quaternions (w, x, y, z), shape (rigid_count, 4).
-        contact_points: [mm], shape (contact_count, 3).
-        contact_forces: on the second bodies [mN], shape (contact_count, 3).
-        pressures: [kPa] by cavity.
-        normal_forces: [mN] by pair of bodies.
-        sliders: by name.
-        paused: whether the run waits.
-        speed: simulated over wall-clock time that is wanted; None for as fast as it goes.
-        real_time_factor: the same as it is; NaN where that is not known.
-        status: what the controller says of itself.
+        time: Time of the run [s].
+        position: Soft nodes [mm], shape (node_count, 3).
+        rigid_position: Centres of mass [mm], shape (rigid_count, 3).
+        rigid_rotation: Unit quaternions (w, x, y, z), shape (rigid_count, 4).
+        contact_points: Points of contact [mm], shape (contact_count, 3).
+        contact_forces: Forces on the second bodies [mN], shape (contact_count, 3).
+        plotted: A row of `curves.plotted_row`.
+        sliders: Sliders of the page by name.
+        paused: Whether the run waits.
+        speed: Simulated over wall-clock time that is wanted; None for as fast as it goes.
+        real_time_factor: Simulated over wall-clock time that is reached; NaN where it is not known.
+        status: What the controller says of itself.
     """
 
     time: float
@@ -37,8 +37,7 @@ class Snapshot:
     rigid_rotation: np.ndarray
     contact_points: np.ndarray
     contact_forces: np.ndarray
-    pressures: Mapping[str, float]
-    normal_forces: Mapping[str, float]
+    plotted: np.ndarray
     sliders: Mapping[str, Slider]
     paused: bool
     speed: float | None
@@ -47,23 +46,25 @@ class Snapshot:
 
 
 @dataclass(frozen=True)
-class Opening:
-    """All that a page begins with; the first message to it.
+class PageSetup:
+    """All that a page begins with; the first message that the run sends.
 
     Attributes:
-        host, port: where it listens.
-        token: what a viewer must enter to control the run; empty where all may.
-        bodies: what is drawn.
-        first: the state before the first step.
-        run_bindings: what keys of the run itself do.
-        controller_bindings: what keys of the controller do; empty where it heeds none at the moment.
-        sliders_move: whether sliders may be moved; otherwise they only show.
+        host, port: Where the page listens.
+        token: What a viewer must enter to control the run; empty where all viewers may.
+        content: What stays the same on the page.
+        surfaces: The surfaces of `content`, which know where they are in a snapshot.
+        first: The state before the first step.
+        run_bindings: What keys of the run itself do.
+        controller_bindings: What keys of the controller do; empty where it heeds none.
+        sliders_move: Whether viewers may move the sliders.
     """
 
     host: str
     port: int
     token: str
-    bodies: LiveBodies
+    content: PageScene
+    surfaces: Sequence[BodySurface]
     first: Snapshot
     run_bindings: Mapping[str, str]
     controller_bindings: Mapping[str, str]
@@ -71,11 +72,11 @@ class Opening:
 
 
 @dataclass(frozen=True)
-class Farewell:
-    """The run has ended; the last message to a page.
+class RunEnded:
+    """The run has ended; the last message that it sends.
 
     Attributes:
-        outcome: as outputs are told.
+        outcome: How it ended, as outputs are told.
     """
 
     outcome: str
@@ -83,10 +84,10 @@ class Farewell:
 
 @dataclass(frozen=True)
 class Ready:
-    """The page is served; the first message from it.
+    """The page is served; the first message that its process sends.
 
     Attributes:
-        port: it listens there.
+        port: Port at which the page listens.
     """
 
     port: int
@@ -94,10 +95,10 @@ class Ready:
 
 @dataclass(frozen=True)
 class SpeedWanted:
-    """A viewer wants the run to go faster or slower; from the page, which else only sends `KeyEvent`.
+    """A viewer wants the run to go faster or slower; the page sends nothing else but `KeyEvent`.
 
     Attributes:
-        speed: simulated over wall-clock time; None for as fast as it goes.
+        speed: Simulated over wall-clock time; None for as fast as it goes.
     """
 
     speed: float | None
@@ -107,7 +108,7 @@ def send(stream: IO[bytes], message: Any) -> None:
     """Write a message; waits for a reader who is slow.
 
     Raises:
-        OSError: nobody reads any more.
+        OSError: Nobody reads any more.
     """
     pickle.dump(message, stream, protocol=pickle.HIGHEST_PROTOCOL)
     stream.flush()
@@ -117,7 +118,7 @@ def receive(stream: IO[bytes]) -> Any:
     """Wait for the next message.
 
     Raises:
-        EOFError: there will be none.
+        EOFError: There will be no further message.
     """
     try:
         return pickle.load(stream)

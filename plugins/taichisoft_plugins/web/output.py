@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichisoft.session.output import Output
-from taichisoft_plugins.web.address import find_address
-from taichisoft_plugins.web.errors import require_viser
+from taichisoft_plugins.web.address import find_address, require_viser
 
 if TYPE_CHECKING:
     from taichisoft.session.session import Session
@@ -21,7 +20,7 @@ class WebOutput(Output):
     What viewers do becomes keys of the run.
 
     Attributes:
-        url: address of the page, once it is served.
+        url: Address of the page, once it is served.
     """
 
     gives_keys = True
@@ -30,11 +29,11 @@ class WebOutput(Output):
         """Find a place for the page.
 
         Args:
-            folder: of the run; nothing is written there.
+            folder: Folder of the run; nothing is written there.
             address: "HOST:PORT"; 127.0.0.1 and a free port from 8080 on where it is not given.
 
         Raises:
-            WebError: viser is not installed, or nothing can listen at the address.
+            WebError: Viser is not installed, or nothing can listen at the address.
         """
         require_viser()
         self._address = find_address(address)
@@ -42,10 +41,10 @@ class WebOutput(Output):
         self.url = ""
 
     def follow(self, session: "Session") -> None:
-        """Serve the page, which needs the whole session, and print where.
+        """Serve the page, and print where.
 
         Raises:
-            WebError: it cannot be served.
+            WebError: The page cannot be served.
         """
         from taichisoft_plugins.web.page_link import PageLink
 
@@ -59,7 +58,7 @@ class WebOutput(Output):
             print(f"to control the run, enter this token on the page: {self._address.token}", flush=True)
 
     def record(self, state: "State", report: "StepReport") -> None:
-        """A step is done: the page will look at it when it has time, unless there is a newer one by then."""
+        """Leave the step for the page, which looks at the newest one when it has time."""
         if self._link is not None:
             self._link.newest = state, report
 

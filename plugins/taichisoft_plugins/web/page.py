@@ -1,11 +1,14 @@
-"""A page that shows frames, whichever they come from."""
+"""A page that shows frames, be they of a run or of a recording."""
 
 from typing import Any
 
+from taichisoft_plugins.web.address import WebError
 from taichisoft_plugins.web.curves import Curves
-from taichisoft_plugins.web.errors import WebError
-from taichisoft_plugins.web.frame import Cast, Frame
+from taichisoft_plugins.web.frame import Frame, PageScene
 from taichisoft_plugins.web.scene_view import SceneView
+
+SPEEDS = (0.05, 4.0)
+"""Lowest and highest speed of a slider, simulated over wall-clock time."""
 
 # A browser moves its camera by letters and arrows that steer the gripper here. Its handler sits behind those of the
 # hotkeys, so that a key which goes no further than they do turns the gripper and not the picture.
@@ -19,33 +22,33 @@ class Page:
     """A server with the scene, a line of text and the plots.
 
     Attributes:
-        server: of viser, for whoever adds controls.
-        port: it listens there.
-        view: the scene.
-        curves: the plots.
+        server: Server of viser, to which controls can be added.
+        port: Port at which it listens.
+        view: The scene.
+        curves: The plots.
     """
 
-    def __init__(self, host: str, port: int, cast: Cast, first: Frame):
-        """Serve; the address must be one that `find_address` gave.
+    def __init__(self, host: str, port: int, content: PageScene, first: Frame):
+        """Serve at an address that `find_address` gave.
 
         Raises:
-            WebError: the port was taken in the meantime.
+            WebError: The port was taken in the meantime.
         """
         self.server = make_server(host, port)
         self.port = self.server.get_port()
         if port and self.port != port:
             self.server.stop()
             raise WebError(f"port {port} of {host} is taken")
-        self.view = SceneView(self.server, cast, first)
+        self.view = SceneView(self.server, content, first)
         gui = self.server.gui
-        gui.set_panel_label(cast.title or "taichisoft")
+        gui.set_panel_label(content.scene.title or "taichisoft")
         gui.main_panel.dock_right()
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         self._text = gui.add_markdown("", order=0.0)
         with gui.add_folder("plots", order=100.0):
-            self.curves = Curves(gui, cast)
+            self.curves = Curves(gui, content)
 
-    def say(self, text: str) -> None:
+    def set_status(self, text: str) -> None:
         """Put a line of Markdown above everything."""
         self._text.content = text
 
@@ -55,9 +58,9 @@ def make_server(host: str, port: int) -> Any:
     import viser
 
     class Server(viser.ViserServer):
-        """Any viewer may ask viser for a tunnel through which the whole internet reaches the page."""
+        """A server without viser's tunnel: any viewer could open it, and the whole internet would reach the page."""
 
         def request_share_url(self, verbose: bool = True) -> None:
-            """There is none."""
+            """Refuse: there is no tunnel."""
 
     return Server(host=host, port=port, verbose=False)

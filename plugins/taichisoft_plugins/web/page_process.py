@@ -14,16 +14,15 @@ import numpy as np
 from taichisoft_plugins.web.controls import Controls
 from taichisoft_plugins.web.curves import History
 from taichisoft_plugins.web.frame import Frame
-from taichisoft_plugins.web.live_bodies import LiveBodies
-from taichisoft_plugins.web.messages import Farewell, Opening, Ready, Snapshot, receive, send
+from taichisoft_plugins.web.messages import PageSetup, Ready, RunEnded, Snapshot, receive, send
 from taichisoft_plugins.web.page import KEEP_KEYS_FROM_CAMERA, Page
 
 FRAMES_PER_SECOND = 30.0
-"""At most."""
+"""Most frames that are drawn in a second."""
 SECONDS_BETWEEN_TEXTS = 0.2
 SECONDS_BETWEEN_CURVES = 0.25
 SECONDS_TO_DELIVER = 0.5
-"""For the last words, before the page closes."""
+"""Time between the last line of text and the end of the page, in which viewers receive it."""
 
 
 class Inbox:
@@ -33,7 +32,7 @@ class Inbox:
         self._stream = stream
         self._arrived = threading.Event()
         self.newest: Snapshot | None = None
-        self.farewell: Farewell | None = None
+        self.end: RunEnded | None = None
         threading.Thread(target=self._read, name="inbox", daemon=True).start()
 
     def wait(self) -> None:
@@ -42,15 +41,15 @@ class Inbox:
         self._arrived.clear()
 
     def _read(self) -> None:
-        while self.farewell is None:
+        while self.end is None:
             try:
                 message = receive(self._stream)
             except (EOFError, OSError):
-                message = Farewell("its process is gone")
+                message = RunEnded("its process is gone")
             if isinstance(message, Snapshot):
                 self.newest = message
             else:
-                self.farewell = message
+                self.end = message
             self._arrived.set()
 
 
@@ -73,15 +72,15 @@ class Outbox:
 class LivePage:
     """The page of a run, with controls for every viewer who may have them."""
 
-    def __init__(self, opening: Opening, outbox: Outbox):
-        self._opening = opening
+    def __init__(self, setup: PageSetup, outbox: Outbox):
+        self._setup = setup
         self._outbox = outbox
         self._controls: dict[int, Controls] = {}
-        self._snapshot = opening.first
+        self._snapshot = setup.first
         self._last_text = self._last_curves = 0.0
-        first = frame_of(opening.bodies, opening.first)
-        self._history = History(opening.bodies.cast, first)
-        self.page = Page(opening.host, opening.port, opening.bodies.cast, first)
+        first = frame_of(setup, setup.first)
+        self._history = History(first)
+        self.page = Page(setup.host, setup.port, setup.content, first)
         self.page.server.gui.add_html(KEEP_KEYS_FROM_CAMERA)
         self.page.server.on_client_connect(self._arrived)
         self.page.server.on_client_disconnect(self._left)
@@ -89,20 +88,20 @@ class LivePage:
     def show(self, snapshot: Snapshot) -> None:
         """Draw a snapshot for all viewers."""
         self._snapshot = snapshot
-        frame = frame_of(self._opening.bodies, snapshot)
+        frame = frame_of(self._setup, snapshot)
         self.page.view.show(frame)
         self._history.add(frame)
         if time.monotonic() - self._last_curves >= SECONDS_BETWEEN_CURVES:
             self._show_curves()
         if time.monotonic() - self._last_text >= SECONDS_BETWEEN_TEXTS:
             self._last_text = time.monotonic()
-            self.page.say(status_line(snapshot))
+            self.page.set_status(status_line(snapshot))
             for controls in list(self._controls.values()):
                 controls.follow(snapshot)
 
-    def close(self, farewell: Farewell) -> None:
-        """Say that the run has ended, and let everybody have that."""
-        self.page.say(f"**{self._snapshot.time:.2f} s** · the run has ended: {farewell.outcome}")
+    def close(self, end: RunEnded) -> None:
+        """Say that the run has ended, wait until viewers have received it, and close the page."""
+        self.page.set_status(f"**{self._snapshot.time:.2f} s** · the run has ended: {end.outcome}")
         self._show_curves()
         self.page.server.flush()
         time.sleep(SECONDS_TO_DELIVER)
@@ -113,23 +112,16 @@ class LivePage:
         self.page.curves.show(np.array(self._history.times), np.array(self._history.rows))
 
     async def _arrived(self, client: Any) -> None:
-        self._controls[client.client_id] = Controls(client.gui, self._opening, self._snapshot, self._outbox.put)
+        self._controls[client.client_id] = Controls(client.gui, self._setup, self._snapshot, self._outbox.put)
 
     async def _left(self, client: Any) -> None:
         self._controls.pop(client.client_id, None)
 
 
-def frame_of(bodies: LiveBodies, snapshot: Snapshot) -> Frame:
-    """Where everything is in a snapshot."""
-    return Frame(
-        time=snapshot.time,
-        vertices=bodies.vertices(snapshot.position, snapshot.rigid_position, snapshot.rigid_rotation),
-        rigid_position=snapshot.rigid_position,
-        contact_points=snapshot.contact_points,
-        contact_forces=snapshot.contact_forces,
-        pressures=snapshot.pressures,
-        normal_forces=snapshot.normal_forces,
-    )
+def frame_of(setup: PageSetup, snapshot: Snapshot) -> Frame:
+    """The frame of a snapshot."""
+    vertices = [surface.vertices(snapshot) for surface in setup.surfaces]
+    return Frame(snapshot.time, vertices, snapshot.contact_points, snapshot.contact_forces, snapshot.plotted)
 
 
 def status_line(snapshot: Snapshot) -> str:
@@ -144,17 +136,17 @@ def status_line(snapshot: Snapshot) -> str:
 
 
 def main() -> None:
-    """Serve until the run says farewell or is gone."""
+    """Serve until the run has ended or is gone."""
     incoming, outgoing = sys.stdin.buffer, os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())  # viser prints
-    opening = receive(incoming)
+    setup = receive(incoming)
     outbox = Outbox(outgoing)
-    live = LivePage(opening, outbox)
-    live.show(opening.first)
+    live = LivePage(setup, outbox)
+    live.show(setup.first)
     outbox.put(Ready(live.page.port))
     inbox = Inbox(incoming)
-    shown = opening.first
-    while inbox.farewell is None:
+    shown = setup.first
+    while inbox.end is None:
         inbox.wait()
         started = time.monotonic()
         if inbox.newest is not None and inbox.newest is not shown:
@@ -163,7 +155,7 @@ def main() -> None:
         time.sleep(max(0.0, 1.0 / FRAMES_PER_SECOND - (time.monotonic() - started)))
     if inbox.newest is not None:
         live.show(inbox.newest)
-    live.close(inbox.farewell)
+    live.close(inbox.end)
 
 
 if __name__ == "__main__":

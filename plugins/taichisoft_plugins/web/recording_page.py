@@ -9,49 +9,91 @@ import numpy as np
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.web.address import Address
-from taichisoft_plugins.web.curves import MOST_POINTS, row_of
-from taichisoft_plugins.web.page import Page
-from taichisoft_plugins.web.playback import Playback
-from taichisoft_plugins.web.recorded_frames import cast_of, frame_of
+from taichisoft_plugins.web.curves import MOST_POINTS, plotted_row
+from taichisoft_plugins.web.frame import Frame, PageScene
+from taichisoft_plugins.web.page import SPEEDS, Page
 
 UNFINISHED = "unfinished"
 FRAMES_PER_SECOND = 30.0
 SECONDS_BETWEEN_LOOKS = 1.0
-"""Into the file of a run that goes on."""
+"""The file of a run that goes on is opened anew after so many seconds."""
 SECONDS_TO_CLOSE = 3.0
-"""While a run closes its file, nobody can read it."""
-SPEEDS = (0.05, 4.0)
+"""A run may take so many seconds to close its file, in which nobody can read it."""
+PLOTTED = ("pressure", "normal_force", "rigid_position")
+"""The quantities of a recording that `plotted_row` needs."""
+
+
+class Playback:
+    """A position in the frames of a recording.
+
+    Attributes:
+        clock: Time at which each frame is shown [s], from 0; a new start of the run takes none, shape (frame_count,).
+        position: Time of the viewers on that clock [s].
+        playing: Whether it moves on.
+        speed: Recorded over wall-clock time.
+    """
+
+    def __init__(self, times: np.ndarray):
+        """Begin to play at the first frame; times [s] of all frames, shape (frame_count,)."""
+        self.position = 0.0
+        self.playing = True
+        self.speed = 1.0
+        self.extend(times)
+
+    def extend(self, times: np.ndarray) -> None:
+        """Take the times of all frames anew, since there are more now."""
+        self.clock = np.concatenate([[0.0], np.cumsum(np.maximum(np.diff(times), 0.0))])
+
+    @property
+    def length(self) -> float:
+        """Time that the whole recording takes [s]."""
+        return float(self.clock[-1])
+
+    @property
+    def frame(self) -> int:
+        """Index of the last frame that is not later than the position."""
+        return int(np.searchsorted(self.clock, self.position + 1e-9, side="right")) - 1
+
+    def advance(self, seconds: float) -> None:
+        """Move on by a wall-clock time [s]; stands still at the end, and goes on when more is recorded."""
+        if self.playing:
+            self.position = min(self.position + seconds * self.speed, self.length)
+
+    def play_or_pause(self) -> None:
+        """Stop, or go on: at the end from the start."""
+        self.playing = not self.playing
+        if self.playing and self.position >= self.length:
+            self.position = 0.0
 
 
 class RecordingPage:
     """Serves a recording; all viewers see the same moment, and each may choose it.
 
     Attributes:
-        playback: where they are.
-        page: what they see.
+        playback: Where the viewers are.
+        page: What they see.
     """
 
     def __init__(self, path: Path, address: Address):
         """Serve the first frame.
 
         Raises:
-            RecordingError: the file is no recording, it has no frame yet, or positions were not recorded.
-            WebError: nothing can listen at the address.
+            RecordingError: The file is no recording, or has no frame yet.
+            WebError: Nothing can listen at the address.
         """
         self._recording = recording = _opened(path)
         if recording.frame_count == 0:
             raise RecordingError(f"{path}: has no frame yet")
-        self._cast = cast_of(recording)
-        first = frame_of(recording, 0)
         self.playback = Playback(recording.times)
         self._shown = -1
         self._last_look = time.monotonic()
         self._read_curves()
-        self.page = Page(address.host, address.port, self._cast, first)
+        content = PageScene(recording.scene, recording.surfaces, recording.planes, recording.cavities)
+        self.page = Page(address.host, address.port, content, frame_of(recording, 0))
         self._add_controls(self.page.server.gui)
 
     def tick(self, seconds: float) -> None:
-        """So much wall-clock time [s] has passed since the last call: show what is due."""
+        """Show what is due; `seconds` of wall-clock time have passed since the last call."""
         playback = self.playback
         if self._recording.outcome == UNFINISHED and time.monotonic() - self._last_look > SECONDS_BETWEEN_LOOKS:
             self._look_for_more()
@@ -62,7 +104,7 @@ class RecordingPage:
             self._show(frame)
 
     def serve(self) -> None:
-        """Until Ctrl and c."""
+        """Serve until Ctrl and c."""
         last = time.monotonic()
         while True:
             now = time.monotonic()
@@ -78,7 +120,7 @@ class RecordingPage:
     def _show(self, frame: int) -> None:
         shown = frame_of(self._recording, frame)
         self.page.view.show(shown)
-        self.page.say(f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}")
+        self.page.set_status(f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}")
         self._slider.value = self.playback.position
         past = self._plotted <= frame
         self.page.curves.show(self.playback.clock[self._plotted[past]], self._rows[past])
@@ -94,18 +136,11 @@ class RecordingPage:
         self._slider.max = max(self.playback.length, self._slider.step)
 
     def _read_curves(self) -> None:
-        """What the plots show of all frames, of as many as they can hold."""
-        recording, count = self._recording, self._recording.frame_count
+        """Read what the plots show, of as many frames as they can hold."""
+        count = self._recording.frame_count
         self._plotted = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))
-        columns = [
-            recording.column(name)[self._plotted] if recording.has(name) else np.zeros((len(self._plotted), 0))
-            for name in ("pressure", "normal_force", "rigid_position")
-        ]
-        rows = [
-            row_of(self._cast, _named(recording.cavities, pressure), _named(recording.pairs, force), place)
-            for pressure, force, place in zip(*columns, strict=True)
-        ]
-        self._rows = np.array(rows)
+        columns = [self._recording.column(name)[self._plotted] for name in PLOTTED]
+        self._rows = np.array([_plotted_row(self._recording, *values) for values in zip(*columns, strict=True)])
         self._rows[:, -1] -= self._rows[0, -1]
 
     def _add_controls(self, gui: Any) -> None:
@@ -120,7 +155,7 @@ class RecordingPage:
 
         @self._slider.on_update
         def _(event: Any) -> None:
-            if event.client is not None:  # else it followed
+            if event.client is not None:  # otherwise it followed the playback
                 playback.playing = False
                 playback.position = min(max(self._slider.value, 0.0), playback.length)
 
@@ -129,11 +164,23 @@ class RecordingPage:
             playback.speed = min(max(speed.value, SPEEDS[0]), SPEEDS[1])
 
 
+def frame_of(recording: Recording, index: int) -> Frame:
+    """A frame of a recording."""
+    vertices = [surface.vertices(index) for surface in recording.surfaces]
+    plotted = _plotted_row(recording, *(recording.row(name, index) for name in PLOTTED))
+    return Frame(float(recording.row("time", index)), vertices, *recording.contacts(index), plotted)
+
+
+def _plotted_row(recording: Recording, pressures: np.ndarray, forces: np.ndarray, places: np.ndarray) -> np.ndarray:
+    by_pair = dict(zip(recording.pairs, forces.tolist(), strict=True))
+    return plotted_row(recording.scene, pressures.tolist(), by_pair, places)
+
+
 def _opened(path: Path, patience: float = 0.0) -> Recording:
-    """A recording whose frames are all there, also those that were written while it was opened.
+    """A recording with all its frames, also those that were written while it was opened.
 
     Raises:
-        RecordingError: it cannot be read, not even after `patience` [s].
+        RecordingError: It cannot be read, not even after `patience` [s].
     """
     deadline = time.monotonic() + patience
     while True:
@@ -147,8 +194,3 @@ def _opened(path: Path, patience: float = 0.0) -> Recording:
     if recording.outcome == UNFINISHED:
         recording.refresh()
     return recording
-
-
-def _named(names: list[str], values: np.ndarray) -> dict[str, float]:
-    """Nothing where nothing was recorded; before the first step there are no values, which count as zero."""
-    return dict(zip(names, np.nan_to_num(values).tolist(), strict=len(values) > 0))

@@ -4,18 +4,19 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.bodies.surfaces import Plane
 from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, fit_camera, scene_axes
 from taichisoft_plugins.web.creases import split_creases
-from taichisoft_plugins.web.frame import Cast, Frame, PagePlane
+from taichisoft_plugins.web.frame import Frame, PageScene
 
 LENGTH_UNIT = 0.01
-"""Of what the page calls 1, per mm: its lights, shadows and camera are made for things of the size of a few units."""
+"""Units of the page in a millimetre: its lights, shadows and camera are made for things of a few units."""
 
 ASPECT = 1.3
 """Width / height of the part of a window that the panel leaves free."""
 
 BACKWARD = 1.35
-"""How much further off than for the first frame the camera begins, since everything is going to move [-]."""
+"""The camera begins so many times further off than the first frame needs, since everything is going to move [-]."""
 
 COLOURS: dict[str, tuple[int, int, int]] = {
     "soft": (237, 229, 216),
@@ -27,10 +28,10 @@ COLOURS: dict[str, tuple[int, int, int]] = {
 }
 SILICONE_OPACITY = 0.55
 FLOOR_HALF_WIDTH = 2.2
-"""Of the drawn part of a plane, in radii of what stands on it [-]."""
+"""Half the width of the drawn part of a plane, in radii of what stands on it [-]."""
 
 ARROW_LENGTH = 0.35
-"""Of the largest force so far, in radii of the scene [-]; the other forces are in proportion."""
+"""Length of the arrow of the largest force so far, in radii of the scene [-]; the others are in proportion."""
 SMALLEST_ARROW = 0.03
 """Forces below this part of the largest one so far are not drawn [-]."""
 
@@ -38,22 +39,22 @@ SMALLEST_ARROW = 0.03
 class SceneView:
     """Draws frames into the scene of a viser server; what did not move is not sent again."""
 
-    def __init__(self, server: Any, cast: Cast, first: Frame):
+    def __init__(self, server: Any, content: PageScene, first: Frame):
         """Put everything where the first frame has it, and the camera where it sees that."""
         self._server = server
         self._largest_force = 0.0
-        bodies = [v for s, v in zip(cast.surfaces, first.vertices, strict=True) if s.kind in ("soft", "rigid")]
+        bodies = [v for s, v in zip(content.surfaces, first.vertices, strict=True) if s.kind in ("soft", "rigid")]
         points = np.vstack(bodies) if bodies else np.vstack([np.zeros((1, 3)), *first.vertices])
         self._radius = max(float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()), 1.0)
-        server.scene.set_up_direction(cast.up)
+        server.scene.set_up_direction(content.scene.up)
         server.scene.configure_default_lights(enabled=True, cast_shadow=True)
-        self._set_camera(points, cast.up)
+        self._set_camera(points, content.scene.up)
         self._sources, self._meshes = [], []
-        for surface, vertices in zip(cast.surfaces, first.vertices, strict=True):
+        for surface, vertices in zip(content.surfaces, first.vertices, strict=True):
             source, triangles = split_creases(vertices, surface.triangles)
             self._sources.append(source)
             self._meshes.append(self._add(surface.name, vertices[source], triangles, surface.kind))
-        for plane in cast.planes:
+        for plane in content.planes:
             self._add(plane.name, *_square(plane, points, self._radius), "floor")
         self._arrows = server.scene.add_arrows(
             "/contact forces",
@@ -103,7 +104,7 @@ class SceneView:
         initial.fov = float(np.radians(VERTICAL_ANGLE))
 
 
-def _square(plane: PagePlane, points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
+def _square(plane: Plane, points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     """The part of a plane under what stands on it: vertices [mm], (4, 3), and triangles, (2, 3)."""
     middle = points.mean(axis=0)
     centre = middle - plane.normal * ((middle - plane.point) @ plane.normal)

@@ -15,8 +15,7 @@ def view(
     ] = None,
 ) -> None:
     """Serve a web page on which a recording is played and scrubbed."""
-    from taichisoft_plugins.web.address import find_address
-    from taichisoft_plugins.web.errors import require_viser
+    from taichisoft_plugins.web.address import find_address, require_viser
 
     require_viser()
     from taichisoft_plugins.web.recording_page import RecordingPage

@@ -1,0 +1,94 @@
+"""Time per step of another program on the bodies and pressures of a scene."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+
+from taichisoft.scenes.scene import Scene
+from taichisoft_benchmarks.cases import PeerCase
+from taichisoft_benchmarks.measures.measured import Measured, peak_memory
+from taichisoft_benchmarks.measures.steps import window_medians
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+
+
+class Peer(Protocol):
+    """Another program, set up with a model of ours; node arrays are in the order of the model's soft nodes."""
+
+    does_not: str
+    """What the program leaves out of the job."""
+
+    def positions(self) -> np.ndarray:
+        """Positions of the nodes [mm], shape (node_count, 3)."""
+
+    def step(self, force: np.ndarray) -> None:
+        """One time step of the scene with these forces on the nodes [mN], shape (node_count, 3)."""
+
+    def facts(self) -> dict[str, int]:
+        """What the run turned out to be at its end."""
+
+
+def measure_peer(case: PeerCase, scene: Scene) -> Measured:
+    """Make the case's steps under the pressures of the scene's script.
+
+    The pressure is handed over as forces on the nodes; to compute these is not counted.
+
+    Raises:
+        PeerMissing: the program is not installed, or cannot do the case.
+    """
+    from taichisoft.building.run_parts import make_controller
+    from taichisoft.building.simulation import Simulation, make_model
+
+    started = time.perf_counter()
+    model = make_model(scene)
+    peer = _factory(case.peer)(model)
+    prepared = time.perf_counter() - started
+    observation = Simulation(model).observe()  # at the start: the scripts look at the time only
+    controller = make_controller(scene)
+    controller.reset(model)
+    seconds = []
+    for step in range(min(case.steps, case.peer_steps or case.steps)):
+        control = controller.control(replace(observation, step=step, time=step * scene.time.step))
+        force = pressure_forces(model, peer.positions(), control.pressure)
+        begun = time.perf_counter()
+        peer.step(force)
+        seconds.append(time.perf_counter() - begun)
+    figures = {**window_medians(case, seconds), "prepare_s": prepared, "peak_mb": peak_memory()}
+    moved = np.linalg.norm(peer.positions() - model.rest_position, axis=1).max()
+    facts = {"nodes": model.node_count, "displacement_mm": round(float(moved), 4), **peer.facts()}
+    return Measured(figures, facts, does_not=peer.does_not)
+
+
+def pressure_forces(model: "Model", position: np.ndarray, pressure: Mapping[str, float]) -> np.ndarray:
+    """Forces of the air on the nodes [mN], shape (node_count, 3).
+
+    Args:
+        model: model with the walls of the cavities.
+        position: positions of the nodes [mm], shape (node_count, 3).
+        pressure: pressure [kPa] by cavity name.
+    """
+    from taichisoft.bodies.cavities import CavityVolumes
+
+    cavities, volumes = model.cavities, CavityVolumes(model.cavities, model.node_count)
+    volumes.update(position.copy())
+    by_cavity = np.array([pressure.get(name, 0.0) for name in cavities.names])
+    by_entry = np.repeat(by_cavity, np.diff(cavities.surfaces.entry_start))
+    force = np.zeros((model.node_count, 3))
+    np.add.at(force, cavities.surfaces.entry_node, by_entry[:, None] * volumes.gradient)
+    return force
+
+
+def _factory(name: str) -> Callable[..., Peer]:
+    if name == "drake":
+        from taichisoft_benchmarks.peers.drake_deformable import DrakePeer
+
+        return DrakePeer
+    from taichisoft_benchmarks.peers.mujoco_flex import MujocoPeer
+
+    if name == "mujoco":
+        return MujocoPeer
+    return lambda model: MujocoPeer(model, iterations=1000, tolerance=1e-12)

@@ -1,0 +1,58 @@
+"""The limit of a series of ever finer meshes."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichisoft_benchmarks.errors import BenchmarkError
+
+ORDER = 2 * 0.5445
+"""Order of convergence of a body with inner corners of 90 degrees under even refinement [-], for linear and for
+quadratic elements: stresses are singular there, displacements go with the distance to the power 0.5445 (Williams,
+Stress singularities in angular corners of plates in extension, J. Appl. Mech. 1952), and energies, and with them the
+displacement under the load, with twice that."""
+
+
+@dataclass(frozen=True)
+class Limit:
+    """The curve value - factor * nodes ** (-ORDER / 3): errors fall with the element size to the power of the order.
+
+    Attributes:
+        value: Displacement on an infinitely fine mesh [mm].
+        factor: Displacement that a mesh of a single node would lack [mm].
+        doubt: Largest change of the value when one of the meshes is left out [mm].
+    """
+
+    value: float
+    factor: float
+    doubt: float
+
+    def at(self, nodes: np.ndarray) -> np.ndarray:
+        """Displacements of meshes with these numbers of nodes [mm]."""
+        return self.value - self.factor * nodes ** (-ORDER / 3.0)
+
+
+def limit_of(nodes: Sequence[float], values: Sequence[float]) -> Limit:
+    """Richardson's extrapolation, fitted to all meshes by least squares.
+
+    Args:
+        nodes: Number of nodes of each mesh.
+        values: Displacement with each mesh [mm].
+
+    Raises:
+        BenchmarkError: There are fewer than three meshes.
+    """
+    if len(nodes) < 3:
+        raise BenchmarkError(f"a limit with its doubt needs three meshes; there are {len(nodes)}")
+    counts, given = np.asarray(nodes, dtype=float), np.asarray(values, dtype=float)
+    limit, factor = _fit(counts, given)
+    left_out = [_fit(np.delete(counts, index), np.delete(given, index))[0] for index in range(len(counts))]
+    return Limit(limit, factor, max(abs(value - limit) for value in left_out))
+
+
+def _fit(nodes: np.ndarray, values: np.ndarray) -> tuple[float, float]:
+    """Value and factor of a limit by least squares [mm]."""
+    columns = np.stack([np.ones(len(nodes)), -(nodes ** (-ORDER / 3.0))], axis=1)
+    value, factor = np.linalg.lstsq(columns, values, rcond=None)[0]
+    return float(value), float(factor)

@@ -1,0 +1,78 @@
+"""Whether this machine can draw and write videos: `python -m taichisoft_plugins.doctor.checks egl|picture|video`.
+
+Each check runs in a process of its own, since a driver may crash it or hang. It prints what was found, or ends with one
+line on standard error that says what is wrong; what it needs is imported when it runs, so that nothing else can fail.
+"""
+
+import ctypes
+import os
+import subprocess
+import sys
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from taichisoft.errors import TaichisoftError
+
+EGL_VENDOR, EGL_VERSION = 0x3053, 0x3054
+
+
+def egl() -> str:
+    """Version and vendor of what EGL draws with where there is no display: a picture that fails does not say."""
+    os.environ.setdefault("EGL_PLATFORM", "surfaceless")  # as `stage` does before Open3D starts
+    library = ctypes.CDLL("libEGL.so.1")
+    library.eglGetDisplay.restype = ctypes.c_void_p
+    library.eglGetDisplay.argtypes = [ctypes.c_void_p]
+    library.eglInitialize.argtypes = [ctypes.c_void_p, ctypes.c_void_p, ctypes.c_void_p]
+    library.eglQueryString.restype = ctypes.c_char_p
+    library.eglQueryString.argtypes = [ctypes.c_void_p, ctypes.c_int]
+    display = library.eglGetDisplay(None)
+    if not display or not library.eglInitialize(display, None, None):
+        raise OSError(f"no driver for EGL_PLATFORM={os.environ['EGL_PLATFORM']}")
+    return ", ".join(library.eglQueryString(display, name).decode() for name in (EGL_VERSION, EGL_VENDOR))
+
+
+def picture() -> str:
+    """Draw a tetrahedron that can be seen."""
+    import numpy as np
+
+    from taichisoft_plugins.drawing.camera import fit_camera
+    from taichisoft_plugins.drawing.stage import EMPTY, Stage
+
+    corners = np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [0.0, 10.0, 0.0], [0.0, 0.0, 10.0]])
+    faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
+    size = (160, 90)
+    stage = Stage(size)
+    stage.put("tetrahedron", corners, faces, np.tile([0.2, 0.4, 0.8], (4, 1)))
+    drawn = stage.image(fit_camera(corners, np.array([0.0, 0.0, 1.0]), "iso", size[0] / size[1]), ["tetrahedron"])
+    if (drawn == EMPTY).all():
+        raise RuntimeError("the picture is blank")
+    return "drawn off-screen"
+
+
+def video() -> str:
+    """Write three frames as MP4; what ffmpeg calls itself, and where it is."""
+    import numpy as np
+
+    from taichisoft_plugins.rendering.video_file import ffmpeg_program, open_video
+
+    size = (64, 36)
+    with TemporaryDirectory() as folder:
+        path = Path(folder) / "video.mp4"
+        with open_video(path, size, fps=30.0) as add_frame:
+            for level in (0, 100, 200):
+                add_frame(np.full((size[1], size[0], 3), level, np.uint8))
+        if not path.stat().st_size:
+            raise RuntimeError("ffmpeg wrote an empty file")
+    program = ffmpeg_program()
+    answer = subprocess.run([program, "-version"], capture_output=True, text=True, errors="replace", timeout=20)
+    words = answer.stdout.split()
+    return f"{words[2] if len(words) > 2 else 'unknown version'} in {program}"
+
+
+if __name__ == "__main__":
+    answer = os.fdopen(os.dup(1), "w")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the renderer prints there, too
+    try:
+        print({"egl": egl, "picture": picture, "video": video}[sys.argv[1]](), file=answer)
+    except (ImportError, OSError, RuntimeError, TaichisoftError) as error:
+        sys.exit(str(error))

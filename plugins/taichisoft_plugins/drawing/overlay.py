@@ -1,0 +1,146 @@
+"""What is painted over a finished picture: contact forces, the scene's axes, colour bars, and a caption."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from taichisoft_plugins.drawing.camera import Camera
+from taichisoft_plugins.drawing.force_arrows import ForceArrows
+from taichisoft_plugins.drawing.painting import (
+    SMALLEST_LETTERS,
+    Colour,
+    arrow_outline,
+    font,
+    paint_polygon,
+    paint_text,
+    text_colour,
+)
+from taichisoft_plugins.drawing.scales import ColourScale
+from taichisoft_plugins.drawing.style import Style
+from taichisoft_plugins.recording.reader import Recording
+
+AXIS_COLOURS: dict[str, Colour] = {"x": (0.80, 0.16, 0.16), "y": (0.13, 0.55, 0.20), "z": (0.16, 0.32, 0.80)}
+COLOUR_BAR_WIDTH = 0.185
+"""Width of the edge of the picture in which the colour bars stand, in heights of the picture [-]."""
+SINGLE_PRESSURES = 4
+"""The caption gives more pressures than these as a range."""
+CAPTION_BODIES = 3
+"""Number of rigid bodies, at most, whose height is in the caption."""
+
+
+class Overlay:
+    """Paints all that a style wants over a picture.
+
+    Args:
+        recording: The recording, which stays open.
+        style: What the user chose.
+        frames: All frames that will be drawn.
+        scales: What the colours of the surfaces mean.
+        radius: Radius of the scene [mm].
+    """
+
+    def __init__(
+        self, recording: Recording, style: Style, frames: Sequence[int], scales: Sequence[ColourScale], radius: float
+    ):
+        self._recording, self._style, self._scales = recording, style, scales
+        self._arrows = ForceArrows(recording, frames, radius) if style.arrows else None
+        self._ink = text_colour(style.background_colour)
+
+    def paint(self, picture: np.ndarray, camera: Camera, frame: int) -> np.ndarray:
+        """The picture of a frame with everything painted over it, shape (height, width, 3), dtype uint8."""
+        from PIL import Image
+
+        image = Image.fromarray(picture)
+        if self._arrows is not None:
+            self._arrows.paint(image, camera, frame)
+            self._arrows.paint_scale(image, camera, self._ink)
+        if self._style.axes:
+            paint_axes(image, camera)
+        paint_colour_bars(image, self._scales, self._ink)
+        if self._style.caption:
+            paint_caption(image, caption_parts(self._recording, frame), self._ink)
+        return np.asarray(image)
+
+
+def paint_axes(picture: Any, camera: Camera) -> None:
+    """Paint the directions of x, y and z, as the camera sees them, into the lower left corner of a Pillow image."""
+    height = picture.height
+    origin = np.array([0.1 * height, 0.9 * height])
+    right, above, backward = camera.axes
+    # The one that points away is painted first.
+    for axis in np.argsort(backward):
+        name = "xyz"[axis]
+        direction = np.array([right[axis], -above[axis]])
+        length = np.linalg.norm(direction)
+        tip = origin + 0.065 * height * direction
+        if length > 0.1:
+            paint_polygon(picture, arrow_outline(origin, tip, height / 180), AXIS_COLOURS[name])
+        # An axis that points at the viewer, or away, has its name beside the origin.
+        outward = direction / length if length > 0.3 else np.array([-0.7, 0.7])
+        label = origin + (0.065 * length + 0.017) * height * outward
+        paint_text(picture, (label[0], label[1]), name, height / 38, AXIS_COLOURS[name], "mm")
+
+
+def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour) -> None:
+    """Paint a bar for each scale, one under the other, at the right edge of a Pillow image."""
+    from PIL import Image
+
+    height = picture.height
+    letters = max(height / 40, SMALLEST_LETTERS)
+    left = picture.width - COLOUR_BAR_WIDTH * height
+    width, length = round(0.022 * height), round(0.28 * height)
+    for index, scale in enumerate(scales):
+        top = round((0.15 + 0.40 * index) * height)
+        right = picture.width - 0.02 * height
+        paint_text(picture, (right, top - 0.8 * letters), scale.title, letters, ink, "rs")
+        values = np.linspace(scale.high, scale.low, length)
+        colours = np.rint(255 * scale.colours(values)).astype(np.uint8)
+        picture.paste(Image.fromarray(np.repeat(colours[:, None], width, axis=1)), (round(left), top))
+        for value in np.linspace(scale.high, scale.low, 3):
+            place = top + (scale.high - value) / (scale.high - scale.low) * length
+            paint_text(picture, (left + width + 0.012 * height, place), f"{value:g}", letters, ink, "lm")
+
+
+def caption_parts(recording: Recording, frame: int) -> list[str]:
+    """What the caption of a frame says; there are pressures only where and when they are known."""
+    parts = [f"{recording.times[frame]:.2f} s"]
+    if recording.cavities:
+        pressures = recording.row("pressure", frame)
+        if not np.isnan(pressures).all():
+            parts.append(_pressure_text(pressures))
+    start = recording.row("rigid_position", recording.last_start if frame >= recording.last_start else 0)
+    rises = (recording.row("rigid_position", frame) - start) @ recording.scene.up
+    for name, rise in list(zip(recording.scene.rigid_bodies, rises, strict=True))[:CAPTION_BODIES]:
+        parts.append(f"{name} raised {_one_decimal(rise)} mm")
+    return parts
+
+
+def paint_caption(picture: Any, parts: list[str], ink: Colour) -> None:
+    """Write the parts into the upper left corner of a Pillow image, in as few lines as they fit."""
+    height = picture.height
+    letters, edge = height / 32, 0.03 * height
+    lines: list[str] = []
+    for part in parts:
+        longer = f"{lines[-1]}     {part}" if lines else part
+        if lines and font(letters).getlength(longer) <= picture.width - 2 * edge:
+            lines[-1] = longer
+        else:
+            lines.append(part)
+    for number, line in enumerate(lines):
+        place = edge, edge + number * 1.4 * max(letters, SMALLEST_LETTERS)
+        paint_text(picture, place, line, letters, ink, "la")
+
+
+def _pressure_text(values: np.ndarray) -> str:
+    texts = [_one_decimal(value) for value in values]
+    if len(set(texts)) == 1:
+        return f"pressure {texts[0]} kPa"
+    if len(texts) <= SINGLE_PRESSURES:
+        return f"pressures {', '.join(texts)} kPa"
+    return f"pressures from {np.nanmin(values):.1f} to {np.nanmax(values):.1f} kPa"
+
+
+def _one_decimal(value: float) -> str:
+    """The number with one decimal; what rounds to zero has no sign."""
+    return f"{round(float(value), 1) + 0.0:.1f}"

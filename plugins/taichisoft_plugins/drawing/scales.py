@@ -1,0 +1,50 @@
+"""Scales that hold for all frames that are drawn: colours for numbers, round ends, frames to look at."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+SOFT = ((0.93, 0.92, 0.88), (0.98, 0.82, 0.42), (0.93, 0.46, 0.24), (0.70, 0.13, 0.30), (0.33, 0.06, 0.32))
+"""Colours from silicone's own over yellow and red to violet: brightness falls all the way."""
+
+AIR = ((0.60, 0.70, 0.72), (0.24, 0.66, 0.62), (0.02, 0.50, 0.38), (0.00, 0.27, 0.22))
+"""Colours from grey to dark green: none of them is among the colours of the silicone around the air."""
+
+
+@dataclass(frozen=True)
+class ColourScale:
+    """Colours that run linearly from the lowest to the highest value.
+
+    Attributes:
+        title: What the values are, with their unit.
+        low, high: Values of the first and the last colour; `low` < `high`.
+        steps: Red, green and blue [-] of evenly spaced values.
+    """
+
+    title: str
+    low: float
+    high: float
+    steps: Sequence[tuple[float, float, float]]
+
+    def colours(self, values: np.ndarray) -> np.ndarray:
+        """Red, green and blue [-], shape (count, 3), of values (count,); those outside have the colour of the end."""
+        places = np.linspace(self.low, self.high, len(self.steps))
+        return np.stack([np.interp(values, places, part) for part in np.array(self.steps).T], axis=1)
+
+
+def round_up(value: float) -> float:
+    """The next of 1, 2, 2.5, 5 and 10 times a power of ten, for the high end of a scale."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * next(step for step in (1.0, 2.0, 2.5, 5.0, 10.0) if value <= step * power * (1 + 1e-9)))
+
+
+def round_down(value: float) -> float:
+    """The last of 1, 2, 5 and 10 times a power of ten, for a value that a scale shows."""
+    power = 10.0 ** np.floor(np.log10(value))
+    return float(power * max(step for step in (1.0, 2.0, 5.0) if step * power <= value * (1 + 1e-9)))
+
+
+def sample_frames(frames: Sequence[int], count: int) -> list[int]:
+    """At most `count` of the frames, evenly spaced from the first to the last."""
+    return [frames[index] for index in np.unique(np.linspace(0, len(frames) - 1, count).astype(int))]

@@ -1,0 +1,64 @@
+"""Child processes, in which a hang or a crash of a native library can do no harm, and how they ended in one line."""
+
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+
+@dataclass(frozen=True)
+class ChildResult:
+    """How a child process ended.
+
+    Attributes:
+        problem: One line that says what went wrong; empty when the process ended well.
+        output: What the process wrote to standard output.
+    """
+
+    problem: str
+    output: str = ""
+
+
+def run_python(
+    arguments: Sequence[str | Path],
+    time_limit: float,
+    environment: Mapping[str, str] | None = None,
+    folder: Path | None = None,
+) -> ChildResult:
+    """Run this Python in a child process, and kill it when it takes too long.
+
+    Args:
+        arguments: What Python is started with.
+        time_limit: Longest duration [s].
+        environment: Its environment variables; ours when they are not given.
+        folder: Where it runs; our current folder when it is not given.
+    """
+    try:
+        child = subprocess.run(
+            [sys.executable, *arguments],
+            env=environment,
+            cwd=folder,
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            text=True,
+            errors="replace",
+            timeout=time_limit,
+        )
+    except subprocess.TimeoutExpired:
+        return ChildResult(f"no answer within {time_limit:g} s")
+    return ChildResult(how_it_ended(child.returncode, child.stderr), child.stdout)
+
+
+def how_it_ended(exit_code: int, errors: str | bytes) -> str:
+    """One line that says why a process failed, from its exit code and its standard error; empty when it did not."""
+    if exit_code < 0:
+        return f"the process was ended by {signal.Signals(-exit_code).name}"
+    return (last_line(errors) or f"exit code {exit_code}") if exit_code else ""
+
+
+def last_line(text: str | bytes) -> str:
+    """The last line of what a process has written; empty when it has written nothing."""
+    text = text.decode(errors="replace") if isinstance(text, bytes) else text
+    return (text.strip().splitlines() or [""])[-1]

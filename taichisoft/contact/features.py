@@ -1,0 +1,53 @@
+"""Which vertices and edges may touch: everything of soft surfaces, of others only what is not inside a flat face."""
+
+import numpy as np
+
+from taichisoft.kernels.runtime import SOFT
+from taichisoft.kernels.surfaces import Carriers, Surfaces
+
+# On a body that keeps its shape, faces whose normals differ by less than this from the first one's make one plane
+# facet [rad]; edges inside a facet touch nothing that the facet does not.
+FLAT_ANGLE = 0.02
+
+
+def find_features(topology: Surfaces, carriers: Carriers) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each vertex and each edge may touch other surfaces, shapes (vertex_count,) and (edge_count,)."""
+    edges, edge_triangles, position = topology.edges, topology.edge_triangles, carriers.local
+    facet = _find_facets(topology, carriers)[edge_triangles]
+    is_edge = (carriers.owner[edges[:, 0]] == SOFT) | (facet[:, 0] != facet[:, 1]) | (edge_triangles[:, 1] < 0)
+    # A corner joins edges of at least two directions.
+    along = position[edges[:, 1]] - position[edges[:, 0]]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    spread = np.zeros((len(position), 3, 3))
+    for end in (0, 1):
+        np.add.at(spread, edges[is_edge, end], along[is_edge, :, None] * along[is_edge, None, :])
+    middle_direction = np.linalg.eigvalsh(spread)[:, 1]
+    return (carriers.owner == SOFT) | (middle_direction > FLAT_ANGLE**2), is_edge
+
+
+def _find_facets(topology: Surfaces, carriers: Carriers) -> np.ndarray:
+    """Number of the plane facet that each triangle of a surface that keeps its shape belongs to.
+
+    A facet grows over neighbours whose normal is that of its first triangle to FLAT_ANGLE: compared with the
+    neighbour's instead, a finely triangulated ball would be one facet without an edge.
+    """
+    corners = carriers.local[topology.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    facet = np.full(len(corners), -1)
+    keeps_shape = carriers.owner[topology.triangles[:, 0]] != SOFT
+    neighbours: list[list[int]] = [[] for _ in corners]
+    for first, second in topology.edge_triangles[topology.edge_triangles[:, 1] >= 0].tolist():
+        neighbours[first].append(second)
+        neighbours[second].append(first)
+    for number, seed in enumerate(np.flatnonzero(keeps_shape).tolist()):
+        if facet[seed] >= 0:
+            continue
+        facet[seed] = number
+        grown = [seed]
+        while grown:
+            for neighbour in neighbours[grown.pop()]:
+                if facet[neighbour] < 0 and normals[neighbour] @ normals[seed] > np.cos(FLAT_ANGLE):
+                    facet[neighbour] = number
+                    grown.append(neighbour)
+    return facet

@@ -1,0 +1,46 @@
+"""Where the surfaces of a simulation are."""
+
+import numpy as np
+
+from taichisoft.contact.surfaces import ContactSurfaces
+from taichisoft.kernels.bounding_volumes import refit
+from taichisoft.kernels.surfaces import MovedSurfaces, Poses, move_vertices
+
+
+class MovingSurfaces:
+    """The vertices and boxes of contact surfaces, which follow the bodies of one simulation.
+
+    Attributes:
+        moved: vertices and boxes now.
+    """
+
+    def __init__(self, surfaces: ContactSurfaces):
+        """Begin with all vertices where they are at rest, those of rigid bodies in body axes."""
+        self._surfaces = surfaces
+        tree_nodes = len(surfaces.trees.escape)
+        self.moved = MovedSurfaces(
+            position=surfaces.carriers.local.copy(),
+            lower=np.zeros((tree_nodes, 3)),
+            upper=np.zeros((tree_nodes, 3)),
+        )
+        refit(np.arange(surfaces.count, dtype=np.int32), surfaces.trees, self.moved)
+        # Arrays that stay in place: a launch with new ones takes longer than the arithmetic.
+        self._poses = Poses(
+            node_position=np.zeros((surfaces.node_count, 3)),
+            rigid_position=np.zeros((surfaces.rigid_count, 3)),
+            rigid_rotation=np.zeros((surfaces.rigid_count, 3, 3)),
+        )
+
+    def update(self, node_position: np.ndarray, rigid_position: np.ndarray, rigid_rotation: np.ndarray) -> None:
+        """Move the vertices and boxes with the nodes (N, 3) [mm] and rigid poses, (R, 3) [mm] and (R, 3, 3)."""
+        poses, surfaces = self._poses, self._surfaces
+        poses.node_position[:] = node_position
+        poses.rigid_position[:] = rigid_position
+        poses.rigid_rotation[:] = rigid_rotation
+        move_vertices(surfaces.carriers, poses, self.moved)
+        refit(surfaces.topology.moving, surfaces.trees, self.moved)
+
+    def boxes(self) -> tuple[np.ndarray, np.ndarray]:
+        """Lower and upper corner [mm] of each surface's bounding box, each (surface_count, 3)."""
+        root = self._surfaces.trees.root[:-1]
+        return self.moved.lower[root], self.moved.upper[root]

@@ -1,0 +1,233 @@
+"""Rows of the constraint problem: what they act on, the velocities along them, and impulses through them."""
+
+from typing import NamedTuple
+
+from taichisoft.kernels.cavities import CavitySurfaces
+from taichisoft.kernels.contacts import Contacts
+from taichisoft.kernels.launch import kernel
+from taichisoft.kernels.rigid_motion import RigidState
+from taichisoft.kernels.runtime import (
+    SOFT,
+    Integers,
+    IntegerTable,
+    Matrices,
+    ScalarBlocks,
+    Scalars,
+    ScalarTable,
+    Vectors,
+    mat3,
+    ti,
+    vec3,
+)
+from taichisoft.kernels.surfaces import Carriers
+
+# Entries of `Rows.size`.
+CONTACTS, CAVITIES = range(2)
+
+
+class Rows(NamedTuple):
+    """Three rows for each contact and then one for each cavity of imposed volume, in arrays with room for more.
+
+    Attributes:
+        size: number of contacts and of cavities, shape (2,).
+        contact: index of each row's contact in `Contacts`, shape (contact_capacity,).
+        basis: normal and two tangents of each contact, as rows, shape (contact_capacity, 3, 3).
+        node, weight: soft nodes that a contact acts on and their weights, -1 and 0 in empty slots, shape
+            (contact_capacity, slots); the weights are those of the second point's velocity less the first's.
+        rigid: rigid body on each side of a contact, or -1, shape (contact_capacity, 2).
+        rigid_jacobian: derivative of the rows by these bodies' velocities, shape (3 contact_capacity, 2, 6).
+        friction: coefficient of each contact, shape (contact_capacity,).
+        gap_rate: gap over time step of each contact [mm/s], shape (contact_capacity,).
+        cavity: numbers of the cavities, shape (cavity_capacity,).
+        free: velocities [mm/s] or volume rates [mm^3/s] without impulses, shape (row_capacity,).
+    """
+
+    size: Integers
+    contact: Integers
+    basis: Matrices
+    node: IntegerTable
+    weight: ScalarTable
+    rigid: IntegerTable
+    rigid_jacobian: ScalarBlocks
+    friction: Scalars
+    gap_rate: Scalars
+    cavity: Integers
+    free: Scalars
+
+
+class Separation(NamedTuple):
+    """All contacts of a step as the active set sees them, in arrays with room for more.
+
+    Attributes:
+        gap_rate: gap over time step [mm/s], shape (capacity,).
+        speed: normal velocity of the second point relative to the first [mm/s], shape (capacity,).
+    """
+
+    gap_rate: Scalars
+    speed: Scalars
+
+
+@ti.func
+def contact_basis(normal: vec3) -> mat3:
+    """Normal and two tangents as rows; the first tangent is normal to the axis that is least along the normal."""
+    axis = vec3(1.0, 0.0, 0.0)
+    if ti.abs(normal[1]) < ti.abs(normal[0]) and ti.abs(normal[1]) <= ti.abs(normal[2]):
+        axis = vec3(0.0, 1.0, 0.0)
+    elif ti.abs(normal[2]) < ti.abs(normal[0]):
+        axis = vec3(0.0, 0.0, 1.0)
+    first = normal.cross(axis).normalized()
+    return ti.Matrix.rows([normal, first, normal.cross(first)])
+
+
+@kernel
+def separation_speed(
+    first_rigid: ti.i32,
+    contacts: Contacts,
+    carriers: Carriers,
+    node_velocity: Vectors,
+    rigid: RigidState,
+    separation: Separation,
+):
+    """Normal velocity of each contact's second point relative to its first [mm/s]."""
+    ti.loop_config(serialize=True)
+    for c in range(contacts.count[0]):
+        total = 0.0
+        for side in range(2):
+            v = vec3(0.0)
+            for k in ti.static(range(3)):
+                vertex = contacts.vertices[c, side, k]
+                if vertex >= 0 and carriers.owner[vertex] == SOFT and contacts.weights[c, side][k] != 0.0:
+                    for m in range(carriers.nodes.shape[1]):
+                        weight = contacts.weights[c, side][k] * carriers.weights[vertex, m]
+                        v += weight * node_velocity[carriers.nodes[vertex, m]]
+            body = contacts.bodies[c, side] - first_rigid
+            if body >= 0 and body < rigid.position.shape[0]:
+                arm = contacts.points[c, side] - rigid.position[body]
+                v = rigid.linear[body] + rigid.angular[body].cross(arm)
+            total += (2.0 * side - 1.0) * contacts.normal[c].dot(v)
+        separation.speed[c] = total
+
+
+@kernel
+def build_rows(
+    first_rigid: ti.i32,
+    contacts: Contacts,
+    separation: Separation,
+    carriers: Carriers,
+    friction: ScalarTable,
+    rigid: RigidState,
+    rows: Rows,
+):
+    """Bases of the contacts that `rows.contact` lists, and the soft nodes and rigid bodies that they act on."""
+    ti.loop_config(serialize=True)
+    for r in range(rows.size[CONTACTS]):
+        c = rows.contact[r]
+        frame = contact_basis(contacts.normal[c])
+        rows.basis[r] = frame
+        rows.friction[r] = friction[contacts.bodies[c, 0], contacts.bodies[c, 1]]
+        rows.gap_rate[r] = separation.gap_rate[c]
+        for side in range(2):
+            sign = 2.0 * side - 1.0
+            for k in ti.static(range(3)):
+                v = contacts.vertices[c, side, k]
+                for m in range(carriers.nodes.shape[1]):
+                    slot = (side * 3 + k) * carriers.nodes.shape[1] + m
+                    rows.node[r, slot] = -1
+                    rows.weight[r, slot] = 0.0
+                    carried = v >= 0 and carriers.owner[v] == SOFT
+                    if carried and contacts.weights[c, side][k] * carriers.weights[v, m] != 0.0:
+                        rows.node[r, slot] = carriers.nodes[v, m]
+                        rows.weight[r, slot] = sign * contacts.weights[c, side][k] * carriers.weights[v, m]
+            body = contacts.bodies[c, side] - first_rigid
+            rows.rigid[r, side] = -1
+            if body >= 0 and body < rigid.position.shape[0]:
+                rows.rigid[r, side] = body
+                arm = contacts.points[c, side] - rigid.position[body]
+                for i in ti.static(range(3)):
+                    direction = sign * vec3(frame[i, 0], frame[i, 1], frame[i, 2])
+                    moment = arm.cross(direction)
+                    for d in ti.static(range(3)):
+                        rows.rigid_jacobian[3 * r + i, side, d] = direction[d]
+                        rows.rigid_jacobian[3 * r + i, side, 3 + d] = moment[d]
+
+
+@kernel
+def free_contact_velocity(rows: Rows, node_velocity: Vectors, rigid: RigidState):
+    """Fill `rows.free` of the contacts: relative velocity of the second point in the basis, the normal one plus the
+    gap rate."""
+    ti.loop_config(serialize=True)
+    for c in range(rows.size[CONTACTS]):
+        soft = vec3(0.0)
+        for slot in range(rows.node.shape[1]):
+            if rows.node[c, slot] >= 0:
+                soft += rows.weight[c, slot] * node_velocity[rows.node[c, slot]]
+        total = rows.basis[c] @ soft
+        total[0] += rows.gap_rate[c]
+        for side in range(2):
+            if rows.rigid[c, side] >= 0:
+                for i in ti.static(range(3)):
+                    for d in range(6):
+                        total[i] += rows.rigid_jacobian[3 * c + i, side, d] * rigid.free[rows.rigid[c, side], d]
+        for i in ti.static(range(3)):
+            rows.free[3 * c + i] = total[i]
+
+
+@kernel
+def add_rigid_compliance(row_count: ti.i32, rows: Rows, rigid: RigidState, compliance: Scalars):
+    """Add J M^-1 J^T of the rigid bodies that two contacts share to W, which is stored by rows."""
+    ti.loop_config(serialize=True)
+    for r in range(3 * rows.size[CONTACTS]):
+        for side in range(2):
+            body = rows.rigid[r // 3, side]
+            if body >= 0:
+                change = ti.Vector.zero(ti.f64, 6)  # of the body's velocity by a unit impulse in the row
+                for n in range(6):
+                    for m in ti.static(range(6)):
+                        change[m] += rigid.inverse_mass[body, m, n] * rows.rigid_jacobian[r, side, n]
+                for c in range(rows.size[CONTACTS]):
+                    for other_side in ti.static(range(2)):
+                        if rows.rigid[c, other_side] == body:
+                            gain = vec3(0.0)
+                            for i, m in ti.static(ti.ndrange(3, 6)):
+                                gain[i] += change[m] * rows.rigid_jacobian[3 * c + i, other_side, m]
+                            for i in ti.static(range(3)):
+                                entry = compliance[r * row_count + 3 * c + i]
+                                compliance[r * row_count + 3 * c + i] = entry + gain[i]
+
+
+@kernel
+def apply_impulses(
+    rows: Rows,
+    cavities: CavitySurfaces,
+    cavity_gradient: Vectors,
+    impulse: Scalars,
+    contact_impulse: Vectors,
+    node_impulse: Vectors,
+    rigid: RigidState,
+):
+    """J^T impulse on the soft nodes and the rigid bodies, and the impulses on second bodies in world axes."""
+    ti.loop_config(serialize=True)
+    for i in range(node_impulse.shape[0]):
+        node_impulse[i] = vec3(0.0)
+    ti.loop_config(serialize=True)
+    for b in range(rigid.impulse.shape[0]):
+        for d in range(6):
+            rigid.impulse[b, d] = 0.0
+    ti.loop_config(serialize=True)
+    for c in range(rows.size[CONTACTS]):
+        world = rows.basis[c].transpose() @ vec3(impulse[3 * c], impulse[3 * c + 1], impulse[3 * c + 2])
+        contact_impulse[c] = world
+        for slot in range(rows.node.shape[1]):
+            if rows.node[c, slot] >= 0:
+                node_impulse[rows.node[c, slot]] += rows.weight[c, slot] * world
+        for side in range(2):
+            if rows.rigid[c, side] >= 0:
+                for i in range(3):
+                    for d in range(6):
+                        gain = rows.rigid_jacobian[3 * c + i, side, d] * impulse[3 * c + i]
+                        rigid.impulse[rows.rigid[c, side], d] += gain
+    ti.loop_config(serialize=True)
+    for row in range(rows.size[CAVITIES]):
+        cavity = rows.cavity[row]
+        for k in range(cavities.entry_start[cavity], cavities.entry_start[cavity + 1]):
+            node_impulse[cavities.entry_node[k]] += impulse[3 * rows.size[CONTACTS] + row] * cavity_gradient[k]

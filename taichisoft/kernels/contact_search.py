@@ -1,0 +1,35 @@
+"""The search for contacts: pairs of close points on two surfaces, each a local minimum of the distance."""
+
+from taichisoft.kernels.bounding_volumes import Trees
+from taichisoft.kernels.contacts import Contacts, SearchSpace, put_in_order
+from taichisoft.kernels.edge_contacts import edges_against_edges
+from taichisoft.kernels.launch import kernel
+from taichisoft.kernels.runtime import ti
+from taichisoft.kernels.surfaces import MovedSurfaces, Planes, Surfaces
+from taichisoft.kernels.vertex_contacts import vertices_against_planes, vertices_against_triangles
+
+
+@kernel
+def find_contacts(
+    reach: ti.f64,
+    depth: ti.f64,
+    surfaces: Surfaces,
+    trees: Trees,
+    planes: Planes,
+    moved: MovedSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+    contacts: Contacts,
+):
+    """All contacts nearer than `reach`, and those slipped through by up to `depth` [mm].
+
+    If there are more than `found` has room for, its count tells, and `contacts` is not filled.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        found.count[0] = 0
+        vertices_against_triangles(reach, depth, surfaces, trees, moved, space, found)
+        edges_against_edges(reach, ti.min(depth, reach), surfaces, trees, moved, space, found)
+        vertices_against_planes(reach, surfaces, trees, planes, moved, space, found)
+        if found.count[0] <= found.distance.shape[0]:
+            put_in_order(space, found, contacts)
