@@ -65,10 +65,14 @@ system-libraries: .venv/installed
 	else echo "error: missing system libraries; run: sudo apt-get update && sudo $$install" >&2; exit 1; fi; \
 	set -x; $$sudo apt-get update && DEBIAN_FRONTEND=noninteractive $$sudo $$install
 
-# The test of the web page opens it in Chromium. Without one it is skipped, so that this must not fail.
-browser:
-	@for name in chromium chromium-browser google-chrome; do command -v $$name >/dev/null && exit; done; \
+# The test of the web page drives Chromium by playwright, whose own node.js needs libatomic. Without the two it is
+# skipped, so that this must not fail.
+browser: .venv/installed
+	@missing=; .venv/bin/python -c 'import ctypes; ctypes.CDLL("libatomic.so.1")' 2>/dev/null || missing=libatomic1; \
+	for name in chromium chromium-browser google-chrome; do command -v $$name >/dev/null && break; done \
+	|| missing="$$missing chromium"; \
+	test -n "$$missing" || exit 0; \
 	if test $$(id -u) = 0; then sudo=; elif sudo -n true 2>/dev/null; then sudo='sudo -n'; else sudo=false; fi; \
 	{ $$sudo apt-get update && DEBIAN_FRONTEND=noninteractive \
-	$$sudo apt-get install -y --no-install-recommends chromium; } >/dev/null 2>&1 || \
-	echo "note: no Chromium, so the test of the web page in a browser is skipped; run: sudo apt-get install chromium"
+	$$sudo apt-get install -y --no-install-recommends $$missing; } >/dev/null 2>&1 || \
+	echo "note: the test of the web page in a browser is skipped; for it run: sudo apt-get install $$missing"

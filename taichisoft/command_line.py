@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -27,6 +27,8 @@ EXIT_GOAL_MISSED = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
+USAGE_ERROR: Any = typer.BadParameter.__base__  # has no public name; every error of the parser is one
+
 
 def main() -> None:
     """Run the command line; what is the user's to mend is one line, and the traceback of a plug-in that failed."""
@@ -34,14 +36,20 @@ def main() -> None:
         load_requested(sys.argv[1:])
         for line in plugins.plugin_registry().unknown_blocked():
             _complain(line)
-        with_plugin_commands(application)()
+        command = with_plugin_commands(application)
+        code = command(prog_name="taichisoft", standalone_mode=False)  # otherwise typer draws boxes round errors
+        sys.exit(code if isinstance(code, int) else 0)
+    except USAGE_ERROR as error:
+        if message := error.format_message().rstrip("."):  # empty where help was shown because nothing was asked for
+            _complain(f"{message}; see {error.ctx.command_path} --help" if error.ctx else message)
+        sys.exit(EXIT_BAD_INPUT)
     except GoalMissed as error:
         _complain(error)
         sys.exit(EXIT_GOAL_MISSED)
     except TaichisoftError as error:
         _complain(error)
         sys.exit(EXIT_BAD_INPUT)
-    except KeyboardInterrupt:
+    except (KeyboardInterrupt, typer.Abort):
         sys.exit(EXIT_INTERRUPTED)
 
 

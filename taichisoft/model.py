@@ -146,5 +146,4 @@ class Model:
             return np.array(self.scene.base_pivot)
         if self.elasticity is None or not (self.elasticity.anchor_stiffness > 0).any():
             return np.zeros(3)
-        pivot: np.ndarray = self.rest_position[self.elasticity.anchor_stiffness > 0].mean(axis=0)
-        return pivot
+        return self.rest_position[self.elasticity.anchor_stiffness > 0].mean(axis=0)

@@ -3,6 +3,7 @@
 There is no second conftest.py: tests import from this one by its name.
 """
 
+import signal
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint
@@ -123,6 +124,11 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
+    # A script starts its background jobs with SIGINT ignored, nohup does with SIGHUP, and what tests start would
+    # inherit it. A signal with a handler begins as usual in a child.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
+        signal.signal(signal.SIGHUP, lambda *_: None)
     config.stash[FIGURES] = []
 
 

@@ -84,6 +84,23 @@ LAYERS = {
         "recording",
         "system_libraries",
     ],
+    "taichisoft_meshing": [
+        "__init__",
+        "sweep",
+        "commands",
+        "mesh_set",
+        "mesh_record",
+        "scene_meshes",
+        "mesh_cache",
+        "mesh_job",
+        "fingerprint",
+        "finger",
+        "bodies",
+        "size_search",
+        "geometry_file",
+        "quality",
+        "gmsh_session",
+    ],
 }
 PACKAGES = [
     ENGINE,

@@ -224,12 +224,11 @@ def test_brackets_in_a_title_or_folder_are_no_markup(command: Command) -> None:
 def test_a_stopped_run_ends_cleanly_with_a_whole_recording(tmp_path: Path, number: signal.Signals) -> None:
     """A process of its own: the signal comes while it computes."""
     (tmp_path / "scene.toml").write_text(SCENE)
-    start = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler)\n"  # as a shell would start it
     process = subprocess.Popen(
         [
             sys.executable,
             "-c",
-            start + "from taichisoft.command_line import main; main()",
+            "from taichisoft.command_line import main; main()",
             *("run", "scene.toml", "--duration", "1000", "--output", "stopped"),
         ],
         cwd=tmp_path,
@@ -269,13 +268,29 @@ def test_plugins_are_listed_with_what_they_provide(command: Command) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [["rn"], ["run"], ["run", "scene.toml", "--film"], ["run", "x", "--duration", "long"]]
+    ("arguments", "message"),
+    [
+        (["rn"], "No such command 'rn'. Did you mean 'run'?; see taichisoft --help"),
+        (["run"], "Missing argument 'scene'; see taichisoft run --help"),
+        (["run", "scene.toml", "--film"], "No such option: --film"),
+        (["run", "x", "--duration", "long"], "Invalid value for '--duration': "),
+        (["run", "x", "--set"], "Option '--set' requires an argument"),
+    ],
 )
-def test_a_command_that_is_none_is_refused(command: Command, arguments: list[str]) -> None:
-    code, _, errors = command(*arguments)
-    assert code == 2
-    assert "Error" in errors
-    assert "Traceback" not in errors
+def test_what_the_parser_refuses_is_one_line(
+    command: Command, monkeypatch: pytest.MonkeyPatch, arguments: list[str], message: str
+) -> None:
+    monkeypatch.setenv("COLUMNS", "20")
+    code, output, errors = command(*arguments)
+    (line,) = errors.splitlines()
+    assert (code, output) == (2, "")
+    assert line.startswith(f"taichisoft: {message}")
+
+
+def test_the_command_alone_shows_its_help(command: Command) -> None:
+    code, output, errors = command()
+    assert (code, errors) == (2, "")
+    assert "--version" in output
 
 
 def test_profile_shows_where_the_time_goes(command: Command) -> None:

@@ -13,10 +13,10 @@ from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.plugin_system.hookspecs import hookimpl
 from taichisoft.scenes.scene import Positive, Table
-from taichisoft_meshing.bodies.meshed_body import meshed_body, with_base
+from taichisoft_meshing.bodies.meshed_body import meshed_body, shells_of_solid, with_base
 from taichisoft_meshing.bodies.size_growth import set_sizes
-from taichisoft_meshing.bodies.solid_shells import shells_of_solid
-from taichisoft_meshing.bodies.tables import Base, FittedSizes, checked
+from taichisoft_meshing.bodies.tables import Base, FittedSizes
+from taichisoft_meshing.geometry_file import checked
 from taichisoft_meshing.gmsh_session import gmsh_session
 
 

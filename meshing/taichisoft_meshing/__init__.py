@@ -1,4 +1,4 @@
-"""From a finger's dimensions to tetrahedra (gmsh)."""
+"""From dimensions, CAD or surfaces to tetrahedra, with gmsh."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
@@ -15,8 +15,7 @@ if TYPE_CHECKING:
 @hookimpl
 def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
     """The built-in kinds of bodies."""
-    from taichisoft_meshing.bodies.step_kind import StepBody
-    from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
+    from taichisoft_meshing.bodies.kinds import StepBody, SurfacesBody
     from taichisoft_meshing.finger.kind import PneunetFinger
 
     return {"pneunet_finger": PneunetFinger, "step": StepBody, "surfaces": SurfacesBody}
@@ -24,7 +23,7 @@ def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
 
 @hookimpl
 def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
-    """Geometry files of any kind that a plug-in knows."""
+    """The function that meshes geometry files of every kind that a plug-in knows."""
     from taichisoft_meshing.scene_meshes import mesh_for_scene
 
     return {".toml": mesh_for_scene}
@@ -33,9 +32,9 @@ def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
     """Add `taichisoft mesh`, `mesh-info`, `mesh-sweep` and `mesh-cache`."""
+    from taichisoft_meshing.commands.mesh import mesh
+    from taichisoft_meshing.commands.mesh_info import mesh_info
     from taichisoft_meshing.mesh_cache import mesh_cache
-    from taichisoft_meshing.mesh_command import mesh
-    from taichisoft_meshing.mesh_info_command import mesh_info
     from taichisoft_meshing.sweep.command import mesh_sweep
 
     application.command("mesh")(mesh)

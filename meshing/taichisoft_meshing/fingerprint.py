@@ -5,22 +5,22 @@ import hashlib
 import inspect
 import json
 from collections.abc import Callable, Iterator, Mapping
-from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
 import taichisoft
+from taichisoft_meshing.gmsh_session import gmsh_version
 
 OWN_CODE = Path(__file__).resolve().parent
 
 
 def fingerprint(kind: Callable[..., Any], tables: Mapping[str, Any], folder: Path, request: Mapping[str, Any]) -> str:
-    """Of the tables after overrides, the files that they name, the request, and the code that makes the mesh.
+    """Hash the tables after overrides, the files that they name, the request, and the code that makes the mesh.
 
     Args:
-        kind: what makes the geometry; its whole package counts as code.
-        tables: of the geometry file, its `kind` included.
-        folder: where files that the tables name lie: any text in them that is the path of a file there.
+        kind: class or function that makes the geometry; its whole package counts as code.
+        tables: tables of the geometry file, its `kind` included.
+        folder: folder of the files that the tables name: any text in them that is the path of a file there.
         request: size, preset or number of nodes.
 
     Raises:
@@ -29,7 +29,7 @@ def fingerprint(kind: Callable[..., Any], tables: Mapping[str, Any], folder: Pat
     parts = [
         json.dumps([tables, request], sort_keys=True, default=str).encode(),
         *(file.read_bytes() for file in named_files(tables, folder)),
-        f"taichisoft {taichisoft.__version__}, gmsh {_version('gmsh')}".encode(),
+        f"taichisoft {taichisoft.__version__}, gmsh {gmsh_version()}".encode(),
         *(_digest_of_code(root) for root in dict.fromkeys((OWN_CODE, _package_of(kind)))),
     ]
     whole = hashlib.sha256()
@@ -39,7 +39,7 @@ def fingerprint(kind: Callable[..., Any], tables: Mapping[str, Any], folder: Pat
 
 
 def named_files(value: Any, folder: Path) -> Iterator[Path]:
-    """Files that any text in the tables names, in the tables' order."""
+    """The files that texts in the tables name, by sorted keys."""
     if isinstance(value, Mapping):
         for key in sorted(value):
             yield from named_files(value[key], folder)
@@ -54,13 +54,6 @@ def named_files(value: Any, folder: Path) -> Iterator[Path]:
             found = False
         if found:
             yield path
-
-
-def _version(package: str) -> str:
-    try:
-        return version(package)
-    except PackageNotFoundError:  # installed by other means than pip
-        return "unknown"
 
 
 def _package_of(kind: Callable[..., Any]) -> Path:

@@ -3,16 +3,27 @@
 import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+from pydantic import BaseModel, ValidationError
 
 from taichisoft.errors import MeshError, PluginError, nearest
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system import hooks
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.geometry import Geometry
-from taichisoft_meshing.quality.limits import QUALITY, quality_limits
+from taichisoft.scenes.validation_errors import first_problem
+from taichisoft_meshing.quality.limits import QUALITY, QualityLimits
 
 DEFAULT_KIND = "pneunet_finger"
+
+AnyTable = TypeVar("AnyTable", bound=BaseModel)
+
+
+class _CommonTables(BaseModel):
+    """The part of a geometry file that is the same for every kind."""
+
+    quality: QualityLimits = QualityLimits()
 
 
 def read_geometry(path: Path) -> Geometry:
@@ -23,6 +34,21 @@ def read_geometry(path: Path) -> Geometry:
         PluginError: the plug-in of its kind failed.
     """
     return make_geometry(*read_tables(path), path)
+
+
+def read_tables(path: Path) -> tuple[Any, dict[str, Any]]:
+    """The kind and the tables of a file.
+
+    Raises:
+        MeshError: the file is missing or no TOML.
+    """
+    try:
+        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError as error:
+        raise MeshError(f"{path}: no such file; a geometry file (.toml) is needed") from error
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        raise MeshError(f"{path}: not readable as TOML: {error}") from error
+    return tables.pop("kind", DEFAULT_KIND), tables
 
 
 def make_geometry(kind: Any, tables: Mapping[str, Any], path: Path) -> Geometry:
@@ -44,7 +70,7 @@ def make_geometry(kind: Any, tables: Mapping[str, Any], path: Path) -> Geometry:
 
 
 def find_kind(kind: Any, path: Path) -> Callable[..., Geometry]:
-    """What makes geometries of a kind that the file at `path` names.
+    """The class or function that makes geometries of a kind, which the file at `path` names.
 
     Raises:
         MeshError: no plug-in knows the kind.
@@ -55,8 +81,29 @@ def find_kind(kind: Any, path: Path) -> Callable[..., Geometry]:
     return kinds[kind]
 
 
+def quality_limits(tables: Mapping[str, Any], path: Path) -> QualityLimits:
+    """The limits in the tables of a geometry file, or the defaults.
+
+    Raises:
+        MeshError: a limit is not valid; the message begins with the file.
+    """
+    return checked(_CommonTables, {key: tables[key] for key in (QUALITY,) if key in tables}, path).quality
+
+
+def checked(table: type[AnyTable], tables: Mapping[str, Any], file: Path) -> AnyTable:
+    """The tables of a geometry file, checked.
+
+    Raises:
+        MeshError: something in them is not valid; the message begins with the file.
+    """
+    try:
+        return table.model_validate(dict(tables))
+    except ValidationError as error:
+        raise MeshError(f"{file}: {first_problem(error, table)}") from error
+
+
 def mesh_geometry(geometry: Geometry, size: float | None, path: Path) -> VolumeMesh:
-    """Mesh what was read from `path`, with largest elements of `size` [mm], and check the result.
+    """Mesh the geometry that was read from `path`, with largest elements of `size` [mm], and check the result.
 
     Raises:
         MeshError: it cannot be meshed, or not to something that is fit to simulate.
@@ -67,18 +114,3 @@ def mesh_geometry(geometry: Geometry, size: float | None, path: Path) -> VolumeM
     if not isinstance(mesh, VolumeMesh):
         raise PluginError(f"{path}: {type(geometry).__name__}.mesh() gave {mesh!r}; must be a VolumeMesh")
     return mesh.check()
-
-
-def read_tables(path: Path) -> tuple[Any, dict[str, Any]]:
-    """The kind and the tables of a file.
-
-    Raises:
-        MeshError: the file is missing or no TOML.
-    """
-    try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError as error:
-        raise MeshError(f"{path}: no such file; a geometry file (.toml) is needed") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise MeshError(f"{path}: not readable as TOML: {error}") from error
-    return tables.pop("kind", DEFAULT_KIND), tables

@@ -1,15 +1,27 @@
-"""A gmsh of one's own: silent, the same every time, closed again whatever happens, its log kept when it fails."""
+"""gmsh for one mesh: silent, the same every time, closed again whatever happens, its log kept when it fails."""
 
 import ctypes
 import os
 import signal
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
+
+import numpy as np
 
 from taichisoft.errors import MeshError
+
+Way = TypeVar("Way")
+Made = TypeVar("Made")
+
+TRIANGLE, TETRAHEDRON = 2, 4  # gmsh's numbers for the linear ones
+
+FRONTAL, MESH_ADAPT, DELAUNAY = 6, 1, 5
+SURFACE_ALGORITHMS = (FRONTAL, MESH_ADAPT, DELAUNAY)
+"""gmsh's numbers: the first gives the best triangles, the others fail less on surfaces that are hard to unroll."""
 
 
 class GmshFailure(Exception):
@@ -24,7 +36,7 @@ def gmsh_session(body: str) -> Iterator[Any]:
     the same calls give the same mesh, node for node. What gmsh says goes to a file if it fails, else nowhere.
 
     Args:
-        body: what is meshed, as the error calls it, for example "this finger" or "body.step".
+        body: name of what is meshed in errors, for example "this finger" or "body.step".
 
     Raises:
         MeshError: gmsh cannot be loaded, is already in use in this process, or fails. A failure inside the session,
@@ -55,6 +67,63 @@ def gmsh_session(body: str) -> Iterator[Any]:
         raise MeshError(f"gmsh cannot mesh {body}: {_one_line(error)}; {_kept_log(gmsh)}") from error
     finally:
         gmsh.finalize()
+
+
+def first_success(body: str, ways: Sequence[Way], make: Callable[[Any, Way], Made]) -> Made:
+    """What the first way that does not fail makes, each in a session of its own.
+
+    Args:
+        body: name of what is meshed in errors.
+        ways: ways to make it, in the order in which they are tried.
+        make: called with gmsh and a way.
+
+    Raises:
+        MeshError: the last way failed.
+    """
+    for number, way in enumerate(ways, 1):
+        with gmsh_session(body) as gmsh:  # each its own: gmsh does nothing more after it has failed
+            try:
+                return make(gmsh, way)
+            except Exception as error:
+                if type(error) not in (Exception, GmshFailure, MeshError) or number == len(ways):
+                    raise
+    raise ValueError("there is no way to try")
+
+
+def tetrahedra(gmsh: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Nodes in use and tetrahedra of the session's mesh, which gmsh makes positive.
+
+    Returns:
+        Node positions [mm], shape (node_count, 3); elements, shape (element_count, 4); gmsh's number of each node,
+        in ascending order.
+
+    Raises:
+        GmshFailure: there are none.
+    """
+    tags, coordinates, _ = gmsh.model.mesh.getNodes()
+    corner_tags = gmsh.model.mesh.getElementsByType(TETRAHEDRON)[1]
+    if len(corner_tags) == 0:
+        raise GmshFailure("no tetrahedra came out")
+    order = np.argsort(tags)
+    used, corners = np.unique(corner_tags, return_inverse=True)
+    nodes = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
+    return nodes, corners.reshape(-1, 4).astype(np.int32), used
+
+
+def obey_size_fields(gmsh: Any) -> None:
+    """Let the smallest of all size fields made so far decide everywhere; a distance is no size."""
+    field = gmsh.model.mesh.field
+    smallest = field.add("Min")
+    field.setNumbers(smallest, "FieldsList", [tag for tag in field.list() if field.getType(tag) != "Distance"])
+    field.setAsBackgroundMesh(smallest)
+
+
+def gmsh_version() -> str:
+    """The version of gmsh that is installed, found without loading it."""
+    try:
+        return version("gmsh")
+    except PackageNotFoundError:  # installed by other means than pip
+        return "unknown"
 
 
 def _keep_broken_pipes_an_error() -> None:

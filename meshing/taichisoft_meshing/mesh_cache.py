@@ -24,45 +24,48 @@ def cache_folder() -> Path:
     return (Path(own).expanduser() if own else user_cache_path("taichisoft", appauthor=False)) / "meshes"
 
 
-def read_entry(entry: Path) -> "VolumeMesh | None":
-    """A mesh that was kept; None when there is none, or, with a warning, none that can be read."""
+def kept_mesh(path: Path | None) -> "VolumeMesh | None":
+    """Read the mesh that was kept at a path; None when there is none, or, with a warning, none that can be read."""
     from taichisoft.meshes.files import read_volume_mesh
 
-    if not entry.is_file():
+    if path is None or not path.is_file():
         return None
     try:
-        return read_volume_mesh(entry)
+        return read_volume_mesh(path)
     except MeshError as error:
-        warnings.warn(f"{error}; it is made anew", stacklevel=2)
+        warnings.warn(f"{error}; it is made anew", stacklevel=3)
         return None
 
 
-def write_entry(mesh: "VolumeMesh", entry: Path) -> "VolumeMesh":
+def keep_mesh(mesh: "VolumeMesh", path: Path | None) -> "VolumeMesh":
     """Keep a mesh, whole or not at all: processes that make the same one at a time may all do so.
 
-    A folder that cannot be written costs no more than a warning.
+    A folder that cannot be written costs no more than a warning, and without a path nothing is kept.
 
     Returns:
         The mesh as it is read from a file, in which triangles may stand in another order: so a run gives the same
         bits whether its mesh was made in it or before.
     """
-    try:
-        entry.parent.mkdir(parents=True, exist_ok=True)
-        return _through_file(mesh, entry)
-    except (OSError, MeshError) as error:
-        why = error.strerror if isinstance(error, OSError) and error.strerror else error
-        warnings.warn(
-            f"the mesh cannot be kept in {entry.parent} ({why}) and is made anew every time; "
-            f"{FOLDER_VARIABLE} can name another folder",
-            stacklevel=2,
-        )
-        return not_kept(mesh)
-
-
-def not_kept(mesh: "VolumeMesh") -> "VolumeMesh":
-    """The mesh as it would be if it had been kept."""
+    if path is not None:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            return _through_file(mesh, path)
+        except (OSError, MeshError) as error:
+            why = error.strerror if isinstance(error, OSError) and error.strerror else error
+            warnings.warn(
+                f"the mesh cannot be kept in {path.parent} ({why}) and is made anew every time; "
+                f"{FOLDER_VARIABLE} can name another folder",
+                stacklevel=3,
+            )
     with tempfile.TemporaryDirectory() as folder:
         return _through_file(mesh, Path(folder) / "mesh.msh")
+
+
+def _through_file(mesh: "VolumeMesh", path: Path) -> "VolumeMesh":
+    from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
+
+    write_volume_mesh(mesh, path)
+    return read_volume_mesh(path)
 
 
 def mesh_cache(
@@ -80,10 +83,3 @@ def mesh_cache(
         except OSError as error:
             raise MeshError(f"{folder}: cannot be cleared: {error.strerror or error}") from error
     typer.echo(f"{'deleted ' * clear}{about}")
-
-
-def _through_file(mesh: "VolumeMesh", path: Path) -> "VolumeMesh":
-    from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
-
-    write_volume_mesh(mesh, path)
-    return read_volume_mesh(path)

@@ -1,4 +1,4 @@
-"""One mesh to be made: what of, how fine; and what came of it."""
+"""One mesh to be made, of what and how fine, and what came of it."""
 
 import time
 import warnings
@@ -7,24 +7,24 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from taichisoft.errors import MeshError
+from taichisoft.errors import MeshError, nearest
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system.geometry import Geometry
-from taichisoft_meshing.geometry_file import make_geometry
-from taichisoft_meshing.mesh_request import mesh_as_asked
-from taichisoft_meshing.quality.check import cautions, faults, missed_limits
-from taichisoft_meshing.quality.limits import QualityLimits, quality_limits
+from taichisoft_meshing.fingerprint import fingerprint
+from taichisoft_meshing.geometry_file import find_kind, make_geometry, mesh_geometry, quality_limits
+from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits, summary
 from taichisoft_meshing.quality.mesh_quality import MeshQuality, measure
+from taichisoft_meshing.size_search import size_for_nodes
 
 
 @dataclass(frozen=True)
 class MeshJob:
-    """Plain data, so that it can be sent to another process.
+    """What is to be meshed, as plain data that can be sent to another process.
 
     Attributes:
-        kind: of geometry.
-        tables: of the geometry, with what was overridden.
-        file: that the tables are from; begins every error, and files that the tables name are looked for beside it.
+        kind: name of the geometry kind.
+        tables: tables of the geometry, overridden values included.
+        file: the file that the tables are from; begins every error, and files that the tables name lie beside it.
         asked: `size` [mm], `preset` or `nodes`; empty for the geometry's own size.
     """
 
@@ -33,6 +33,15 @@ class MeshJob:
     file: Path
     asked: Mapping[str, Any]
 
+    def fingerprint(self) -> str:
+        """A hash of everything that the mesh is made from.
+
+        Raises:
+            OSError: a file that the tables name cannot be read, or the code of the kind cannot be found.
+        """
+        kind = find_kind(self.kind, self.file)
+        return fingerprint(kind, {**self.tables, "kind": self.kind}, self.file.parent, self.asked)
+
 
 @dataclass(frozen=True)
 class MadeMesh:
@@ -40,12 +49,12 @@ class MadeMesh:
 
     Attributes:
         job: what it was made from.
-        geometry: as its kind understood it.
-        mesh: fit to be read by a simulation.
+        geometry: the description as its kind understood it.
+        mesh: the mesh, which a simulation can read.
         quality: its figures.
-        limits: that the geometry file sets to them.
-        remarks: what was warned of while it was made, and what its quality gives reason to, one line each.
-        seconds: that gmsh took [s].
+        limits: the limits that the geometry file sets to the figures.
+        remarks: warnings given while it was made, and those that its quality gives reason to, one line each.
+        seconds: time that gmsh took [s].
     """
 
     job: MeshJob
@@ -83,9 +92,33 @@ def make_mesh(job: MeshJob, stage: Callable[[str], None] = lambda name: None) ->
     return MadeMesh(job, geometry, mesh, quality, limits, (*said, *cautions(quality)), seconds)
 
 
-def require_fit(made: MadeMesh) -> None:
-    """Raise MeshError, which names the first problem, when there is one."""
+def require_fit(made: MadeMesh, remedy: str) -> None:
+    """Raise MeshError when there is a problem; the message names the first one, and `remedy` ends it."""
     if made.problems:
-        first, *others = made.problems
-        more = f" (and {len(others)} more)" if others else ""
-        raise MeshError(f"{made.job.file}: {first}{more}; try another size, or --force writes the mesh all the same")
+        raise MeshError(f"{made.job.file}: {summary(made.problems)}; try another size, or {remedy}")
+
+
+def mesh_as_asked(
+    geometry: Geometry, file: Path, size: float | None = None, preset: str | None = None, nodes: int | None = None
+) -> VolumeMesh:
+    """Mesh a geometry, at its own size when nothing else is asked for.
+
+    Args:
+        geometry: the body to be meshed.
+        file: the file that it was read from; begins every error.
+        size: length of the largest element [mm].
+        preset: name of one of the geometry's sizes, instead of `size`.
+        nodes: number of nodes to come near to, instead of `size`.
+
+    Raises:
+        MeshError: there is no such preset, the number of nodes is not reached, or the mesh is not fit to simulate.
+        PluginError: the plug-in of its kind failed.
+    """
+    if nodes is not None:
+        return size_for_nodes(geometry, nodes)[1]
+    if preset is not None:
+        presets = geometry.presets
+        if preset not in presets:
+            raise MeshError(f"{file}: preset '{preset}': unknown; {nearest(preset, list(presets), 'there are')}")
+        size = presets[preset]
+    return mesh_geometry(geometry, size, file)

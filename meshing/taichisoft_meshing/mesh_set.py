@@ -13,7 +13,7 @@ from taichisoft.meshes.files import VOLUME_SUFFIXES, write_volume_mesh
 from taichisoft.meshes.surface_files import write_stl
 from taichisoft.running.interruption import deferred_signals
 from taichisoft_meshing.mesh_job import MadeMesh
-from taichisoft_meshing.mesh_record import mesh_record
+from taichisoft_meshing.mesh_record import mesh_record, write_record
 from taichisoft_meshing.quality.picture import draw_report
 
 RECORD = "mesh.json"
@@ -21,10 +21,10 @@ PICTURE = "mesh-report.png"
 
 
 def is_file(output: Path) -> bool:
-    """Whether an output is one file: it ends like one (.msh), and not like a number (wall-1.5), and is no folder.
+    """Whether an output is one file: its name ends like one (.msh), not like a number (wall-1.5), and is no folder's.
 
     Raises:
-        MeshError: it ends like another kind of file.
+        MeshError: the name ends like that of another kind of file.
     """
     if output.is_dir() or not re.fullmatch(r"\.[A-Za-z]\w*", output.suffix):
         return False
@@ -33,10 +33,10 @@ def is_file(output: Path) -> bool:
 
 
 def prepare(output: Path) -> None:
-    """Make the folder that an output comes into: what cannot be written is better known before the work.
+    """Make the folder of an output before the work begins, so that one that cannot be written is told at once.
 
     Raises:
-        MeshError: it cannot be made, nobody may write to it, or a file stands where a folder is to be.
+        MeshError: the folder cannot be made, nobody may write to it, or a file stands where a folder is to be.
     """
     if not is_file(output) and output.exists() and not output.is_dir():
         raise MeshError(f"--output {output}: is a file; a folder, or a file ({', '.join(VOLUME_SUFFIXES)}) is needed")
@@ -45,10 +45,10 @@ def prepare(output: Path) -> None:
 
 
 def prepare_folder(folder: Path, output: Path | None = None) -> None:
-    """Make a folder unless it is there; `output` is what the user called it, or something in it.
+    """Make a folder unless it is there; errors call it `output`, which the user named.
 
     Raises:
-        MeshError: it cannot be made, or nobody may write to it.
+        MeshError: the folder cannot be made, or nobody may write to it.
     """
     output = folder if output is None else output
     try:
@@ -60,7 +60,7 @@ def prepare_folder(folder: Path, output: Path | None = None) -> None:
 
 
 def write_output(made: MadeMesh, output: Path) -> None:
-    """Write a mesh to a file or folder, as `is_file` says; nothing stops it half-way but a second signal.
+    """Write a mesh to a file or folder, as `is_file` says; only a second signal stops it half-way.
 
     Raises:
         MeshError: something cannot be written.
@@ -95,8 +95,7 @@ def write_files(made: MadeMesh, folder: Path, name: str) -> None:
     """Write all files of a mesh to an empty folder.
 
     Raises:
-        MeshError: a mesh or a surface cannot be written.
-        OSError: the record cannot be.
+        MeshError: a file cannot be written.
     """
     mesh, quality = made.mesh, made.quality
     for suffix in VOLUME_SUFFIXES:
@@ -105,16 +104,14 @@ def write_files(made: MadeMesh, folder: Path, name: str) -> None:
         if surface.closed_by_name:
             write_stl(mesh.nodes, surface.triangles, folder / f"{name}-{surface.name}.stl")
     draw_report(mesh, quality, made.limits, name, folder / PICTURE)
-    record = mesh_record(made, sorted(folder.iterdir()))
-    text = json.dumps(record, indent=2, allow_nan=False, default=list)
-    (folder / RECORD).write_text(text + "\n", encoding="utf-8")
+    write_record(mesh_record(made, sorted(folder.iterdir())), folder / RECORD)
 
 
 def move_set(partial: Path, folder: Path) -> None:
     """Move all files of one folder to another, which may have an older set.
 
-    What the older set has and this one has not is removed: its record says what that is. The record is moved last, so
-    that it never stands beside files that it does not describe.
+    Files that only the older set has are removed: its record lists them. The record is moved last, so that it never
+    stands beside files that it does not describe.
 
     Raises:
         OSError: a file cannot be moved.
@@ -130,7 +127,7 @@ def move_set(partial: Path, folder: Path) -> None:
 
 
 def _recorded_files(record: Path) -> set[str]:
-    """Names of the files of the set that was written before; none where there is no record of ours."""
+    """Names of the files that a record lists; none where there is no record of this program."""
     try:
         content: Any = json.loads(record.read_text(encoding="utf-8"))
         names = set(content["files_sha256"])

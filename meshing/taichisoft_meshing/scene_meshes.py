@@ -8,15 +8,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft_meshing.fingerprint import fingerprint
-from taichisoft_meshing.geometry_file import find_kind, read_tables
-from taichisoft_meshing.mesh_cache import cache_folder, not_kept, read_entry, write_entry
-from taichisoft_meshing.mesh_job import MeshJob, make_mesh
+from taichisoft_meshing.geometry_file import read_tables
+from taichisoft_meshing.mesh_cache import cache_folder, keep_mesh, kept_mesh
+from taichisoft_meshing.mesh_job import MeshJob, make_mesh, require_fit
 
 LOGGER = logging.getLogger("taichisoft.meshing")
-DIGITS = 16  # of the hash, in the name of what is kept
+DIGITS = 16  # of the hash, in the file name of a kept mesh
 
 
 def mesh_for_scene(
@@ -30,9 +28,9 @@ def mesh_for_scene(
 
     Args:
         file: the geometry file.
-        size: largest element [mm].
+        size: length of the largest element [mm].
         preset: name of one of the geometry's sizes.
-        nodes: how many to come near to.
+        nodes: number of nodes to come near to.
         set: tables that are laid over those of the file.
 
     Raises:
@@ -40,19 +38,22 @@ def mesh_for_scene(
         PluginError: the plug-in of its kind failed.
     """
     kind, tables = read_tables(file)
-    tables = laid_over(tables, set or {})
     possible = {"size": size, "preset": preset, "nodes": nodes}
     asked: dict[str, Any] = {key: value for key, value in possible.items() if value is not None}
     wish = "".join(f", {key} {value}" for key, value in asked.items())
-    entry = _entry(kind, tables, file, asked)
-    mesh = read_entry(entry) if entry is not None else None
+    job = MeshJob(kind, laid_over(tables, set or {}), file, asked)
+    path = _cache_path(job)
+    mesh = kept_mesh(path)
     if mesh is not None:
-        LOGGER.info("mesh of %s%s: %d nodes, made before (%s)", file, wish, len(mesh.nodes), entry)
+        LOGGER.info("mesh of %s%s: %d nodes, made before (%s)", file, wish, len(mesh.nodes), path)
     else:
         LOGGER.info("meshing %s%s", file, wish)
         start = time.perf_counter()
-        made = _fit_mesh(MeshJob(kind, tables, file, asked))
-        mesh = write_entry(made, entry) if entry is not None else not_kept(made)
+        made = make_mesh(job)
+        require_fit(made, "other limits in its [quality]")
+        for remark in made.remarks:
+            warnings.warn(f"mesh of {file}: {remark}", stacklevel=2)
+        mesh = keep_mesh(made.mesh, path)
         LOGGER.info("meshed %s%s: %d nodes in %.1f s", file, wish, len(mesh.nodes), time.perf_counter() - start)
     return replace(mesh, source=str(file))
 
@@ -66,27 +67,10 @@ def laid_over(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
     return merged
 
 
-def _fit_mesh(job: MeshJob) -> VolumeMesh:
-    """Make a mesh that meets the limits of its file, and warn of what a user should know about it.
-
-    Raises:
-        MeshError: it cannot be made, or is not fit to simulate.
-        PluginError: the plug-in of its kind failed.
-    """
-    made = make_mesh(job)
-    if made.problems:
-        more = f" (and {len(made.problems) - 1} more)" if len(made.problems) > 1 else ""
-        raise MeshError(f"{job.file}: {made.problems[0]}{more}; try another size, or other limits in its [quality]")
-    for remark in made.remarks:
-        warnings.warn(f"mesh of {job.file}: {remark}", stacklevel=3)
-    return made.mesh
-
-
-def _entry(kind: Any, tables: Mapping[str, Any], file: Path, asked: Mapping[str, Any]) -> Path | None:
+def _cache_path(job: MeshJob) -> Path | None:
     """Where the mesh is kept; None, with a warning, when it cannot be told what it is made from."""
     try:
-        made_from = fingerprint(find_kind(kind, file), {**tables, "kind": kind}, file.parent, asked)
+        return cache_folder() / f"{job.file.stem}-{job.fingerprint()[:DIGITS]}.msh"
     except OSError as error:
-        warnings.warn(f"{file}: the mesh is made anew every time: {error}", stacklevel=3)
+        warnings.warn(f"{job.file}: the mesh is made anew every time: {error}", stacklevel=3)
         return None
-    return cache_folder() / f"{file.stem}-{made_from[:DIGITS]}.msh"

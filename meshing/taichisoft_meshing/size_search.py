@@ -1,4 +1,4 @@
-"""The element size that gives a mesh of so many nodes."""
+"""The element size that gives a mesh of so many nodes, and the finest that a volume can be meshed with."""
 
 import math
 from dataclasses import dataclass, field
@@ -9,19 +9,27 @@ from taichisoft.plugin_system.geometry import Geometry
 from taichisoft_meshing.quality.tetrahedra import edge_lengths
 
 WITHIN = 0.15
-"""Of the number of nodes asked for: how far off a mesh may be."""
+"""Largest allowed error of the number of nodes, as a share of the number asked for [-]."""
 
 NEAR_ENOUGH = 0.05
-"""Of the number: the search goes no further."""
+"""Error at which the search ends, as a share of the number asked for [-]."""
 
 MOST_MESHES = 8
-"""That a search makes."""
+"""Number of meshes after which a search ends."""
 
 DIMENSION = 2.4
 """Nodes go like size ** -DIMENSION: between those of a surface (2) and of a volume (3)."""
 
 FARTHEST = 4.0
-"""Times a size that was tried: beyond, nothing is known of the next one."""
+"""Largest ratio of the next size to one that was tried: nothing is known of sizes farther away [-]."""
+
+MOST_ELEMENTS = 5_000_000
+"""More elements than any machine meshes and simulates in a sensible time."""
+
+
+def finest_size(volume: float) -> float:
+    """The size [mm] at which a volume [mm^3] takes MOST_ELEMENTS regular tetrahedra, of size^3 / (6 sqrt 2) each."""
+    return float((8.5 * volume / MOST_ELEMENTS) ** (1 / 3))
 
 
 def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
@@ -55,7 +63,7 @@ def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
 
 
 def _first_size(geometry: Geometry) -> float:
-    """One that the geometry names, or a guess from the mesh of its own size [mm]."""
+    """A size that the geometry names, or a guess from the mesh of its own size [mm]."""
     presets = geometry.presets
     if presets:
         return max(presets.values())
@@ -65,14 +73,14 @@ def _first_size(geometry: Geometry) -> float:
 
 @dataclass
 class _Search:
-    """What is known so far.
+    """The sizes that were tried, and what they gave.
 
     Attributes:
         target: number of nodes wanted.
         counts: number of nodes by size [mm]; 0 where the size is too large for the body, infinite where too small.
-        refusals: why sizes are.
-        best: mesh with the number of nodes nearest to the target, and `best_size` [mm].
-        miss: how far off its number is, of the target [-].
+        refusals: errors of the sizes that are too large or too small.
+        best: mesh with the number of nodes nearest to the target; its size is `best_size` [mm].
+        miss: error of its number of nodes, as a share of the target [-].
     """
 
     target: int
@@ -83,7 +91,7 @@ class _Search:
     miss: float = math.inf
 
     def add(self, size: float, geometry: Geometry) -> None:
-        """Mesh at a size."""
+        """Mesh the geometry at a size [mm], and note what came of it."""
         try:
             mesh = geometry.mesh(size).check()
         except MeshError as error:
@@ -97,7 +105,7 @@ class _Search:
             self.best, self.best_size, self.miss = mesh, size, miss
 
     def next_size(self) -> float | None:
-        """Where to look next [mm]; None between two nearly equal sizes."""
+        """The size to try next [mm]; None when it lies between two nearly equal sizes."""
         few = min((size for size, count in self.counts.items() if count <= self.target), default=None)
         many = max((size for size, count in self.counts.items() if count > self.target), default=None)
         if few is None or many is None:

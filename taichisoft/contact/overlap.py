@@ -8,6 +8,7 @@ from taichisoft.contact.detection import ContactDetection
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.errors import SceneError
+from taichisoft.meshes.edge_crossings import boxes_meet, common_points, pairs_of_meeting_boxes
 
 # Surfaces are shrunk by this share of the scene's extent before they are cut with each other: bodies that merely
 # touch stay apart then, however round-off falls.
@@ -15,8 +16,6 @@ SHRINKING = 1e-6
 # One surface of each pair is shifted too, by less than the shrinking gains: of bodies with faces or edges in the
 # same place, such as one body placed twice, no edge would properly go through a triangle otherwise.
 SHIFT = 0.25 * np.array([0.62, -0.48, 0.57])
-ROUND_OFF = 1e-9  # of barycentric weights: no edge slips through between two triangles
-EDGES_AT_A_TIME = 256
 
 
 def refuse_overlap(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
@@ -51,7 +50,7 @@ def _refuse_crossed_surfaces(surfaces: ContactSurfaces, moving: MovingSurfaces, 
     edges = [topology.edges[start:stop] for start, stop in surfaces.edge_range]
     triangles = [topology.triangles[start:stop] for start, stop in surfaces.triangle_range]
     for first, second in topology.pairs.tolist():
-        if not _meet(lower[first], upper[first], lower[second], upper[second]):
+        if not boxes_meet(lower[first], upper[first], lower[second], upper[second]):
             continue
         shifted = shrunk + margin * SHIFT
         place = _first_crossing(shifted[edges[first]], shrunk[triangles[second]])
@@ -83,46 +82,16 @@ def _lengths(vectors: np.ndarray) -> np.ndarray:
 
 
 def _first_crossing(edges: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
-    """A point [mm] where an edge goes through a triangle, or None.
+    """Find a point where an edge goes through a triangle [mm], shape (3,); None where no edge does.
 
     Args:
         edges: ends [mm], shape (edge_count, 2, 3).
         triangles: corners [mm], shape (triangle_count, 3, 3).
     """
-    edge_lower, edge_upper = edges.min(axis=1), edges.max(axis=1)
-    lower, upper = triangles.min(axis=1), triangles.max(axis=1)
-    candidates = np.flatnonzero(_meet(edge_lower, edge_upper, lower.min(axis=0), upper.max(axis=0)))
-    # Sorted along their longest extent, edges of a block lie together and meet few triangles.
-    axis = int(np.ptp(edges, axis=(0, 1)).argmax())
-    candidates = candidates[np.argsort(edge_lower[candidates, axis], kind="stable")]
-    for start in range(0, len(candidates), EDGES_AT_A_TIME):
-        some = candidates[start : start + EDGES_AT_A_TIME]
-        near = np.flatnonzero(_meet(lower, upper, edge_lower[some].min(axis=0), edge_upper[some].max(axis=0)))
-        edge, triangle = np.nonzero(_meet(edge_lower[some, None], edge_upper[some, None], lower[near], upper[near]))
-        ends = edges[some[edge]]
-        position = _crossing_position(ends, triangles[near[triangle]])
-        crosses = np.flatnonzero(np.isfinite(position))
-        if len(crosses):
-            begin, end = ends[crosses[0]]
-            return begin + position[crosses[0]] * (end - begin)
+    for edge, triangle in pairs_of_meeting_boxes(edges, triangles):
+        points = common_points(edges[edge], triangles[triangle])
+        found = np.flatnonzero(np.isfinite(points).all(axis=1))
+        if len(found):
+            crossing: np.ndarray = points[found[0]]
+            return crossing
     return None
-
-
-def _meet(lower: np.ndarray, upper: np.ndarray, other_lower: np.ndarray, other_upper: np.ndarray) -> np.ndarray:
-    """Whether boxes with these corners [mm] in the last axis meet."""
-    return np.all((lower <= other_upper) & (other_lower <= upper), axis=-1)
-
-
-def _crossing_position(ends: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Where along each edge (0 to 1) its triangle is crossed, NaN where it is not (Moeller and Trumbore 1997)."""
-    along = ends[:, 1] - ends[:, 0]
-    from_corner = ends[:, 0] - corners[:, 0]
-    side, other_side = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
-    across, moment = np.cross(along, other_side), np.cross(from_corner, side)
-    with np.errstate(divide="ignore", invalid="ignore"):  # a parallel edge crosses nowhere
-        scale = 1.0 / (side * across).sum(axis=1)
-        weight = scale * (from_corner * across).sum(axis=1)
-        other_weight = scale * (along * moment).sum(axis=1)
-        position = scale * (other_side * moment).sum(axis=1)
-        inside = (weight >= -ROUND_OFF) & (other_weight >= -ROUND_OFF) & (weight + other_weight <= 1.0 + ROUND_OFF)
-    return np.where(inside & (position >= 0.0) & (position <= 1.0), position, np.nan)

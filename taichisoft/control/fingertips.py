@@ -78,7 +78,7 @@ def _farthest_nodes(body: SoftBody) -> np.ndarray:
 
 def _centred(position: np.ndarray, name: str) -> np.ndarray:
     """The positions less their mean; what lies on a line cannot show a rotation."""
-    centred: np.ndarray = position - position.mean(axis=0)
+    centred = position - position.mean(axis=0)
     extents = np.linalg.svd(centred, compute_uv=False)
     if len(position) < 3 or extents[1] <= 1e-6 * extents[0]:
         raise SceneError(

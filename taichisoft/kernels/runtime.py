@@ -12,6 +12,7 @@ NaN inside kernels do no more than end loops.
 """
 
 import ast
+import atexit
 import contextlib
 import io
 import os
@@ -24,6 +25,7 @@ import taichi as ti
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 from taichisoft.errors import TaichisoftError
+from taichisoft.kernels.kernel_cache import alone_with_kernels
 
 
 def thread_count(setting: str) -> int:
@@ -57,7 +59,8 @@ ASTTransformerContext.get_pos_info = _short_position
 
 THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or "0")
 
-with contextlib.redirect_stdout(io.StringIO()):  # ti.init prints which back end it starts
+# ti.init prints which back end it starts.
+with contextlib.redirect_stdout(io.StringIO()), alone_with_kernels():
     ti.init(
         arch=ti.cpu,
         default_fp=ti.f64,
@@ -67,6 +70,14 @@ with contextlib.redirect_stdout(io.StringIO()):  # ti.init prints which back end
         offline_cache=True,
         log_level=ti.WARN,
     )
+
+
+@atexit.register
+def _finish() -> None:
+    """Let Taichi write its list of kernels."""
+    with alone_with_kernels():
+        ti.reset()
+
 
 # On the CPU Taichi 1.7.4 cuts a parallel loop into one stretch of iterations a thread, of at least 512, whatever
 # block_dim says. A loop over THREADS * CHUNK that works only where the index is a multiple of CHUNK runs once on each

@@ -35,7 +35,7 @@ class TextNumbers:
     def integers(self, count: int) -> np.ndarray:
         """Tags and dimensions: gmsh's `int`."""
         values = self.floats(count)  # exact: no file has 2^53 of anything
-        whole: np.ndarray = np.nan_to_num(values).astype(np.int64)
+        whole = np.nan_to_num(values).astype(np.int64)
         if (whole != values).any():
             raise ValueError(f"{values[np.argmax(whole != values)]:g} stands where a whole number is needed")
         return whole

@@ -37,8 +37,7 @@ class MappedSurface:
 
     def positions(self, node_positions: np.ndarray) -> np.ndarray:
         """Vertex positions [mm], shape (vertex_count, 3), for node positions of shape (node_count, 3)."""
-        positions: np.ndarray = np.einsum("vk,vkd->vd", self.weights, node_positions[self.nodes])
-        return positions
+        return np.einsum("vk,vkd->vd", self.weights, node_positions[self.nodes])
 
 
 def enclosed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:

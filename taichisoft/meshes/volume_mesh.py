@@ -98,16 +98,14 @@ class MeshContent:
 def tetrahedron_volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     """Signed volumes [mm^3] of the tetrahedra spanned by each element's first four nodes, shape (element_count,)."""
     edges = nodes[elements[:, 1:4]] - nodes[elements[:, :1]]
-    volumes: np.ndarray = np.linalg.det(edges) / 6.0
-    return volumes
+    return np.linalg.det(edges) / 6.0
 
 
 def boundary_triangles(elements: np.ndarray) -> np.ndarray:
     """Faces that belong to one tetrahedron only, outward for positive elements, shape (count, 3) node indices."""
     faces = elements[:, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]].reshape(-1, 3)
     _, first, counts = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    outer: np.ndarray = faces[np.sort(first[counts == 1])]
-    return outer
+    return faces[np.sort(first[counts == 1])]
 
 
 def _refuse(mesh: VolumeMesh, bad: np.ndarray, what: str, why: str) -> None:

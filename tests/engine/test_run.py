@@ -3,7 +3,6 @@
 import math
 import re
 import signal
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, cast
 
@@ -52,14 +51,6 @@ class Log(Output):
         self.calls.append(outcome)
         if self.at_end is not None:
             raise self.at_end
-
-
-@pytest.fixture(autouse=True)
-def interrupts_as_in_a_terminal() -> Iterator[None]:
-    """A shell starts its background jobs with SIGINT ignored, and the tests may be one."""
-    before = signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture

@@ -1,8 +1,24 @@
-"""Fingers of all kinds for the tests: every table that this strategy gives is valid."""
+"""Fingers for the tests: from tables, from files, and of all kinds."""
 
+from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from hypothesis import strategies as st
+
+from taichisoft_meshing.finger.kind import PneunetFinger
+from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.geometry_file import read_tables
+
+
+def finger_from_dict(tables: Mapping[str, Any], source: str = "finger") -> FingerParameters:
+    """The finger that tables describe; `source` begins errors."""
+    return PneunetFinger(tables, Path(source)).dimensions()
+
+
+def read_finger(path: Path, size: float | None = None) -> FingerParameters:
+    """The finger that a file describes, with largest elements of `size` [mm]."""
+    return PneunetFinger(read_tables(path)[1], path).dimensions(size)
 
 
 def lengths(low: float, high: float) -> st.SearchStrategy[float]:
@@ -12,7 +28,7 @@ def lengths(low: float, high: float) -> st.SearchStrategy[float]:
 
 @st.composite
 def sharp_fingers(draw: st.DrawFn) -> dict[str, Any]:
-    """Tables of a finger without fillets and inlet, built up from its walls, at a coarse size."""
+    """Valid tables of a finger without fillets and inlet, built up from its walls, at a coarse size."""
     count = draw(st.integers(1, 5))
     chamber, wall, slot = draw(lengths(2, 8)), draw(lengths(0.8, 4)), draw(lengths(0.8, 4))
     start, tip = draw(lengths(6, 25)), draw(lengths(4, 20))

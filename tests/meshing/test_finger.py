@@ -4,11 +4,11 @@ import math
 from typing import Any
 
 import pytest
+from fingers import finger_from_dict, read_finger
 
 from taichisoft.errors import MeshError
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing.finger.dimensions import ElementSizes
-from taichisoft_meshing.finger.kind import finger_from_dict, read_finger
 from taichisoft_meshing.finger.parameters import FingerParameters
 
 TUTORIAL = data_folder() / "fingers" / "tutorial.toml"

@@ -6,13 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fingers import sharp_fingers
+from fingers import finger_from_dict, read_finger, sharp_fingers
 from hypothesis import HealthCheck, given, settings
 
 from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.scenes.shipped import data_folder
-from taichisoft_meshing.finger.kind import finger_from_dict, read_finger
 from taichisoft_meshing.finger.mesher import mesh_finger
 from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.quality.tetrahedra import radius_ratios

@@ -3,10 +3,10 @@
 from typing import Any
 
 import pytest
+from fingers import finger_from_dict
 
 from taichisoft.errors import MeshError
 from taichisoft_meshing.finger.cavity_walls import thin_walls
-from taichisoft_meshing.finger.kind import finger_from_dict
 from taichisoft_meshing.finger.parameters import FingerParameters
 
 

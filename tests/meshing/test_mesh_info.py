@@ -1,5 +1,6 @@
 """`taichisoft mesh-info`: the figures of anything that can be read."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -15,10 +16,10 @@ from taichisoft.meshes.volume_mesh import VolumeMesh
 
 @pytest.fixture
 def info(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
-    """Exit code, standard output and error of the command on a file."""
+    """Exit code, standard output and error of the command."""
 
-    def run(file: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["taichisoft", "mesh-info", str(file)])
+    def run(*arguments: object) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["taichisoft", "mesh-info", *map(str, arguments)])
         with pytest.raises(SystemExit) as left:
             main()
         return int(left.value.code or 0), *capfd.readouterr()
@@ -100,3 +101,53 @@ def test_what_cannot_be_measured_or_read_is_refused(info, tmp_path: Path) -> Non
         "'.txt' is not a kind of mesh or surface file; valid: .msh, .vtk, .vtu, .stl, .obj, .ply"
         in info(tmp_path / "notes.txt")[2]
     )
+
+
+@pytest.mark.parametrize("option", ["-o", "--output"])
+def test_the_figures_are_written_too(info, tmp_path: Path, option: str) -> None:
+    write_volume_mesh(hollow(), tmp_path / "hollow.msh")
+    file = tmp_path / "new" / "figures.json"
+    code, output, _ = info(tmp_path / "hollow.msh", option, file)
+    assert (code, f"written to {file}\n" in output) == (0, True)
+    record = json.loads(file.read_text())
+    assert record["counts"] == {"nodes": 208, "tetrahedra": 588}
+    assert record["volumes_mm3"] == pytest.approx({"silicone": 98000.0, "outer": 125000.0, "cavity": 27000.0})
+    assert record["quality"]["elements_across_walls"] == 1
+    assert (record["problems"], len(record["remarks"])) == ([], 1)
+    assert [path.name for path in file.parent.iterdir()] == ["figures.json"]
+
+
+def test_what_speaks_against_a_mesh_is_written_and_drawn(info, tmp_path: Path) -> None:
+    mesh = hollow()
+    turned = mesh.elements.copy()
+    turned[7] = turned[7][[0, 1, 3, 2]]
+    write_volume_mesh(VolumeMesh("hollow", mesh.nodes, turned), tmp_path / "turned.vtk")
+    assert info(tmp_path / "turned.vtk", "-o", tmp_path / "turned.json")[0] == 1
+    problems = json.loads((tmp_path / "turned.json").read_text())["problems"]
+    assert problems[0].startswith("element 7 is inverted")
+    assert problems[1] == "1 elements have no positive volume"
+    assert info(tmp_path / "turned.vtk", "-o", tmp_path / "turned.png")[0] == 1
+    assert (tmp_path / "turned.png").read_bytes()[:4] == b"\x89PNG"
+
+
+def test_the_figures_of_a_surface_are_written_too(info, tmp_path: Path) -> None:
+    import trimesh
+
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
+    assert info(tmp_path / "box.stl", "-o", tmp_path / "box.json")[0] == 0
+    record = json.loads((tmp_path / "box.json").read_text())
+    assert record.pop("extent_mm") == pytest.approx([1.0, 2.0, 3.0])
+    assert (record.pop("area_mm2"), record.pop("volume_mm3")) == pytest.approx((22.0, 6.0))
+    assert record == {"file": "box.stl", "triangles": 12, "closed": True, "pieces": 1, "problems": []}
+
+
+@pytest.mark.parametrize("output", ["box.png", "box", "box.txt"])
+def test_another_kind_of_file_is_refused(info, tmp_path: Path, output: str) -> None:
+    import trimesh
+
+    trimesh.creation.box((1.0, 2.0, 3.0)).export(tmp_path / "box.stl")
+    code, shown, error = info(tmp_path / "box.stl", "-o", tmp_path / output)
+    assert (code, shown) == (2, "")
+    suffix = Path(output).suffix
+    assert error == f"taichisoft: {tmp_path / output}: '{suffix}' is not a kind of report file; valid: .json\n"
+    assert info("tutorial-coarse", "-o", tmp_path / "coarse.svg")[2].endswith("valid: .json, .png\n")

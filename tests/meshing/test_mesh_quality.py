@@ -7,8 +7,7 @@ import pytest
 from conftest import make_block
 
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft_meshing.quality.check import cautions, faults, missed_limits
-from taichisoft_meshing.quality.limits import QualityLimits
+from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits
 from taichisoft_meshing.quality.mesh_quality import measure
 from taichisoft_meshing.quality.surfaces import winding_numbers
 

@@ -13,8 +13,8 @@ import pytest
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.files import read_volume_mesh
+from taichisoft_meshing.commands.options import geometry_job
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
-from taichisoft_meshing.mesh_options import finger_job
 from taichisoft_meshing.sweep.plan import MOST, plan
 
 PLUGIN = Path(__file__).with_name("block_kind.py")
@@ -105,7 +105,7 @@ def test_parallel_processes_give_the_meshes_of_one_process_node_for_node(tmp_pat
     process = sweep_process("tutorial", tmp_path, "--vary", "body.width=20,22", "--size", "14", "--jobs", "2")
     shown, error = process.communicate(timeout=120)
     assert process.returncode == 0, error
-    for variant in plan(finger_job("tutorial", [], 14.0, None, None), ["body.width=20,22"]):
+    for variant in plan(geometry_job("tutorial", [], {"size": 14.0}), ["body.width=20,22"]):
         made, written = make_mesh(variant.job).mesh, read_volume_mesh(tmp_path / variant.name / f"{variant.name}.msh")
         np.testing.assert_array_equal(written.nodes, made.nodes)
         np.testing.assert_array_equal(written.elements, made.elements)

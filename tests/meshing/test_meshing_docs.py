@@ -11,12 +11,10 @@ from pydantic import BaseModel
 
 from taichisoft.command_line import application
 from taichisoft.plugin_system.commands import with_plugin_commands
-from taichisoft_meshing.bodies.step_kind import StepTable
-from taichisoft_meshing.bodies.surfaces_kind import SurfacesTable
-from taichisoft_meshing.bodies.tables import checked
+from taichisoft_meshing.bodies.kinds import StepTable, SurfacesTable
 from taichisoft_meshing.finger.drawing import draw_finger
 from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.quality.limits import quality_limits
+from taichisoft_meshing.geometry_file import checked, quality_limits
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "meshing.md").read_text(encoding="utf-8")

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.geometry_file import make_geometry
-from taichisoft_meshing.quality.limits import QualityLimits, quality_limits
+from taichisoft_meshing.geometry_file import make_geometry, quality_limits
+from taichisoft_meshing.quality.limits import QualityLimits
 
 FILE = Path("finger.toml")
 

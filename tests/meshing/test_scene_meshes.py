@@ -19,7 +19,7 @@ from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.plugin_system.hookspecs import hookimpl
 from taichisoft.scenes.file import scene_from_dict, scene_to_toml
 from taichisoft.scenes.shipped import data_folder
-from taichisoft_meshing import fingerprint
+from taichisoft_meshing import fingerprint, gmsh_session
 from taichisoft_meshing.mesh_cache import cache_folder
 from taichisoft_meshing.scene_meshes import laid_over, mesh_for_scene
 
@@ -117,7 +117,7 @@ def changed_named_file(file: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str,
 
 
 def changed_gmsh(file: Path, monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
-    monkeypatch.setattr(fingerprint, "version", lambda package: "99.0")
+    monkeypatch.setattr(gmsh_session, "version", lambda package: "99.0")
     return {}
 
 

@@ -6,15 +6,14 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fingers import sharp_fingers
+from fingers import finger_from_dict, sharp_fingers
 from hypothesis import given, settings
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.finger.boxes import slot_boxes
-from taichisoft_meshing.finger.cavity_walls import thin_walls, walled_boxes
+from taichisoft_meshing.finger.cavity_walls import layer_boxes, layer_count, thin_walls, walled_boxes
 from taichisoft_meshing.finger.dimensions import ElementSizes
-from taichisoft_meshing.finger.kind import PneunetFinger, finger_from_dict
-from taichisoft_meshing.finger.layers import layer_boxes, layer_count
+from taichisoft_meshing.finger.kind import PneunetFinger
 from taichisoft_meshing.finger.mesher import mesh_finger
 from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.quality.tetrahedra import radius_ratios
@@ -78,10 +77,7 @@ def test_layers_stay_inside_their_walls(tables: dict[str, Any]) -> None:
     body, thin = finger.body, thin_walls(finger)
     for walled, box in zip(walled_boxes(finger), layer_boxes(finger, 2 / 3), strict=True):
         below, above = walled.box.lower - box.lower, box.upper - walled.box.upper
-        for depth, wall, shared in (
-            (below, walled.below, walled.shared_below),
-            (above, walled.above, walled.shared_above),
-        ):
+        for depth, wall, shared in zip((below, above), walled.walls, walled.shared, strict=True):
             assert (depth >= 0.4 * thin[0]).all()
             assert (depth < np.where(shared, 0.5, 0.75) * wall).all()
         assert (box.lower > [-body.length, 0.0, -body.width / 2]).all()

@@ -12,7 +12,7 @@ from test_step_files import two_voids
 from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import tetrahedron_volumes
-from taichisoft_meshing.bodies.step_kind import StepBody
+from taichisoft_meshing.bodies.kinds import StepBody
 from taichisoft_meshing.bodies.wall_splitting import through_edges
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 
@@ -86,7 +86,7 @@ def test_a_body_without_a_void_is_meshed_and_said(folder: Path) -> None:
     assert list(mesh.surface_groups) == ["outer"]
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert body(folder, "full.step", cavities=0).solid.cavity_volumes == ()
+        assert body(folder, "full.step", cavities=0).body.cavity_volumes == ()
 
 
 @pytest.mark.parametrize(

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 import trimesh
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from solid_shapes import Surface, arrays, ball, box, moved, surface_of
 
-from taichisoft_meshing.bodies.surface_crossings import Crossings, _common_point, find_crossings
+from taichisoft_meshing.bodies.surface_crossings import Crossings, find_crossings
 
 
 def crossings(*surfaces: Surface) -> Crossings:
@@ -63,26 +63,6 @@ def test_a_tip_that_touches_a_face_is_found(first: int) -> None:
     found = crossings(box((10, 10, 10), parts=1), moved(tip, (0.5, 0.7, 1e-5)))
     assert found.places == pytest.approx(np.tile([0.5, 0.7, 5.0], (len(found.places), 1)), abs=1e-4)
     assert len(found.places) > 0
-
-
-@given(st.tuples(*[st.floats(-0.4, 1.2)] * 2), st.floats(-0.5, 1.5), st.integers(0, 1000))
-def test_an_edge_crosses_a_triangle_where_it_goes_through_it(weights: tuple, along: float, seed: int) -> None:
-    """A point of the triangle's plane by its barycentric weights, and an edge through it."""
-    second, third = weights
-    nearest = min(second, third, 1 - second - third, along, 1 - along)
-    assume(abs(nearest) > 1e-3)
-    generator = np.random.default_rng(seed)
-    corners = generator.uniform(-1, 1, (3, 3))
-    point = corners[0] + second * (corners[1] - corners[0]) + third * (corners[2] - corners[0])
-    direction = generator.uniform(-1, 1, 3)
-    normal = np.cross(corners[1] - corners[0], corners[2] - corners[0])
-    assume(abs(direction @ normal) > 0.02)
-    ends = np.array([point - along * direction, point + (1 - along) * direction])
-    place = _common_point(ends[None], corners[None], np.array([1e-9]))
-    if nearest > 0:
-        assert place[0] == pytest.approx(point, abs=1e-9)
-    else:
-        assert np.isnan(place).all()
 
 
 def test_a_surface_without_a_fault_does_not_cross_itself() -> None:

@@ -15,7 +15,7 @@ from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft_meshing.bodies import surface_mesher
-from taichisoft_meshing.bodies.surfaces_kind import SurfacesBody
+from taichisoft_meshing.bodies.kinds import SurfacesBody
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 from taichisoft_meshing.gmsh_session import GmshFailure
 

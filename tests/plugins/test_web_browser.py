@@ -1,7 +1,9 @@
-"""The page in a real browser: what it draws and what its keys and buttons do. Skipped where there is no Chromium."""
+"""The page in a real browser: what it draws and what its keys and buttons do. Skipped where none can be driven."""
 
+import ctypes
 import io
 import shutil
+import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -23,6 +25,11 @@ sync_api = pytest.importorskip("playwright.sync_api", reason="needs playwright")
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
 if CHROMIUM is None:
     pytest.skip("needs Chromium: sudo apt-get install chromium", allow_module_level=True)
+if sys.platform == "linux":
+    try:
+        ctypes.CDLL("libatomic.so.1")
+    except OSError:
+        pytest.skip("playwright's node.js needs libatomic: sudo apt-get install libatomic1", allow_module_level=True)
 
 PATIENCE = 60.0
 """Drawing without a graphics card takes seconds on a busy machine [s]."""

@@ -33,7 +33,7 @@ def measure_meshing(case: MeshingCase) -> Measured:
     import gmsh  # noqa: F401
 
     from taichisoft_meshing.geometry_file import read_geometry
-    from taichisoft_meshing.mesh_request import mesh_as_asked
+    from taichisoft_meshing.mesh_job import mesh_as_asked
     from taichisoft_meshing.quality.tetrahedra import radius_ratios
 
     file = find_file(FINGER, "fingers", ())

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
+from taichisoft_meshing.bodies.surface_geometry import joined_sides, undirected_sides
 from taichisoft_meshing.bodies.surface_repair import merge_near_vertices, replace_flat_triangles, wind_alike
 
 
@@ -20,7 +21,7 @@ class Shell:
 
     Attributes:
         source: its file, and which of the file's shells it is; errors begin with it.
-        vertices: [mm], shape (vertex_count, 3).
+        vertices: positions [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
         was_inward: whether it faces inward in its file.
     """
@@ -32,15 +33,15 @@ class Shell:
 
     @cached_property
     def volume(self) -> float:
-        """Enclosed [mm^3]."""
+        """Enclosed volume [mm^3]."""
         return enclosed_volume(self.vertices, self.triangles)
 
 
 def read_shells(path: Path, scale: float = 1.0) -> list[Shell]:
-    """Read a file of one or more closed surfaces; what can be mended is, with a warning.
+    """Read a file of one or more closed surfaces; faults that can be mended are, with a warning.
 
     Args:
-        path: STL, OBJ or PLY.
+        path: path of an STL, OBJ or PLY file.
         scale: millimetres in one unit of the file.
 
     Raises:
@@ -55,7 +56,7 @@ def closed_shells(vertices: np.ndarray, triangles: np.ndarray, source: str) -> l
     """Take a surface apart, in the order of its triangles.
 
     Args:
-        vertices: [mm], shape (vertex_count, 3).
+        vertices: positions [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
         source: begins every error and warning.
 
@@ -77,7 +78,7 @@ def _neighbours(vertices: np.ndarray, triangles: np.ndarray, source: str) -> tup
     """The two triangles at each edge.
 
     Raises:
-        MeshError: an edge has fewer or more.
+        MeshError: an edge has fewer or more than two.
     """
     edges, edge, counts = np.unique(undirected_sides(triangles), axis=0, return_inverse=True, return_counts=True)
     for wrong, what, remedy in (
@@ -108,10 +109,8 @@ def _shell(vertices: np.ndarray, triangles: np.ndarray, source: str) -> Shell:
 
 def _refuse_pinches(vertices: np.ndarray, triangles: np.ndarray, source: str) -> None:
     """Around each vertex the triangles must be one fan: two that meet in a tip only are a joint without strength."""
-    edge = np.unique(undirected_sides(triangles), axis=0, return_inverse=True)[1].ravel()
-    sides = np.argsort(edge, kind="stable").reshape(-1, 2)
-    # Side s of a triangle leads from its corner s to the next; a corner has the number 3 * triangle + s.
-    begin = sides
+    _, sides = joined_sides(triangles)
+    begin = sides  # a corner has the number of the side that begins at it
     end = sides - sides % 3 + (sides + 1) % 3
     # Neighbours pass their common edge in opposite directions.
     links = np.vstack([np.column_stack([begin[:, 0], end[:, 1]]), np.column_stack([end[:, 0], begin[:, 1]])])
@@ -122,8 +121,3 @@ def _refuse_pinches(vertices: np.ndarray, triangles: np.ndarray, source: str) ->
     if len(pinched):
         place = np.round(vertices[pinched[0]], 3).tolist()
         raise MeshError(f"{source}: touches itself in a single point at {place} mm; widen the joint or part it")
-
-
-def undirected_sides(triangles: np.ndarray) -> np.ndarray:
-    """The sides of all triangles, the lower vertex first, shape (3 * triangle_count, 2)."""
-    return np.sort(triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2), axis=1)

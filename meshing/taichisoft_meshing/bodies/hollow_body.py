@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 from taichisoft.errors import MeshError
 from taichisoft_meshing.bodies.closed_shells import Shell, read_shells
 from taichisoft_meshing.bodies.surface_crossings import find_crossings
-from taichisoft_meshing.bodies.surface_repair import NEAR, diagonal
+from taichisoft_meshing.bodies.surface_geometry import NEAR, diagonal
 from taichisoft_meshing.quality.surfaces import winding_numbers
 
 
@@ -20,8 +20,8 @@ class HollowBody:
     """A body of silicone between closed surfaces.
 
     Attributes:
-        outer: its outside.
-        cavities: the walls of its air chambers, in the order of the files; may be empty.
+        outer: surface of its outside.
+        cavities: walls of its air chambers, in the order of the files; may be empty.
     """
 
     outer: Shell
@@ -29,16 +29,22 @@ class HollowBody:
 
     @property
     def volume(self) -> float:
-        """Of the silicone [mm^3]."""
+        """Volume of the silicone [mm^3]."""
         return self.outer.volume - sum(cavity.volume for cavity in self.cavities)
+
+    @property
+    def extent(self) -> np.ndarray:
+        """Edge lengths of the box around it along x, y and z [mm], shape (3,)."""
+        extent: np.ndarray = np.ptp(self.outer.vertices, axis=0)
+        return extent
 
 
 def read_hollow_body(outer: Path, cavities: Sequence[Path] = (), scale: float = 1.0) -> HollowBody:
-    """Read a body from surface files; what can be mended is, with a warning.
+    """Read a body from surface files; faults that can be mended are, with a warning.
 
     Args:
-        outer: the file with the outside, and perhaps with cavities.
-        cavities: files of cavities; one that `outer` has too counts once.
+        outer: file of the outside, and perhaps of cavities.
+        cavities: files of cavities; a cavity that `outer` has too counts once.
         scale: millimetres in one unit of the files.
 
     Raises:
@@ -52,7 +58,7 @@ def hollow_body(shells: Sequence[Shell], cavities: Sequence[Shell] = ()) -> Holl
 
     Args:
         shells: the outside and perhaps cavities, in any order.
-        cavities: further cavities; those that are among `shells` too count once.
+        cavities: further cavities; one that is among `shells` too counts once.
 
     Raises:
         MeshError: there are several bodies, a cavity is not inside, or surfaces cross or touch.

@@ -1,4 +1,4 @@
-"""What gmsh has filled with tetrahedra, with its surfaces named and its volumes compared with those asked for."""
+"""The tetrahedra of a gmsh session as a mesh: surfaces named, volumes compared with those asked for."""
 
 import warnings
 from collections.abc import Sequence
@@ -11,12 +11,11 @@ from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft_meshing.bodies.tables import Base
-from taichisoft_meshing.gmsh_session import GmshFailure
+from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, tetrahedra
+from taichisoft_meshing.quality.surfaces import cavity_names
 
-TRIANGLE, TETRAHEDRON = 2, 4  # gmsh's numbers for the linear ones
-
-# Of a curved volume: chords cut it off, and more than this changes what a finger does.
 SAID, REFUSED = 0.1, 0.25
+"""Errors of a curved volume, from which chords cut some off, as shares of it [-]: what is warned of, and too much."""
 
 
 def meshed_body(gmsh: Any, shells: Sequence[Sequence[int]], source: str) -> VolumeMesh:
@@ -24,20 +23,13 @@ def meshed_body(gmsh: Any, shells: Sequence[Sequence[int]], source: str) -> Volu
 
     Args:
         gmsh: the module, with a mesh.
-        shells: gmsh's surfaces of the outside first, then those of each cavity.
+        shells: gmsh's numbers of the surfaces of the outside, then of those of each cavity.
         source: begins every error.
 
     Raises:
         GmshFailure: there are no tetrahedra, or they do not end at these surfaces.
     """
-    tags, coordinates, _ = gmsh.model.mesh.getNodes()
-    corner_tags = gmsh.model.mesh.getElementsByType(TETRAHEDRON)[1]
-    if len(corner_tags) == 0:
-        raise GmshFailure("no tetrahedra came out")
-    order = np.argsort(tags)
-    used, corners = np.unique(corner_tags, return_inverse=True)
-    nodes = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
-    elements = corners.reshape(-1, 4).astype(np.int32)
+    nodes, elements, used = tetrahedra(gmsh)
     surfaces = _surfaces(elements, [_triangles(gmsh.model.mesh, shell, used) for shell in shells])
     names = ["outer", *cavity_names(len(shells) - 1)]
     groups = {"outer": surfaces[0]}
@@ -47,9 +39,21 @@ def meshed_body(gmsh: Any, shells: Sequence[Sequence[int]], source: str) -> Volu
     return VolumeMesh(source, nodes, elements, groups, silicone).check()
 
 
-def cavity_names(count: int) -> list[str]:
-    """Names of the surface groups of cavities: "cavity" alone; "cavity_0", "cavity_1", ... where there are more."""
-    return ["cavity"] if count == 1 else [f"cavity_{number}" for number in range(count)]
+def shells_of_solid(occ: Any, solid: int) -> list[list[int]]:
+    """Faces of the outside of a solid, then those of each void, in OpenCASCADE's order.
+
+    Args:
+        occ: `gmsh.model.occ`.
+        solid: gmsh's number of the solid.
+
+    Raises:
+        GmshFailure: the solid has no surface.
+    """
+    shells = [faces.tolist() for faces in occ.getSurfaceLoops(solid)[1]]
+    if not shells:
+        raise GmshFailure("the body has no closed surface")
+    outside = max(range(len(shells)), key=lambda number: _extent(occ, shells[number]))
+    return [shells.pop(outside), *shells]
 
 
 def with_base(mesh: VolumeMesh, base: Base | None) -> VolumeMesh:
@@ -72,13 +76,13 @@ def compare_volumes(mesh: VolumeMesh, silicone: float, cavities: Sequence[float]
     """Compare a mesh with the volumes [mm^3] of what was to be meshed.
 
     Args:
-        mesh: of `meshed_body`.
-        silicone: asked for.
-        cavities: asked for, in their order.
-        tolerance: share of each that may be missing; None for curved surfaces: chords cut some off, which is said.
+        mesh: the result of `meshed_body`.
+        silicone: volume of the silicone asked for.
+        cavities: volumes of the cavities asked for, in their order.
+        tolerance: share of each that may be missing [-]; None for curved surfaces, where chords cut some off.
 
     Raises:
-        MeshError: one differs too much.
+        MeshError: a volume differs too much.
     """
     meshed = [float(tetrahedron_volumes(mesh.nodes, mesh.elements).sum())]
     meshed += [enclosed_volume(mesh.nodes, mesh.surface_groups[name]) for name in cavity_names(len(cavities))]
@@ -89,13 +93,13 @@ def compare_volumes(mesh: VolumeMesh, silicone: float, cavities: Sequence[float]
             amount = f"{got:.6g} mm^3 in the mesh instead of {wanted:.6g}, {100 * off:.2g} % off"
             what = f"{mesh.source}: {name} has {amount}"
             if refused and off > (REFUSED if tolerance is None else tolerance):
-                raise MeshError(f"{what}; choose a smaller size")
+                raise MeshError(f"{what}; try another size")
             if not refused and tolerance is None and off > SAID:
                 warnings.warn(f"{what}: the curved surfaces are meshed coarsely", stacklevel=2)
 
 
 def _triangles(gmsh_mesh: Any, surfaces: Sequence[int], used: np.ndarray) -> np.ndarray:
-    """Triangles on some of gmsh's surfaces, of node indices, shape (count, 3)."""
+    """Triangles on some of gmsh's surfaces as node indices, shape (count, 3); `used` has gmsh's number of each node."""
     corners = np.concatenate([gmsh_mesh.getElementsByType(TRIANGLE, surface)[1] for surface in surfaces])
     at = np.searchsorted(used, corners)
     if len(corners) == 0 or (used[np.minimum(at, len(used) - 1)] != corners).any():
@@ -104,7 +108,7 @@ def _triangles(gmsh_mesh: Any, surfaces: Sequence[int], used: np.ndarray) -> np.
 
 
 def _surfaces(elements: np.ndarray, shells: Sequence[np.ndarray]) -> list[np.ndarray]:
-    """The shells again, facing out of the silicone, which together must be the boundary of the tetrahedra."""
+    """The shells, turned to face out of the silicone; together they must be the boundary of the tetrahedra."""
     boundary = boundary_triangles(elements)
     every = np.sort(np.vstack([boundary, *shells]), axis=1)
     number = np.unique(every, axis=0, return_inverse=True)[1].ravel()
@@ -115,3 +119,8 @@ def _surfaces(elements: np.ndarray, shells: Sequence[np.ndarray]) -> list[np.nda
     if (together < 0).any() or len(together) != len(boundary):
         raise GmshFailure("the tetrahedra do not end at the surfaces")
     return [boundary[where] for where in found]
+
+
+def _extent(occ: Any, faces: list[int]) -> float:
+    boxes = np.array([occ.getBoundingBox(2, face) for face in faces])
+    return float(np.linalg.norm(boxes[:, 3:].max(axis=0) - boxes[:, :3].min(axis=0)))

@@ -1,4 +1,4 @@
-"""Element sizes that grow with the distance from the cavities, and shrink where surfaces are curved."""
+"""Element sizes that grow with the distance from the cavities, and are smaller where surfaces are curved."""
 
 import math
 from collections.abc import Sequence
@@ -6,21 +6,22 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_meshing.bodies.closed_shells import Shell, undirected_sides
-from taichisoft_meshing.bodies.surface_curvature import vertex_curvatures
+from taichisoft_meshing.bodies.closed_shells import Shell
+from taichisoft_meshing.bodies.surface_geometry import angles_between, area_vectors, joined_sides
 from taichisoft_meshing.bodies.tables import FittedSizes
+from taichisoft_meshing.gmsh_session import obey_size_fields
 
 GROWTH = 0.5
-"""How much larger elements may be for each millimetre that they are farther away [-]."""
+"""Growth of the element size for each millimetre of distance [-]."""
 
 FINEST = 0.25
-"""Of the smallest size: no curve, such as that of a tiny fillet, is meshed finer [-]."""
+"""Size over the smallest one asked for, below which no curve is meshed, such as that of a tiny fillet [-]."""
 
-SAMPLES = 20  # points along each curve and surface that distances are measured to
+SAMPLES = 20  # points along each curve and surface, to which distances are measured
 
 
 def set_sizes(gmsh: Any, sizes: FittedSizes, cavity_surfaces: Sequence[int]) -> None:
-    """Tell gmsh the sizes; `cavity_surfaces` are its numbers of the cavities' surfaces."""
+    """Tell gmsh the sizes; `cavity_surfaces` are gmsh's numbers of the surfaces of the cavities."""
     largest, smallest = sizes.largest, sizes.smallest
     gmsh.option.setNumber("Mesh.MeshSizeMax", largest)
     gmsh.option.setNumber("Mesh.MeshSizeMin", FINEST * smallest)
@@ -39,17 +40,17 @@ def set_sizes(gmsh: Any, sizes: FittedSizes, cavity_surfaces: Sequence[int]) -> 
             ("DistMax", (largest - smallest) / GROWTH),
         ):
             field.setNumber(growing, option, value)
-        _use_smallest(gmsh)
+        obey_size_fields(gmsh)
 
 
 def follow_curvature(gmsh: Any, sizes: FittedSizes, shells: Sequence[Shell], feature_angle: float) -> None:
-    """Smaller sizes where given triangles are curved, in place of gmsh's own: it finds unrolled flat ones curved.
+    """Set smaller sizes where given triangles are curved, in place of gmsh's own: it finds unrolled flat ones curved.
 
     Args:
         gmsh: the module, after `set_sizes`.
-        sizes: of its elements.
+        sizes: sizes of its elements.
         shells: the given triangles; none when all of them are flat.
-        feature_angle: above which edges are no curved surface [rad].
+        feature_angle: angle between two triangles above which their edge is sharp, and no curved surface [rad].
     """
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 0)
     if sizes.curvature == 0 or not shells:
@@ -68,12 +69,12 @@ def follow_curvature(gmsh: Any, sizes: FittedSizes, shells: Sequence[Shell], fea
     curved = field.add("PostView")
     field.setNumber(curved, "ViewTag", view)
     field.setNumber(curved, "UseClosest", 0)
-    _use_smallest(gmsh)
+    obey_size_fields(gmsh)
 
 
 def _growing(sizes: np.ndarray, shell: Shell) -> np.ndarray:
-    """Sizes at vertices of which none is larger than what a neighbour's allows."""
-    ends = np.unique(undirected_sides(shell.triangles), axis=0)
+    """The sizes at the vertices [mm], lowered until none is larger than the size and distance of a neighbour allow."""
+    ends, _ = joined_sides(shell.triangles)
     ends = np.vstack([ends, ends[:, ::-1]])
     reach = GROWTH * np.linalg.norm(np.subtract(*shell.vertices[ends.T]), axis=1)
     sizes = sizes.copy()
@@ -84,9 +85,27 @@ def _growing(sizes: np.ndarray, shell: Shell) -> np.ndarray:
         np.minimum.at(sizes, ends[:, 1], allowed)
 
 
-def _use_smallest(gmsh: Any) -> None:
-    """Let the smallest of all fields so far rule."""
-    field = gmsh.model.mesh.field
-    smallest = field.add("Min")
-    field.setNumbers(smallest, "FieldsList", [tag for tag in field.list() if field.getType(tag) != "Distance"])
-    field.setAsBackgroundMesh(smallest)
+def vertex_curvatures(vertices: np.ndarray, triangles: np.ndarray, feature_angle: float) -> np.ndarray:
+    """The larger principal curvature near each vertex [1/mm], shape (vertex_count,); sharp edges do not count.
+
+    Every edge gives the angle across it times its length, in its direction: a tensor. Over the area around a vertex its
+    eigenvalues are the principal curvatures (Cohen-Steiner and Morvan 2003).
+
+    Args:
+        vertices: positions [mm], shape (vertex_count, 3).
+        triangles: vertex indices of a closed surface, shape (triangle_count, 3).
+        feature_angle: angle between two triangles above which their edge is sharp [rad].
+    """
+    normals = area_vectors(vertices[triangles])
+    edges, sides = joined_sides(triangles)
+    angles = angles_between(normals, sides // 3)
+    along = np.subtract(*vertices[edges.T])
+    lengths = np.linalg.norm(along, axis=1)
+    bent = np.where(angles < feature_angle, angles, 0.0) / lengths
+    tensors = np.zeros((len(vertices), 3, 3))
+    for end in edges.T:  # half of the angle to either
+        np.add.at(tensors, end, 0.5 * np.einsum("e,ei,ej->eij", bent, along, along))
+    areas = np.linalg.norm(normals, axis=1) / 6  # a third to each corner
+    around = np.bincount(triangles.ravel(), np.repeat(areas, 3), len(vertices))
+    largest: np.ndarray = np.linalg.eigvalsh(tensors)[:, -1]
+    return largest / around

@@ -1,5 +1,6 @@
 """From a STEP file to tetrahedra: OpenCASCADE, in gmsh, reads the solid, and gmsh fills it."""
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -7,18 +8,23 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
+from taichisoft.meshes.file_kind import require_suffix
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft_meshing.bodies.meshed_body import compare_volumes, meshed_body, with_base
+from taichisoft_meshing.bodies.meshed_body import compare_volumes, meshed_body, shells_of_solid
 from taichisoft_meshing.bodies.size_growth import set_sizes
-from taichisoft_meshing.bodies.solid_shells import shells_of_solid
-from taichisoft_meshing.bodies.step_text import refuse_broken_step
-from taichisoft_meshing.bodies.tables import Base, FittedSizes
-from taichisoft_meshing.bodies.wall_splitting import with_elements_across
-from taichisoft_meshing.gmsh_session import gmsh_session
-from taichisoft_meshing.mesh_ways import SURFACE_ALGORITHMS, mesh_in_some_way
+from taichisoft_meshing.bodies.tables import FittedSizes
+from taichisoft_meshing.gmsh_session import SURFACE_ALGORITHMS, first_success, gmsh_session
+
+SUFFIXES = (".step", ".stp")
+
+FIRST, LAST = "ISO-10303-21", "END-ISO-10303-21"
+SECTIONS = ("HEADER", "DATA")
+
+QUOTED = re.compile(r"'[^']*'")
+NOT_FINITE = re.compile(r"[(,]\s*[-+]?(?:nan\w*|inf\w*|1\.#\w+)\s*[,)]", re.IGNORECASE)
 
 FLAT_TOLERANCE = 1e-6
-"""Of a volume between flat faces: only rounding may be missing."""
+"""Largest error of a volume between flat faces, as a share of it [-]: only rounding may be missing."""
 
 
 @dataclass(frozen=True)
@@ -26,10 +32,10 @@ class StepSolid:
     """The one body of a STEP file.
 
     Attributes:
-        path: of the file.
-        volume: of the silicone [mm^3].
-        cavity_volumes: of its voids [mm^3], in the file's order.
-        extent: along x, y and z [mm], shape (3,).
+        path: path of the file.
+        volume: volume of the silicone [mm^3].
+        cavity_volumes: volumes of its voids [mm^3], in the file's order.
+        extent: edge lengths of the box around it along x, y and z [mm], shape (3,).
         flat: whether all faces are flat.
     """
 
@@ -46,7 +52,7 @@ def read_step(path: Path) -> StepSolid:
     Raises:
         MeshError: the file is missing, empty, of another kind or broken, or has no body or several.
     """
-    refuse_broken_step(path)
+    _refuse_broken_step(path)
     with gmsh_session(str(path)) as gmsh:
         occ = gmsh.model.occ
         solid = _import_solid(gmsh, path)
@@ -60,14 +66,8 @@ def read_step(path: Path) -> StepSolid:
     return StepSolid(path, volume, tuple(abs(one) for one in enclosed[1:]), upper - lower, flat)
 
 
-def mesh_step(solid: StepSolid, sizes: FittedSizes, source: str, base: Base | None = None) -> VolumeMesh:
-    """Mesh the body of a STEP file.
-
-    Args:
-        solid: of `read_step`.
-        sizes: of its elements.
-        source: begins every error.
-        base: selects triangles of the outside.
+def mesh_step(solid: StepSolid, sizes: FittedSizes, source: str) -> VolumeMesh:
+    """Mesh the body of a STEP file with elements of some sizes; `source` begins every error.
 
     Raises:
         MeshError: gmsh fails, or a volume comes out wrong.
@@ -82,8 +82,42 @@ def mesh_step(solid: StepSolid, sizes: FittedSizes, source: str, base: Base | No
         compare_volumes(mesh, solid.volume, solid.cavity_volumes, FLAT_TOLERANCE if solid.flat else None)
         return mesh
 
-    mesh = mesh_in_some_way(str(solid.path), SURFACE_ALGORITHMS, make)
-    return with_base(with_elements_across(mesh, sizes), base)
+    return first_success(str(solid.path), SURFACE_ALGORITHMS, make)
+
+
+def _refuse_broken_step(path: Path) -> None:
+    """Check that a file is a whole STEP file without NaN.
+
+    Raises:
+        MeshError: it is missing, empty, of another kind, stops too early, or has a number that is not finite.
+    """
+    require_suffix(path, "STEP", SUFFIXES)
+    try:
+        text = path.read_text(encoding="latin-1")  # any byte is a letter
+    except FileNotFoundError as error:
+        raise MeshError(f"{path}: no such file; a STEP file ({', '.join(SUFFIXES)}) is needed") from error
+    except OSError as error:
+        raise MeshError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not text.strip():
+        raise MeshError(f"{path}: is empty; a STEP file is needed")
+    if not text.lstrip("\xef\xbb\xbf \t\r\n").startswith(FIRST):
+        raise MeshError(f"{path}: is no STEP file: it does not begin with {FIRST}")
+    if LAST not in text:
+        raise MeshError(f"{path}: stops too early: it does not end with {LAST}; write it again")
+    for section in SECTIONS:
+        if not re.search(rf"\b{section}\s*[;(]", text):
+            raise MeshError(f"{path}: is no STEP file: it has no section {section}")
+    _refuse_not_finite(text, path)
+
+
+def _refuse_not_finite(text: str, path: Path) -> None:
+    # Names may read like numbers; lengths stay, so that places do, too.
+    bare = QUOTED.sub(lambda quoted: " " * len(quoted[0]), text)
+    wrong = NOT_FINITE.search(bare)
+    if wrong is not None:
+        line = text.count("\n", 0, wrong.start()) + 1
+        number = wrong[0].strip("(), \t\r\n")
+        raise MeshError(f"{path}: line {line} has the number {number}, which is not finite; write the file again")
 
 
 def _import_solid(gmsh: Any, path: Path) -> int:

@@ -10,31 +10,28 @@ from scipy.sparse.csgraph import connected_components
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft_meshing.bodies.closed_shells import Shell, undirected_sides
+from taichisoft_meshing.bodies.closed_shells import Shell
 from taichisoft_meshing.bodies.hollow_body import HollowBody
-from taichisoft_meshing.bodies.meshed_body import TRIANGLE, compare_volumes, meshed_body, with_base
+from taichisoft_meshing.bodies.meshed_body import compare_volumes, meshed_body
 from taichisoft_meshing.bodies.size_growth import follow_curvature, set_sizes
-from taichisoft_meshing.bodies.surface_repair import NEAR, diagonal
-from taichisoft_meshing.bodies.tables import Base, FittedSizes
-from taichisoft_meshing.bodies.wall_splitting import with_elements_across
-from taichisoft_meshing.gmsh_session import gmsh_session
-from taichisoft_meshing.mesh_ways import SURFACE_ALGORITHMS, mesh_in_some_way
+from taichisoft_meshing.bodies.surface_geometry import NEAR, angles_between, area_vectors, diagonal, joined_sides
+from taichisoft_meshing.bodies.tables import FittedSizes
+from taichisoft_meshing.gmsh_session import SURFACE_ALGORITHMS, TRIANGLE, first_success, gmsh_session
 
 KEPT_TOLERANCE = 1e-9
-"""Of a volume: the surfaces are the given ones, so only rounding may be missing."""
+"""Largest error of a volume between the given surfaces, as a share of it [-]: only rounding may be missing."""
 
 FLAT_TOLERANCE = 1e-6
-"""Of a volume between flat faces, whose corners have the rounding of single precision."""
+"""Largest error of a volume between flat faces [-], whose corners have the rounding of single precision."""
 
 
-def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str, base: Base | None = None) -> VolumeMesh:
+def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str) -> VolumeMesh:
     """Fill a body whose surfaces stay as they are: vertices of the outside, then of each cavity, are the first nodes.
 
     Args:
-        body: what is filled.
-        sizes: the largest rules inside only.
+        body: body that is filled.
+        sizes: sizes of its elements, of which only the largest has an effect.
         source: begins every error.
-        base: selects triangles of the outside.
 
     Raises:
         MeshError: gmsh fails, or cannot fill it without changing a surface.
@@ -52,20 +49,17 @@ def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str, base: Base 
     if on_surfaces != faces or not np.array_equal(mesh.nodes[: len(given)], given):
         raise MeshError(f"{source}: gmsh cannot fill the body without changing its surface; remove keep_surface")
     compare_volumes(mesh, body.volume, [cavity.volume for cavity in body.cavities], KEPT_TOLERANCE)
-    return with_base(with_elements_across(mesh, sizes), base)
+    return mesh
 
 
-def remesh_surfaces(
-    body: HollowBody, sizes: FittedSizes, feature_angle: float, source: str, base: Base | None = None
-) -> VolumeMesh:
+def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, source: str) -> VolumeMesh:
     """Mesh a body with surface triangles of the size asked for, which lie on the given ones.
 
     Args:
-        body: what is meshed.
-        sizes: of its elements.
-        feature_angle: edges with more than this between their two triangles [degrees] stay edges.
+        body: body that is meshed.
+        sizes: sizes of its elements.
+        feature_angle: angle between two triangles above which their edge stays an edge [degrees].
         source: begins every error.
-        base: selects triangles of the outside.
 
     Raises:
         MeshError: gmsh fails, or a volume comes out wrong.
@@ -81,8 +75,7 @@ def remesh_surfaces(
         gmsh.option.setNumber("Mesh.Algorithm", algorithm)
         return _remesh(gmsh, body, sizes, angle, cut, flat, source)
 
-    mesh = mesh_in_some_way(source, ways, make)
-    return with_base(with_elements_across(mesh, sizes), base)
+    return first_success(source, ways, make)
 
 
 def _remesh(
@@ -136,12 +129,10 @@ def _classify(model: Any, shells: Sequence[Shell], angle: float, cut: bool) -> l
 def _flat_faced(shell: Shell, angle: float) -> bool:
     """Whether all faces between sharp edges are flat."""
     corners = shell.vertices[shell.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    edge = np.unique(undirected_sides(shell.triangles), axis=0, return_inverse=True)[1].ravel()
-    one, other = (np.argsort(edge, kind="stable").reshape(-1, 2) // 3).T
-    across = np.linalg.norm(np.cross(normals[one], normals[other]), axis=1)
-    smooth = np.arctan2(across, np.einsum("nd,nd->n", normals[one], normals[other])) < angle
-    graph = coo_matrix((np.ones(smooth.sum()), (one[smooth], other[smooth])), shape=(len(normals), len(normals)))
+    normals = area_vectors(corners)
+    neighbours = joined_sides(shell.triangles)[1] // 3
+    smooth = neighbours[angles_between(normals, neighbours) < angle]
+    graph = coo_matrix((np.ones(len(smooth)), smooth.T), shape=(len(normals), len(normals)))
     count, face = connected_components(graph, directed=False)
     mean_normal = np.column_stack([np.bincount(face, normals[:, axis], count) for axis in range(3)])
     lengths = np.linalg.norm(mean_normal, axis=1, keepdims=True)

@@ -1,4 +1,4 @@
-"""Small faults of a triangulated surface that have one sensible repair: each is mended, and said."""
+"""Small faults of a triangulated surface that have one sensible repair: each is mended, with a warning."""
 
 import warnings
 from collections.abc import Iterator
@@ -9,25 +9,21 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from taichisoft.errors import MeshError
-
-# Of the surface's diagonal. Single precision, which STL has, rounds coordinates to a tenth of it.
-NEAR = 1e-6
+from taichisoft_meshing.bodies.surface_geometry import NEAR, area_vectors, diagonal
 
 FLIP_ROUNDS = 20
 
 
-def diagonal(vertices: np.ndarray) -> float:
-    """Of the box around the vertices [mm]."""
-    return float(np.linalg.norm(np.ptp(vertices, axis=0)))
-
-
 def merge_near_vertices(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
-    """Triangles of which vertices at nearly the same place are one, less those that vanish so, and repeated ones.
+    """Merge vertices at nearly the same place, and leave out triangles that vanish so or are repeated.
 
     Args:
-        vertices: [mm], shape (vertex_count, 3).
+        vertices: positions [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
         source: begins the warning.
+
+    Returns:
+        The triangles that remain; no vertex is taken away.
     """
     near = NEAR * diagonal(vertices)
     pairs = cKDTree(vertices).query_pairs(near, output_type="ndarray")
@@ -52,7 +48,7 @@ def merge_near_vertices(vertices: np.ndarray, triangles: np.ndarray, source: str
 
 
 def wind_alike(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
-    """Triangles of a closed shell, all facing the side that most of them face.
+    """Turn the triangles of a closed shell so that all face the side that most of them face.
 
     Raises:
         MeshError: the surface has one side only.
@@ -78,10 +74,10 @@ def wind_alike(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.n
 
 
 def replace_flat_triangles(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
-    """Triangles of a closed shell without any of no area: the long edge of such a one is flipped.
+    """Replace the triangles of no area in a closed shell by flipping their long edges.
 
-    The middle one of its corners lies on the edge between the other two. The triangle behind that edge is cut in two
-    there instead, so no vertex moves and none is lost.
+    The middle corner of such a triangle lies on the edge between the other two. The triangle behind that edge is cut in
+    two there instead, so no vertex moves and none is lost.
 
     Raises:
         MeshError: some remain.
@@ -110,12 +106,11 @@ def replace_flat_triangles(vertices: np.ndarray, triangles: np.ndarray, source: 
 def _heights(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     """Distance [mm] of each triangle's middle corner from its longest edge."""
     corners = vertices[triangles]
-    double_area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-    return double_area / _edge_lengths(corners).max(axis=1)
+    return np.linalg.norm(area_vectors(corners), axis=1) / _edge_lengths(corners).max(axis=1)
 
 
 def _edge_lengths(corners: np.ndarray) -> np.ndarray:
-    """Of the edges that begin at each corner [mm], shape (triangle_count, 3)."""
+    """Lengths of the edges that begin at each corner [mm], shape (triangle_count, 3)."""
     return np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
 
 

@@ -1,4 +1,4 @@
-"""Two elements across every wall, of a mesh whose surfaces stay as they are.
+"""Two elements across every wall: a mesh is cut inside, and its surfaces stay as they are.
 
 An edge that leads through the silicone from one point of the boundary to another makes a wall one element thick there,
 which bends much too stiffly. gmsh puts no node into a thin wall, however small the size asked for; so such edges are
@@ -12,16 +12,15 @@ from itertools import combinations
 import numpy as np
 
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft_meshing.bodies.closed_shells import undirected_sides
-from taichisoft_meshing.bodies.meshed_body import TETRAHEDRON, TRIANGLE
+from taichisoft_meshing.bodies.surface_geometry import undirected_sides
 from taichisoft_meshing.bodies.tables import FittedSizes
-from taichisoft_meshing.gmsh_session import gmsh_session
+from taichisoft_meshing.gmsh_session import TETRAHEDRON, TRIANGLE, gmsh_session
 
 Edge = tuple[int, int]
 
 
 def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
-    """The mesh itself, or, where two elements across walls are asked for, one with no edge through a wall.
+    """The mesh, cut so that no edge leads through a wall where two elements across walls are asked for.
 
     Nodes and triangles of its surfaces keep their numbers and places.
 
@@ -82,7 +81,7 @@ def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tup
 
 
 def _relocated(nodes: np.ndarray, elements: np.ndarray, boundary: np.ndarray, source: str) -> np.ndarray:
-    """Nodes of which those inside are where the worst tetrahedra around them are better."""
+    """The nodes, those inside moved to where the worst tetrahedra around them are better."""
     on_boundary = np.unique(boundary)
     inside = np.setdiff1d(np.arange(len(nodes)), on_boundary)
     with gmsh_session(source) as gmsh:

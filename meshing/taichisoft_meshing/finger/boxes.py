@@ -1,23 +1,21 @@
 """The boxes that a finger is made of, in the axes of the mesh."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger.dimensions import FingerDimensions, starts
 
 Vector = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Box:
-    """Faces across x, y and z.
+    """A box with faces across x, y and z.
 
     Attributes:
-        corner: with the smallest coordinates [mm].
-        size: along x, y and z [mm].
+        corner: the corner with the smallest coordinates [mm].
+        size: edge lengths along x, y and z [mm].
     """
 
     corner: Vector
@@ -34,7 +32,7 @@ class Box:
         return np.array(self.corner) + np.array(self.size)
 
     def grown(self, below: np.ndarray, above: np.ndarray) -> "Box":
-        """Moved outward: the faces at `lower` by `below`, those at `upper` by `above` [mm], shape (3,) each."""
+        """A box with faces moved outward: those at `lower` by `below`, those at `upper` by `above` [mm], (3,) each."""
         lower, upper = self.lower - below, self.upper + above
         x, y, z = lower.tolist()
         length, height, width = (upper - lower).tolist()
@@ -47,33 +45,32 @@ class Box:
 
 
 TOUCH = 1e-9
-"""A point this near to a face of a box lies on it [mm]; selection in scenes has the same rule."""
+"""Distance from a face of a box up to which a point lies on it [mm]; selection in scenes has the same rule."""
 
 
-def slot_boxes(finger: "FingerParameters") -> list[Box]:
+def slot_boxes(finger: FingerDimensions) -> list[Box]:
     """The cuts across the underside, from the base on."""
     slots, width = finger.slots, finger.body.width
-    nearest = [-(slots.first + number * slots.pitch + slots.width) for number in range(slots.count)]
-    return [Box((x, 0.0, -width / 2), (slots.width, slots.depth, width)) for x in nearest]
+    size = (slots.width, slots.depth, width)
+    return [Box((-(start + slots.width), 0.0, -width / 2), size) for start in starts(slots)]
 
 
-def channel_box(finger: "FingerParameters") -> Box:
+def channel_box(finger: FingerDimensions) -> Box:
     """The air duct."""
     channel = finger.channel
     size = (channel.end - channel.start, channel.top - channel.bottom, channel.width)
     return Box((-channel.end, channel.bottom, -channel.width / 2), size)
 
 
-def chamber_boxes(finger: "FingerParameters") -> list[Box]:
+def chamber_boxes(finger: FingerDimensions) -> list[Box]:
     """The air chambers below the channel, from the base on."""
     chambers = finger.chambers
     y = finger.channel.bottom - chambers.height
-    nearest = [-(chambers.first + number * chambers.pitch + chambers.width) for number in range(chambers.count)]
     size = (chambers.width, chambers.height, chambers.depth)
-    return [Box((x, y, -chambers.depth / 2), size) for x in nearest]
+    return [Box((-(start + chambers.width), y, -chambers.depth / 2), size) for start in starts(chambers)]
 
 
-def stiff_layer_box(finger: "FingerParameters") -> Box | None:
+def stiff_layer_box(finger: FingerDimensions) -> Box | None:
     """The layer of stiffer silicone; None when there is none."""
     layer = finger.stiff_layer
     if layer.thickness == 0:

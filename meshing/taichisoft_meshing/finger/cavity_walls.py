@@ -1,17 +1,20 @@
-"""How thick the silicone is around each box of a finger's cavity, and which of these walls are thin."""
+"""The walls around a finger's cavity: how thick each is, which are thin, and how many layers of elements they get."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichisoft_meshing.finger.boxes import Box, chamber_boxes, channel_box, slot_boxes
-
-if TYPE_CHECKING:
-    from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger.dimensions import FingerDimensions
 
 THIN = 1.5
-"""Times the thinnest wall: a wall that is thicker bends little, and is none of the thin ones."""
+"""Largest thickness of a thin wall over that of the thinnest: a thicker one bends little [-]."""
+
+FLATTEST = 2.4
+"""Largest edge of elements over the thickness of their layer: with longer ones the tetrahedra are flat [-]."""
+
+SHARED = 2 / 3
+"""Share of a wall between two chambers that layers fill: they grow from both sides, and must not meet [-]."""
 
 
 @dataclass(frozen=True)
@@ -20,46 +23,59 @@ class WalledBox:
 
     Attributes:
         box: the channel, or a chamber.
-        below: thickness of the silicone at its faces with the smallest x, y and z [mm], shape (3,).
-        above: at those with the largest.
-        shared_below: whether there is air again behind it, shape (3,).
-        shared_above: likewise.
+        walls: thickness of the silicone at its faces [mm], shape (2, 3): those with the smallest x, y and z, then those
+            with the largest.
+        shared: whether there is air again behind the silicone at each face, shape (2, 3).
     """
 
     box: Box
-    below: np.ndarray
-    above: np.ndarray
-    shared_below: np.ndarray
-    shared_above: np.ndarray
+    walls: np.ndarray
+    shared: np.ndarray
 
 
-def walled_boxes(finger: "FingerParameters") -> list[WalledBox]:
-    """The channel and the chambers with their walls; where a box opens into another, the silicone beside that."""
+def walled_boxes(finger: FingerDimensions) -> list[WalledBox]:
+    """The channel and the chambers with their walls; where a box opens into another, that beside the opening."""
     return [_channel(finger), *(_chamber(finger, number) for number in range(finger.chambers.count))]
 
 
-def thin_walls(finger: "FingerParameters") -> np.ndarray:
+def thin_walls(finger: FingerDimensions) -> np.ndarray:
     """Thicknesses of the thin walls [mm], thinnest first, shape (count,) with count of at least 1."""
-    found = np.sort(np.concatenate([np.concatenate([walled.below, walled.above]) for walled in walled_boxes(finger)]))
+    found = np.sort(np.concatenate([walled.walls.ravel() for walled in walled_boxes(finger)]))
     return found[found <= THIN * found[0]]
 
 
-def _channel(finger: "FingerParameters") -> WalledBox:
+def layer_count(finger: FingerDimensions) -> int:
+    """Number of layers in the thinnest wall: that asked for, if the layers are not too flat; 1 for an even mesh."""
+    sizes = finger.mesh
+    if sizes.smallest == sizes.largest:
+        return 1
+    affordable = int(FLATTEST * thin_walls(finger)[0] / sizes.smallest)
+    return max(1, min(sizes.elements_across_walls, affordable))
+
+
+def layer_boxes(finger: FingerDimensions, share: float) -> list[Box]:
+    """The boxes of the cavity, grown by a share of the walls around them, but not far into thick ones."""
+    thin = thin_walls(finger)
+    grown = []
+    for walled in walled_boxes(finger):
+        full = np.where(walled.shared, SHARED, 1.0) * walled.walls
+        depth = np.where(walled.walls <= thin[-1], full, thin[0])
+        grown.append(walled.box.grown(*(share * depth)))
+    return grown
+
+
+def _channel(finger: FingerDimensions) -> WalledBox:
     body, channel = finger.body, finger.channel
     box = channel_box(finger)
     underneath = [finger.underside(channel.end)]
     underneath += [slot.size[1] for slot in slot_boxes(finger) if _overlap(slot, box)]
     side = (body.width - channel.width) / 2
-    return WalledBox(
-        box,
-        below=np.array([body.length - channel.end, channel.bottom - max(underneath), side]),
-        above=np.array([channel.start, body.height - channel.top, side]),
-        shared_below=np.zeros(3, dtype=bool),
-        shared_above=np.zeros(3, dtype=bool),
-    )
+    below = [body.length - channel.end, channel.bottom - max(underneath), side]
+    above = [channel.start, body.height - channel.top, side]
+    return WalledBox(box, np.array([below, above]), np.zeros((2, 3), dtype=bool))
 
 
-def _chamber(finger: "FingerParameters", number: int) -> WalledBox:
+def _chamber(finger: FingerDimensions, number: int) -> WalledBox:
     body, boxes = finger.body, chamber_boxes(finger)
     box = boxes[number]
     beside = [slot for slot in slot_boxes(finger) if slot.size[1] > box.corner[1]]
@@ -75,15 +91,12 @@ def _chamber(finger: "FingerParameters", number: int) -> WalledBox:
     underneath = [finger.underside(-box.lower[0])]
     underneath += [slot.size[1] for slot in slot_boxes(finger) if slot not in beside and _overlap(slot, box)]
     side = (body.width - finger.chambers.depth) / 2
-    return WalledBox(
-        box,
-        below=np.array([behind, box.corner[1] - max(underneath), side]),
-        above=np.array([ahead, body.height - finger.channel.top, side]),
-        shared_below=np.array([shared_behind, False, False]),
-        shared_above=np.array([shared_ahead, False, False]),
-    )
+    below = [behind, box.corner[1] - max(underneath), side]
+    above = [ahead, body.height - finger.channel.top, side]
+    shared = [[shared_behind, False, False], [shared_ahead, False, False]]
+    return WalledBox(box, np.array([below, above]), np.array(shared))
 
 
 def _overlap(one: Box, other: Box) -> bool:
-    """Whether they share a stretch along x."""
+    """Whether two boxes share a stretch along x."""
     return bool(one.lower[0] < other.upper[0] and other.lower[0] < one.upper[0])

@@ -46,11 +46,11 @@ class Body(_Table):
     width: Length = 20.0
     """[mm] along z."""
     tip_height: Length = 10.0
-    """[mm] along y, of the face at the tip; below it the underside rises."""
+    """[mm] height along y of the face at the tip; below it the underside rises."""
     taper_length: Length = 20.0
-    """[mm] along x, over which the underside rises to the tip's face."""
+    """[mm] length along x over which the underside rises to the tip's face."""
     base_length: Length = 10.0
-    """[mm] along x, of the part that is held: element group "base_block"."""
+    """[mm] length along x of the part that is held: element group "base_block"."""
 
 
 class Slots(_Table):
@@ -66,7 +66,7 @@ class Slots(_Table):
     first: Length = 23.9106
     """[mm] from the base to the near side of the first slot."""
     fillet_radius: LengthOrNone = 0.0
-    """[mm] of the two edges at the bottom of the cut, across the finger; 0: sharp."""
+    """[mm] radius of the two edges at the bottom of the cut, across the finger; 0: sharp."""
 
 
 class Channel(_Table):
@@ -99,14 +99,14 @@ class Chambers(_Table):
     depth: Length = 15.0
     """[mm] along z."""
     fillet_radius: LengthOrNone = 0.0
-    """[mm] of the two lower edges across the finger; 0: sharp."""
+    """[mm] radius of the two lower edges across the finger; 0: sharp."""
 
 
 class Inlet(_Table):
-    """The hole that the air comes through, closed by the tube that is glued into it: it belongs to the cavity."""
+    """The hole through which the air comes, closed by the tube that is glued into it: it belongs to the cavity."""
 
     diameter: LengthOrNone = 0.0
-    """[mm] of the bore along x into the middle of the channel's near end; 0: no hole."""
+    """[mm] diameter of the bore along x into the middle of the channel's near end; 0: no hole."""
     plug: Length = 5.0
     """[mm] from the base to where the bore is closed; the mesh is solid there."""
 
@@ -139,8 +139,18 @@ class ElementSizes(_Table):
     """Edges around a full turn of a fillet or bore; 0: no finer where the surface is curved."""
 
 
+def starts(row: Slots | Chambers) -> list[float]:
+    """Distances from the base to the near side of each slot or chamber [mm], from the base on."""
+    return [row.first + number * row.pitch for number in range(row.count)]
+
+
+def end(row: Slots | Chambers) -> float:
+    """Distance from the base to the far side of the last slot or chamber [mm]."""
+    return row.first + (row.count - 1) * row.pitch + row.width
+
+
 class FingerDimensions(_Table):
-    """All tables of a finger, whose values need not fit together: `FingerParameters` are those that do."""
+    """All tables of a finger, whose values need not fit together: those of `FingerParameters` do."""
 
     wall: Length | None = None
     """[mm] short for walls.side."""
@@ -173,7 +183,7 @@ class FingerDimensions(_Table):
 
     @property
     def cavity_volume(self) -> float:
-        """Air in the channel, the chambers and the inlet [mm^3]."""
+        """Volume of the air in the channel, the chambers and the inlet [mm^3]."""
         channel, chambers, inlet = self.channel, self.chambers, self.inlet
         duct = (channel.end - channel.start) * (channel.top - channel.bottom) * channel.width
         side_view = chambers.width * chambers.height - 2 * _corner(chambers.fillet_radius)
@@ -182,7 +192,7 @@ class FingerDimensions(_Table):
 
     @property
     def solid_volume(self) -> float:
-        """Silicone and air [mm^3]: the block less its taper and its slots."""
+        """Volume of silicone and air together [mm^3]: the block less its taper and its slots."""
         body, slots = self.body, self.slots
         taper = body.taper_length * (body.height - body.tip_height) / 2
         cuts = slots.count * (slots.width * slots.depth - 2 * _corner(slots.fillet_radius))
@@ -190,7 +200,7 @@ class FingerDimensions(_Table):
 
     @property
     def is_curved(self) -> bool:
-        """Whether a surface is, so that flat triangles miss some of the volume."""
+        """Whether some surface is curved, so that flat triangles miss a part of the volume."""
         fillets = self.chambers.fillet_radius, self.slots.fillet_radius * self.slots.count
         return any(fillets) or self.inlet.diameter > 0
 

@@ -1,26 +1,29 @@
-"""From a finger's dimensions to tetrahedra: gmsh builds the solid and fills it."""
+"""From a finger's dimensions to tetrahedra: gmsh builds the solid and fills it, finely in the thin walls."""
 
 from typing import Any
 
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
-from taichisoft_meshing.finger.element_sizes import mesh_with_sizes
-from taichisoft_meshing.finger.groups import element_groups
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft_meshing.bodies.meshed_body import compare_volumes
+from taichisoft_meshing.finger.boxes import Box, chamber_boxes, channel_box
+from taichisoft_meshing.finger.cavity_walls import layer_count, thin_walls
+from taichisoft_meshing.finger.groups import element_groups, surface_groups
 from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.finger.skin import name_surfaces
 from taichisoft_meshing.finger.solid import build_finger
-from taichisoft_meshing.gmsh_session import GmshFailure, gmsh_session
+from taichisoft_meshing.gmsh_session import gmsh_session, obey_size_fields, tetrahedra
 
-TETRAHEDRON = 4  # gmsh's number for the linear tetrahedron
+ROUNDING, CURVED = 1e-6, 0.02
+"""Largest errors of a volume, as shares of that of the drawing [-]: between flat faces only rounding is missing, and
+flat triangles cut the corners of fillets and of an inlet, or fill them."""
 
-# Of the volume asked for; between flat faces only rounding may be missing from the volume meshed.
-VOLUME_TOLERANCE = 1e-6
+GROWTH = 0.5
+"""Growth of the element size for each millimetre of distance from the walls [-]."""
 
-# Likewise where there are fillets or an inlet: flat triangles cut corners there, or fill them.
-CURVED_TOLERANCE = 0.02
+INSIDE = 0.5
+"""Size of the tetrahedra in a thin wall over that of its triangles [-]. Where triangles are about as large as the wall
+is thick, nodes come to lie inside it; gmsh finds no place for any where they are larger."""
 
 
 def mesh_finger(parameters: FingerParameters, source: str = "finger") -> VolumeMesh:
@@ -28,49 +31,62 @@ def mesh_finger(parameters: FingerParameters, source: str = "finger") -> VolumeM
 
     Surface groups: "outer", the closed outer skin; "base", its part in the plane x = 0; "cavity", the wall of
     the air, closed, pointing into the silicone so that the volume that it encloses is positive. Element
-    groups: "silicone", all of it, "stiff_layer" and "base_block", see `finger_groups`.
+    groups: "silicone", all of it, "stiff_layer" and "base_block", see `element_groups`.
 
     Args:
         parameters: every dimension.
-        source: what errors call it, for example its file.
+        source: name of the finger in errors, for example its file.
 
     Raises:
         MeshError: gmsh cannot be loaded, fails, or gives a body of another volume.
     """
     with gmsh_session(source) as gmsh:
         build_finger(gmsh, parameters)
-        mesh_with_sizes(gmsh, parameters)
-        nodes, elements = _tetrahedra(gmsh.model.mesh)
+        _mesh_with_sizes(gmsh, parameters)
+        nodes, elements, _ = tetrahedra(gmsh)
     try:
         groups = element_groups(parameters, nodes, elements)
     except ValueError as error:
         raise MeshError(f"{source}: {error}") from error
-    mesh = VolumeMesh(f"{source} meshed by gmsh", nodes, elements, name_surfaces(nodes, elements), groups).check()
-    _check_volumes(mesh, parameters, source)
+    mesh = VolumeMesh(f"{source} meshed by gmsh", nodes, elements, surface_groups(nodes, elements), groups).check()
+    air = parameters.cavity_volume
+    compare_volumes(mesh, parameters.solid_volume - air, [air], CURVED if parameters.is_curved else ROUNDING)
     return mesh
 
 
-def _tetrahedra(gmsh_mesh: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes in use [mm], (node_count, 3), and tetrahedra, (element_count, 4), which gmsh makes positive."""
-    tags, coordinates, _ = gmsh_mesh.getNodes()
-    _, corner_tags = gmsh_mesh.getElementsByType(TETRAHEDRON)
-    if len(corner_tags) == 0:
-        raise GmshFailure("no tetrahedra came out")
-    order = np.argsort(tags)
-    used, elements = np.unique(corner_tags, return_inverse=True)
-    nodes = coordinates.reshape(-1, 3)[order[np.searchsorted(tags[order], used)]]
-    return nodes, elements.reshape(-1, 4)
+def _mesh_with_sizes(gmsh: Any, finger: FingerParameters) -> None:
+    """Fill the model's solids with tetrahedra: small ones at the cavity and in the walls around it."""
+    sizes, mesh = finger.mesh, gmsh.model.mesh
+    gmsh.option.setNumber("Mesh.MeshSizeMax", sizes.largest)
+    if finger.is_curved:
+        gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", sizes.curvature)
+    else:
+        gmsh.option.setNumber("Mesh.MeshSizeMin", sizes.smallest)
+    if sizes.smallest == sizes.largest:
+        mesh.generate(3)
+        return
+    gmsh.option.setNumber("Mesh.MeshSizeFromPoints", 0)
+    gmsh.option.setNumber("Mesh.MeshSizeExtendFromBoundary", int(finger.is_curved))
+    reach = np.full(3, thin_walls(finger)[-1])
+    walls = [box.grown(reach, reach) for box in (channel_box(finger), *chamber_boxes(finger))]
+    for box in walls:
+        _add_box_field(gmsh, box, sizes.smallest, sizes.largest, (sizes.largest - sizes.smallest) / GROWTH)
+    obey_size_fields(gmsh)
+    mesh.generate(2)
+    if layer_count(finger) == 1:
+        gmsh.option.setNumber("Mesh.MeshSizeMin", 0)
+        for box in walls:
+            _add_box_field(gmsh, box, INSIDE * sizes.smallest, sizes.largest, 0.0)
+        obey_size_fields(gmsh)
+    mesh.generate(3)
 
 
-def _check_volumes(mesh: VolumeMesh, finger: FingerParameters, source: str) -> None:
-    silicone = float(tetrahedron_volumes(mesh.nodes, mesh.elements).sum())
-    air = enclosed_volume(mesh.nodes, mesh.surface_groups["cavity"])
-    tolerance = CURVED_TOLERANCE if finger.is_curved else VOLUME_TOLERANCE
-    for what, meshed, wanted in (
-        ("silicone", silicone, finger.solid_volume - finger.cavity_volume),
-        ("cavity", air, finger.cavity_volume),
-    ):
-        if not abs(meshed - wanted) <= tolerance * wanted:
-            raise MeshError(
-                f"{source}: gmsh gave a {what} of {meshed:.6g} mm^3 instead of {wanted:.6g}; try another mesh.largest"
-            )
+def _add_box_field(gmsh: Any, box: Box, inside: float, outside: float, distance: float) -> None:
+    """Set the size [mm] inside a box, which becomes that outside over a distance [mm] around it."""
+    field = gmsh.model.mesh.field
+    tag = field.add("Box")
+    options = {"VIn": inside, "VOut": outside, "Thickness": distance}
+    for axis, low, high in zip("XYZ", box.lower, box.upper, strict=True):
+        options |= {f"{axis}Min": low, f"{axis}Max": high}
+    for option, value in options.items():
+        field.setNumber(tag, option, value)

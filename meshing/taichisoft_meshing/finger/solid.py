@@ -3,21 +3,21 @@
 from typing import Any
 
 from taichisoft_meshing.finger.boxes import TOUCH, Box, chamber_boxes, channel_box, slot_boxes
-from taichisoft_meshing.finger.layers import layer_boxes, layer_count
+from taichisoft_meshing.finger.cavity_walls import layer_boxes, layer_count
 from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.gmsh_session import GmshFailure
 
 Solids = list[tuple[int, int]]  # pairs of the dimension, 3, and gmsh's number
 
-# Of the volume, between OpenCASCADE's and the formula's: only rounding may be missing.
 VOLUME_TOLERANCE = 1e-6
+"""Largest error of OpenCASCADE's volume, as a share of the formula's [-]: only rounding may be missing."""
 
 
 def build_finger(gmsh: Any, finger: FingerParameters) -> None:
-    """Make the silicone, cut along the inner surfaces that elements are to end at; the model then holds nothing else.
+    """Make the silicone, cut along the inner surfaces where elements are to end; the model then holds nothing else.
 
     Raises:
-        GmshFailure: what came out has not the volume of the drawing.
+        GmshFailure: the solid has not the volume of the drawing.
     """
     occ = gmsh.model.occ
     silicone, _ = occ.cut(_block(occ, finger), _cavity(occ, finger))
@@ -32,7 +32,7 @@ def build_finger(gmsh: Any, finger: FingerParameters) -> None:
 
 
 def _block(occ: Any, finger: FingerParameters) -> Solids:
-    """The outside: the block less its slots."""
+    """The block less its slots: the outside of the finger."""
     half_width = finger.body.width / 2
     corners = [occ.addPoint(x, y, -half_width) for x, y in finger.outline]
     sides = [occ.addLine(a, b) for a, b in zip(corners, corners[1:] + corners[:1], strict=True)]
@@ -47,7 +47,7 @@ def _block(occ: Any, finger: FingerParameters) -> Solids:
 
 
 def _cavity(occ: Any, finger: FingerParameters) -> Solids:
-    """The air: channel, chambers and inlet in one piece."""
+    """Channel, chambers and inlet in one piece: the air in the finger."""
     channel, inlet = finger.channel, finger.inlet
     chambers = [_box(occ, box) for box in chamber_boxes(finger)]
     radius, bottom = finger.chambers.fillet_radius, channel.bottom - finger.chambers.height
@@ -61,7 +61,7 @@ def _cavity(occ: Any, finger: FingerParameters) -> Solids:
 
 
 def _inner_solids(occ: Any, finger: FingerParameters) -> Solids:
-    """Solids whose faces elements are to end at: the held base and the layers of the walls; none for an even mesh."""
+    """Solids at whose faces elements are to end: the held base and the layers of the walls; none for an even mesh."""
     if finger.mesh.smallest == finger.mesh.largest:
         return []
     body, layers = finger.body, layer_count(finger)
@@ -74,7 +74,7 @@ def _inner_solids(occ: Any, finger: FingerParameters) -> Solids:
 
 
 def _rounded(occ: Any, solid: tuple[int, int], radius: float, y: float) -> tuple[int, int]:
-    """Round the two edges of a box that run across the finger at a height."""
+    """Round the two edges of a box that run across the finger at the height `y` [mm], with a radius [mm]."""
     faces = occ.getSurfaceLoops(solid[1])[1][0]
     edges = {edge for face in faces for loop in occ.getCurveLoops(face)[1] for edge in loop.tolist()}
     middles = {edge: occ.getCenterOfMass(1, edge) for edge in sorted(edges)}

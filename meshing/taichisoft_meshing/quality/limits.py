@@ -1,16 +1,14 @@
-"""How good a mesh must be: the table [quality] of a geometry file, whatever its kind."""
+"""What speaks against a mesh: faults, limits that it misses (table [quality] of a geometry file), and cautions."""
 
-from collections.abc import Mapping
-from pathlib import Path
-from typing import Annotated, Any
+from collections.abc import Sequence
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, ConfigDict, Field
 
-from taichisoft.errors import MeshError
-from taichisoft.scenes.validation_errors import first_problem
+from taichisoft_meshing.quality.mesh_quality import MeshQuality
 
 QUALITY = "quality"
-"""Name of the table."""
+"""Name of the table of limits in a geometry file."""
 
 Share = Annotated[float, Field(ge=0, le=1)]
 Angle = Annotated[float, Field(ge=0, le=180)]
@@ -22,30 +20,66 @@ class QualityLimits(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     radius_ratio: Share = 0.03
-    """[-] smallest of any element: 1 for a regular tetrahedron, 0 for a flat one (gmsh's gamma)."""
+    """[-] smallest ratio of any element: 1 for a regular tetrahedron, 0 for a flat one (gmsh's gamma)."""
     smallest_dihedral_angle: Angle = 2.0
-    """[degrees] between two faces of an element."""
+    """[degrees] smallest angle between two faces of an element."""
     largest_dihedral_angle: Angle = 177.0
-    """[degrees] between two faces of an element."""
+    """[degrees] largest angle between two faces of an element."""
     shortest_edge: Annotated[float, Field(ge=0)] = 0.0
-    """[mm]"""
+    """[mm] length of the shortest edge."""
     elements_across_walls: Annotated[int, Field(ge=1, le=5)] = 1
     """How many elements 95 % of each cavity's wall must be thick, at least."""
 
 
-class _File(BaseModel):
-    """What of a geometry file is the same for every kind."""
+def faults(quality: MeshQuality) -> list[str]:
+    """Why the mesh is not the body that was meant, one line each; no limit allows these."""
+    found = [
+        f"{count} {what}"
+        for count, what in (
+            (quality.inverted, "elements have no positive volume"),
+            (quality.duplicate_nodes, "nodes stand where another one stands"),
+            (quality.components - 1, "pieces are not joined to the first by a face"),
+        )
+        if count
+    ]
+    for surface in quality.surfaces:
+        if surface.closed_by_name and surface.open_edges:
+            found.append(
+                f"surface '{surface.name}' is not closed: {surface.open_edges} edges do not join two triangles"
+            )
+        elif surface.closed_by_name and surface.volume <= 0:
+            found.append(f"surface '{surface.name}' is inside out: it encloses {surface.volume:.6g} mm^3")
+    return found + [f"'{name}' is not fully inside the outer skin" for name in quality.outside]
 
-    quality: QualityLimits = QualityLimits()
+
+def missed_limits(quality: MeshQuality, limits: QualityLimits) -> list[str]:
+    """The measure, its value and the limit, one line for each limit that the mesh misses."""
+    across = quality.elements_across_walls
+    measured = (
+        ("the smallest radius ratio", quality.radius_ratios.min(), "", "below", "radius_ratio"),
+        ("the smallest dihedral angle", quality.dihedral_angles.min(), " degrees", "below", "smallest_dihedral_angle"),
+        ("the shortest edge", quality.edges.min(), " mm", "below", "shortest_edge"),
+        *([("elements across walls", across, "", "below", "elements_across_walls")] if across is not None else []),
+        ("the largest dihedral angle", quality.dihedral_angles.max(), " degrees", "above", "largest_dihedral_angle"),
+    )
+    return [
+        f"{measure}, {value:.4g}{unit}, is {side} {QUALITY}.{key} = {limit:g}"
+        for measure, value, unit, side, key in measured
+        for limit in (getattr(limits, key),)
+        if not (value >= limit if side == "below" else value <= limit)
+    ]
 
 
-def quality_limits(tables: Mapping[str, Any], path: Path) -> QualityLimits:
-    """The limits in the tables of a geometry file, or the defaults.
+def cautions(quality: MeshQuality) -> list[str]:
+    """What a user should know before believing a displacement, one line each."""
+    thin = [
+        f"{wall.name} ({wall.share_of_one:.0%} of the area)"
+        for wall in quality.walls
+        if wall.of_cavity and wall.elements_across == 1
+    ]
+    return [f"walls of one element, much too stiff in bending: {', '.join(thin)}; try a smaller size"] if thin else []
 
-    Raises:
-        MeshError: one is not valid; begins with the file.
-    """
-    try:
-        return _File.model_validate({key: tables[key] for key in (QUALITY,) if key in tables}).quality
-    except ValidationError as error:
-        raise MeshError(f"{path}: {first_problem(error, _File)}") from error
+
+def summary(problems: Sequence[str]) -> str:
+    """The first problem, and how many more there are."""
+    return problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")

@@ -8,7 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft_meshing.quality.surfaces import SurfaceQuality, cavities_outside, measure_surfaces
-from taichisoft_meshing.quality.tetrahedra import dihedral_angles, edge_lengths, radius_ratios
+from taichisoft_meshing.quality.tetrahedra import dihedral_angles, edge_lengths, neighbours, radius_ratios
 from taichisoft_meshing.quality.walls import WallQuality, measure_walls
 
 
@@ -17,16 +17,16 @@ class MeshQuality:
     """Figures of a mesh.
 
     Attributes:
-        node_count: how many nodes there are.
-        volumes: signed, of each element [mm^3], shape (element_count,).
-        radius_ratios: of each element [-], shape (element_count,); 1 for a regular one.
-        dihedral_angles: between the faces of each element [degrees], shape (element_count, 6).
-        edges: shortest and longest of each element [mm], shape (element_count, 2).
-        duplicate_nodes: how many nodes stand where another one stands.
-        components: how many pieces the mesh is in, counted by shared faces.
-        surfaces: closed ones: the outer skin and every cavity, then the other surface groups.
+        node_count: number of nodes.
+        volumes: signed volume of each element [mm^3], shape (element_count,).
+        radius_ratios: radius ratio of each element [-], shape (element_count,); 1 for a regular one.
+        dihedral_angles: angles between the faces of each element [degrees], shape (element_count, 6).
+        edges: shortest and longest edge of each element [mm], shape (element_count, 2).
+        duplicate_nodes: number of nodes that stand where another one stands.
+        components: number of pieces of the mesh, in which elements are joined by faces.
+        surfaces: figures of the outer skin, of every cavity, and of the other surface groups.
         outside: names of cavities that are not fully inside the outer skin.
-        walls: between each two surfaces that have one; none when elements are inverted.
+        walls: figures of the walls between each two surfaces; empty when elements are inverted.
     """
 
     node_count: int
@@ -42,12 +42,12 @@ class MeshQuality:
 
     @property
     def inverted(self) -> int:
-        """How many elements have no positive volume."""
+        """Number of elements without a positive volume."""
         return int((self.volumes <= 0).sum())
 
     @property
     def elements_across_walls(self) -> int | None:
-        """Of the thinnest-meshed wall of a cavity, or of the whole body when it has none; None without any wall."""
+        """Number of elements across the thinnest-meshed wall of a cavity, or of the body when it has none, or None."""
         of_cavities = [wall for wall in self.walls if wall.of_cavity]
         return min((wall.elements_across for wall in of_cavities or self.walls), default=None)
 
@@ -71,9 +71,7 @@ def measure(mesh: VolumeMesh) -> MeshQuality:
 
 
 def _component_count(elements: np.ndarray) -> int:
-    faces = np.sort(elements[:, [[1, 2, 3], [0, 2, 3], [0, 1, 3], [0, 1, 2]]].reshape(-1, 3), axis=1)
-    order = np.lexsort(faces.T)
-    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
-    first, second = order[:-1][same] // 4, order[1:][same] // 4
-    graph = coo_matrix((np.ones(len(first)), (first, second)), shape=(len(elements), len(elements)))
+    behind = neighbours(elements)
+    element, face = np.nonzero(behind >= 0)
+    graph = coo_matrix((np.ones(len(element)), (element, behind[element, face])), shape=(len(elements),) * 2)
     return int(connected_components(graph, directed=False)[0])

@@ -8,13 +8,14 @@ import numpy as np
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.surfaces import SurfaceQuality
+from taichisoft_meshing.quality.tetrahedra import FACES, neighbours
 
 TILT = np.radians(25.0)
-"""How far the eye is above the line at a right angle to the cut."""
+"""Angle of the eye above the line at a right angle to the cut [rad]."""
 
 
 class Side(IntEnum):
-    """What a face is part of."""
+    """The side of the body to which a face belongs."""
 
     CUT = 0
     OUTER = 1
@@ -26,10 +27,10 @@ class OpenView:
     """Visible faces, farthest first.
 
     Attributes:
-        corners: in the plane of the picture [mm], shape (face_count, 3, 2).
-        element: that each face belongs to, shape (face_count,).
-        side: of type `Side`, shape (face_count,).
-        facing: cosine of the angle at which each face is seen, shape (face_count,).
+        corners: corners of each face in the plane of the picture [mm], shape (face_count, 3, 2).
+        element: element of each face, shape (face_count,).
+        side: side of each face, of type `Side`, shape (face_count,).
+        facing: cosine of the angle at which each face is seen [-], shape (face_count,).
     """
 
     corners: np.ndarray
@@ -39,7 +40,7 @@ class OpenView:
 
 
 def open_view(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality]) -> OpenView:
-    """Cut along the two longest dimensions, through the middle of the cavities if there are any."""
+    """Cut a mesh along its two longest dimensions, through the middle of the cavities if there are any."""
     extent = np.ptp(mesh.nodes, axis=0)
     right, up, through = (np.eye(3)[axis] for axis in np.argsort(-extent, kind="stable"))
     if np.linalg.det([right, up, through]) < 0:
@@ -48,7 +49,9 @@ def open_view(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality]) -> OpenView:
     inside = mesh.nodes[np.unique(np.concatenate(cavities))] if cavities else mesh.nodes
     middle = (inside.min(axis=0) + inside.max(axis=0)) / 2
     kept = np.flatnonzero((mesh.nodes[mesh.elements[:, :4]].mean(axis=1) - middle) @ through < 0)
-    faces, element = _faces_of(mesh.elements[kept, :4])
+    solid = mesh.elements[kept, :4]
+    element, face = np.nonzero(neighbours(solid) < 0)
+    faces = solid[element[:, None], FACES[face]]
     element = kept[element]
     towards = np.cos(TILT) * through + np.sin(TILT) * up
     upwards = np.cos(TILT) * up - np.sin(TILT) * through
@@ -64,16 +67,8 @@ def open_view(mesh: VolumeMesh, surfaces: Sequence[SurfaceQuality]) -> OpenView:
     )
 
 
-def _faces_of(elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Faces that belong to one of the elements only, outward, and which one."""
-    faces = elements[:, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]].reshape(-1, 3)
-    _, first, counts = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    own = np.sort(first[counts == 1])
-    return faces[own], own // 4
-
-
 def _sides(faces: np.ndarray, surfaces: Sequence[SurfaceQuality]) -> np.ndarray:
-    """Faces of a closed surface are those with its triangles' nodes, whichever way round."""
+    """The side of each face, shape (face_count,): a closed surface has the faces with the nodes of its triangles."""
     sides = np.full(len(faces), Side.CUT)
     size = int(faces.max()) + 1
     numbers = np.sort(faces, axis=1).astype(np.int64) @ [size * size, size, 1]

@@ -75,7 +75,7 @@ def _draw_mesh(figure: Any, mesh: VolumeMesh, quality: MeshQuality, title: str) 
 
 
 def _face_colours(view: OpenView, on_cut: np.ndarray) -> np.ndarray:
-    """Shaded by the angle at which a face is seen, (face_count, 4)."""
+    """Colours of faces, shaded by the angle at which each is seen, shape (face_count, 4)."""
     from matplotlib.colors import to_rgba
 
     colours = on_cut.copy()
@@ -86,7 +86,7 @@ def _face_colours(view: OpenView, on_cut: np.ndarray) -> np.ndarray:
 
 
 def _draw_scale(axes: "Axes", low: np.ndarray, high: np.ndarray, margin: float) -> None:
-    """A line of a round length under the left end of the mesh."""
+    """Draw a line of a round length under the left end of the mesh."""
     tenth = 10.0 ** np.floor(np.log10((high - low)[0] / 2))
     length = max(step * tenth for step in (1.0, 2.0, 5.0) if step * tenth <= (high - low)[0] / 4 or step == 1.0)
     axes.plot([low[0], low[0] + length], [low[1] - margin] * 2, color="black", linewidth=2)

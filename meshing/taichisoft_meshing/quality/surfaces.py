@@ -1,30 +1,31 @@
-"""The surfaces of a mesh: are they closed, which way do they face, what do they enclose."""
+"""The surfaces of a mesh: whether they are closed, which way they face, and what they enclose."""
 
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft_meshing.quality.shells import connected_triangles
 
 OUTER = "outer"
 CAVITY = "cavity"
 
-# Of a cavity's vertices, so many are looked up: if one is inside and its surface does not cross the skin, all are.
+# Number of a cavity's vertices that are looked up: if one is inside and its surface does not cross the skin, all are.
 SAMPLE = 50
 
 
 @dataclass(frozen=True)
 class SurfaceQuality:
-    """One surface.
+    """Figures of one surface.
 
     Attributes:
-        name: of the group; "outer", "cavity" or "cavity_N" too where the mesh has no groups.
+        name: name of the group; "outer", "cavity" or "cavity_N" too where the mesh has no groups.
         triangles: node indices, shape (triangle_count, 3).
-        area: [mm^2].
-        volume: that it encloses [mm^3], positive where it faces away from what is inside; 0 if it is not closed.
-        open_edges: directed edges that have not exactly one opposite.
+        area: area [mm^2].
+        volume: enclosed volume [mm^3], positive where it faces away from what is inside; 0 if it is not closed.
+        open_edges: number of directed edges that have not exactly one opposite.
     """
 
     name: str
@@ -54,10 +55,12 @@ def measure_surface(name: str, nodes: np.ndarray, triangles: np.ndarray) -> Surf
 
 
 def measure_surfaces(mesh: VolumeMesh) -> tuple[SurfaceQuality, ...]:
-    """Those that the mesh names; where it names no outer skin, the pieces of its boundary."""
+    """Measure the surfaces that a mesh names; where it names no outer skin, the pieces of its boundary, too."""
     named = dict(mesh.surface_groups)
     if OUTER not in named:
-        named = {**_boundary_pieces(mesh), **named}
+        skins, cavities = skins_and_cavities(mesh.nodes, mesh.elements)
+        outer = {OUTER: np.concatenate(skins)} if skins else {}
+        named = {**outer, **dict(zip(cavity_names(len(cavities)), cavities, strict=True)), **named}
     return tuple(measure_surface(name, mesh.nodes, triangles) for name, triangles in named.items() if len(triangles))
 
 
@@ -94,11 +97,30 @@ def _dot(first: np.ndarray, second: np.ndarray) -> np.ndarray:
     return np.einsum("ptd,ptd->pt", first, second)
 
 
-def _boundary_pieces(mesh: VolumeMesh) -> dict[str, np.ndarray]:
-    """Skins and cavities of a mesh that does not name them; a cavity faces into the silicone, as named ones do."""
-    outward = connected_triangles(boundary_triangles(mesh.elements), len(mesh.nodes))
-    skins = [piece for piece in outward if enclosed_volume(mesh.nodes, piece) > 0]
-    cavities = [piece[:, ::-1] for piece in outward if enclosed_volume(mesh.nodes, piece) <= 0]
-    pieces = {OUTER: np.concatenate(skins)} if skins else {}
-    names = [CAVITY] if len(cavities) == 1 else [f"{CAVITY}_{number}" for number in range(len(cavities))]
-    return pieces | dict(zip(names, cavities, strict=True))
+def skins_and_cavities(nodes: np.ndarray, elements: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """The closed pieces of a body's boundary: outer skins, which face outward, and cavities, which face the silicone.
+
+    Args:
+        nodes: positions [mm], shape (node_count, 3).
+        elements: tetrahedra of positive volume, shape (element_count, 4).
+
+    Returns:
+        Skins and cavities, each (count, 3) node indices; both enclose positive volumes.
+    """
+    outward = connected_pieces(boundary_triangles(elements), len(nodes))
+    skins = [piece for piece in outward if enclosed_volume(nodes, piece) > 0]
+    cavities = [piece[:, ::-1] for piece in outward if enclosed_volume(nodes, piece) <= 0]
+    return skins, cavities
+
+
+def cavity_names(count: int) -> list[str]:
+    """Names of the surface groups of cavities: "cavity" alone; "cavity_0", "cavity_1", ... where there are more."""
+    return [CAVITY] if count == 1 else [f"{CAVITY}_{number}" for number in range(count)]
+
+
+def connected_pieces(triangles: np.ndarray, node_count: int) -> list[np.ndarray]:
+    """The triangles, each (count, 3), of every piece of a surface that shares no node with the others."""
+    starts, ends = triangles[:, [0, 1]].ravel(), triangles[:, [1, 2]].ravel()
+    graph = coo_matrix((np.ones(len(starts)), (starts, ends)), shape=(node_count, node_count))
+    piece = connected_components(graph, directed=False)[1][triangles[:, 0]]
+    return [triangles[piece == number] for number in np.unique(piece)]

@@ -14,7 +14,7 @@ from taichisoft_meshing.quality.wall_rays import MANY
 
 
 def mesh_tables(title: str, quality: MeshQuality, limits: QualityLimits, seconds: float | None = None) -> Group:
-    """The figures of a mesh beside its limits, its walls and its surfaces; `seconds` is what it took to make."""
+    """The figures of a mesh beside its limits, its walls and its surfaces; `seconds` is the time that it took [s]."""
     figures = _table(title, "", ">", "", "limit")
     for section in (_size(quality, seconds), _shape(quality, limits)):
         for row in section:
@@ -30,7 +30,7 @@ def mesh_tables(title: str, quality: MeshQuality, limits: QualityLimits, seconds
 
 
 def surface_table(title: str, surface: SurfaceQuality, pieces: int, extent: np.ndarray) -> Table:
-    """The figures of one surface; `extent` is that of its box [mm], (3,)."""
+    """The figures of one surface; `extent` has the edge lengths of the box around it [mm], shape (3,)."""
     table = _table(title, "", ">", "")
     table.show_header = False
     facing = "" if surface.open_edges else "outward" if surface.volume > 0 else "inward"
@@ -49,7 +49,7 @@ def surface_table(title: str, surface: SurfaceQuality, pieces: int, extent: np.n
 
 
 def _table(title: str | None, *headings: str) -> Table:
-    """A heading that begins with ">" is that of figures, which stand on the right."""
+    """An empty table; the column of a heading that begins with ">" has figures, which stand on the right."""
     table = Table(title=None if title is None else Text(title))
     for heading in headings:
         table.add_column(Text(heading.removeprefix(">")), justify="right" if heading.startswith(">") else "left")
@@ -82,7 +82,7 @@ def _shape(quality: MeshQuality, limits: QualityLimits) -> Iterator[tuple[str, .
 
 
 def _walls(quality: MeshQuality, limits: QualityLimits) -> Iterator[tuple[str, ...]]:
-    """Only the walls of cavities have a limit, if there are any."""
+    """Rows of walls; only the walls of cavities have a limit, if there are any."""
     limited = any(wall.of_cavity for wall in quality.walls)
     for wall in quality.walls:
         yield (
@@ -100,7 +100,7 @@ def _surfaces(quality: MeshQuality) -> Iterator[tuple[str, ...]]:
 
 
 def _state(surface: SurfaceQuality, quality: MeshQuality) -> str:
-    """Of a surface that must be closed; others may be as they are."""
+    """What is said of a surface that must be closed; others may be as they are."""
     if not surface.closed_by_name:
         return ""
     if surface.open_edges:

@@ -1,4 +1,4 @@
-"""How well shaped tetrahedra are."""
+"""Tetrahedra: how well shaped they are, and which of them share a face."""
 
 import numpy as np
 
@@ -6,6 +6,9 @@ from taichisoft.meshes.volume_mesh import tetrahedron_volumes
 
 # Start and end of each edge, and the two other corners.
 EDGES = ((0, 1, 2, 3), (0, 2, 3, 1), (0, 3, 1, 2), (1, 2, 0, 3), (1, 3, 2, 0), (2, 3, 0, 1))
+
+# Corners of each face, outward for positive tetrahedra; face k is opposite to corner k.
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
 
 
 def radius_ratios(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
@@ -54,3 +57,14 @@ def edge_lengths(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     starts, ends = np.array(EDGES)[:, 0], np.array(EDGES)[:, 1]
     lengths = np.linalg.norm(corners[:, ends] - corners[:, starts], axis=-1)
     return np.column_stack([lengths.min(axis=1), lengths.max(axis=1)])
+
+
+def neighbours(elements: np.ndarray) -> np.ndarray:
+    """The tetrahedron behind each face, -1 on the boundary, shape (element_count, 4), for elements of that shape."""
+    faces = np.sort(elements[:, FACES].reshape(-1, 3), axis=1)
+    order = np.lexsort(faces.T)
+    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
+    pairs = order[:-1][same], order[1:][same]
+    found = np.full(len(faces), -1)
+    found[pairs[0]], found[pairs[1]] = pairs[1] // 4, pairs[0] // 4
+    return found.reshape(-1, 4)

@@ -9,27 +9,26 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
-# Faces of a tetrahedron, outward for positive ones; face k is opposite to corner k.
-FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])
+from taichisoft_meshing.quality.tetrahedra import FACES, neighbours
 
-# Cosine between the two sides of a wall: within 25 degrees, so that the slanted sides of a corner are none.
 PARALLEL = 0.9
+"""Least cosine between the sides of a wall [-]: within 25 degrees, so that the slanted sides of a corner are none."""
 
 MANY = 5
-"""Elements across are counted up to this number."""
+"""Number up to which elements across are counted."""
 
 
 @dataclass(frozen=True)
 class Walls:
-    """One entry for every boundary triangle that has a wall behind it.
+    """Walls, with one entry for every boundary triangle that has a wall behind it.
 
     Attributes:
-        triangles: the three nodes of the triangle that the ray starts at, shape (count, 3).
-        opposite: those of the triangle that it leaves through, shape (count, 3).
-        areas: of the first [mm^2], shape (count,).
-        thickness: length of the ray [mm], shape (count,).
-        elements_across: the fewest edges of the mesh that lead from the one triangle to the other, at most MANY,
-            shape (count,); 1 where no node lies inside the wall, so that it bends much too stiffly.
+        triangles: nodes of the triangle at which the ray starts, shape (count, 3).
+        opposite: nodes of the triangle through which the ray leaves, shape (count, 3).
+        areas: areas of the triangles at which the rays start [mm^2], shape (count,).
+        thickness: lengths of the rays [mm], shape (count,).
+        elements_across: smallest number of edges that lead from the one triangle to the other, at most MANY, shape
+            (count,); 1 where no node lies inside the wall, so that it bends much too stiffly.
     """
 
     triangles: np.ndarray
@@ -51,12 +50,12 @@ def find_walls(nodes: np.ndarray, elements: np.ndarray) -> Walls:
     a, b, c = np.moveaxis(nodes[corners], 2, 0)
     normals = np.cross(b - a, c - a)
     offsets = np.einsum("efd,efd->ef", normals, a)
-    neighbours = _neighbours(corners)
-    element, face = np.nonzero(neighbours < 0)
+    behind = neighbours(elements)
+    element, face = np.nonzero(behind < 0)
     areas = np.linalg.norm(normals[element, face], axis=1) / 2
     directions = -normals[element, face] / (2 * areas[:, None])
     origins = nodes[corners[element, face]].mean(axis=1)
-    last_element, last_face, length = _walk(element, face, origins, directions, normals, offsets, neighbours)
+    last_element, last_face, length = _walk(element, face, origins, directions, normals, offsets, behind)
     arrived = last_face >= 0
     out = normals[last_element, last_face]
     cosine = np.einsum("rd,rd->r", out, directions) / np.linalg.norm(out, axis=1)
@@ -66,17 +65,6 @@ def find_walls(nodes: np.ndarray, elements: np.ndarray) -> Walls:
     return Walls(start[wall], end[wall], areas[wall], length[wall], across[wall])
 
 
-def _neighbours(corners: np.ndarray) -> np.ndarray:
-    """The element on the other side of each face, -1 on the boundary, shape (element_count, 4)."""
-    faces = np.sort(corners.reshape(-1, 3), axis=1)
-    order = np.lexsort(faces.T)
-    same = (faces[order[1:]] == faces[order[:-1]]).all(axis=1)
-    pairs = order[:-1][same], order[1:][same]
-    neighbours = np.full(len(faces), -1)
-    neighbours[pairs[0]], neighbours[pairs[1]] = pairs[1] // 4, pairs[0] // 4
-    return neighbours.reshape(-1, 4)
-
-
 def _walk(
     element: np.ndarray,
     face: np.ndarray,
@@ -84,12 +72,12 @@ def _walk(
     directions: np.ndarray,
     normals: np.ndarray,
     offsets: np.ndarray,
-    neighbours: np.ndarray,
+    behind: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where each ray leaves the body: element, face (-1 where it got lost) and its length.
+    """Where each ray leaves the body: element, face (-1 where it got lost) and its length [mm].
 
-    A ray leaves a tetrahedron through the nearest of the planes that it goes out of. So it cannot miss an edge that it
-    hits: whichever of the two faces rounding prefers, the next tetrahedron has the edge too.
+    A ray leaves a tetrahedron through the nearest plane of a face that it crosses outward. So it cannot miss an edge
+    that it hits: whichever of the two faces rounding prefers, the next tetrahedron has the edge too.
     """
     last_element, last_face = element.copy(), np.full(len(element), -1)
     length = np.zeros(len(element))
@@ -101,11 +89,11 @@ def _walk(
         here, direction = last_element[active], directions[active]
         steepness = np.einsum("rfd,rd->rf", normals[here], direction)
         distance = offsets[here] - np.einsum("rfd,rd->rf", normals[here], origins[active])
-        outward = (steepness > 0) & ((neighbours[here] != came_from[active, None]) | (neighbours[here] < 0))
+        outward = (steepness > 0) & ((behind[here] != came_from[active, None]) | (behind[here] < 0))
         reach = np.where(outward, distance / np.where(outward, steepness, 1.0), np.inf)
         through = reach.argmin(axis=1)
         length[active] = reach[np.arange(len(active)), through]
-        following = neighbours[here, through]
+        following = behind[here, through]
         lost = ~np.isfinite(length[active])
         left = (following < 0) & ~lost
         last_face[active[left]] = through[left]
@@ -117,7 +105,7 @@ def _walk(
 
 
 def _edges_between(elements: np.ndarray, starts: np.ndarray, ends: np.ndarray, node_count: int) -> np.ndarray:
-    """The fewest edges from any corner of a triangle to any corner of another, at most MANY, for each pair."""
+    """Smallest number of edges, at most MANY, from any corner of a triangle to any corner of another, for each pair."""
     pairs = elements[:, [[i, j] for i in range(4) for j in range(4)]].reshape(-1, 2)
     reach = _incidence(pairs[:, 0], pairs[:, 1], (node_count, node_count))
     row = np.repeat(np.arange(len(starts)), 3)

@@ -1,4 +1,4 @@
-"""The walls of a mesh by the surfaces that they lie between: how thick, and how many elements thick."""
+"""The walls of a mesh by the surfaces between which they lie: how thick, and how many elements thick."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,21 +9,21 @@ from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.surfaces import OUTER, SurfaceQuality
 from taichisoft_meshing.quality.wall_rays import Walls, find_walls
 
-# Of a wall's area, so much may be fewer elements thick than is said: an edge of the mesh that happens to lead straight
-# through a wall of two elements makes none of one.
 LEFT_OUT = 0.05
+"""Share of a wall's area that may be fewer elements thick than is said [-]: an edge of the mesh that happens to lead
+straight through a wall of two elements makes none of one."""
 
 
 @dataclass(frozen=True)
 class WallQuality:
-    """All walls between two surfaces.
+    """Figures of all walls between two surfaces.
 
     Attributes:
         sides: names of the surfaces, a cavity first; both are the same where the outer skin faces itself.
         of_cavity: whether one side is a cavity.
-        thinnest: [mm].
-        elements_across: that 95 % of the area are thick at least, counted up to 5.
-        share_of_one: of the area, that is one element thick [-].
+        thinnest: smallest thickness [mm].
+        elements_across: number of elements across 95 % of the area, at least; counted up to 5.
+        share_of_one: share of the area that is one element thick [-].
     """
 
     sides: tuple[str, str]
@@ -34,7 +34,7 @@ class WallQuality:
 
     @property
     def name(self) -> str:
-        """For people."""
+        """The name for people: "cavity to outer"."""
         return " to ".join(self.sides)
 
 

@@ -1,19 +1,24 @@
 """`taichisoft mesh-sweep`: one mesh for each value of a dimension."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from taichisoft.errors import GoalMissed, MeshError
-from taichisoft_meshing import mesh_options as options
+from taichisoft_meshing.commands import options
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from taichisoft_meshing.sweep.plan import Variant
+    from taichisoft_meshing.sweep.process import Outcome
 
 
 def mesh_sweep(
-    file: Annotated[
-        str,
-        typer.Argument(metavar="FILE", help="Geometry file (TOML), or the name of a shipped finger such as tutorial."),
-    ],
+    file: Annotated[str, options.FILE],
     vary: Annotated[
         list[str],
         typer.Option(
@@ -38,7 +43,7 @@ def mesh_sweep(
     """Mesh every variant of a geometry; one that fails is reported, the others go on, and the exit code is 1."""
     from rich.console import Console  # --help need not wait for any of these
 
-    from taichisoft_meshing.mesh_display import print_remark, variants_bar
+    from taichisoft_meshing.commands.display import print_remark
     from taichisoft_meshing.mesh_set import prepare_folder
     from taichisoft_meshing.sweep.plan import plan
     from taichisoft_meshing.sweep.runner import available_cpus, run_sweep
@@ -46,7 +51,7 @@ def mesh_sweep(
 
     if jobs is not None and jobs < 1:
         raise MeshError(f"--jobs {jobs}: must be at least 1")
-    variants = plan(options.finger_job(file, set_ or [], size, nodes, preset), vary)
+    variants = plan(options.geometry_job(file, set_, options.asked_size(size, nodes, preset)), vary)
     prepare_folder(output)
     console = Console()
     with variants_bar(console, Path(file).name, len(variants)) as done:
@@ -61,3 +66,21 @@ def mesh_sweep(
     failed = sum(bool(outcome.problem) for outcome in outcomes)
     if failed:
         raise GoalMissed(f"{output}: {failed} of {len(variants)} variants failed")
+
+
+@contextmanager
+def variants_bar(console: "Console", title: str, count: int) -> Iterator[Callable[["Variant", "Outcome"], None]]:
+    """Show a bar of `count` meshes; the yielded function notes one that has come to its end, and prints a line."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+    from rich.text import Text
+
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}")
+    with Progress(*columns, TimeElapsedColumn(), console=console, disable=not console.is_terminal) as progress:
+        task = progress.add_task(title, total=count)
+
+        def done(variant: "Variant", outcome: "Outcome") -> None:
+            progress.advance(task)
+            said = outcome.problem or f"{outcome.figures['nodes']} nodes, {outcome.figures['seconds']} s"
+            console.print(Text(f"{variant.name}: {said}"), soft_wrap=True)
+
+        yield done

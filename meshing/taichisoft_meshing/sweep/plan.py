@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from taichisoft.errors import MeshError
+from taichisoft_meshing.commands.options import overridden
 from taichisoft_meshing.mesh_job import MeshJob
-from taichisoft_meshing.mesh_options import overridden
 
 MOST = 10_000
 """Variants in a sweep: more are a slip of the keyboard."""
@@ -19,7 +19,7 @@ class Variant:
     """One mesh of a sweep.
 
     Attributes:
-        values: what it has in place of the file's, as text, by key.
+        values: the values that replace those of the file, as text, by key.
         job: how it is made.
     """
 
@@ -28,7 +28,7 @@ class Variant:
 
     @property
     def name(self) -> str:
-        """Of its folder, for example "wall-1.5_body.width-20"."""
+        """The name of its folder, for example "wall-1.5_body.width-20"."""
         return "_".join(f"{key}-{_for_a_file(value)}" for key, value in self.values.items())
 
 
@@ -71,7 +71,7 @@ def _key_and_values(text: str) -> tuple[str, list[str]]:
 
 
 def _split(values: str) -> list[str]:
-    """At the commas, but not at those inside the brackets of a TOML value."""
+    """Split values at commas, but not at those inside the brackets of a TOML value."""
     try:
         parsed: list[Any] = tomllib.loads(f"values = [{values}]")["values"]
     except tomllib.TOMLDecodeError:
@@ -94,5 +94,5 @@ def _top_level_parts(values: str) -> list[str]:
 
 
 def _for_a_file(value: str) -> str:
-    """Letters, digits, points and signs; a folder's name can hold no slash, and a shell no bracket."""
+    """Keep letters, digits, points and signs; a folder's name can hold no slash, and a shell no bracket."""
     return "".join(letter if letter.isalnum() or letter in ".+-" else "_" for letter in value).strip("_")

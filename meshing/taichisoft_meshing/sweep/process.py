@@ -45,7 +45,7 @@ def _outcome(job: MeshJob, folder: Path, name: str, force: bool) -> Outcome:
         load_requested(sys.argv[1:])  # the kind may be one of a plug-in that the command line named
         made = make_mesh(job)
         if not force:
-            require_fit(made)
+            require_fit(made, "--force writes the mesh all the same")
         write_files(made, folder, name)
     except TaichisoftError as error:
         return Outcome(" ".join(str(error).split()), {})

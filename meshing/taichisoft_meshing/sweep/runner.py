@@ -32,7 +32,7 @@ def run_sweep(
 
     Args:
         variants: what is made.
-        folder: of the folders.
+        folder: the folder that holds theirs.
         jobs: how many processes at a time.
         force: write meshes that miss a limit, too.
         done: called when one has come to its end.

@@ -7,7 +7,7 @@ import pytest
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import enclosed_volume
-from taichisoft_meshing.finger.skin import name_surfaces
+from taichisoft_meshing.finger.groups import surface_groups
 
 
 def voxels(solid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -35,7 +35,7 @@ def block_with_holes(*holes: tuple[int, int, int]) -> tuple[np.ndarray, np.ndarr
 
 def test_a_body_without_a_cavity_has_a_skin_and_a_base() -> None:
     nodes, elements = block_with_holes()
-    surfaces = name_surfaces(nodes, elements)
+    surfaces = surface_groups(nodes, elements)
     assert list(surfaces) == ["outer", "base"]
     assert enclosed_volume(nodes, surfaces["outer"]) == pytest.approx(81)
     assert len(surfaces["base"]) == 18
@@ -44,7 +44,7 @@ def test_a_body_without_a_cavity_has_a_skin_and_a_base() -> None:
 
 def test_the_only_cavity_has_no_number() -> None:
     nodes, elements = block_with_holes((4, 1, 1))
-    surfaces = name_surfaces(nodes, elements)
+    surfaces = surface_groups(nodes, elements)
     assert list(surfaces) == ["outer", "base", "cavity"]
     assert enclosed_volume(nodes, surfaces["cavity"]) == pytest.approx(1)
 
@@ -52,7 +52,7 @@ def test_the_only_cavity_has_no_number() -> None:
 def test_several_cavities_are_numbered_from_the_base_on() -> None:
     nodes, elements = block_with_holes((7, 1, 1), (1, 1, 1), (4, 1, 1), (5, 1, 1))
     nodes, elements = nodes[::-1], len(nodes) - 1 - elements  # their order decides nothing
-    surfaces = name_surfaces(nodes, elements)
+    surfaces = surface_groups(nodes, elements)
     assert list(surfaces) == ["outer", "base", "cavity_0", "cavity_1", "cavity_2"]
     volumes = [enclosed_volume(nodes, surfaces[f"cavity_{number}"]) for number in range(3)]
     assert volumes == pytest.approx([1, 2, 1])
@@ -62,4 +62,4 @@ def test_several_cavities_are_numbered_from_the_base_on() -> None:
 def test_a_body_in_two_pieces_is_refused() -> None:
     nodes, elements = block_with_holes()
     with pytest.raises(MeshError, match="the body has 2 outer skins; it must be one piece of silicone"):
-        name_surfaces(np.vstack([nodes, nodes + 20]), np.vstack([elements, elements + len(nodes)]))
+        surface_groups(np.vstack([nodes, nodes + 20]), np.vstack([elements, elements + len(nodes)]))

@@ -1,4 +1,4 @@
-"""The options that say what is meshed and how fine, as all commands of the mesher take them."""
+"""The options that say what is meshed and how fine, alike in `taichisoft mesh` and `taichisoft mesh-sweep`."""
 
 import math
 import os
@@ -13,6 +13,7 @@ from taichisoft.errors import MeshError, SceneError
 if TYPE_CHECKING:
     from taichisoft_meshing.mesh_job import MeshJob
 
+FILE = typer.Argument(metavar="FILE", help="Geometry file (TOML), or the name of a shipped finger such as tutorial.")
 Size = Annotated[
     float | None, typer.Option(metavar="MM", help="Largest element size, instead of the file's mesh.largest.")
 ]
@@ -25,24 +26,25 @@ Set = Annotated[
 ]
 Force = Annotated[bool, typer.Option("--force", help="Write a mesh that misses a limit of \\[quality], too.")]
 
-
-# For files of these suffixes.
+# The option that meshes files of each suffix.
 OPTIONS = {".step": "--step", ".stp": "--step", ".stl": "--surfaces", ".obj": "--surfaces", ".ply": "--surfaces"}
 
 
-def finger_job(
-    name: str, overrides: Sequence[str], size: float | None, nodes: int | None, preset: str | None
-) -> "MeshJob":
-    """What a geometry file, or a shipped finger, asks for.
+def geometry_job(name: str, overrides: Sequence[str] | None, asked: Mapping[str, Any]) -> "MeshJob":
+    """Prepare to mesh a geometry file or a shipped finger.
+
+    Args:
+        name: the path of the file, or the name of the finger.
+        overrides: texts "key=value" for the tables of the file.
+        asked: the result of `asked_size`.
 
     Raises:
-        MeshError: there is no such file, or an option is not valid.
+        MeshError: there is no such file, or an override is not valid.
     """
     from taichisoft.scenes.shipped import find_file
     from taichisoft_meshing.geometry_file import read_tables
     from taichisoft_meshing.mesh_job import MeshJob
 
-    asked = asked_size(size, nodes, preset)
     file = find_file(name, "fingers", (".toml",), error=MeshError)
     option = OPTIONS.get(file.suffix.lower())
     if option is not None:
@@ -51,39 +53,33 @@ def finger_job(
     return MeshJob(kind, overridden(tables, overrides), file, asked)
 
 
-def step_job(
-    file: str, overrides: Sequence[str], size: float | None, nodes: int | None, preset: str | None
+def cad_job(
+    kind: str, names: Sequence[str], keep_surface: bool, overrides: Sequence[str] | None, asked: Mapping[str, Any]
 ) -> "MeshJob":
-    """What a STEP file asks for, as a geometry file of kind "step" would."""
+    """Prepare to mesh files of CAD as a geometry file beside the first one would.
+
+    Args:
+        kind: "step" or "surfaces".
+        names: paths of the STEP file; or of the outer surface, then of cavities.
+        keep_surface: whether the triangles of surfaces are kept.
+        overrides: texts "key=value" for the tables of the geometry file.
+        asked: the result of `asked_size`.
+    """
     from taichisoft_meshing.mesh_job import MeshJob
 
-    path = Path(file).expanduser()
-    tables = overridden({"file": path.name}, overrides)
-    return MeshJob("step", tables, path, asked_size(size, nodes, preset))
-
-
-def surfaces_job(
-    files: Sequence[str],
-    keep_surface: bool,
-    overrides: Sequence[str],
-    size: float | None,
-    nodes: int | None,
-    preset: str | None,
-) -> "MeshJob":
-    """What an outer surface and cavities ask for, as a geometry file of kind "surfaces" would."""
-    from taichisoft_meshing.mesh_job import MeshJob
-
-    outer = Path(files[0]).expanduser()
-    cavities = [os.path.relpath(Path(file).expanduser(), outer.parent) for file in files[1:]]
-    tables = {"outer": outer.name, "cavity": cavities, "keep_surface": keep_surface}
-    return MeshJob("surfaces", overridden(tables, overrides), outer, asked_size(size, nodes, preset))
+    first, *others = (Path(name).expanduser() for name in names)
+    tables: dict[str, Any] = {"file": first.name}
+    if kind == "surfaces":
+        cavities = [os.path.relpath(cavity, first.parent) for cavity in others]
+        tables = {"outer": first.name, "cavity": cavities, "keep_surface": keep_surface}
+    return MeshJob(kind, overridden(tables, overrides), first, asked)
 
 
 def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dict[str, Any]:
-    """The one of the three that was given.
+    """The one of the three options that was given, by its name; empty when none was.
 
     Raises:
-        MeshError: it is out of range, or there are two.
+        MeshError: the value is out of range, or two options were given.
     """
     asked = {name: value for name, value in (("size", size), ("nodes", nodes), ("preset", preset)) if value is not None}
     if len(asked) > 1:
@@ -95,18 +91,18 @@ def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dic
     return asked
 
 
-def overridden(tables: Mapping[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """The tables with the values of "key=value" in their places.
+def overridden(tables: Mapping[str, Any], overrides: Sequence[str] | None) -> dict[str, Any]:
+    """A copy of the tables with the values of "key=value" in their places.
 
     Raises:
-        MeshError: one has no "=", or leads to no place.
+        MeshError: an override has no "=", or leads to no place.
     """
     import copy
 
     from taichisoft.scenes.overrides import apply_override
 
     changed = copy.deepcopy(dict(tables))
-    for override in overrides:
+    for override in overrides or ():
         try:
             apply_override(changed, override, "body.width=21", "the file")
         except SceneError as error:

@@ -1,22 +1,16 @@
 """`taichisoft mesh`: from a geometry file, a STEP file or surfaces to a mesh."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing import mesh_options as options
-
-if TYPE_CHECKING:
-    from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.commands import options
 
 
 def mesh(
-    files: Annotated[
-        list[str],
-        typer.Argument(metavar="FILE", help="Geometry file (TOML), or the name of a shipped finger such as tutorial."),
-    ],
+    files: Annotated[list[str], options.FILE],
     output: Annotated[
         Path,
         typer.Option(
@@ -43,35 +37,33 @@ def mesh(
     from rich.console import Console  # --help need not wait for any of these
     from rich.text import Text
 
-    from taichisoft_meshing.mesh_display import print_remark, stages_bar
+    from taichisoft_meshing.commands.display import print_remark, stages_bar
     from taichisoft_meshing.mesh_job import make_mesh, require_fit
     from taichisoft_meshing.mesh_set import prepare, write_output
     from taichisoft_meshing.quality.table import mesh_tables
 
-    how_fine = size, nodes, preset
     if step and surfaces:
         raise MeshError("--step and --surfaces: only one of them can be given")
     if keep_surface and not surfaces:
         raise MeshError("--keep-surface: goes with --surfaces")
     if len(files) > 1 and not surfaces:
         raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
-    job: MeshJob
-    if surfaces:
-        job = options.surfaces_job(files, keep_surface, set_ or [], *how_fine)
-    elif step:
-        job = options.step_job(files[0], set_ or [], *how_fine)
+    asked = options.asked_size(size, nodes, preset)
+    if step or surfaces:
+        job = options.cad_job("step" if step else "surfaces", files, keep_surface, set_, asked)
     else:
-        job = options.finger_job(files[0], set_ or [], *how_fine)
+        job = options.geometry_job(files[0], set_, asked)
     prepare(output)
     console = Console()
     with stages_bar(console, job.file.name) as stage:
         made = make_mesh(job, stage)
-        if not made.problems or force:
+        written = force or not made.problems
+        if written:
             stage("writing")
             write_output(made, output)
     console.print(mesh_tables(str(output), made.quality, made.limits, made.seconds))
-    console.print(Text(f"written to {output}" if not made.problems or force else "not written"), soft_wrap=True)
+    console.print(Text(f"written to {output}" if written else "not written"), soft_wrap=True)
     for remark in (*made.remarks, *(made.problems if force else ())):
         print_remark(console, remark)
     if not force:
-        require_fit(made)
+        require_fit(made, "--force writes the mesh all the same")

@@ -1,0 +1,155 @@
+"""The geometry kinds `step` and `surfaces`: bodies between closed surfaces, which files describe."""
+
+import warnings
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Annotated, Any, ClassVar
+
+from pydantic import BeforeValidator, Field
+
+from taichisoft.errors import MeshError
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
+from taichisoft.scenes.scene import Positive, Table
+from taichisoft_meshing.bodies.hollow_body import HollowBody, read_hollow_body
+from taichisoft_meshing.bodies.meshed_body import with_base
+from taichisoft_meshing.bodies.step_mesher import StepSolid, mesh_step, read_step
+from taichisoft_meshing.bodies.surface_mesher import keep_surfaces, remesh_surfaces
+from taichisoft_meshing.bodies.tables import Base, Count, FittedSizes, Sizes, preset_sizes
+from taichisoft_meshing.bodies.wall_splitting import with_elements_across
+from taichisoft_meshing.geometry_file import checked
+
+FileName = Annotated[str, Field(strict=True, min_length=1)]
+
+
+class StepTable(Table):
+    """A geometry file of the kind `step`."""
+
+    file: FileName
+    """STEP file, beside the TOML; it says itself in which unit it is, and is taken to millimetres."""
+    cavities: Count | None = None
+    """How many voids the body must have; any number when it is not given."""
+    base: Base | None = None
+    """Triangles of the outside that make the group "base"."""
+    mesh: Sizes = Sizes()
+
+
+class SurfacesTable(Table):
+    """A geometry file of the kind `surfaces`."""
+
+    outer: FileName
+    """STL, OBJ or PLY file of the outside, beside the TOML; cavities may be in it, too."""
+    cavity: Annotated[
+        tuple[FileName, ...], BeforeValidator(lambda given: [given] if isinstance(given, str) else given)
+    ] = ()
+    """Further file, or files, of cavities; a cavity that `outer` has too counts once."""
+    cavities: Count | None = None
+    """How many there must be in all; any number when it is not given."""
+    scale: Positive = 1.0
+    """Millimetres in one unit of the files: 1000 for metres."""
+    keep_surface: Annotated[bool, Field(strict=True)] = False
+    """Whether the tetrahedra end at exactly the given triangles; the surfaces are meshed anew otherwise."""
+    feature_angle: Annotated[float, Field(strict=True, gt=0, lt=180)] = 40.0
+    """[degrees] Edges with more than this between their two triangles stay edges when the surfaces are meshed anew."""
+    base: Base | None = None
+    """Triangles of the outside that make the group "base"."""
+    mesh: Sizes = Sizes()
+
+
+@dataclass(frozen=True)
+class _BodyFromFiles(Geometry):
+    """A geometry whose tables name files; they are read when the body is first needed.
+
+    Attributes:
+        tables: tables of the geometry file, as TOML gives them.
+        file: path of the geometry file; begins every error about the tables, and names of files are relative to it.
+
+    Raises:
+        MeshError: something in the tables is not valid.
+    """
+
+    tables: Mapping[str, Any]
+    file: Path
+    table_type: ClassVar[type[Table]]
+
+    def __post_init__(self) -> None:
+        _ = self.table
+
+    @cached_property
+    def table(self) -> Any:
+        """The tables, checked: an instance of `table_type`."""
+        return checked(self.table_type, self.tables, self.file)
+
+    @cached_property
+    def body(self) -> Any:
+        """The body that the files describe, checked; it has a `volume` [mm^3] and an `extent` [mm], shape (3,)."""
+        raise NotImplementedError
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The tables with the defaults of what they leave open."""
+        parameters: dict[str, Any] = self.table.model_dump(mode="json", exclude_none=True)
+        return parameters
+
+    @property
+    def presets(self) -> dict[str, float]:
+        """Largest element sizes [mm] by name."""
+        return preset_sizes(self.body.extent)
+
+    def mesh(self, size: float | None = None) -> VolumeMesh:
+        """Mesh the body with gmsh; `size` [mm] replaces the largest element size and scales the smallest with it."""
+        try:
+            sizes = self.table.mesh.fitted(self.body.extent, self.body.volume, size)
+        except ValueError as error:
+            raise MeshError(f"{self.file}: {error}") from error
+        return with_base(with_elements_across(self._fill(sizes), sizes), self.table.base)
+
+    def _fill(self, sizes: FittedSizes) -> VolumeMesh:
+        """Fill the body with tetrahedra."""
+        raise NotImplementedError
+
+    def _check_cavities(self, found: int, place: Path, where: str, hint: str = "") -> None:
+        """Raise MeshError when the number of cavities is not the one asked for; warn when there is none."""
+        wanted = self.table.cavities
+        if wanted is not None and found != wanted:
+            raise MeshError(f"{self.file}: cavities = {wanted}: {where} {found}{hint}")
+        if wanted is None and found == 0:
+            warnings.warn(f"{place}: the body has no cavity{hint}", stacklevel=4)
+
+
+class StepBody(_BodyFromFiles):
+    """A body from a STEP file, whose cavities are the voids in it."""
+
+    table_type = StepTable
+
+    @cached_property
+    def body(self) -> StepSolid:
+        """The body that the STEP file describes, checked."""
+        solid = read_step(self.file.parent / self.table.file)
+        hint = "; a cavity is a void without an opening"
+        self._check_cavities(len(solid.cavity_volumes), solid.path, f"{solid.path} has", hint)
+        return solid
+
+    def _fill(self, sizes: FittedSizes) -> VolumeMesh:
+        return mesh_step(self.body, sizes, str(self.file))
+
+
+class SurfacesBody(_BodyFromFiles):
+    """A body between surfaces from files."""
+
+    table_type = SurfacesTable
+
+    @cached_property
+    def body(self) -> HollowBody:
+        """The body that the surface files describe, checked and mended."""
+        table, folder = self.table, self.file.parent
+        body = read_hollow_body(folder / table.outer, [folder / name for name in table.cavity], table.scale)
+        self._check_cavities(len(body.cavities), folder / table.outer, "the files have")
+        return body
+
+    def _fill(self, sizes: FittedSizes) -> VolumeMesh:
+        if self.table.keep_surface:
+            return keep_surfaces(self.body, sizes, str(self.file))
+        return remesh_surfaces(self.body, sizes, self.table.feature_angle, str(self.file))

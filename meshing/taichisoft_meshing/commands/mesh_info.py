@@ -1,0 +1,111 @@
+"""`taichisoft mesh-info`: the figures of any mesh or surface that can be read."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from taichisoft.errors import GoalMissed
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from taichisoft.meshes.volume_mesh import VolumeMesh
+
+
+def mesh_info(
+    file: Annotated[
+        str,
+        typer.Argument(
+            metavar="FILE", help="Mesh (.msh, .vtk, .vtu) or surface (.stl, .obj, .ply), or a shipped mesh."
+        ),
+    ],
+    output: Annotated[
+        Path | None,
+        typer.Option("--output", "-o", help="File for the figures (.json), or for the picture of a mesh (.png), too."),
+    ] = None,
+) -> None:
+    """Show the figures of a mesh or a surface; the exit code is 1 when it is not fit to simulate."""
+    from rich.console import Console  # --help need not wait for any of these
+    from rich.text import Text
+
+    from taichisoft.errors import MeshError
+    from taichisoft.meshes.file_kind import require_suffix
+    from taichisoft.meshes.files import VOLUME_SUFFIXES
+    from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
+    from taichisoft.scenes.shipped import find_file
+    from taichisoft_meshing.mesh_set import prepare_folder
+    from taichisoft_meshing.quality.limits import summary
+
+    suffixes = (*VOLUME_SUFFIXES, *SURFACE_SUFFIXES)
+    path = require_suffix(find_file(file, "meshes", suffixes, error=MeshError), "mesh or surface", suffixes)
+    surface = path.suffix.lower() in SURFACE_SUFFIXES
+    if output is not None:
+        require_suffix(output, "report", (".json",) if surface else (".json", ".png"))
+        prepare_folder(output.parent, output)
+    console = Console()
+    problems = (_show_surface if surface else _show_mesh)(console, path, output)
+    if output is not None:
+        console.print(Text(f"written to {output}"), soft_wrap=True)
+    if problems:
+        raise GoalMissed(f"{path}: {summary(problems)}")
+
+
+def _show_mesh(console: "Console", path: Path, output: Path | None) -> list[str]:
+    """Print and write the figures of a mesh; returns what speaks against it."""
+    from taichisoft.errors import MeshError
+    from taichisoft.meshes.files import read_unchecked_mesh
+    from taichisoft_meshing.commands.display import print_remark
+    from taichisoft_meshing.mesh_record import mesh_figures, write_record
+    from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits
+    from taichisoft_meshing.quality.mesh_quality import measure
+    from taichisoft_meshing.quality.picture import draw_report
+    from taichisoft_meshing.quality.table import mesh_tables
+
+    mesh = read_unchecked_mesh(path)
+    refused = []
+    try:
+        mesh.check()
+    except MeshError as error:
+        if not _can_be_measured(mesh):
+            raise
+        refused = [str(error).removeprefix(f"{path}: ")]
+    quality, limits = measure(mesh), QualityLimits()
+    problems, remarks = refused + faults(quality), cautions(quality) + missed_limits(quality, limits)
+    console.print(mesh_tables(path.name, quality, limits))
+    for remark in remarks:
+        print_remark(console, remark)
+    if output is not None and output.suffix.lower() == ".png":
+        draw_report(mesh, quality, limits, path.name, output)
+    elif output is not None:
+        figures = mesh_figures(mesh, quality)
+        write_record({"file": path.name, **figures, "problems": problems, "remarks": remarks}, output)
+    return problems
+
+
+def _can_be_measured(mesh: "VolumeMesh") -> bool:
+    import numpy as np
+
+    inside = (mesh.elements >= 0).all() and (mesh.elements < len(mesh.nodes)).all()
+    return bool(mesh.elements.size and inside and np.isfinite(mesh.nodes).all())
+
+
+def _show_surface(console: "Console", path: Path, output: Path | None) -> list[str]:
+    """Print and write the figures of a surface; returns what speaks against it."""
+    import numpy as np
+
+    from taichisoft.meshes.surface_files import read_surface
+    from taichisoft_meshing.mesh_record import surface_figures, write_record
+    from taichisoft_meshing.quality.surfaces import connected_pieces, measure_surface
+    from taichisoft_meshing.quality.table import surface_table
+
+    vertices, triangles = read_surface(path)
+    surface = measure_surface(path.stem, vertices, triangles)
+    pieces, extent = len(connected_pieces(triangles, len(vertices))), np.ptp(vertices, axis=0)
+    problems = [f"is not closed: {surface.open_edges} edges do not join two triangles"] if surface.open_edges else []
+    console.print(surface_table(path.name, surface, pieces, extent))
+    if output is not None:
+        figures = {**surface_figures(surface), "volume_mm3": surface.volume, "pieces": pieces}
+        record = {"file": path.name, **figures, "extent_mm": extent.tolist(), "problems": problems}
+        write_record(record, output)
+    return problems
