@@ -1,7 +1,6 @@
 """The time step: implicit Euler, contact and cavities solved together."""
 
 import time
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -111,8 +110,7 @@ class Simulation:
         position += start.position
         count = len(solved.contact_impulse)
         points = contacts.points[:count]
-        return replace(
-            start,
+        return start.changed(
             time=(start.step + 1) * time_step,
             step=start.step + 1,
             position=position,

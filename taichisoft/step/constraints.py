@@ -62,7 +62,7 @@ class Constraints:
             contacts: those of the step.
             last_impulse: of each contact in the last step, 0 where it is new [mN s], shape (contact_count, 3).
         """
-        count, cavities = len(last_impulse), np.flatnonzero(state.cavity_volume_imposed)
+        count, cavities = len(last_impulse), state.cavity_volume_imposed.nonzero()[0]
         self.iterations, self.residual = 0, 0.0
         self.contact_impulse, self.contact_slip = np.zeros((count, 3)), np.zeros(count)
         self.cavity_pressure = state.cavity_target.copy()

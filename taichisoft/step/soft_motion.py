@@ -41,6 +41,7 @@ class SoftMotion:
             rest_position=elasticity.rest_position,
         )
         self._base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
+        self._base_rotation: np.ndarray | None = None  # that of `turn`
         self._force = np.empty((model.node_count, 3))
         self._pressure = np.empty(len(model.cavities.names))
         self.free_velocity = np.zeros((model.node_count, 3))
@@ -78,7 +79,9 @@ class SoftMotion:
 
     def _add_anchors_and_pressures(self, state: State) -> None:
         self._base.place[1] = state.base_translation
-        self._base.turn[0] = rotation_from_vector(state.base_rotation)
+        if state.base_rotation is not self._base_rotation:
+            self._base_rotation = state.base_rotation
+            self._base.turn[0] = rotation_from_vector(state.base_rotation)
         np.multiply(state.cavity_target, ~state.cavity_volume_imposed, out=self._pressure)
         kernels.add_anchors_and_pressures(
             self._anchors,
