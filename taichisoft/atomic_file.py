@@ -10,10 +10,10 @@ from taichisoft.errors import TaichisoftError
 
 @contextmanager
 def named_os_errors(path: Path, error: type[TaichisoftError] = TaichisoftError) -> Iterator[None]:
-    """What the operating system refuses here is an error about writing `path`.
+    """Make an error about writing `path` of what the operating system refuses.
 
     Raises:
-        error: An OSError was raised here.
+        error: something was refused.
     """
     try:
         yield
@@ -22,8 +22,8 @@ def named_os_errors(path: Path, error: type[TaichisoftError] = TaichisoftError) 
 
 
 @contextmanager
-def whole_file(path: Path, error: type[TaichisoftError] = TaichisoftError) -> Iterator[Path]:
-    """A place beside `path` to write to; what is there in the end is moved to `path`, what was half done is removed.
+def atomic_file(path: Path, error: type[TaichisoftError] = TaichisoftError) -> Iterator[Path]:
+    """Give a place beside `path` to write to; a complete file is then moved to `path`, an incomplete one removed.
 
     Raises:
         error: the file cannot be written; the old one, if there was one, is as it was.

@@ -11,7 +11,7 @@ from taichisoft.errors import GoalMissed, TaichisoftError
 from taichisoft.plugin_system import plugins, plugins_command
 from taichisoft.plugin_system.commands import load_requested, with_plugin_commands
 from taichisoft.plugin_system.failure import plugin_traceback
-from taichisoft.plugin_system.run_options import requested, takes_run_options
+from taichisoft.plugin_system.run_options import OutputsOption, SpeedOption, requested, takes_run_options
 
 application = typer.Typer(
     name="taichisoft",
@@ -81,25 +81,24 @@ def run_command(
     context: typer.Context,
     scene: Annotated[str, typer.Argument(help="Scene file (TOML), or the name of a shipped one, such as gripper.")],
     controller: Annotated[str | None, typer.Option(help="Name of a controller; the scene's own otherwise.")] = None,
-    output: Annotated[Path | None, typer.Option(help="Folder for the results; out/SCENE otherwise.")] = None,
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder for the results; out/SCENE otherwise.")
+    ] = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="Override a value: --set contact.friction=0.3 (repeatable).")
     ] = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time \\[s]; the scene's otherwise.")] = None,
-    outputs: Annotated[str, typer.Option(help="Outputs by name, separated by commas.")] = "recording,metrics",
-    speed: Annotated[
-        float | None,
-        typer.Option(help="Simulated seconds in a second, 1 is real time; as fast as it goes unless a person steers."),
-    ] = None,
+    outputs: OutputsOption = "recording,metrics",
+    speed: SpeedOption = None,
     keys: Annotated[Path | None, typer.Option(help="Key log (keys.jsonl) of an earlier run, to repeat it.")] = None,
     profile: Annotated[bool, typer.Option("--profile", help="Show where the time of a step goes.")] = False,
 ) -> None:
     """Simulate a scene and write the results to a folder."""
-    from taichisoft.running.command import run_scene  # starts Taichi, which --help need not wait for
+    from taichisoft.running.command import RunRequest, run_scene  # these start Taichi, which --help need not wait for
+    from taichisoft.session.key_log import KeyReplay
 
-    names = [name.strip() for name in outputs.split(",") if name.strip()]
-    asked = requested(context.meta, names)
-    driver = controller or asked.controller
-    interrupted = run_scene(scene, driver, output, set_ or [], duration, asked.outputs, speed, keys, profile)
-    if interrupted:
-        raise typer.Exit(EXIT_INTERRUPTED)
+    asked = requested(context, outputs)
+    folder = output or Path("out") / Path(scene).stem
+    replay = KeyReplay(keys) if keys is not None else None
+    request = RunRequest(folder, asked.outputs, duration, speed, replay, profile)
+    run_scene(scene, set_ or [], controller or asked.controller, request)

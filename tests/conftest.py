@@ -19,7 +19,6 @@ from hypothesis import settings
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft.plugin_system import plugins
-from taichisoft.plugin_system import sources as plugin_sources
 from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
@@ -91,7 +90,7 @@ def install(monkeypatch: pytest.MonkeyPatch) -> Iterator[Callable[..., None]]:
         found.append(EntryPoint(name, made.__name__, PROJECT))
         plugins._loaded = None
 
-    monkeypatch.setattr(plugin_sources, "entry_points", lambda group: found)
+    monkeypatch.setattr(plugins, "entry_points", lambda group: found)
     with plugins.separate_registry():
         yield add
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from taichisoft import run
-from taichisoft.building.controller_factory import make_controller
+from taichisoft.building.run_parts import make_controller
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.command_line import main

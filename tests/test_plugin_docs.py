@@ -1,6 +1,5 @@
-"""docs/plugins.md names every hook, argument and attribute, and all that it shows to be typed works."""
+"""All that docs/plugins.md shows to be typed works."""
 
-import inspect
 import os
 import re
 import shlex
@@ -8,78 +7,23 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any, cast
 
 import pytest
 
 import taichisoft
 from taichisoft.command_line import main
-from taichisoft.control.control import Control
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
-from taichisoft.plugin_system import hookspecs, plugins
-from taichisoft.plugin_system import reference as plugin_reference
-from taichisoft.plugin_system.reference import MARK, Session
-from taichisoft.plugin_system.registry import hook_names
+from taichisoft.plugin_system import hooks, plugins
 
 DOCUMENT = (Path(__file__).resolve().parents[1] / "docs" / "plugins.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)
-
-
-def test_the_reference_is_up_to_date() -> None:
-    written = DOCUMENT.partition(MARK)[2]
-    assert written == plugin_reference.plugin_reference(), (
-        "run: python -m taichisoft.plugin_system.reference docs/plugins.md"
-    )
-
-
-def test_every_hook_with_its_arguments_and_every_attribute_is_in_the_reference() -> None:
-    for name in hook_names():
-        section = re.search(rf"^### `{name}\(.*?(?=^##)", DOCUMENT, re.DOTALL | re.MULTILINE)
-        assert section, name
-        for argument in inspect.signature(getattr(hookspecs, name)).parameters:
-            assert f"\n- `{argument}`: " in section[0], (name, argument)
-    for made in (Observation, Control):
-        section = re.search(rf"^### {made.__name__}\n.*?(?=^##)", DOCUMENT, re.DOTALL | re.MULTILINE)
-        assert section
-        for attribute in inspect.get_annotations(made):
-            assert f"\n| `{attribute}` |" in section[0], attribute
-
-
-def test_what_is_not_in_a_docstring_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(Observation, "__doc__", Observation.__doc__.replace("        flows: ", "        flow: "))
-    with pytest.raises(ValueError, match=r"^Observation has time, .*flows.*; its docstring has time, .*flow, "):
-        plugin_reference.plugin_reference()
-    monkeypatch.undo()
-    hook = hookspecs.taichisoft_step_done
-    monkeypatch.setattr(hook, "__doc__", (hook.__doc__ or "").partition("Args:")[0])
-    with pytest.raises(ValueError, match=r"^taichisoft_step_done: its docstring has no Args$"):
-        plugin_reference.plugin_reference()
-
-
-def test_every_attribute_of_a_session_is_in_its_docstring() -> None:
-    """It is no dataclass, so the reference does not find them by itself."""
-    model: Any = SimpleNamespace(scene=SimpleNamespace(time=SimpleNamespace(step=0.01)))
-    session = Session(cast(Any, SimpleNamespace(model=model, state=None)), None, duration=1.0)
-    public = {name for name in vars(session) if not name.startswith("_")}
-    _, documented = plugin_reference._parse(inspect.cleandoc(Session.__doc__ or ""), "Attributes")
-    assert public == set(documented)
 
 
 def test_the_first_controller_has_ten_lines() -> None:
     language, code = BLOCKS[0]
     lines = [line for line in code.splitlines() if line.strip() and not line.startswith("#")]
     assert (language, len(lines)) == ("python", 10)
-
-
-def test_links_within_the_document_lead_somewhere() -> None:
-    headings = {
-        re.sub(r"[^\w -]", "", title).replace(" ", "-").lower() for title in re.findall(r"^#+ (.*)$", DOCUMENT, re.M)
-    }
-    links = re.findall(r"\]\(#([^)]*)\)", DOCUMENT)
-    assert links
-    assert set(links) <= headings
 
 
 @pytest.fixture
@@ -114,7 +58,7 @@ def test_all_that_is_shown_works(
     assert (folder / "soft-touch" / "pyproject.toml").exists()
     assert "3 passed" in shown["-m"]
     taichisoft.load_plugin("buttons.py")
-    buttons = plugins.find("controller", "buttons")()
+    buttons = hooks.find("controller", "buttons")()
     buttons.reset(None)
     buttons.key(KeyEvent("c"))
     assert buttons.control(Observation(0.0, 0, {"left": 0.0})).pressure == {"left": 30.0}

@@ -10,6 +10,7 @@ from typing import Any
 from pydantic import model_validator
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.plugin_system.hookspecs import hookimpl
 from taichisoft.scenes.scene import Positive, Table
 from taichisoft_meshing.bodies.meshed_body import meshed_body, shells_of_solid, with_base
@@ -39,7 +40,7 @@ class TubeTable(Table):
         return self
 
 
-class Tube:
+class Tube(Geometry):
     """The geometry kind: made from a file's tables without `kind`, and from its path; asked for a mesh later."""
 
     presets: Mapping[str, float] = {"coarse": 4.0, "medium": 2.5, "fine": 1.5}  # for --preset

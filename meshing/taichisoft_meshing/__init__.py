@@ -9,11 +9,11 @@ if TYPE_CHECKING:
     import typer
 
     from taichisoft.meshes.volume_mesh import VolumeMesh
-    from taichisoft.plugin_system.geometry import GeometryKind
+    from taichisoft.plugin_system.geometry import Geometry
 
 
 @hookimpl
-def taichisoft_geometry_kinds() -> "Mapping[str, GeometryKind]":
+def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
     """The built-in kinds of bodies."""
     from taichisoft_meshing.bodies.kinds import StepBody, SurfacesBody
     from taichisoft_meshing.finger.kind import PneunetFinger

@@ -1,7 +1,7 @@
 """Geometry files: TOML whose `kind` says which plug-in knows what it describes."""
 
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -9,9 +9,9 @@ from pydantic import BaseModel, ValidationError
 
 from taichisoft.errors import MeshError, PluginError, nearest
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system import hooks
 from taichisoft.plugin_system.failure import failures_of
-from taichisoft.plugin_system.geometry import Geometry, GeometryKind
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_meshing.quality.limits import QUALITY, QualityLimits
 
@@ -63,16 +63,19 @@ def make_geometry(kind: Any, tables: Mapping[str, Any], path: Path) -> Geometry:
     make = find_kind(kind, path)
     quality_limits(tables, path)
     with failures_of(f"{path}: geometry kind '{kind}' failed"):
-        return make({key: table for key, table in tables.items() if key != QUALITY}, path)
+        made = make({key: table for key, table in tables.items() if key != QUALITY}, path)
+    if not isinstance(made, Geometry):
+        raise PluginError(f"{path}: geometry kind '{kind}' gave {made!r}; must be a taichisoft.Geometry")
+    return made
 
 
-def find_kind(kind: Any, path: Path) -> GeometryKind:
+def find_kind(kind: Any, path: Path) -> Callable[..., Geometry]:
     """The class or function that makes geometries of a kind, which the file at `path` names.
 
     Raises:
         MeshError: no plug-in knows the kind.
     """
-    kinds = plugins.provided("geometry kind")
+    kinds = hooks.provided("geometry kind")
     if not isinstance(kind, str) or kind not in kinds:
         raise MeshError(f"{path}: kind = {kind!r}: unknown; {nearest(str(kind), sorted(kinds), 'there are')}")
     return kinds[kind]

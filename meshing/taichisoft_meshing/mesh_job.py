@@ -117,7 +117,7 @@ def mesh_as_asked(
     if nodes is not None:
         return size_for_nodes(geometry, nodes)[1]
     if preset is not None:
-        presets: Mapping[str, float] = getattr(geometry, "presets", {})
+        presets = geometry.presets
         if preset not in presets:
             raise MeshError(f"{file}: preset '{preset}': unknown; {nearest(preset, list(presets), 'there are')}")
         size = presets[preset]

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 import taichisoft
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.gmsh_session import gmsh_version
@@ -25,11 +25,11 @@ def mesh_record(made: MadeMesh, files: Iterable[Path]) -> dict[str, Any]:
         made: the mesh.
         files: files that it was written to; the record has a hash of each.
     """
-    job = made.job
+    job, parameters = made.job, made.geometry.parameters
     return {
         "kind": job.kind,
         "file": job.file.name,
-        "parameters": getattr(made.geometry, "parameters", job.tables),
+        "parameters": job.tables if parameters is None else parameters,
         "asked": job.asked,
         "inputs_sha256": _hash_of_inputs(job),
         "versions": {"taichisoft": taichisoft.__version__, "gmsh": gmsh_version()},
@@ -92,7 +92,7 @@ def write_record(record: Mapping[str, Any], path: Path) -> None:
     Raises:
         MeshError: the file cannot be written.
     """
-    with whole_file(path, MeshError) as partial:
+    with atomic_file(path, MeshError) as partial:
         partial.write_text(json.dumps(record, indent=2, allow_nan=False, default=list) + "\n", encoding="utf-8")
 
 

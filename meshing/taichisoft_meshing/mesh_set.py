@@ -11,7 +11,7 @@ from taichisoft.errors import MeshError
 from taichisoft.meshes.file_kind import require_suffix
 from taichisoft.meshes.files import VOLUME_SUFFIXES, write_volume_mesh
 from taichisoft.meshes.surface_files import write_stl
-from taichisoft.running.interruption import held_back
+from taichisoft.running.interruption import deferred_signals
 from taichisoft_meshing.mesh_job import MadeMesh
 from taichisoft_meshing.mesh_record import mesh_record, write_record
 from taichisoft_meshing.quality.picture import draw_report
@@ -65,7 +65,7 @@ def write_output(made: MadeMesh, output: Path) -> None:
     Raises:
         MeshError: something cannot be written.
     """
-    with held_back() as stop_if_asked:
+    with deferred_signals() as stop_if_asked:
         if is_file(output):
             write_volume_mesh(made.mesh, output)
         else:

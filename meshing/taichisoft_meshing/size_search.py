@@ -64,7 +64,7 @@ def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
 
 def _first_size(geometry: Geometry) -> float:
     """A size that the geometry names, or a guess from the mesh of its own size [mm]."""
-    presets: dict[str, float] = getattr(geometry, "presets", {})
+    presets = geometry.presets
     if presets:
         return max(presets.values())
     mesh = geometry.mesh(None)

@@ -9,7 +9,7 @@ from taichisoft.plugin_system.hookspecs import hookimpl
 if TYPE_CHECKING:
     import typer
 
-    from taichisoft.plugin_system.run_option import RunOption
+    from taichisoft.plugin_system.hookspecs import RunOption
     from taichisoft.session.session import Session
 
 
@@ -37,7 +37,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
 @hookimpl
 def taichisoft_run_options() -> "Mapping[str, RunOption]":
     """Options of `taichisoft run` that bring these outputs."""
-    from taichisoft.plugin_system.run_option import RunOption
+    from taichisoft.plugin_system.hookspecs import RunOption
 
     return {
         "--every": RunOption("recording", "Record every N-th step and the last one.", "every", int, "N"),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, TextIO
 import numpy as np
 
 from taichisoft.atomic_file import named_os_errors
+from taichisoft.session.output import Output
 
 if TYPE_CHECKING:
     from taichisoft.control.observation import Pair
@@ -25,7 +26,7 @@ PAIR_UNITS = {"normal_force": "mN", "friction_force": "mN", "slip_speed": "mm/s"
 """Columns of every pair of bodies; a report has them under the plural."""
 
 
-class CsvOutput:
+class CsvOutput(Output):
     """Writes a row for every step, with its time at its end.
 
     Columns are named "quantity name [unit]"; the first row of names is written with the first step, which shows

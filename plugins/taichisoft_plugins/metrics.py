@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import GoalMissed
+from taichisoft.session.output import Output
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 FILE_NAME = "metrics.json"
 
 
-class MetricsOutput:
+class MetricsOutput(Output):
     """Collects a few numbers per step; writes and judges them at the end."""
 
     def __init__(self, folder: Path):
@@ -84,7 +85,7 @@ class MetricsOutput:
 
     def _write(self) -> None:
         path = self.folder / FILE_NAME
-        with whole_file(path) as partial:
+        with atomic_file(path) as partial:
             self.folder.mkdir(parents=True, exist_ok=True)
             partial.write_text(json.dumps(self.metrics, indent=2) + "\n", encoding="utf-8")
 

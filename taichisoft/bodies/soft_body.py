@@ -9,8 +9,7 @@ from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import MappedSurface, enclosed_volume
-from taichisoft.meshes.surface import closed_outward
+from taichisoft.meshes.surface import MappedSurface, closed_outward, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.scenes import scene as settings

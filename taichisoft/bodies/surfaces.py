@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 import numpy as np
 
 from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.surface import MappedSurface
 
 if TYPE_CHECKING:
     from taichisoft.bodies.rigid_body import Obstacle, RigidBody

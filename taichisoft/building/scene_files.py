@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import PluginError, SceneError
-from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.failure import failures_of
-from taichisoft.scenes.file import choose_controller, scene_from_dict
-from taichisoft.scenes.overrides import apply_override
+from taichisoft.plugin_system.hooks import provided
+from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scenes.overrides import change_scene
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import find_file
 
@@ -31,45 +31,32 @@ def load_scene(name: str | Path, overrides: Sequence[str] = (), controller: str 
         SceneError: the file is missing or cannot be read, or something in it is not valid.
         PluginError: the plug-in that reads its format failed.
     """
-    path = find_scene(name)
-    document = read_with_plugin(path)
-    if document is None:
-        document = _read_toml(path)
-    if controller is not None:
-        choose_controller(document, controller)
-    for override in overrides:
-        apply_override(document, override)
+    path = _find_scene(name)
+    document = _read_tables(path)
+    change_scene(document, overrides, controller)
     source = " with --set ".join([str(path), *overrides])  # the error may be in either
     return scene_from_dict(document, source, folder=path.parent)
 
 
-def find_scene(name: str | Path) -> Path:
-    """A scene by path or by the name of a shipped one, in any format that can be read.
-
-    Raises:
-        SceneError: nothing is there.
-        PluginError: a plug-in's readers are not valid.
-    """
+def _find_scene(name: str | Path) -> Path:
     try:
         return find_file(name, "scenes", (TOML,), error=SceneError)
     except SceneError:
-        suffixes = list(scene_readers())  # asked for only now: a TOML file needs no plug-in
+        suffixes = list(_scene_readers())  # asked for only now: a TOML file needs no plug-in
         if not suffixes:
             raise
         return find_file(name, "scenes", (TOML, *suffixes), error=SceneError)
 
 
-def read_with_plugin(path: Path) -> dict[str, Any] | None:
-    """The tables of a scene; None when no plug-in reads files of its suffix, so that it must be TOML.
-
-    Raises:
-        SceneError: the file cannot be read, says its reader.
-        PluginError: the reader failed, or gave something else than tables.
-    """
+def _read_tables(path: Path) -> dict[str, Any]:
+    """The tables of a scene: through a plug-in that reads files of its suffix, otherwise it must be TOML."""
     suffix = path.suffix.lower()
-    reader = scene_readers().get(suffix) if suffix != TOML else None
+    reader = _scene_readers().get(suffix) if suffix != TOML else None
     if reader is None:
-        return None
+        try:
+            return tomllib.loads(path.read_text(encoding="utf-8"))
+        except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+            raise SceneError(f"{path}: not readable as TOML: {error}") from error
     with failures_of(f"{path}: scene reader '{suffix}' failed"):
         tables = reader(path)
     if not isinstance(tables, Mapping):
@@ -77,22 +64,11 @@ def read_with_plugin(path: Path) -> dict[str, Any] | None:
     return copy.deepcopy(dict(tables))  # overrides change them
 
 
-def scene_readers() -> dict[str, Any]:
-    """What reads scenes, by suffix.
-
-    Raises:
-        PluginError: one is not valid, or two have the same suffix.
-    """
-    readers = plugins.provided("scene reader")
+def _scene_readers() -> dict[str, Any]:
+    """Readers of scenes by suffix."""
+    readers = provided("scene reader")
     for suffix in readers:
         if suffix == TOML or suffix != f".{suffix.strip('.').lower()}":
             problem = "TOML is read without a plug-in" if suffix == TOML else "must look like '.yaml', in small letters"
             raise PluginError(f"scene reader '{suffix}': {problem}")
     return readers
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
-        raise SceneError(f"{path}: not readable as TOML: {error}") from error

@@ -1,13 +1,39 @@
-"""From a scene to a simulation: its meshes are found through plug-ins."""
+"""From a scene to a simulation: its meshes are read from files, or made of a geometry by the plug-in that knows how."""
+
+import inspect
+from collections.abc import Container
+from pathlib import Path
 
 from taichisoft import simulation
-from taichisoft.building.body_meshes import load_meshes
+from taichisoft.errors import MeshError, PluginError, SceneError
+from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
-from taichisoft.scenes.scene import Scene
+from taichisoft.plugin_system.failure import failures_of
+from taichisoft.plugin_system.hooks import provided
+from taichisoft.scenes.scene import BodyMesh, Scene
+
+
+class Simulation(simulation.Simulation):
+    """A simulation of a scene, or of a model already made."""
+
+    def __init__(self, scene: Scene | Model):
+        """Begin at the state that the scene describes.
+
+        Args:
+            scene: scene, whose model is made, or model that another simulation may share.
+
+        Raises:
+            TaichisoftError: see `make_model`.
+        """
+        super().__init__(scene if isinstance(scene, Model) else make_model(scene))
 
 
 def make_model(scene: Scene) -> Model:
-    """The model of a scene, with the meshes that it names.
+    """Make the model of a scene, with the meshes that it names.
+
+    Args:
+        scene: what `load_scene` or `scene_from_dict` gave.
 
     Raises:
         MeshError: a file is not fit to simulate.
@@ -17,13 +43,53 @@ def make_model(scene: Scene) -> Model:
     return Model(scene, load_meshes(scene))
 
 
-class Simulation(simulation.Simulation):
-    """A simulation of a scene, or of a model already made."""
+def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:
+    """Read or make the mesh of each soft body, by its name; bodies with the same one share it.
 
-    def __init__(self, scene: Scene | Model):
-        """Begin at the state that the scene describes.
+    Raises:
+        MeshError: a mesh file is not fit to simulate.
+        SceneError: a mesh cannot be made as the scene asks for it; begins with the key.
+        PluginError: the plug-in that makes a mesh failed.
+    """
+    loaded: dict[str, VolumeMesh] = {}
+    meshes = {}
+    for name, body in scene.soft_bodies.items():
+        source = body.mesh.model_dump_json()
+        if source not in loaded:
+            loaded[source] = load_mesh(body.mesh, f"soft_bodies.{name}.mesh")
+        meshes[name] = loaded[source]
+    return meshes
 
-        Raises:
-            TaichisoftError: see `make_model`.
-        """
-        super().__init__(scene if isinstance(scene, Model) else make_model(scene))
+
+def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
+    """Read or make one mesh; `key` is its place in the scene.
+
+    Raises:
+        MeshError, SceneError, PluginError: see `load_meshes`.
+    """
+    file = Path(source.file)
+    suffix = file.suffix.lower()
+    makers = provided("mesh maker") if suffix not in VOLUME_SUFFIXES else {}
+    if suffix not in makers:
+        mesh = read_volume_mesh(file)
+        _refuse_keys(source, (), key)
+        return mesh
+    make = makers[suffix]
+    _refuse_keys(source, inspect.signature(make).parameters, key)
+    try:
+        with failures_of(f"{key}: mesh maker '{suffix}' failed on {file}"):
+            mesh = make(file, **source.request)
+    except MeshError as error:
+        raise SceneError(f"{key}: {error}") from error
+    if not isinstance(mesh, VolumeMesh):
+        raise PluginError(f"{key}: mesh maker '{suffix}' gave {mesh!r}; must be a VolumeMesh")
+    return mesh.check()
+
+
+def _refuse_keys(source: BodyMesh, valid: Container[str], key: str) -> None:
+    """Refuse keys that nobody heeds."""
+    ignored = [name for name in source.request if name not in valid]
+    if ignored:
+        raise SceneError(
+            f"{key}: there is no effect of {', '.join(ignored)} on {source.file}; remove it, or name a geometry (.toml)"
+        )

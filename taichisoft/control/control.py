@@ -13,14 +13,14 @@ class Control:
     The scene's `[limits]` stand between what is asked for and what happens.
 
     Attributes:
-        pressure: [kPa] by cavity name ("finger1.cavity"); a cavity is driven by pressure or by volume.
-        volume_growth: [mm^3] over the rest volume, by cavity name; the pressure is then a result.
-        base_translation: where all anchors shall go [mm] from their rest positions, shape (3,).
-        base_rotation: rotation vector [rad] of all anchors about the scene's base pivot, shape (3,).
-        base_velocity: of all anchors [mm/s], shape (3,), until something else is asked for; instead of
+        pressure: pressures [kPa] by cavity name ("finger1.cavity"); a cavity is driven by pressure or by volume.
+        volume_growth: volumes over the rest volume [mm^3], by cavity name; the pressure is then a result.
+        base_translation: shift of all anchors from their rest positions [mm], shape (3,).
+        base_rotation: rotation vector of all anchors about the scene's base pivot [rad], shape (3,).
+        base_velocity: velocity of all anchors [mm/s], shape (3,), until something else is asked for; instead of
             base_translation.
-        base_angular_velocity: [rad/s] about the scene's base pivot, in world axes, shape (3,); instead of
-            base_rotation.
+        base_angular_velocity: angular velocity of all anchors about the scene's base pivot, in world axes [rad/s],
+            shape (3,); instead of base_rotation.
         signals: numbers of the controller's own by name, such as a set point, for outputs to record.
     """
 

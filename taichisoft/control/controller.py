@@ -1,35 +1,68 @@
-"""What drives a run: the interface of a controller."""
+"""What drives a run: the base class of every controller."""
 
-from typing import TYPE_CHECKING, Protocol
+from abc import ABC, abstractmethod
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING
 
 from taichisoft.control.control import Control
+from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # a model brings Taichi
     from taichisoft.model import Model
 
 
-class Controller(Protocol):
-    """Anything with these two methods drives a run.
+@dataclass(frozen=True)
+class Slider:
+    """A number that a controller lets its user set at once.
 
-    It may also have:
-
-    - `key(event: KeyEvent) -> None`: called for every key that the run does not use itself, before `control`;
-    - `bindings: dict[str, str]`: what its keys do, for the help that `?` shows;
-    - `sliders: dict[str, Slider]`: numbers that its user may set, by name, for displays that can show them (see
-      `taichisoft.control.slider.Slider`); one that was moved comes as a `KeyEvent` with that name and its `value`;
-    - `interactive = True`: a run goes at the speed of real time and until somebody ends it, unless the user says
-      otherwise;
-    - `status: str`: what the live status of such a run shows of it, such as which finger is selected;
-    - `summary() -> dict[str, str]`: rows for the table that closes a run.
-
-    A controller that cannot do its job raises `taichisoft.errors.ControllerFailed`: the run ends with its outputs
-    complete.
+    Attributes:
+        value: present value, also after keys that changed it.
+        lowest: smallest value that can be set.
+        highest: largest value that can be set.
+        step: distance between two values that can be set.
+        unit: unit of the other four, such as "kPa".
     """
 
-    def reset(self, model: "Model") -> None:
-        """Called before the first step, and again when a user starts the run anew."""
+    value: float
+    lowest: float
+    highest: float
+    step: float
+    unit: str
 
+
+class Controller(ABC):
+    """Base class of everything that drives a run; only `control` must be written.
+
+    A controller that cannot do its job raises `taichisoft.errors.ControllerFailed`: the run ends, and its outputs are
+    complete.
+
+    Attributes:
+        interactive: whether a person steers: such a run keeps to real time and goes on until somebody ends it, unless
+            the user says otherwise.
+        bindings: effect of each key that the controller heeds, by key, for the help that `?` shows.
+        sliders: numbers that a person may set, by name, for displays that can show sliders; one that was moved comes
+            to `key` as a `KeyEvent` with that name and its `value`.
+        status: text about the controller for displays, such as which finger is selected.
+    """
+
+    interactive: bool = False
+    bindings: Mapping[str, str] = MappingProxyType({})
+    sliders: Mapping[str, Slider] = MappingProxyType({})
+    status: str = ""
+
+    def reset(self, model: "Model") -> None:
+        """Prepare for a run: called before the first step, and again when a user starts the run anew."""
+
+    def key(self, event: KeyEvent) -> None:
+        """Heed a key that the run does not use itself; called before `control`."""
+
+    @abstractmethod
     def control(self, observation: Observation) -> Control:
-        """Called before every step, or every `controller.period` of the scene."""
-        ...
+        """Say what shall happen: called before every step, or every `controller.period` of the scene."""
+
+    def summary(self) -> dict[str, str]:
+        """Rows for the table that closes a run, value by name."""
+        return {}

@@ -1,4 +1,4 @@
-"""What a user does while a run goes on, mostly with keys, whichever device it comes from: one stream for all."""
+"""Keys that a user presses while a run goes on, and sliders moved, from whichever device: one stream for all."""
 
 import threading
 from collections import deque
@@ -10,10 +10,10 @@ class KeyEvent:
     """A key that was pressed, or repeats because it is held; or a slider of the controller that was moved.
 
     Attributes:
-        key: the character that it types ("a", "+", "?"), or one of "up", "down", "left", "right", "space", "enter",
-            "escape", "tab", "backspace"; of a slider its name.
+        key: character that the key types ("a", "+", "?"), or one of "up", "down", "left", "right", "space", "enter",
+            "escape", "tab", "backspace"; the name of a slider.
         ctrl: whether Ctrl was held; most terminals cannot tell for most keys.
-        value: where a slider was moved to; None for a key.
+        value: number to which a slider was moved; None for a key.
     """
 
     key: str
@@ -21,7 +21,7 @@ class KeyEvent:
     value: float | None = None
 
     def __str__(self) -> str:
-        """As people write it: "Ctrl+a", "finger1.cavity=20"."""
+        """The event as people write it: "Ctrl+a", "finger1.cavity=20"."""
         if self.value is not None:
             return f"{self.key}={self.value:g}"
         return f"Ctrl+{self.key}" if self.ctrl else self.key

@@ -1,4 +1,4 @@
-"""What is said of a mesh or surface file that is of another kind, missing or broken."""
+"""Errors about a mesh or surface file that is of another kind, missing or broken."""
 
 from collections.abc import Sequence
 from pathlib import Path

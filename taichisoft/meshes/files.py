@@ -2,17 +2,13 @@
 
 from pathlib import Path
 
-import numpy as np
-
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
-from taichisoft.meshes.cell_groups import grouped_cells
 from taichisoft.meshes.file_kind import existing_file, require_suffix, unreadable
-from taichisoft.meshes.mesh_content import MeshContent
-from taichisoft.meshes.meshio_content import GROUP_PREFIX, read_with_meshio
+from taichisoft.meshes.meshio_reader import read_with_meshio
 from taichisoft.meshes.msh_reader import is_msh41, read_msh41
-from taichisoft.meshes.msh_writer import write_msh
 from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.meshes.writers import write_msh, write_vtk, write_vtu
 
 VOLUME_SUFFIXES = (".msh", ".vtk", ".vtu")
 
@@ -25,6 +21,9 @@ def read_volume_mesh(path: str | Path) -> VolumeMesh:
     groups, those of tetrahedra its element groups; the file's points, lines and other triangles are ignored. No
     tetrahedron is ever turned round, because the corotational frames depend on the order of its nodes: an inverted
     one is an error.
+
+    Args:
+        path: file whose suffix, .msh, .vtk or .vtu, says the format.
 
     Raises:
         MeshError: the file is missing, unreadable, of another kind, or its mesh is not fit to simulate.
@@ -39,16 +38,12 @@ def read_unchecked_mesh(path: str | Path) -> VolumeMesh:
         MeshError: the file is missing, unreadable or of another kind, or has other cells than linear tetrahedra.
     """
     path = existing_file(path, "volume mesh", VOLUME_SUFFIXES)
-    content = _parse(path)
-    if "tetra10" in content.others:
-        raise MeshError(f"{path}: has quadratic tetrahedra; mesh again with linear ones (element order 1)")
-    if content.others:
-        found = ", ".join(f"{count} of {name}" for name, count in content.others.items())
-        raise MeshError(f"{path}: has cells that are no tetrahedra ({found}); mesh again with tetrahedra only")
-    element_groups = {name: np.sort(group).astype(np.int32) for name, group in content.element_groups.items()}
-    triangles = content.triangles.astype(np.int32)
-    surface_groups = {name: triangles[group] for name, group in content.surface_groups.items()}
-    return VolumeMesh(str(path), content.nodes, content.tetrahedra, surface_groups, element_groups)
+    try:
+        content = read_msh41(path) if path.suffix.lower() == ".msh" and is_msh41(path) else read_with_meshio(path)
+    # The parsers raise whatever a broken file makes them stumble over, up to SystemExit.
+    except (Exception, SystemExit) as error:
+        raise unreadable(path, error) from error
+    return content.mesh(str(path))
 
 
 def write_volume_mesh(mesh: VolumeMesh, path: str | Path) -> None:
@@ -58,40 +53,14 @@ def write_volume_mesh(mesh: VolumeMesh, path: str | Path) -> None:
     group comes back in the order of the first that names its triangles. VTU has no place for a group of nothing.
     Legacy VTK is for other programs: it has the tetrahedra alone. The file appears under its name when it is complete.
 
+    Args:
+        mesh: mesh of linear tetrahedra.
+        path: file whose suffix, .msh, .vtu or .vtk, says the format.
+
     Raises:
         MeshError: the suffix is unknown, the file cannot be written, or a group cannot be kept.
     """
     path = require_suffix(path, "volume mesh", VOLUME_SUFFIXES)
-    write = {".msh": write_msh, ".vtk": _write_vtk, ".vtu": _write_vtu}[path.suffix.lower()]
-    with whole_file(path, MeshError) as partial:
+    write = {".msh": write_msh, ".vtk": write_vtk, ".vtu": write_vtu}[path.suffix.lower()]
+    with atomic_file(path, MeshError) as partial:
         write(mesh, partial)
-
-
-def _parse(path: Path) -> MeshContent:
-    try:
-        return read_msh41(path) if path.suffix.lower() == ".msh" and is_msh41(path) else read_with_meshio(path)
-    # The parsers raise whatever a broken file makes them stumble over, up to SystemExit.
-    except (Exception, SystemExit) as error:
-        raise unreadable(path, error) from error
-
-
-def _write_vtk(mesh: VolumeMesh, path: Path) -> None:
-    import meshio
-
-    # Version 4.2: most programs besides ParaView do not know the arrays of 5.1.
-    meshio.vtk.write(path, meshio.Mesh(mesh.nodes, [("tetra", mesh.elements)]), fmt_version="4.2")
-
-
-def _write_vtu(mesh: VolumeMesh, path: Path) -> None:
-    import meshio
-
-    triangles, elements = grouped_cells(mesh)
-    blocks = [("tetra", elements), *([("triangle", triangles)] if len(triangles.cells) else [])]
-    flags = {
-        f"{GROUP_PREFIX}{name}": [
-            cells.groups.get(name, np.zeros(len(cells.cells))).astype(np.uint8) for _, cells in blocks
-        ]
-        for name in (*mesh.surface_groups, *mesh.element_groups)
-    }
-    content = meshio.Mesh(mesh.nodes, [(kind, cells.cells) for kind, cells in blocks], cell_data=flags)
-    meshio.vtu.write(path, content)

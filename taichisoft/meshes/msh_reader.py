@@ -5,8 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.meshes.mesh_content import MeshContent
-from taichisoft.meshes.msh_numbers import BinaryNumbers, Numbers, TextNumbers
+from taichisoft.meshes.volume_mesh import MeshContent
 
 # By gmsh's number of a type of cell: how many nodes it has, and a name for those with a volume.
 NODE_COUNTS = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18, 14: 14, 15: 1}
@@ -16,6 +15,67 @@ TRIANGLE, TETRAHEDRON = 2, 4
 
 Entity = tuple[int, int]
 """Dimension and tag of a piece of the geometry."""
+
+
+class TextNumbers:
+    """The numbers of a section in text; each call gives the next ones, ValueError where there are too few."""
+
+    def __init__(self, section: bytes):
+        self._values = np.array(section.split(), dtype=bytes).astype(np.float64)
+        self._place = 0
+
+    def floats(self, count: int) -> np.ndarray:
+        """Coordinates: gmsh's `double`."""
+        values = self._values[self._place : self._place + count]
+        if count < 0 or len(values) < count:
+            raise ValueError("a section has fewer numbers than it says")
+        self._place += count
+        return values
+
+    def integers(self, count: int) -> np.ndarray:
+        """Tags and dimensions: gmsh's `int`."""
+        values = self.floats(count)  # exact: no file has 2^53 of anything
+        whole = np.nan_to_num(values).astype(np.int64)
+        if (whole != values).any():
+            raise ValueError(f"{values[np.argmax(whole != values)]:g} stands where a whole number is needed")
+        return whole
+
+    def sizes(self, count: int) -> np.ndarray:
+        """Counts, and numbers of nodes and cells: gmsh's `size_t`."""
+        return self.integers(count)
+
+
+class BinaryNumbers:
+    """The numbers of a binary section in this machine's byte order; for the rest as `TextNumbers`.
+
+    Args:
+        section: content between the two lines of the section.
+        size_bytes: bytes of a `size_t`, from the head of the file.
+    """
+
+    def __init__(self, section: bytes, size_bytes: int):
+        self._section = section
+        self._size = np.dtype(f"u{size_bytes}")
+        self._place = 0
+
+    def floats(self, count: int) -> np.ndarray:
+        return self._take(count, np.dtype(np.float64))
+
+    def integers(self, count: int) -> np.ndarray:
+        return self._take(count, np.dtype(np.int32)).astype(np.int64)
+
+    def sizes(self, count: int) -> np.ndarray:
+        return self._take(count, self._size).astype(np.int64)
+
+    def _take(self, count: int, kind: np.dtype) -> np.ndarray:
+        if count < 0 or self._place + count * kind.itemsize > len(self._section):
+            raise ValueError("a section has fewer numbers than it says")
+        values = np.frombuffer(self._section, kind, count, self._place)
+        self._place += count * kind.itemsize
+        return values
+
+
+Numbers = TextNumbers | BinaryNumbers
 
 
 def is_msh41(path: Path) -> bool:
@@ -69,7 +129,7 @@ def read_msh41(path: Path) -> MeshContent:
 
 
 def _sections(content: bytes) -> dict[str, bytes]:
-    """What stands between $Name and $EndName, by name."""
+    """Content between $Name and $EndName, by name."""
     sections = {}
     start = content.find(b"$")
     while start >= 0:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft.meshes.file_kind import existing_file, unreadable
 
@@ -53,7 +53,7 @@ def write_stl(vertices: np.ndarray, triangles: np.ndarray, path: Path) -> None:
     Args:
         vertices: positions [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
-        path: where to.
+        path: file to write.
 
     Raises:
         MeshError: the file cannot be written.
@@ -62,7 +62,7 @@ def write_stl(vertices: np.ndarray, triangles: np.ndarray, path: Path) -> None:
     normals = np.cross(b - a, c - a)
     lengths = np.linalg.norm(normals, axis=1, keepdims=True)
     normals = np.divide(normals, lengths, out=np.zeros_like(normals), where=lengths > 0)
-    with whole_file(path, MeshError) as partial, partial.open("w", encoding="ascii", newline="\n") as file:
+    with atomic_file(path, MeshError) as partial, partial.open("w", encoding="ascii", newline="\n") as file:
         file.write(f"solid {path.stem}\n")
         for normal, corners in zip(normals.tolist(), vertices[triangles].tolist(), strict=True):
             file.write("facet normal {!r} {!r} {!r}\n outer loop\n".format(*normal))

@@ -1,5 +1,6 @@
 """A volume mesh as read from a file or made by a mesher, checked before anything is computed with it."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -12,7 +13,7 @@ class VolumeMesh:
     """Nodes, elements and named groups.
 
     Attributes:
-        source: the file or mesher that it came from; errors begin with it.
+        source: file or mesher that made the mesh; errors begin with it.
         nodes: rest positions [mm], shape (node_count, 3).
         elements: node indices, shape (element_count, nodes_per_element); linear tetrahedra have 4.
         surface_groups: named boundary triangles ("outer", "cavity", "base", ...), each (count, 3) node indices.
@@ -55,6 +56,43 @@ class VolumeMesh:
 
     def _error(self, what: str) -> MeshError:
         return MeshError(f"{self.source}: {what}")
+
+
+@dataclass(frozen=True)
+class MeshContent:
+    """Content of a mesh file of any format, before anything is checked.
+
+    Attributes:
+        nodes: positions [mm], shape (node_count, 3).
+        tetrahedra: node indices of the linear tetrahedra, shape (element_count, 4).
+        triangles: node indices of the linear triangles, shape (triangle_count, 3).
+        element_groups: indices of tetrahedra by name, each (count,).
+        surface_groups: indices of triangles by name, each (count,).
+        others: number of cells with a volume that are no linear tetrahedra, by meshio's name of their type.
+    """
+
+    nodes: np.ndarray
+    tetrahedra: np.ndarray
+    triangles: np.ndarray
+    element_groups: Mapping[str, np.ndarray]
+    surface_groups: Mapping[str, np.ndarray]
+    others: Mapping[str, int]
+
+    def mesh(self, source: str) -> VolumeMesh:
+        """The mesh, not checked yet; `source` begins its errors.
+
+        Raises:
+            MeshError: there are other cells with a volume than linear tetrahedra.
+        """
+        if "tetra10" in self.others:
+            raise MeshError(f"{source}: has quadratic tetrahedra; mesh again with linear ones (element order 1)")
+        if self.others:
+            found = ", ".join(f"{count} of {name}" for name, count in self.others.items())
+            raise MeshError(f"{source}: has cells that are no tetrahedra ({found}); mesh again with tetrahedra only")
+        element_groups = {name: np.sort(group).astype(np.int32) for name, group in self.element_groups.items()}
+        triangles = self.triangles.astype(np.int32)
+        surface_groups = {name: triangles[group] for name, group in self.surface_groups.items()}
+        return VolumeMesh(source, self.nodes, self.tetrahedra, surface_groups, element_groups)
 
 
 def tetrahedron_volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:

@@ -9,8 +9,9 @@ import typer
 
 from taichisoft.errors import PluginError
 from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system.hooks import ask, implementations
 from taichisoft.plugin_system.registry import DISABLE
-from taichisoft.plugin_system.run_options import TAKES, add_run_options
+from taichisoft.plugin_system.run_options import add_run_options, parsed_options
 
 FILE_OPTION = "--plugin"
 FOLDER_OPTION = "--plugins-dir"
@@ -35,7 +36,7 @@ def load_requested(arguments: Sequence[str]) -> None:
 
 
 def with_plugin_commands(application: typer.Typer) -> Any:
-    """What runs an application's commands and those of all plug-ins; each takes the options that load plug-ins.
+    """A parser with an application's commands and those of all plug-ins; each takes the options that load plug-ins.
 
     Raises:
         PluginError: a plug-in could not add its commands, or two claim one name.
@@ -55,9 +56,8 @@ def with_plugin_commands(application: typer.Typer) -> Any:
         whole.registered_groups += added.registered_groups
     command: Any = typer.main.get_command(whole)
     for below in command.commands.values():
-        if getattr(below.callback, TAKES, False):
-            add_run_options(below)
-    _take(command, _loading_options())
+        add_run_options(below)
+    _add_options(command, parsed_options(_loading_options))
     return command
 
 
@@ -68,12 +68,12 @@ def commands_by_plugin() -> Iterator[tuple[str, typer.Typer]]:
         PluginError: a plug-in could not.
     """
     hook = "taichisoft_commands"
-    for implementation in plugins.implementations(hook):
+    for implementation in implementations(hook):
         added = typer.Typer()
         added.callback()(lambda: None)  # without it Typer would make a single command no command of its own
         name = implementation.plugin_name
         try:
-            plugins.ask(hook, implementation, application=added)
+            ask(hook, implementation, application=added)
         except PluginError as error:  # which would stand in the way of every command
             raise PluginError(f"{error}; {DISABLE}={name} leaves it out") from error.__cause__
         yield name, added
@@ -84,39 +84,33 @@ def command_names(application: typer.Typer) -> list[str]:
     return list(getattr(typer.main.get_command(application), "commands", {}))
 
 
-def _loading_options() -> list[Any]:
-    """The two options as the parser has them; their values have been used when it sees them."""
-    only_options = typer.Typer(add_completion=False)
-
-    @only_options.command()
-    def _(
-        plugin: Annotated[
-            list[Path] | None,
-            typer.Option(
-                FILE_OPTION,
-                metavar="FILE.py",
-                help="Load a plug-in from a file (repeatable).",
-                rich_help_panel="Plug-ins",
-                expose_value=False,
-            ),
-        ] = None,
-        plugins_dir: Annotated[
-            list[Path] | None,
-            typer.Option(
-                FOLDER_OPTION,
-                metavar="DIR",
-                help="Load every plug-in in a folder (repeatable).",
-                rich_help_panel="Plug-ins",
-                expose_value=False,
-            ),
-        ] = None,
-    ) -> None: ...
-
-    return [option for option in typer.main.get_command(only_options).params if option.name != "help"]
+def _loading_options(
+    plugin: Annotated[
+        list[Path] | None,
+        typer.Option(
+            FILE_OPTION,
+            metavar="FILE.py",
+            help="Load a plug-in from a file (repeatable).",
+            rich_help_panel="Plug-ins",
+            expose_value=False,
+        ),
+    ] = None,
+    plugins_dir: Annotated[
+        list[Path] | None,
+        typer.Option(
+            FOLDER_OPTION,
+            metavar="DIR",
+            help="Load every plug-in in a folder (repeatable).",
+            rich_help_panel="Plug-ins",
+            expose_value=False,
+        ),
+    ] = None,
+) -> None:
+    """Options whose values `load_requested` has used when the parser sees them."""
 
 
-def _take(command: Any, options: list[Any]) -> None:
+def _add_options(command: Any, options: list[Any]) -> None:
     """Add options to a command and to all below it."""
     command.params = [*command.params, *options]
     for below in getattr(command, "commands", {}).values():
-        _take(below, options)
+        _add_options(below, options)

@@ -1,16 +1,27 @@
-"""What can be meshed: the interface of a geometry, behind `taichisoft mesh`."""
+"""What can be meshed: the base class of every geometry, behind `taichisoft mesh`."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Mapping
-from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
 
 
-class Geometry(Protocol):
-    """A body that has been described and checked, but not meshed yet."""
+class Geometry(ABC):
+    """Base class of bodies that have been described and checked, but not meshed yet; only `mesh` must be written."""
 
-    def mesh(self, size: float | None = None) -> "VolumeMesh":
+    @property
+    def presets(self) -> Mapping[str, float]:
+        """Largest element sizes [mm] by the names that `--preset` takes."""
+        return {}
+
+    @property
+    def parameters(self) -> Mapping[str, Any] | None:
+        """Everything that describes the body, defaults included, for `mesh.json`; None for the tables of its file."""
+        return None
+
+    @abstractmethod
+    def mesh(self, size: float | None = None) -> VolumeMesh:
         """Fill the body with tetrahedra; the same description and size give the same mesh.
 
         Closed surface groups whose names begin with "cavity" are air chambers: they point into the silicone, so that
@@ -23,16 +34,3 @@ class Geometry(Protocol):
         Raises:
             MeshError: the body cannot be meshed at this size.
         """
-        ...
-
-
-class GeometryKind(Protocol):
-    """What `taichisoft_geometry_kinds` maps a name to."""
-
-    def __call__(self, tables: Mapping[str, Any], file: Path) -> Geometry:
-        """Check the tables of a TOML file, and make a geometry from them.
-
-        Raises:
-            MeshError: something in them is not valid; begins with the file, and says what would be.
-        """
-        ...

@@ -1,6 +1,7 @@
 """The hooks that a plug-in may implement, all of them; the built-in features use the same ones."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -11,9 +12,8 @@ if TYPE_CHECKING:
 
     from taichisoft.control.controller import Controller
     from taichisoft.meshes.volume_mesh import VolumeMesh
-    from taichisoft.plugin_system.geometry import GeometryKind
-    from taichisoft.plugin_system.run_option import RunOption
-    from taichisoft.session.output import OutputFactory
+    from taichisoft.plugin_system.geometry import Geometry
+    from taichisoft.session.output import Output
     from taichisoft.session.session import Session
     from taichisoft.step.report import StepReport
 
@@ -21,6 +21,32 @@ if TYPE_CHECKING:
 PROJECT = "taichisoft"
 hookspec = pluggy.HookspecMarker(PROJECT)
 hookimpl = pluggy.HookimplMarker(PROJECT)
+"""Decorator that marks a function of a plug-in, or a method of an object, as its implementation of a hook.
+
+The function has the name of the hook. With `optionalhook=True` a hook that this version of taichisoft does not have is
+no error; `tryfirst=True` and `trylast=True` change the order in which plug-ins are asked.
+"""
+
+
+@dataclass(frozen=True)
+class RunOption:
+    """An option of `taichisoft run` that a plug-in adds: it brings an output into the run, or sets something of one.
+
+    Attributes:
+        output: name of the output that takes part in the run when the option is given.
+        help: one line for `taichisoft run --help`.
+        setting: argument of that output's factory which gets the value; without one the option is a flag.
+        type: type of the value: str, int, float, bool (for a flag that is a setting) or pathlib.Path.
+        metavar: name of the value in the help.
+        controller: name of the controller where the command line names none; None for the scene's own.
+    """
+
+    output: str
+    help: str
+    setting: str | None = None
+    type: type = str
+    metavar: str | None = None
+    controller: str | None = None
 
 
 @hookspec
@@ -33,7 +59,7 @@ def taichisoft_controllers() -> "Mapping[str, Callable[..., Controller]]":  # ty
 
 
 @hookspec
-def taichisoft_outputs() -> "Mapping[str, OutputFactory]":  # type: ignore[empty-body]
+def taichisoft_outputs() -> "Mapping[str, Callable[..., Output]]":  # type: ignore[empty-body]
     """Outputs by name; called when a run looks for its outputs.
 
     Each value makes an output from the folder into which it may write; its other arguments, with defaults, are what
@@ -45,13 +71,13 @@ def taichisoft_outputs() -> "Mapping[str, OutputFactory]":  # type: ignore[empty
 def taichisoft_run_options() -> "Mapping[str, RunOption]":  # type: ignore[empty-body]
     """Options of `taichisoft run` by name ("--web"); called when the command line is read.
 
-    Each value is a `RunOption` (taichisoft.plugin_system.run_option): which output takes part in the run when the
-    option is given, and which argument of its factory gets the value.
+    Each value is a `taichisoft.RunOption`: which output takes part in the run when the option is given, and which
+    argument of its factory gets the value.
     """
 
 
 @hookspec
-def taichisoft_geometry_kinds() -> "Mapping[str, GeometryKind]":  # type: ignore[empty-body]
+def taichisoft_geometry_kinds() -> "Mapping[str, Callable[[Mapping[str, Any], Path], Geometry]]":  # type: ignore[empty-body]
     """Kinds of bodies that `taichisoft mesh` can mesh; called when it has read a file, whose `kind` names one.
 
     Each value makes a geometry from the file's tables without `kind`, and from the file's path: it begins every error,

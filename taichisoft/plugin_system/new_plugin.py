@@ -9,7 +9,8 @@ from pathlib import Path
 
 from taichisoft import __version__
 from taichisoft.errors import PluginError
-from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system.hooks import provided
+from taichisoft.plugin_system.plugins import plugin_registry
 
 TEMPLATES = Path(__file__).parent / "plugin_template"
 
@@ -38,7 +39,7 @@ def write_project(name: str, folder: Path | None = None) -> Path:
     module = check_name(name)
     folder = folder if folder is not None else Path(name)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise PluginError(f"{folder}: exists already; choose another with --folder")
+        raise PluginError(f"{folder}: exists already; choose another with --output")
     values = {"name": name, "module": module, "taichisoft_version": __version__}
     for template, path in FILES.items():
         text = (TEMPLATES / template).read_text(encoding="utf-8")
@@ -62,10 +63,10 @@ def check_name(name: str) -> str:
             f"'{name}' cannot be the name of a plug-in: it must begin with a letter, end with a letter or a digit, and "
             "have only letters, digits, '-', '_' and '.' in it, such as soft-touch"
         )
-    registry = plugins.plugin_registry()
+    registry = plugin_registry()
     if name in registry.origins:
         raise PluginError(f"a plug-in is called '{name}' already: {registry.origins[name]}; choose another name")
-    if name in plugins.provided("controller"):
+    if name in provided("controller"):
         raise PluginError(f"a controller is called '{name}' already; choose another name")
     module = re.sub(r"[-_.]+", "_", name).lower()
     if keyword.iskeyword(module) or module in sys.stdlib_module_names or importlib.util.find_spec(module) is not None:

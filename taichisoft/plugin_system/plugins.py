@@ -1,32 +1,20 @@
-"""Plug-ins: loading them, calling their hooks, and finding what they provide by name."""
+"""The plug-ins of this process: installed distributions first, then files and folders, then objects of your code."""
 
-import reprlib
+import importlib.util
 import sys
-import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from importlib.metadata import EntryPoint, entry_points
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
-from pluggy import HookImpl
+from taichisoft.errors import PluginError
+from taichisoft.plugin_system import hookspecs
+from taichisoft.plugin_system.failure import plugin_failure
+from taichisoft.plugin_system.registry import DISABLE, Origin, Registry
 
-from taichisoft.errors import GoalMissed, PluginError
-from taichisoft.plugin_system import sources as plugin_sources
-from taichisoft.plugin_system.failure import plugin_failure as plugin_failure  # for those who call plug-ins
-from taichisoft.plugin_system.registry import Registry
-
-SHORT = reprlib.Repr()  # of arguments and answers in a trace
-SHORT.maxother = SHORT.maxstring = 80
-
-KINDS = {
-    "controller": "taichisoft_controllers",
-    "output": "taichisoft_outputs",
-    "geometry kind": "taichisoft_geometry_kinds",
-    "mesh maker": "taichisoft_mesh_makers",
-    "scene reader": "taichisoft_scene_readers",
-}
-"""What a plug-in can provide by name, and the hook that it does so through."""
-
+PACKAGE_FILE = "__init__.py"
 
 _loaded: Registry | None = None
 
@@ -40,8 +28,7 @@ def plugin_registry() -> Registry:
     global _loaded
     if _loaded is None:
         registry = Registry()
-        plugin_sources.add_installed(registry)
-        registry.check_pending()
+        _add_installed(registry)
         _loaded = registry
     return _loaded
 
@@ -62,21 +49,46 @@ def separate_registry() -> Iterator[Registry]:
 
 
 def load_plugin(path: str | Path) -> None:
-    """Load a file, or a package by its folder, as a plug-in called like it, as `--plugin` does.
+    """Load a file, or a package by its folder, as `--plugin` does; one that is loaded already stays.
+
+    Args:
+        path: Python file or folder; the plug-in is called like it, without the suffix.
 
     Raises:
         PluginError: it is no Python file, cannot be imported or registered, or its name is taken.
     """
-    plugin_sources.add_file(plugin_registry(), Path(path))
+    path = Path(path).expanduser().resolve()
+    code = path / PACKAGE_FILE if path.is_dir() else path
+    if path.is_dir() and not code.is_file():
+        raise PluginError(
+            f"--plugin {path}: is a folder; a file (.py) is needed, or --plugins-dir for all in the folder"
+        )
+    if not code.is_file():
+        raise PluginError(f"--plugin {path}: no such file")
+    if code.suffix != ".py":
+        raise PluginError(f"--plugin {path}: '{code.suffix}' is not Python; a file (.py) is needed")
+    registry, origin = plugin_registry(), Origin("file", str(path))
+    if all((known.kind, known.place) != (origin.kind, origin.place) for known in registry.origins.values()):
+        registry.add(path.stem, origin, _loading(path.stem, origin, lambda: _import_file(path.stem, code)))
 
 
 def load_plugins_folder(folder: str | Path) -> None:
     """Load every file and package of a folder as a plug-in, as `--plugins-dir` does.
 
+    Args:
+        folder: loaded in the order of names, without those that begin with "_" or ".".
+
     Raises:
         PluginError: there is no such folder, nothing is in it, or something in it is not valid.
     """
-    plugin_sources.add_folder(plugin_registry(), Path(folder))
+    place = Path(folder).expanduser()
+    if not place.is_dir():
+        raise PluginError(f"--plugins-dir {folder}: {'is a file' if place.is_file() else 'no such folder'}")
+    found = [path for path in sorted(place.iterdir()) if path.name[0] not in "_." and _is_code(path)]
+    if not found:
+        raise PluginError(f"--plugins-dir {folder}: has no plug-in in it; a plug-in is a file (.py) or a package")
+    for path in found:
+        load_plugin(path)
 
 
 def register_plugin(plugin: Any, name: str | None = None) -> str:
@@ -84,7 +96,7 @@ def register_plugin(plugin: Any, name: str | None = None) -> str:
 
     Args:
         plugin: anything with hooks.
-        name: under which it is listed; that of its module or class when it is not given.
+        name: name under which it is listed; that of its module or class when it is not given.
 
     Returns:
         Its name, for `unregister_plugin`.
@@ -93,12 +105,17 @@ def register_plugin(plugin: Any, name: str | None = None) -> str:
         PluginError: its hooks are not valid, or its name is taken.
     """
     caller = sys._getframe(1)
-    place = f"{caller.f_code.co_filename}, line {caller.f_lineno}"
-    return plugin_sources.add_object(plugin_registry(), plugin, name, place)
+    chosen: str = name or getattr(plugin, "__name__", None) or type(plugin).__name__
+    origin = Origin("code", f"{caller.f_code.co_filename}, line {caller.f_lineno}")
+    plugin_registry().add(chosen, origin, lambda: plugin)
+    return chosen
 
 
 def unregister_plugin(name: str) -> None:
     """Forget a plug-in, so that another one may take its name.
+
+    Args:
+        name: what `register_plugin` returned, or the name of a file.
 
     Raises:
         PluginError: there is none of that name.
@@ -106,103 +123,49 @@ def unregister_plugin(name: str) -> None:
     plugin_registry().remove(name)
 
 
-def find(kind: str, name: str) -> Callable[..., Any]:
-    """What a plug-in provides under `name`; `kind` is one of `KINDS`.
-
-    Raises:
-        PluginError: nothing or more than one thing has that name.
-    """
-    found = provided(kind)
-    for line in plugin_registry().unknown_blocked():
-        warnings.warn(line, stacklevel=2)
-    if name not in found:
-        raise PluginError(f"no {kind} is called '{name}'; there are: {', '.join(sorted(found)) or 'none'}")
-    return found[name]
+def _add_installed(registry: Registry) -> None:
+    """Add what installed distributions announce in the entry-point group `taichisoft`, the built-in ones first."""
+    for entry_point in sorted(entry_points(group=hookspecs.PROJECT), key=_builtin_first):
+        distribution = entry_point.dist
+        made_by = {"distribution": distribution.name, "version": distribution.version} if distribution else {}
+        origin = Origin("distribution", entry_point.value, **made_by)
+        registry.add(entry_point.name, origin, _loading(entry_point.name, origin, entry_point.load))
 
 
-def provided(kind: str) -> dict[str, Callable[..., Any]]:
-    """All that plug-ins provide of a kind, by name.
-
-    Raises:
-        PluginError: two plug-ins claim one name, or one gave something that is not valid.
-    """
-    registry = plugin_registry()
-    found: dict[str, tuple[str, Callable[..., Any]]] = {}
-    for plugin, by_name in provided_by_plugin(kind):
-        for key, factory in by_name.items():
-            if key in found:
-                both = f"{registry.described(found[key][0])} and {registry.described(plugin)}"
-                raise PluginError(f"two plug-ins, {both}, both provide the {kind} '{key}'")
-            found[key] = (plugin, factory)
-    return {key: factory for key, (_, factory) in found.items()}
+def _builtin_first(entry_point: EntryPoint) -> tuple[bool, str]:
+    distribution = entry_point.dist
+    return distribution is None or distribution.name != hookspecs.PROJECT, entry_point.name
 
 
-def provided_by_plugin(kind: str) -> Iterator[tuple[str, Mapping[str, Callable[..., Any]]]]:
-    """Name of each plug-in that provides something of a kind, and what it provides by name.
-
-    Raises:
-        PluginError: one gave something that is not valid.
-    """
-    hook = KINDS[kind]
-    for plugin, by_name in answers(hook):
-        gave = f"plug-in {plugin_registry().described(plugin)}: {hook}() gave"
-        if not isinstance(by_name, Mapping):
-            raise PluginError(f"{gave} {by_name!r}; must be a mapping by name")
-        for key, factory in by_name.items():
-            if not isinstance(key, str) or not key.strip():
-                raise PluginError(f"{gave} the name {key!r}; must be text")
-            if not callable(factory):
-                raise PluginError(f"{gave} {factory!r} as '{key}'; must be a class or a function")
-        yield plugin, by_name
+def _is_code(path: Path) -> bool:
+    return (path / PACKAGE_FILE).is_file() if path.is_dir() else path.suffix == ".py"
 
 
-def notify(hook: str, **arguments: Any) -> None:
-    """Call a life-cycle hook of every plug-in that implements it; costs next to nothing when none does.
-
-    Raises:
-        PluginError: an implementation failed; those after it are not called.
-        GoalMissed: an implementation says that the run has missed its goal.
-    """
-    if getattr(plugin_registry().hook, hook).get_hookimpls():
-        for _ in answers(hook, **arguments):
-            pass
-
-
-def answers(hook: str, **arguments: Any) -> Iterator[tuple[str, Any]]:
-    """Name and answer of each plug-in that implements a hook: called one by one, so that an error has a name.
-
-    Raises:
-        PluginError: an implementation failed; those after it are not called.
-        GoalMissed: an implementation says that the run has missed its goal.
-    """
-    for implementation in implementations(hook):
-        yield implementation.plugin_name, ask(hook, implementation, **arguments)
-
-
-def implementations(hook: str) -> list[HookImpl]:
-    """The implementations of a hook in the order of loading, but for those marked with tryfirst or trylast."""
-    found = getattr(plugin_registry().hook, hook).get_hookimpls()
-    return sorted(found, key=lambda one: (not one.tryfirst, one.trylast))
-
-
-def ask(hook: str, implementation: HookImpl, **arguments: Any) -> Any:
-    """The answer of one plug-in.
-
-    Raises:
-        PluginError: it failed.
-        GoalMissed: it says that the run has missed its goal.
-    """
-    registry, name = plugin_registry(), implementation.plugin_name
-    outcome = "failed"
+def _import_file(name: str, path: Path) -> ModuleType:
+    """Import a file as a module that hides none of another name."""
+    module_name = f"taichisoft_plugin_{name.replace('.', '_')}"
+    package = [str(path.parent)] if path.name == PACKAGE_FILE else None
+    spec = importlib.util.spec_from_file_location(module_name, path, submodule_search_locations=package)
+    assert spec is not None and spec.loader is not None  # the suffix has been checked
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module_name] = module  # where dataclasses, pickle and relative imports look for it
     try:
-        answer = implementation.function(*(arguments[argument] for argument in implementation.argnames))
-        outcome = f"gave {SHORT.repr(answer)}" if registry.traced else ""
-    except GoalMissed:
+        spec.loader.exec_module(module)
+    except BaseException:
+        del sys.modules[module_name]
         raise
-    except Exception as error:
-        raise plugin_failure(f"plug-in {registry.described(name)} failed in {hook}()", error) from error
-    finally:
-        if registry.traced:
-            shown = ", ".join(f"{argument}={SHORT.repr(value)}" for argument, value in arguments.items())
-            print(f"taichisoft: {hook}({shown}) of plug-in '{name}' {outcome}", file=sys.stderr)
-    return answer
+    return module
+
+
+def _loading(name: str, origin: Origin, load: Callable[[], Any]) -> Callable[[], Any]:
+    """`load`, whose failures have the plug-in's name, and a way out."""
+
+    def loaded() -> Any:
+        try:
+            return load()
+        except (Exception, SystemExit) as error:
+            failure = plugin_failure(f"plug-in '{name}' ({origin}) cannot be imported", error)
+            hint = f"; {DISABLE}={name} leaves it out" if origin.kind == "distribution" else ""
+            raise PluginError(f"{failure}{hint}") from error
+
+    return loaded

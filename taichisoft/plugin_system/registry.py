@@ -17,13 +17,13 @@ TRACE = "TAICHISOFT_TRACE_PLUGINS"
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a plug-in came from.
+    """The source of a plug-in.
 
     Attributes:
         kind: an installed distribution, a file, or code that registered an object.
         place: module, path, or file and line of the code.
-        version: of the distribution, or what the plug-in has as `__version__`; empty when there is none.
-        distribution: its name; empty for other kinds.
+        version: version of the distribution, or the plug-in's `__version__`; empty when there is none.
+        distribution: name of the distribution; empty for other kinds.
     """
 
     kind: Literal["distribution", "file", "code"]
@@ -41,9 +41,9 @@ class Registry(pluggy.PluginManager):
     """All plug-ins of a process.
 
     Attributes:
-        origins: where each plug-in came from, by name, in the order of loading.
+        origins: source of each plug-in, by name, in the order of loading.
         blocked: names of plug-ins that are not wanted.
-        left_out: those of them that would have been loaded.
+        left_out: names of those that would have been loaded otherwise.
         traced: whether every call of a hook is printed.
     """
 
@@ -95,7 +95,7 @@ class Registry(pluggy.PluginManager):
         del self.origins[name]
 
     def unknown_blocked(self) -> list[str]:
-        """One line for every name that is blocked and that no plug-in has; told once."""
+        """One line for every blocked name that no plug-in has; each name is told once."""
         known = [*self.origins, *self.left_out]
         unknown = [name for name in self.blocked if name not in {*self.left_out, *self._told}]
         self._told.update(unknown)

@@ -4,76 +4,93 @@ import math
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import rich
+import typer
 from rich.console import Console
 
-from taichisoft.building.controller_factory import make_controller
+from taichisoft.building.run_parts import make_controller, make_output
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import SceneError, TaichisoftError
-from taichisoft.plugin_system import plugins
-from taichisoft.running.display import print_profile, print_summary, print_warning, progress_bar, warn_if_slow
+from taichisoft.plugin_system.hooks import find
+from taichisoft.running.display import (
+    logged_to,
+    print_profile,
+    print_summary,
+    print_warning,
+    progress_bar,
+    warn_if_slow,
+)
 from taichisoft.running.live_status import live_status
-from taichisoft.running.log_display import logged_to
 from taichisoft.running.loop import INTERRUPTED, run_session
 from taichisoft.running.profile import Profile, profiled
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft.scenes.scene import Scene
 from taichisoft.session.key_log import KeyReplay
-from taichisoft.session.output import OutputFactory
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
 
+EXIT_INTERRUPTED = 130
 
-def run_scene(
-    name: str,
-    controller_name: str | None,
-    folder: Path | None,
-    overrides: Sequence[str],
-    duration: float | None,
-    output_settings: Mapping[str, Mapping[str, Any]],
-    speed: float | None = None,
-    keys: Path | None = None,
-    profile: bool = False,
-) -> bool:
-    """Run a scene into a folder; returns whether it was interrupted.
 
-    `output_settings` has the outputs by name; `profile` shows where the time of a step goes.
+@dataclass(frozen=True)
+class RunRequest:
+    """Everything that the command line asks of a run, beside its scene.
+
+    Attributes:
+        folder: folder for the results.
+        outputs: settings of each output by its name.
+        duration: simulated time [s]; None for the usual one.
+        speed: simulated over wall-clock time; None for the usual one.
+        replay: keys of an earlier run; None where keys come from the user.
+        profile: whether to show where the time of a step goes.
+    """
+
+    folder: Path
+    outputs: Mapping[str, Mapping[str, Any]]
+    duration: float | None = None
+    speed: float | None = None
+    replay: KeyReplay | None = None
+    profile: bool = False
+
+
+def run_scene(name: str, overrides: Sequence[str], controller: str | None, request: RunRequest) -> None:
+    """Run a scene by path or by the name of a shipped one.
 
     Raises:
         TaichisoftError: anything that is the user's to mend.
+        typer.Exit: the run was interrupted.
     """
-    scene = load_scene(name, overrides, controller_name)
-    replay = KeyReplay(keys) if keys is not None else None
-    folder = folder if folder is not None else Path("out") / Path(name).stem
-    return run_simulation(
-        name, scene, lambda: Simulation(scene), folder, duration, output_settings, speed, replay, profile
-    )
+    scene = load_scene(name, overrides, controller)
+    run_simulation(name, scene, lambda: Simulation(scene), request)
 
 
 def run_simulation(
     name: str,
     scene: Scene,
     make_simulation: Callable[[], Simulation],
-    folder: Path,
-    duration: float | None,
-    output_settings: Mapping[str, Mapping[str, Any]],
-    speed: float | None = None,
-    replay: KeyReplay | None = None,
-    profile: bool = False,
+    request: RunRequest,
     usual_duration: Callable[[], float] | None = None,
-) -> bool:
-    """Run what `make_simulation` gives, from its present state; otherwise as `run_scene`.
+) -> None:
+    """Run what `make_simulation` gives, from its present state, into a folder.
 
-    `name` begins errors of the scene and of what is made from it. `usual_duration` gives that of a run for which the
-    user names none and which nobody steers [s]; without it that is the scene's.
+    Args:
+        name: text that begins errors of the scene and of what is made from it.
+        scene: names the controller.
+        make_simulation: called when everything that is cheap to check has been checked.
+        request: folder, outputs, duration and so on.
+        usual_duration: gives the duration of a run for which the user names none and which nobody steers [s]; the
+            scene's when it is not given.
 
     Raises:
         TaichisoftError: anything that is the user's to mend.
+        typer.Exit: the run was interrupted.
     """
+    duration, speed, folder = request.duration, request.speed, request.folder
     if speed is not None and not 0.0 < speed < math.inf:
         raise TaichisoftError(f"--speed {speed:g}: must be a positive, finite number; 1 is real time")
     console = rich.get_console()  # an output that takes long at the end shows its progress there too
@@ -81,22 +98,25 @@ def run_simulation(
         warnings.showwarning = lambda message, *_, **__: print_warning(console, str(message))
         with _errors_in(name):
             controller = make_controller(scene)
-        if getattr(controller, "interactive", False) and replay is None:
+        if controller.interactive and request.replay is None:
             duration = math.inf if duration is None else duration
             speed = 1.0 if speed is None else speed
         if duration is None and usual_duration is not None:
             duration = usual_duration()
-        factories = {output: plugins.find("output", output) for output in output_settings}
+        for output in request.outputs:
+            find("output", output)  # a misspelt name is said before the model is prepared
         status = "preparing the model; the first time on a machine Taichi compiles its kernels"
         with console.status(status), logged_to(console), _errors_in(name):
             simulation = make_simulation()
         if speed is not None:
             with console.status(status):
                 _load_kernels(simulation)
-        outputs = [_make_output(name, make, folder, output_settings[name]) for name, make in factories.items()]
-        session = Session(simulation, controller, outputs, duration, folder, speed, replay)
+        outputs = [make_output(output, folder, **settings) for output, settings in request.outputs.items()]
+        session = Session(simulation, controller, outputs, duration, folder, speed, request.replay)
         _write_scene(scene, folder)
-        return _run(session, console, folder, scene.title or name, profile) == INTERRUPTED
+        outcome = _run(session, console, folder, scene.title or name, request.profile)
+    if outcome == INTERRUPTED:
+        raise typer.Exit(EXIT_INTERRUPTED)
 
 
 def _run(session: Session, console: Console, folder: Path, title: str, profile: bool) -> str:
@@ -113,15 +133,11 @@ def _run(session: Session, console: Console, folder: Path, title: str, profile: 
             print_profile(console, times)
 
 
-@contextmanager
-def _display(session: Session, console: Console, title: str) -> Iterator[Callable[[StepReport], None]]:
-    """What shows each step: the state of a run that somebody steers, how far any other is."""
-    if getattr(session.controller, "interactive", False) and not session.replaying:
-        with live_status(console, session) as status:
-            yield status.update
-    else:
-        with progress_bar(console, session, title) as show:
-            yield show
+def _display(session: Session, console: Console, title: str) -> AbstractContextManager[Callable[[StepReport], None]]:
+    """The display of a run, called after every step: state and keys where somebody steers, else how far the run is."""
+    if session.controller.interactive and not session.replaying:
+        return live_status(console, session)
+    return progress_bar(console, session, title)
 
 
 def _load_kernels(simulation: Simulation) -> None:
@@ -130,15 +146,6 @@ def _load_kernels(simulation: Simulation) -> None:
     with suppress(TaichisoftError):  # the run itself will say so, with its outputs
         simulation.step()
     simulation.restore(state)
-
-
-def _make_output(name: str, make: OutputFactory, folder: Path, settings: Mapping[str, Any]) -> Any:
-    try:
-        return make(folder, **settings)
-    except TaichisoftError:
-        raise
-    except Exception as error:
-        raise plugins.plugin_failure(f"output '{name}' cannot be made", error) from error
 
 
 @contextmanager

@@ -1,21 +1,25 @@
-"""What `taichisoft run` shows: progress, warnings, the closing tables."""
+"""What `taichisoft run` shows: progress, messages of a log, warnings, the closing tables."""
 
+import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
-from taichisoft.plugin_system import plugins
+from taichisoft.control.controller import Controller
+from taichisoft.plugin_system.failure import plugin_failure
 from taichisoft.running.profile import REST, TOTAL, Profile
+from taichisoft.session.output import Output
 from taichisoft.session.pace import KEEPING_UP
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
+
+PROJECT_LOGGER = "taichisoft"
 
 
 @contextmanager
@@ -35,6 +39,20 @@ def progress_bar(console: Console, session: Session, title: str) -> Iterator[Cal
             progress.update(task, advance=1, state=f"{report.time:.2f} s  {report.contact_count} contacts")
 
         yield show
+
+
+@contextmanager
+def logged_to(console: Console) -> Iterator[None]:
+    """Print each message of the logger "taichisoft" and those below it as one line, as long as it lasts."""
+    logger, handler = logging.getLogger(PROJECT_LOGGER), _ConsoleHandler(console)
+    level_before = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.setLevel(level_before)
+        logger.removeHandler(handler)
 
 
 def print_warning(console: Console, message: str) -> None:
@@ -65,15 +83,24 @@ def print_profile(console: Console, profile: Profile) -> None:
     console.print(table)
 
 
-def print_summary(console: Console, parts: Sequence[Any], folder: Path) -> None:
+def print_summary(console: Console, parts: Sequence[Controller | Output], folder: Path) -> None:
     """The closing table; a controller or output that cannot give its rows must not hide how the run ended."""
     table = Table(show_header=False)
     for part in parts:
         try:
-            for quantity, value in getattr(part, "summary", dict)().items():
+            for quantity, value in part.summary().items():
                 table.add_row(Text(quantity), Text(value))
         except Exception as error:
-            print_warning(console, str(plugins.plugin_failure(f"{type(part).__name__} failed in summary()", error)))
+            print_warning(console, str(plugin_failure(f"{type(part).__name__} failed in summary()", error)))
     if table.row_count:
         console.print(table)
     console.print(Text(f"results in {folder}"), soft_wrap=True)
+
+
+class _ConsoleHandler(logging.Handler):
+    def __init__(self, console: Console):
+        super().__init__()
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._console.print(Text(record.getMessage()), soft_wrap=True)

@@ -1,4 +1,4 @@
-"""Ctrl and c, or a batch system's SIGTERM, while a run goes on: heeded between two steps, not in the middle of one."""
+"""Ctrl and c, or a batch system's SIGTERM, during a run: heeded between two steps, not in the middle of one."""
 
 import signal
 import threading
@@ -10,12 +10,12 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 
 @contextmanager
-def held_back() -> Iterator[Callable[[], None]]:
+def deferred_signals() -> Iterator[Callable[[], None]]:
     """Note the first signal instead of obeying it; the function that is yielded then raises KeyboardInterrupt.
 
     So the outputs have either the whole of a step or nothing of it. A second signal raises at once: whoever sends
     it no longer wants to wait. A signal that the process was told to ignore stays ignored, and outside of the main
-    thread nothing is held back, because Python calls handlers only there.
+    thread nothing is deferred, because Python calls handlers only there.
     """
     came: list[int] = []
 

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator
 
 from taichisoft.control.keys import KeyEvent
-from taichisoft.plugin_system.plugins import notify
+from taichisoft.plugin_system.hooks import notify
 from taichisoft.session.key_log import FILE_NAME, KeyLog
 from taichisoft.session.session import BINDINGS, Session
 
@@ -32,7 +32,7 @@ class KeyHandling:
         }
         assert self._actions.keys() == BINDINGS.keys()
         self._log: KeyLog | None = None
-        if getattr(session.controller, "interactive", False):
+        if session.controller.interactive:
             self._open_log()
 
     def take(self) -> None:

@@ -2,7 +2,7 @@
 
 import contextlib
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import numpy as np
 from rich.console import Console, Group, RenderableType
@@ -14,35 +14,37 @@ from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
 
 REFRESHES = 8
-"""Per second of wall-clock time."""
+"""How often the status is redrawn in a second of wall-clock time."""
 SECONDS_BETWEEN_LINES = 5.0
-"""Of wall-clock time, where lines cannot be drawn over."""
+"""Wall-clock time between two lines [s], where lines cannot be drawn over."""
 
 
 @contextlib.contextmanager
-def live_status(console: Console, session: Session) -> Iterator["LiveStatus"]:
+def live_status(console: Console, session: Session) -> Iterator[Callable[[StepReport], None]]:
     """Show a run on the console: redrawn in place, or as a line now and then where that is not possible.
+
+    What is yielded is called after every step.
 
     It is redrawn by a thread of its own, so a pause shows at once and a step costs nothing. It ends quietly when the
     terminal is gone: that must not end the run's outputs.
     """
     status = LiveStatus(console, session)
     if not console.is_terminal or console.is_dumb_terminal:
-        yield status
+        yield status.update
         status.print_line()
         return
     live = Live(get_renderable=status.picture, console=console, refresh_per_second=REFRESHES)
     with contextlib.suppress(OSError):
         live.start(refresh=True)
     try:
-        yield status
+        yield status.update
     finally:
         with contextlib.suppress(OSError):
             live.stop()
 
 
 class LiveStatus:
-    """What there is to say of a run."""
+    """Time, speed, pressures, object and keys of a run as text."""
 
     def __init__(self, console: Console, session: Session):
         self._console = console
@@ -89,7 +91,7 @@ class LiveStatus:
         keys = " ".join(str(event) for event in tuple(self._session.recent_keys))
         rows.add_row("keys", Text(keys or "none yet"))
         hint = "? shows what the keys do, Esc ends the run"
-        rows.add_row("", Text("; ".join(filter(None, [self._controller_status(), hint])), style="dim"))
+        rows.add_row("", Text("; ".join(filter(None, [self._session.controller.status, hint])), style="dim"))
         return Group(rows, self._help()) if self._session.shows_help else rows
 
     def _clock(self) -> str:
@@ -120,10 +122,6 @@ class LiveStatus:
 
     def _is_grip(self, pair: set[str | None]) -> bool:
         return self._object in pair and bool(pair & self._soft_names)
-
-    def _controller_status(self) -> str:
-        """What a controller has to say, if it does."""
-        return str(getattr(self._session.controller, "status", ""))
 
     def _help(self) -> RenderableType:
         table = Table("key", "what it does", title="keys, with Ctrl or without", title_justify="left")

@@ -3,13 +3,15 @@
 import time
 import warnings
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
+from taichisoft.control.keys import KeyEvent
 from taichisoft.errors import GoalMissed, PluginError, TaichisoftError
-from taichisoft.plugin_system.plugins import notify, plugin_failure
-from taichisoft.running.interruption import held_back
+from taichisoft.plugin_system.failure import failures_of
+from taichisoft.plugin_system.hooks import notify
+from taichisoft.running.interruption import deferred_signals
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
 from taichisoft.session.output import Output
@@ -20,6 +22,8 @@ from taichisoft.step.report import StepReport
 COMPLETED = "completed"
 STOPPED = "stopped"
 INTERRUPTED = "interrupted"
+
+Answer = TypeVar("Answer")
 
 # Signals are heeded, and keys of a paused run taken, at least so often [s].
 LONGEST_WAIT = 0.05
@@ -35,41 +39,42 @@ def run(
     """Drive a simulation from its present state and show every step to the outputs.
 
     Args:
-        simulation: stays usable after the run, at its last good state.
+        simulation: what is simulated; stays usable after the run, at its last good state.
         controller: asked before every step, or every `controller.period` of the scene.
-        outputs: always ended, whatever happens.
-        duration: [s]; the scene's when it is not given.
+        outputs: shown every step, and always ended, whatever happens.
+        duration: simulated time [s]; the scene's when it is not given, infinite for a run that somebody else ends.
         on_step: called after every step, for a progress display.
 
     Returns:
-        See `run_session`.
+        "completed"; "stopped" when somebody ended the run by a key or by `Session.stop`; "interrupted" after Ctrl and c
+        or SIGTERM.
 
     Raises:
-        TaichisoftError: see `run_session`.
+        PluginError: the controller is no `Controller`, or an output no `Output`; or one of them, or a hook, failed.
+        ControlError: the controller asked for something impossible.
+        SimulationDiverged: a step failed.
+        GoalMissed: the controller gave up, or an output says that the run has missed the goal of its scene.
+        TaichisoftError: the duration is not positive, or an output could not do its job; what was computed before
+            any of these errors is with the outputs.
     """
     return run_session(Session(simulation, controller, outputs, duration), on_step)
 
 
 def run_session(session: Session, on_step: Callable[[StepReport], None] | None = None) -> str:
-    """Run until the time is over or somebody ends it.
-
-    Returns:
-        "completed"; "stopped" when somebody ended the session by a key or by `Session.stop`; "interrupted" after Ctrl
-        and c or SIGTERM.
+    """Run a session as `run` does, until the time is over or somebody ends it.
 
     Raises:
-        TaichisoftError: a step, the controller or a plug-in failed, or an output could not do its job; what was
-            computed before is with the outputs.
+        TaichisoftError: as of `run`.
     """
     begun: list[Output] = []
     errors: list[BaseException] = []
     hooks_called = False
-    with held_back() as stop_if_asked:
+    with deferred_signals() as stop_if_asked:
         try:
-            _ask("controller", session.controller, "reset", session.simulation.model)
+            _call(session.controller, session.controller.reset, session.simulation.model)
             for output in session.outputs:
                 begun.append(output)
-                _ask("output", output, "begin", session.simulation.model, session.simulation.state)
+                _call(output, output.begin, session.simulation.model, session.simulation.state)
             hooks_called = True
             notify("taichisoft_run_begins", session=session)
             outcome = _advance(session, on_step, stop_if_asked)
@@ -90,7 +95,7 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
 
 def _advance(session: Session, on_step: Callable[[StepReport], None] | None, stop_if_asked: Callable[[], None]) -> str:
     """Make the steps; returns how they ended."""
-    key_handling = KeyHandling(session, lambda event: _press(session, event), lambda: _start_anew(session))
+    key_handling = KeyHandling(session, lambda event: _press(session.controller, event), lambda: _start_anew(session))
     warned = False
     session.pace.restart()
     try:
@@ -123,37 +128,36 @@ def _step(session: Session) -> StepReport:
     session.steps_made += 1
     session.single_steps = max(0, session.single_steps - 1)
     for output in session.outputs:
-        _ask("output", output, "record", simulation.state, report)
+        _call(output, output.record, simulation.state, report)
     notify("taichisoft_step_done", session=session, report=report)
     return report
 
 
 def _next_control(session: Session) -> Control:
     """What the controller asks for; nothing new within its period."""
-    simulation, scene = session.simulation, session.simulation.model.scene
+    simulation, controller, scene = session.simulation, session.controller, session.simulation.model.scene
     if simulation.state.step % scene.steps_per_control:
         return Control()
     limit = scene.controller.time_limit if scene.controller is not None else None
     try:
-        return call_within(limit, _ask, "controller", session.controller, "control", simulation.observe())
+        asked: Control = call_within(limit, _call, controller, controller.control, simulation.observe())
     except TimeLimitExceeded as error:
         raise PluginError(
-            f"controller {_name(session.controller)} took {error.seconds:.3g} s in control() at step "
+            f"controller {_name(controller)} took {error.seconds:.3g} s in control() at step "
             f"{simulation.state.step}; controller.time_limit is {limit:g} s"
         ) from error
+    return asked
 
 
-def _press(session: Session, event: Any) -> None:
-    if hasattr(session.controller, "key"):
-        _ask("controller", session.controller, "key", event)
+def _press(controller: Controller, event: KeyEvent) -> None:
+    _call(controller, controller.key, event)
 
 
 def _start_anew(session: Session) -> None:
     session.simulation.restore(session.first_state)
-    _ask("controller", session.controller, "reset", session.simulation.model)
+    _call(session.controller, session.controller.reset, session.simulation.model)
     for output in session.outputs:
-        if hasattr(output, "restart"):
-            _ask("output", output, "restart", session.first_state)
+        _call(output, output.restart, session.first_state)
     session.pace.restart()
 
 
@@ -174,23 +178,20 @@ def _warn_not_converged(session: Session, report: StepReport) -> None:
     )
 
 
-def _ask(kind: str, plugin: Any, method: str, *arguments: Any) -> Any:
+def _call(part: Controller | Output, method: Callable[..., Answer], *arguments: Any) -> Answer:
     """Call a method of a controller or output; what it raises unexpectedly is reported with its name."""
-    try:
-        return getattr(plugin, method)(*arguments)
-    except TaichisoftError:
-        raise
-    except Exception as error:
-        raise plugin_failure(f"{kind} {_name(plugin)} failed in {method}()", error) from error
+    kind = "controller" if isinstance(part, Controller) else "output"
+    with failures_of(f"{kind} {_name(part)} failed in {method.__name__}()"):
+        return method(*arguments)
 
 
-def _name(plugin: Any) -> str:
-    return f"{type(plugin).__module__}.{type(plugin).__qualname__}"
+def _name(part: Controller | Output) -> str:
+    return f"{type(part).__module__}.{type(part).__qualname__}"
 
 
 def _end_all(outputs: Sequence[Output], outcome: str) -> list[TaichisoftError]:
     """End every output, also when one fails; a missed goal matters less than an output that could not do its job."""
-    problems = [problem for output in outputs for problem in _problems(_ask, "output", output, "end", outcome)]
+    problems = [problem for output in outputs for problem in _problems(_call, output, output.end, outcome)]
     return sorted(problems, key=lambda problem: isinstance(problem, GoalMissed))
 
 

@@ -20,8 +20,8 @@ class Profile:
     """Times of the phases of every step that was profiled.
 
     Attributes:
-        seconds: of each step [s], by phase; `TOTAL` is the whole step.
-        in_python: the part of it that was not spent in kernels [s].
+        seconds: times of all steps [s], by phase; `TOTAL` is the whole step.
+        in_python: parts of these times that were not spent in kernels [s].
     """
 
     seconds: dict[str, list[float]] = field(default_factory=dict)

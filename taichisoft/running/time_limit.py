@@ -4,14 +4,16 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
+
+Answer = TypeVar("Answer")
 
 
 class TimeLimitExceeded(Exception):
     """A call took too long.
 
     Attributes:
-        seconds: that it took until it returned or was stopped [s].
+        seconds: time until it returned or was stopped [s].
     """
 
     def __init__(self, seconds: float):
@@ -23,8 +25,8 @@ class _Alarm(BaseException):
     """Not an Exception: the code that is interrupted must not take it for one of its own."""
 
 
-def call_within(limit: float | None, function: Callable[..., Any], *arguments: Any) -> Any:
-    """The result of a call, which may take `limit` seconds.
+def call_within(limit: float | None, function: Callable[..., Answer], *arguments: Any) -> Answer:
+    """Call a function that may take `limit` seconds, and return its result.
 
     Where the system has interval timers, and in the main thread, a call that never returns is interrupted, too;
     elsewhere its time is seen when it returns.
@@ -45,7 +47,7 @@ def call_within(limit: float | None, function: Callable[..., Any], *arguments: A
     return result
 
 
-def _call_with_alarm(limit: float, function: Callable[..., Any], *arguments: Any) -> Any:
+def _call_with_alarm(limit: float, function: Callable[..., Answer], *arguments: Any) -> Answer:
     started = time.perf_counter()
     before = signal.signal(signal.SIGALRM, _raise)
     try:

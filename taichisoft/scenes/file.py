@@ -1,4 +1,4 @@
-"""Scenes as TOML: reading with overrides, errors that point at the key, writing the resolved scene."""
+"""Scenes from tables and as TOML: files found, inheritance, errors that point at the key, the resolved scene."""
 
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from taichisoft.errors import SceneError
 from taichisoft.meshes.files import VOLUME_SUFFIXES
 from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
-from taichisoft.scenes.overrides import apply_override
+from taichisoft.scenes.overrides import change_scene
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import find_file
 from taichisoft.scenes.validation_errors import first_problem
@@ -19,6 +19,7 @@ from taichisoft.scenes.validation_errors import first_problem
 GEOMETRY_SUFFIX = ".toml"
 # Keys that name a file, the shipped folder in which it is looked for, and the suffixes that it may go without.
 FILE_KEYS = {
+    "mesh": ("meshes", VOLUME_SUFFIXES),
     "surface": ("meshes", SURFACE_SUFFIXES),
     "collision_surface": ("meshes", SURFACE_SUFFIXES),
     "script": ("scripts", (".toml", ".csv")),
@@ -26,7 +27,12 @@ FILE_KEYS = {
 
 
 def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: Path | None = None) -> Scene:
-    """Make a scene from plain tables, as TOML gives them; `source` begins every error.
+    """Make a scene from plain tables, as TOML gives them.
+
+    Args:
+        document: tables of the scene by key; files that it names become absolute paths.
+        source: name of the document, which begins every error.
+        folder: folder in which the files are looked for first; the current one when it is not given.
 
     Raises:
         SceneError: something is not valid, with its key, value and what would be.
@@ -34,14 +40,12 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
     tables = {**document}
     if isinstance(tables.get("soft_bodies"), dict):
         tables["soft_bodies"] = _inherit(tables["soft_bodies"], source)
-    try:
-        return Scene.model_validate(_with_absolute_files(tables, folder or Path(), source))
-    except ValidationError as error:
-        raise SceneError(f"{source}: {first_problem(error, Scene)}") from error
+    found = {key: _with_files(value, folder or Path(), f"{source}: {key}", key) for key, value in tables.items()}
+    return _validated(found, source)
 
 
 def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), controller: str | None = None) -> Scene:
-    """What `scene_to_toml` wrote, with changes as in `load_scene`; files that it names need no longer exist.
+    """Read what `scene_to_toml` wrote, with changes as in `load_scene`; files that it names need no longer exist.
 
     Raises:
         SceneError: something is not valid; begins with `source`.
@@ -50,14 +54,8 @@ def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), contr
         document = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
         raise SceneError(f"{source}: not readable as TOML: {error}") from error
-    if controller is not None:
-        choose_controller(document, controller)
-    for override in overrides:
-        apply_override(document, override)
-    try:
-        return Scene.model_validate(document)
-    except ValidationError as error:
-        raise SceneError(f"{source}: {first_problem(error, Scene)}") from error
+    change_scene(document, overrides, controller)
+    return _validated(document, source)
 
 
 def scene_to_toml(scene: Scene) -> str:
@@ -65,16 +63,15 @@ def scene_to_toml(scene: Scene) -> str:
     return tomli_w.dumps(scene.model_dump(mode="json", exclude_none=True))
 
 
-def choose_controller(document: dict[str, Any], name: str) -> None:
-    """Settings are meant for the controller that the scene names; period and time limit for any."""
-    table = document.setdefault("controller", {})
-    if isinstance(table, dict) and table.get("name") != name:
-        table.pop("settings", None)
-        table["name"] = name
+def _validated(document: Any, source: str) -> Scene:
+    try:
+        return Scene.model_validate(document)
+    except ValidationError as error:
+        raise SceneError(f"{source}: {first_problem(error, Scene)}") from error
 
 
 def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:
-    """Fill in what a soft body takes over from the one that its key `like` names."""
+    """Fill in the keys that a soft body takes over from the one that its key `like` names."""
     resolved: dict[str, Any] = {}
     for name, table in bodies.items():
         if isinstance(table, dict) and "like" in table:
@@ -90,35 +87,20 @@ def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:
     return resolved
 
 
-def _with_absolute_files(value: Any, folder: Path, source: str, key: str = "") -> Any:
-    """The tables with every file found; `source` and `key`, the place of `value`, begin the error."""
+def _with_files(value: Any, folder: Path, where: str, name: str = "") -> Any:
+    """The value of the key `name`, in which every file is found; `where`, the place of the value, begins the error."""
+    if name == "mesh" and isinstance(value, dict):
+        file = _with_files(value.get("file"), folder, f"{where}.file", name)
+        return {**value, "file": file} if "file" in value else value
     if isinstance(value, dict):
-        return {name: _with_absolute_file(name, item, folder, source, f"{key}{name}") for name, item in value.items()}
+        return {key: _with_files(item, folder, f"{where}.{key}", key) for key, item in value.items()}
     if isinstance(value, list):
-        return [_with_absolute_files(item, folder, source, f"{key}{index}.") for index, item in enumerate(value)]
-    return value
-
-
-def _with_absolute_file(name: str, value: Any, folder: Path, source: str, key: str) -> Any:
-    """The value of one key, which may name a file."""
-    if name in FILE_KEYS and isinstance(value, str):
-        return _absolute_file(value, *FILE_KEYS[name], folder, f"{source}: {key}")
-    if name == "mesh" and isinstance(value, str):
-        return _absolute_mesh(value, folder, f"{source}: {key}")
-    if name == "mesh" and isinstance(value, dict) and isinstance(value.get("file"), str):
-        return {**value, "file": _absolute_mesh(value["file"], folder, f"{source}: {key}.file")}
-    return _with_absolute_files(value, folder, source, f"{key}.")
-
-
-def _absolute_mesh(name: str, folder: Path, key: str) -> str:
-    """A mesh, or by its suffix a geometry."""
-    is_geometry = name.lower().endswith(GEOMETRY_SUFFIX)
-    kind, suffixes = ("fingers", (GEOMETRY_SUFFIX,)) if is_geometry else ("meshes", VOLUME_SUFFIXES)
-    return _absolute_file(name, kind, suffixes, folder, key)
-
-
-def _absolute_file(name: str, kind: str, suffixes: tuple[str, ...], folder: Path, key: str) -> str:
+        return [_with_files(item, folder, f"{where}.{index}") for index, item in enumerate(value)]
+    if name not in FILE_KEYS or not isinstance(value, str):
+        return value
+    is_geometry = name == "mesh" and value.lower().endswith(GEOMETRY_SUFFIX)
+    kind, suffixes = ("fingers", (GEOMETRY_SUFFIX,)) if is_geometry else FILE_KEYS[name]
     try:
-        return str(find_file(name, kind, suffixes, folder, SceneError))
+        return str(find_file(value, kind, suffixes, folder, SceneError))
     except SceneError as error:
-        raise SceneError(f"{key}: {error}") from error
+        raise SceneError(f"{where}: {error}") from error

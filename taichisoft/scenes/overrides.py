@@ -1,6 +1,7 @@
-"""Overrides of a scene's values from the command line: --set contact.friction=0.3."""
+"""Changes of a scene from the command line: another controller, and values such as --set contact.friction=0.3."""
 
 import tomllib
+from collections.abc import Sequence
 from typing import Any
 
 from taichisoft.errors import SceneError, nearest
@@ -9,19 +10,39 @@ from taichisoft.errors import SceneError, nearest
 NAMED_TABLES = ("soft_bodies", "rigid_bodies", "obstacles")
 
 
+def change_scene(document: dict[str, Any], overrides: Sequence[str], controller: str | None) -> None:
+    """Change the tables of a scene, before they are inherited and checked.
+
+    Args:
+        document: tables of a scene, changed in place.
+        overrides: "key.key=value" each.
+        controller: name of a controller to take instead of the scene's own, whose settings are then dropped, while
+            its period and time limit stay; None for the scene's own.
+
+    Raises:
+        SceneError: an override cannot be applied.
+    """
+    table = document.setdefault("controller", {}) if controller is not None else None
+    if isinstance(table, dict) and table.get("name") != controller:
+        table.pop("settings", None)
+        table["name"] = controller
+    for override in overrides:
+        apply_override(document, override)
+
+
 def apply_override(
     document: dict[str, Any], override: str, example: str = "contact.friction=0.3", whole: str = "the scene"
 ) -> None:
-    """Put the value of "key.key=value" into the tables of a scene, before they are inherited and checked.
+    """Put the value of "key.key=value" into tables, before they are checked.
 
     The value is read as TOML, and as plain text when it is none. Tables that the scene leaves out are made;
     entries of lists are given by their index, from 0.
 
     Args:
-        document: of a scene, or of any other TOML file.
-        override: from the command line.
-        example: of an override, for the error.
-        whole: what the document is, for the error.
+        document: tables of a scene, or of any other TOML file, changed in place.
+        override: text from the command line.
+        example: valid override, for the error.
+        whole: name of the document, for the error.
 
     Raises:
         SceneError: it has no "=", or leads to no place in the document.

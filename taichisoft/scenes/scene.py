@@ -62,23 +62,25 @@ class Region(Selection):
     """Elements of another material; a later region wins over an earlier one."""
 
     young_modulus: Positive
-    """[kPa]"""
+    """Young's modulus [kPa]."""
     poisson_ratio: PoissonRatio | None = None
-    """[-]; the body's own when it is not given."""
+    """Poisson's ratio [-]; the body's own when it is not given."""
 
 
 class Anchor(Selection):
     """Nodes held by stiff springs to their rest positions, which move with the base."""
 
     stiffness: Positive = 1e12
-    """[mN/mm] of each node's spring."""
+    """Stiffness of the spring of each node [mN/mm]."""
 
 
 class Cavity(Table):
     """An air chamber: a closed surface, by a group of the mesh or by a surface file of its own."""
 
     group: str | None = None
+    """Name of a closed surface group of the mesh; either this or surface."""
     surface: str | None = None
+    """Closed surface file; either this or group."""
 
     @model_validator(mode="after")
     def _check_source(self) -> "Cavity":
@@ -87,7 +89,7 @@ class Cavity(Table):
 
 
 class BodyMesh(Table):
-    """Where the mesh of a soft body comes from; `mesh = "FILE"` is short for a table with nothing but `file`."""
+    """The source of a soft body's mesh; `mesh = "FILE"` is short for a table with nothing but `file`."""
 
     file: str
     """A mesh (.msh, .vtk, .vtu), or a geometry (.toml) that is meshed on first use; or the name of a shipped one."""
@@ -96,7 +98,7 @@ class BodyMesh(Table):
     preset: str | None = None
     """Name of one of the geometry's sizes, such as "coarse", "medium" or "fine"."""
     nodes: Annotated[int, Field(strict=True, gt=0)] | None = None
-    """How many nodes the geometry's mesh should have, roughly."""
+    """Number of nodes that the geometry's mesh should have, roughly."""
     set: dict[str, Any] = {}
     """Values to take instead of the geometry's own: { chambers.height = 12.0 }."""
 
@@ -121,7 +123,7 @@ class BodyMesh(Table):
 
     @property
     def request(self) -> dict[str, Any]:
-        """What is asked for beside the file."""
+        """Keys that are given beside the file."""
         given = {key: getattr(self, key) for key in ("size", "preset", "nodes", "set")}
         return {key: value for key, value in given.items() if value not in (None, {})}
 
@@ -130,27 +132,27 @@ class SoftBody(Table):
     """A silicone body of corotational finite elements."""
 
     mesh: BodyMesh
-    """What it is made of: a file's name, or the table [soft_bodies.NAME.mesh]."""
+    """Mesh of the body: a file's name, or the table [soft_bodies.NAME.mesh]."""
     rotation: Vector = (0.0, 0.0, 0.0)
     """Placement: turns about the x, y and z axes, in this order [degrees]."""
     translation: Vector = (0.0, 0.0, 0.0)
     """Placement: shift after the rotation [mm]."""
     velocity: Vector = (0.0, 0.0, 0.0)
-    """At the start [mm/s]."""
+    """Velocity of all nodes at the start [mm/s]."""
     mass: Positive | None = None
-    """[kg], spread evenly over the nodes; either this or density."""
+    """Mass [kg], spread evenly over the nodes; either this or density."""
     density: Positive | None = None
-    """[kg/mm^3], each element's mass spread over its nodes."""
+    """Density [kg/mm^3]; the mass of each element is spread over its nodes."""
     young_modulus: Positive
-    """[kPa]"""
+    """Young's modulus [kPa]."""
     poisson_ratio: PoissonRatio
-    """[-]"""
+    """Poisson's ratio [-]."""
     rayleigh_mass: NotNegative = 0.0
-    """[1/s]"""
+    """Rayleigh damping with the mass [1/s]."""
     rayleigh_stiffness: NotNegative = 0.0
-    """[s]"""
+    """Rayleigh damping with the stiffness [s]."""
     corotation: Literal["edges", "polar"] = "edges"
-    """The element's rotation: from its first two edges, as SOFA's method "large", or by polar decomposition."""
+    """Rotation of an element: from its first two edges, as SOFA's method "large", or by polar decomposition."""
     collision_surface: str | None = None
     """A closed surface file that follows the mesh; the mesh's outer boundary when it is not given."""
     tip: Selection | None = None
@@ -175,21 +177,21 @@ class RigidBody(Table):
     scale: Positive = 1.0
     """Factor on the surface's coordinates [-]; not of a box."""
     mass: Positive | None = None
-    """[kg]; either this or density."""
+    """Mass [kg]; either this or density."""
     density: Positive | None = None
-    """[kg/mm^3]"""
+    """Density [kg/mm^3]."""
     inertia: tuple[Vector, Vector, Vector] | None = None
-    """[kg mm^2] about the centre of mass, in the surface's axes."""
+    """Inertia about the centre of mass, in the surface's axes [kg mm^2]."""
     centre_of_mass: Vector | None = None
-    """[mm] in the surface's scaled coordinates."""
+    """Centre of mass in the surface's scaled coordinates [mm]."""
     position: Vector = (0.0, 0.0, 0.0)
-    """Where the surface's origin is at the start [mm]."""
+    """Place of the surface's origin at the start [mm]."""
     rotation: Vector = (0.0, 0.0, 0.0)
     """Turns about the x, y and z axes, in this order, at the start [degrees]."""
     velocity: Vector = (0.0, 0.0, 0.0)
-    """Of the centre of mass at the start [mm/s]."""
+    """Velocity of the centre of mass at the start [mm/s]."""
     angular_velocity: Vector = (0.0, 0.0, 0.0)
-    """At the start [rad/s]."""
+    """Angular velocity at the start [rad/s]."""
 
     @model_validator(mode="after")
     def _check_sources(self) -> "RigidBody":
@@ -203,8 +205,9 @@ class Plane(Table):
     """An infinite plane, solid on the side that its normal points away from."""
 
     point: Vector
-    """[mm]"""
+    """Any point of the plane [mm]."""
     normal: Vector
+    """Direction from the solid side to the free one, of any length."""
 
     @model_validator(mode="after")
     def _check_normal(self) -> "Plane":
@@ -218,11 +221,13 @@ class Obstacle(Table):
 
     plane: Plane | None = None
     surface: str | None = None
+    """Surface file; either this or plane."""
     scale: Positive = 1.0
+    """Factor on the surface's coordinates [-]."""
     rotation: Vector = (0.0, 0.0, 0.0)
     """Turns about the x, y and z axes, in this order [degrees]."""
     translation: Vector = (0.0, 0.0, 0.0)
-    """[mm]"""
+    """Shift after the rotation [mm]."""
 
     @model_validator(mode="after")
     def _check_source(self) -> "Obstacle":
@@ -235,7 +240,9 @@ class PairFriction(Table):
     """The friction coefficient of one pair of bodies."""
 
     bodies: tuple[str, str]
+    """Names of the two bodies."""
     friction: NotNegative
+    """Coulomb's friction coefficient [-]."""
 
 
 class Contact(Table):
@@ -246,11 +253,11 @@ class Contact(Table):
     pairs: list[PairFriction] = []
     """Exceptions from `friction`."""
     contact_distance: Positive = 1.0
-    """Surfaces are kept this far apart [mm]."""
+    """Distance that surfaces are kept apart [mm]."""
     alarm_distance: Positive = 5.0
-    """Closer pairs become constraints [mm]."""
+    """Distance below which a pair becomes a constraint [mm]."""
     spacing: NotNegative = 4.0
-    """Of contacts of a soft body with another body closer together than this [mm], only the closest is kept."""
+    """Distance [mm] below which only the closest of two contacts of a soft body with another body is kept."""
     tolerance: Positive = 1e-5
     """The Gauss-Seidel stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
     max_iterations: Annotated[int, Field(strict=True, gt=0)] = 10000
@@ -281,35 +288,37 @@ class Time(Table):
     """Time stepping."""
 
     step: Positive = 0.01
-    """[s]"""
+    """Time step [s]."""
     duration: Positive = 1.0
-    """[s]"""
+    """Duration of a run [s]."""
 
 
 class Controller(Table):
     """Which controller drives the scene, and its settings."""
 
     name: str
+    """Name under which a plug-in provides the controller."""
     settings: dict[str, Any] = {}
+    """Settings of the controller, as docs/controllers.md lists them for those that ship."""
     period: Positive | None = None
-    """Between two calls of the controller [s], a whole multiple of `time.step`; one step when it is not given."""
+    """Time between two calls of the controller [s], a whole multiple of `time.step`; one step when it is not given."""
     time_limit: Positive | None = None
-    """A call that takes longer [s] ends the run; there is no limit when it is not given."""
+    """Longest time that a call may take before it ends the run [s]; no limit when it is not given."""
 
 
 class Limits(Table):
     """What no controller can exceed: requests beyond are clipped, and the controller is told so."""
 
     lowest_pressure: Number | None = None
-    """[kPa]"""
+    """Lowest pressure [kPa]."""
     highest_pressure: Number | None = None
-    """[kPa]"""
+    """Highest pressure [kPa]."""
     pressure_rate: Positive | None = None
     """Fastest change of a pressure, up or down [kPa/s]."""
     base_speed: Positive | None = None
-    """[mm/s]"""
+    """Fastest motion of the base [mm/s]."""
     base_turning_speed: Positive | None = None
-    """[degrees/s]"""
+    """Fastest turn of the base [degrees/s]."""
 
     @model_validator(mode="after")
     def _check_pressures(self) -> "Limits":
@@ -325,11 +334,11 @@ class Push(Table):
     body: str
     """Name of the rigid body."""
     force: Vector
-    """[mN]"""
+    """Force [mN]."""
     start: NotNegative
-    """[s]"""
+    """Time from which the force acts [s]."""
     duration: Positive
-    """[s]"""
+    """Time for which the force acts [s]."""
 
 
 class Goal(Table):
@@ -340,7 +349,7 @@ class Goal(Table):
     tolerance: Positive = 1.0
     """Largest difference between the lift of the object and of the base [mm]; both must rise by more."""
     hold: Positive = 2.0
-    """The last seconds of the run, in which the object must stand still [s]."""
+    """Time at the end of the run in which the object must stand still [s]."""
     creep: Positive = 0.1
     """Largest motion of the object during `hold` [mm]."""
 
@@ -349,8 +358,9 @@ class Scene(Table):
     """Everything that a run needs to know."""
 
     title: str = ""
+    """Text that displays show instead of the file's name."""
     gravity: Vector = (0.0, 0.0, -9810.0)
-    """[mm/s^2]"""
+    """Acceleration of gravity [mm/s^2]."""
     time: Time = Time()
     contact: Contact = Contact()
     base_pivot: Vector | None = None

@@ -1,4 +1,4 @@
-"""What pydantic found wrong, as one line for the user: key, value, and what would be valid."""
+"""Errors of pydantic as one line for the user: key, value, and what would be valid."""
 
 from collections.abc import Sequence
 from typing import Any, get_args, get_origin
@@ -14,9 +14,9 @@ def first_problem(error: ValidationError, table: type[BaseModel], prefix: str = 
     """One line for the first problem, and how many more there are.
 
     Args:
-        error: of checking data against `table`.
-        table: where the valid keys are looked up.
-        prefix: of every key, for data that is itself part of something ("controller.settings").
+        error: error of checking data against `table`.
+        table: table in which the valid keys are looked up.
+        prefix: text before every key, for data that is itself part of something ("controller.settings").
     """
     problems = error.errors()
     # A misspelt key that must be there gives two problems, of which the unknown key is the cause.

@@ -32,14 +32,14 @@ class KeyLog:
             raise self._unwritable(error) from error
 
     def add(self, step: int, event: KeyEvent) -> None:
-        """A key that was taken after so many steps of the session."""
+        """Write a key that was taken when so many steps of the session were made."""
         more: dict[str, Any] = {"ctrl": True} if event.ctrl else {}
         if event.value is not None:
             more["value"] = event.value
         self._write({"step": step, "key": event.key, **more})
 
     def end(self, step: int) -> None:
-        """The session made so many steps in all."""
+        """Write that the session made so many steps in all, and close the file."""
         self._write({"step": step, "end": True})
         self._file.close()
 
@@ -57,7 +57,7 @@ class KeyReplay:
     """The keys of an earlier session, each to be taken when as many steps are made as then.
 
     Attributes:
-        step_count: steps of that session; if it was killed, those up to its last key.
+        step_count: number of steps of that session; if it was killed, of those up to its last key.
     """
 
     def __init__(self, path: Path):

@@ -1,41 +1,46 @@
-"""What watches a run: the interface of an output."""
+"""What watches a run: the base class of every output."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from abc import ABC, abstractmethod
+from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
+if TYPE_CHECKING:  # these bring Taichi
     from taichisoft.model import Model
     from taichisoft.state import State
     from taichisoft.step.report import StepReport
 
 
-class Output(Protocol):
-    """Made as `factory(folder, **settings)` with the run's output folder; then called in this order.
+class Output(ABC):
+    """Base class of everything that watches a run; only `record` must be written.
 
-    An output may also have:
+    An output is made as `factory(folder, **settings)` with the output folder of the run and the settings that options
+    of `taichisoft run` gave. Its methods are then called in the order in which they stand here.
 
-    - `restart(state)`: called when a user starts the run anew, with the state that it goes back to; without it the
-      steps simply go on from an earlier time;
-    - `summary() -> dict[str, str]`: rows for the table that closes a run, called last;
-    - `gives_keys = True`: it puts keys into the session, so a run without a terminal can be steered.
+    Attributes:
+        gives_keys: whether it puts keys into the session, so that a run without a terminal can be steered.
     """
 
-    def begin(self, model: "Model", state: "State") -> None:
-        """Called once, with the state before the first step."""
+    gives_keys: bool = False
 
+    def begin(self, model: "Model", state: "State") -> None:
+        """Prepare for a run: called once, with the state before the first step."""
+
+    @abstractmethod
     def record(self, state: "State", report: "StepReport") -> None:
-        """Called after every step; a state never changes, so it may be kept."""
+        """Take a step: called after every one. A state never changes, so it may be kept."""
+
+    def restart(self, state: "State") -> None:
+        """Take note that a user starts the run anew, from this state; the steps go on from its earlier time."""
 
     def end(self, outcome: str) -> None:
-        """Called once, however the run ended: "completed", "stopped" by its user, "interrupted", or the
-        error's text.
+        """Close: called once, however the run ended.
 
-        An error raised here is shown when every output has ended; `taichisoft.errors.GoalMissed` says that the
-        run did not achieve what its scene asks for.
+        An error raised here is shown when every output has ended; `taichisoft.errors.GoalMissed` says that the run did
+        not achieve what its scene asks for.
+
+        Args:
+            outcome: "completed", "stopped" by its user, "interrupted", or the text of the error.
         """
 
-
-class OutputFactory(Protocol):
-    """What `taichisoft_outputs` maps a name to; the settings are those that options of `taichisoft run` gave."""
-
-    def __call__(self, folder: Path, **settings: Any) -> Output: ...
+    def summary(self) -> dict[str, str]:
+        """Rows for the table that closes a run, value by name; called last."""
+        return {}

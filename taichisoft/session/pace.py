@@ -1,23 +1,23 @@
-"""A run at the speed of real time, or at any other that somebody who watches wants."""
+"""The speed of a run: real time, or any other that somebody wants who watches."""
 
 import time
 from collections import deque
 from collections.abc import Callable
 
-# Simulated over wall-clock time is averaged over so many seconds.
-WINDOW = 1.0
-# What a run is late by beyond this [s] is given up: nobody wants to see it hurry afterwards.
-FORGIVEN = 0.1
-# It has not kept up when it was slower than this share of the speed asked for.
+AVERAGED = 1.0
+"""Wall-clock time over which the speed of a run is averaged [s]."""
+LONGEST_DELAY = 0.1
+"""Delay that a run makes up for [s]; what is beyond is given up, since nobody wants to see it hurry afterwards."""
 KEEPING_UP = 0.95
+"""Share of the speed that is wanted at which a run still keeps up."""
 
 
 class Pace:
     """Holds a run back to a speed, and measures how fast it is.
 
     Attributes:
-        speed: simulated over wall-clock time that is wanted; None for as fast as it goes.
-        real_time_factor: simulated over wall-clock time in the last second; NaN before the first step.
+        speed: wanted speed, simulated over wall-clock time; None for as fast as it goes.
+        real_time_factor: speed in the last second, simulated over wall-clock time; NaN before the first step.
     """
 
     def __init__(self, speed: float | None = None, clock: Callable[[], float] = time.perf_counter):
@@ -35,16 +35,16 @@ class Pace:
 
     @property
     def keeps_up(self) -> bool:
-        """Whether the run is as fast as it should be; true as long as that is not known."""
+        """Whether the run is as fast as it should be; true before that can be known."""
         return self.speed is None or not self.real_time_factor < KEEPING_UP * self.speed
 
     @property
     def mean_real_time_factor(self) -> float:
-        """Simulated over wall-clock time of the whole run without its pauses; NaN before the first step."""
+        """Speed of the whole run without its pauses, simulated over wall-clock time; NaN before the first step."""
         return self._total_simulated / self._total_time if self._total_time else float("nan")
 
     def seconds_to_wait(self, time_step: float) -> float:
-        """How long to wait [s] after a step that simulated `time_step` [s]; negative when it is late."""
+        """Time to wait after a step that simulated `time_step` [s]; negative when the run is late [s]."""
         now = self._clock()
         simulated = self._recent[-1][1] + time_step
         if self.speed is None:
@@ -52,7 +52,7 @@ class Pace:
         else:
             self._due += time_step / self.speed
             wait = self._due - now
-            if wait < -FORGIVEN:
+            if wait < -LONGEST_DELAY:
                 self._due = now
         self._measure(now + max(wait, 0.0), simulated)
         return wait
@@ -61,7 +61,7 @@ class Pace:
         self._total_simulated += simulated - self._recent[-1][1]
         self._total_time += now - self._recent[-1][0]
         self._recent.append((now, simulated))
-        while len(self._recent) > 2 and now - self._recent[1][0] > WINDOW:
+        while len(self._recent) > 2 and now - self._recent[1][0] > AVERAGED:
             self._recent.popleft()
         (start, first), (end, last) = self._recent[0], self._recent[-1]
         if end > start:

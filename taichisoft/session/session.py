@@ -4,10 +4,11 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import TypeVar
 
+from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent, KeyStream
-from taichisoft.errors import TaichisoftError
+from taichisoft.errors import PluginError, TaichisoftError
 from taichisoft.session.key_log import KeyReplay
 from taichisoft.session.output import Output
 from taichisoft.session.pace import Pace
@@ -15,7 +16,9 @@ from taichisoft.simulation import Simulation
 
 RECENT_KEYS = 8
 
-# What the run itself does with keys; all others go to the controller.
+Part = TypeVar("Part")
+
+# Effects of the keys that the run itself heeds; all others go to the controller.
 BINDINGS = {
     "space": "pause, and go on",
     "s": "make a single step",
@@ -27,29 +30,31 @@ BINDINGS = {
 
 
 class Session:
-    """What belongs to a run, and how it goes at the moment.
+    """A run in progress: what it is made of, and how it goes at the moment.
 
     Attributes:
-        simulation, controller, outputs: what the run is made of.
-        folder: where results go; None when nothing is written.
+        simulation: the simulation, with its model, state and last report.
+        controller: the controller.
+        outputs: the outputs, in the order in which they see a step.
+        folder: folder for the results; None when nothing is written.
         duration: simulated time after which it ends [s]; infinite when somebody ends it.
-        step_count: the same in steps.
-        keys: where key events are put, from any thread.
-        pace: how fast it shall go and how fast it goes.
+        step_count: number of steps after which it ends; infinite when somebody ends it.
+        keys: stream into which any thread puts key events.
+        pace: speed that is wanted, and speed of the last second.
         paused: whether it waits for a key.
-        single_steps: to be made although it is paused.
+        single_steps: number of steps that are still to be made although it is paused.
         shows_help: whether somebody wants to see what the keys do.
-        steps_made: since it began; starting anew does not set it back.
-        recent_keys: the last key events that were taken.
+        steps_made: number of steps since it began; starting anew does not set it back.
+        recent_keys: last key events that were taken.
         replay: keys of an earlier session, which are taken instead of those in `keys`; None where there is none.
-        first_state: where it began, and begins anew.
+        first_state: state in which it began, and begins anew.
         stops: whether it ends before the next step.
     """
 
     def __init__(
         self,
         simulation: Simulation,
-        controller: Any,
+        controller: Controller,
         outputs: Sequence[Output] = (),
         duration: float | None = None,
         folder: Path | None = None,
@@ -60,19 +65,20 @@ class Session:
 
         Args:
             simulation: goes on from its present state.
-            controller: see `taichisoft.control.controller.Controller`.
-            outputs: see `taichisoft.session.output.Output`.
-            duration: [s]; the scene's when it is not given, infinite for a run that somebody else ends.
-            folder: where the key log goes.
+            controller: what drives the run.
+            outputs: what watches it.
+            duration: simulated time [s]; the scene's when it is not given, infinite for a run that somebody else ends.
+            folder: folder for the key log.
             speed: simulated over wall-clock time; None for as fast as it goes.
             replay: keys of an earlier session.
 
         Raises:
+            PluginError: the controller is no `Controller`, or an output no `Output`.
             TaichisoftError: the duration is not a positive number.
         """
         self.simulation = simulation
-        self.controller = controller
-        self.outputs = outputs
+        self.controller = require_base(controller, Controller)
+        self.outputs = [require_base(output, Output) for output in outputs]
         self.duration = duration if duration is not None else simulation.model.scene.time.duration
         self.step_count = count_steps(self.duration, simulation.model.scene.time.step)
         self.folder = folder
@@ -94,12 +100,12 @@ class Session:
 
     @property
     def bindings(self) -> dict[str, str]:
-        """What each key does: the controller's own, then the run's."""
-        return {**getattr(self.controller, "bindings", {}), **BINDINGS}
+        """Effect of each key by key: the controller's own, then the run's."""
+        return {**self.controller.bindings, **BINDINGS}
 
     @property
     def finished(self) -> bool:
-        """Whether all steps are made: of its duration since the last start, or those of the session it replays."""
+        """Whether all steps are made: those of its duration since the last start, or of the session that it replays."""
         if self.replay is not None:
             return self.steps_made >= self.replay.step_count
         return self.simulation.state.step - self.first_state.step >= self.step_count
@@ -107,6 +113,21 @@ class Session:
     def stop(self) -> None:
         """End the run before the next step, its outputs complete; from any thread."""
         self.stops = True
+
+
+def require_base(part: Part, base: type) -> Part:
+    """Return a controller or output itself when it is derived from its base class.
+
+    Raises:
+        PluginError: it is not.
+    """
+    if isinstance(part, base):
+        return part
+    if isinstance(part, type):
+        raise PluginError(f"{part.__module__}.{part.__qualname__} is a class; give an object of it")
+    kind = f"taichisoft.{base.__name__}"
+    made_of = f"{type(part).__module__}.{type(part).__qualname__}"
+    raise PluginError(f"{part!r} is no {kind}; derive its class, {made_of}, from {kind}")
 
 
 def count_steps(duration: float, time_step: float) -> float:

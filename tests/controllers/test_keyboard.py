@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 from made_up import made_up_model
 
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
-from taichisoft.control.slider import Slider
 from taichisoft.errors import SceneError
 from taichisoft_controllers.keyboard.controller import KeyboardController, KeyboardSettings
 

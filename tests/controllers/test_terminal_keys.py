@@ -229,5 +229,5 @@ def test_it_says_nothing_where_keys_come_from_an_output(sources: list[str], monk
     monkeypatch.setattr(sys, "stdin", None)
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        key_source.begin_keys(session(outputs=(object(), SimpleNamespace(gives_keys=True))))
+        key_source.begin_keys(session(outputs=(SimpleNamespace(gives_keys=False), SimpleNamespace(gives_keys=True))))
     assert sources == []

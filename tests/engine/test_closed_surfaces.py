@@ -7,8 +7,7 @@ import pytest
 from conftest import make_block
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import enclosed_volume
-from taichisoft.meshes.surface import closed_outward, count_open_edges
+from taichisoft.meshes.surface import closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import boundary_triangles
 
 MESH = make_block((2, 2, 2), (4.0, 3.0, 2.0))

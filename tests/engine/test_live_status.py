@@ -93,7 +93,7 @@ def test_a_pause_and_the_keys_are_shown() -> None:
 
 
 def test_before_the_first_step_and_without_objects_there_is_less_to_say() -> None:
-    run = session(controller=SimpleNamespace(), recent_keys=deque())
+    run = session(controller=SimpleNamespace(status=""), recent_keys=deque())
     run.simulation.report = None
     shown = picture(run)
     assert "pressure  none" in shown and "lifted by 30.0 mm, pressed with 0 mN" in shown and "none yet" in shown
@@ -106,8 +106,8 @@ def test_on_a_terminal_the_status_replaces_itself_and_leaves_the_cursor_visible(
     output = io.StringIO()
     run = session()
     console = Console(file=output, force_terminal=True, width=100, _environ={"TERM": "xterm"})
-    with pytest.raises(ZeroDivisionError), live_status(console, run) as status:
-        status.update(run.simulation.report)
+    with pytest.raises(ZeroDivisionError), live_status(console, run) as update:
+        update(run.simulation.report)
         run.paused = True
         raise ZeroDivisionError
     shown = output.getvalue()
@@ -124,10 +124,10 @@ def test_elsewhere_there_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch,
         file=output, force_terminal=terminal is not None, color_system=None, width=40, _environ={"TERM": terminal or ""}
     )
     run = session()
-    with live_status(console, run) as status:
+    with live_status(console, run) as update:
         for time in (2.4, 2.6, 3.5, 8.5):
             run.simulation.state.time = time
-            status.update(run.simulation.report)
+            update(run.simulation.report)
     lines = output.getvalue().splitlines()
     assert [line.split(" ")[0] for line in lines] == ["2.60", "8.50", "8.50"], "two when it was time, one at the end"
     assert lines[0].endswith(" s at 0.99 x real time; 50.0 kPa; cube lifted by 30.0 mm, pressed with 200 mN")
@@ -136,10 +136,10 @@ def test_elsewhere_there_is_a_line_now_and_then(monkeypatch: pytest.MonkeyPatch,
 def test_elsewhere_the_keys_are_shown_once_for_each_time_that_somebody_asks() -> None:
     output = io.StringIO()
     run = session()
-    with live_status(Console(file=output, width=100), run) as status:
+    with live_status(Console(file=output, width=100), run) as update:
         for shows_help in (False, True, True, False, True):
             run.shows_help = shows_help
-            status.update(run.simulation.report)
+            update(run.simulation.report)
     assert output.getvalue().count("change the pressure") == 2
 
 
@@ -155,5 +155,5 @@ class ClosedTerminal(io.StringIO):
 def test_a_terminal_that_is_gone_does_not_end_the_run(is_terminal: bool) -> None:
     run = session()
     console = Console(file=ClosedTerminal(), force_terminal=is_terminal, _environ={"TERM": "xterm"})
-    with live_status(console, run) as status:
-        status.update(run.simulation.report)
+    with live_status(console, run) as update:
+        update(run.simulation.report)

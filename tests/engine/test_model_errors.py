@@ -12,7 +12,7 @@ from conftest import make_block
 from taichisoft.building.simulation import make_model
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict

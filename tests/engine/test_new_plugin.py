@@ -12,7 +12,7 @@ from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from taichisoft.errors import PluginError
-from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system import hooks, plugins
 from taichisoft.plugin_system.new_plugin import FILES, TEMPLATES, check_name, write_project
 from taichisoft.plugin_system.registry import Registry
 
@@ -28,7 +28,7 @@ def test_the_tests_of_a_new_project_pass_at_once(tmp_path: Path) -> None:
 def test_a_new_project_is_a_plugin_without_being_installed(tmp_path: Path, taichisoft_plugins: Registry) -> None:
     folder = write_project("soft-touch", tmp_path)  # which is there, and empty
     plugins.load_plugin(folder / "soft_touch.py")
-    controller = plugins.find("controller", "soft-touch")(force=30.0)
+    controller = hooks.find("controller", "soft-touch")(force=30.0)
     assert (controller.force, controller.rate) == (30.0, 50.0)
 
 
@@ -49,7 +49,7 @@ def test_every_template_is_used() -> None:
 def test_folders_with_something_in_them_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     for folder in (tmp_path, tmp_path / "notes.txt"):
-        with pytest.raises(PluginError, match=rf"^{folder}: exists already; choose another with --folder$"):
+        with pytest.raises(PluginError, match=rf"^{folder}: exists already; choose another with --output$"):
             write_project("soft-touch", folder)
     with pytest.raises(PluginError, match=r"notes.txt/x/pyproject.toml: cannot be written: Not a directory$"):
         write_project("soft-touch", tmp_path / "notes.txt" / "x")

@@ -136,16 +136,16 @@ def test_a_plugin_that_fails_is_reported_with_its_own_traceback(command: Command
 
 CLUMSY = """
 import json
-from taichisoft import Control, hookimpl
+from taichisoft import Control, Controller, Output, hookimpl
 
-class Clumsy:
+class Clumsy(Controller):
     def reset(self, model): ...
     def control(self, observation):
         return Control() if observation.step < 3 else self.drop()
     def drop(self):
         return json.loads("{")
 
-class Blind:
+class Blind(Output):
     def __init__(self, folder): ...
     def begin(self, model, state): ...
     def record(self, state, report): ...

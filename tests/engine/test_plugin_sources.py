@@ -10,10 +10,10 @@ import pytest
 
 import taichisoft
 from taichisoft.errors import PluginError
-from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system import hooks, plugins
 from taichisoft.plugin_system.failure import plugin_traceback
 from taichisoft.plugin_system.hookspecs import hookimpl
-from taichisoft.plugin_system.listing import list_plugins
+from taichisoft.plugin_system.plugins_command import list_plugins
 
 Install = Callable[..., None]
 PUSH = """
@@ -53,15 +53,15 @@ def test_plugins_of_all_sources_are_there_in_the_order_of_loading(install: Insta
     assert (origins["squeeze"].kind, origins["squeeze"].place, origins["squeeze"].version) == ("file", str(path), "2.1")
     assert origins["Watcher"].kind == "code"
     assert origins["Watcher"].place.startswith(f"{__file__}, line ")
-    assert plugins.find("controller", "squeeze") is dict
+    assert hooks.find("controller", "squeeze") is dict
 
 
 def test_an_object_is_called_with_itself_and_may_be_taken_out_again(install: Install) -> None:
     watcher = Watcher()
     name = taichisoft.register_plugin(watcher, name="watcher")
-    plugins.notify("taichisoft_run_ends", session=None, outcome="completed")
+    hooks.notify("taichisoft_run_ends", session=None, outcome="completed")
     taichisoft.unregister_plugin(name)
-    plugins.notify("taichisoft_run_ends", session=None, outcome="interrupted")
+    hooks.notify("taichisoft_run_ends", session=None, outcome="interrupted")
     assert watcher.outcomes == ["completed"]
     with pytest.raises(PluginError, match=r"^no plug-in is called 'watcher'; there are: none$"):
         taichisoft.unregister_plugin(name)
@@ -178,7 +178,7 @@ def test_a_file_that_cannot_be_imported_is_reported_with_its_place_and_its_own_t
         plugins.load_plugin(path)
     shown = plugin_traceback(caught.value)
     assert traceback in shown
-    assert "plugin_sources.py" not in shown and "importlib" not in shown
+    assert "plugin_system" not in shown and "importlib" not in shown
     assert "taichisoft_plugin_bad" not in sys.modules
 
 
@@ -196,7 +196,7 @@ def test_blocked_plugins_are_not_loaded_and_names_that_nothing_has_are_told_once
     assert list(registry.origins) == ["two"]
     told = "TAICHISOFT_DISABLE_PLUGINS names 'tow', which no plug-in is called; did you mean 'two'?"
     with pytest.warns(UserWarning) as warned:
-        assert plugins.find("output", "film") is object
+        assert hooks.find("output", "film") is object
     assert [str(warning.message) for warning in warned] == [told]
     assert registry.unknown_blocked() == []
 
@@ -210,9 +210,9 @@ def test_every_call_of_a_hook_is_traced_when_asked_for(
     monkeypatch.setenv("TAICHISOFT_TRACE_PLUGINS", "1")
     install("one", taichisoft_run_ends=lambda session: None, taichisoft_controllers=lambda: {"push": dict})
     install("two", taichisoft_controllers=fail)
-    plugins.notify("taichisoft_run_ends", session=list(range(1000)), outcome="done")
+    hooks.notify("taichisoft_run_ends", session=list(range(1000)), outcome="done")
     with pytest.raises(PluginError):
-        plugins.find("controller", "push")
+        hooks.find("controller", "push")
     assert capsys.readouterr().err.splitlines() == [
         "taichisoft: taichisoft_run_ends(session=[0, 1, 2, 3, 4, 5, ...], outcome='done') of plug-in 'one' gave None",
         "taichisoft: taichisoft_controllers() of plug-in 'one' gave {'push': <class 'dict'>}",
@@ -234,5 +234,5 @@ def test_nothing_is_traced_otherwise(
 ) -> None:
     monkeypatch.setenv("TAICHISOFT_TRACE_PLUGINS", value)
     install("one", taichisoft_run_ends=lambda session: None)
-    plugins.notify("taichisoft_run_ends", session=None, outcome="completed")
+    hooks.notify("taichisoft_run_ends", session=None, outcome="completed")
     assert capsys.readouterr().err == ""

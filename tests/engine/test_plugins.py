@@ -8,10 +8,9 @@ from typing import Any
 import pytest
 
 from taichisoft.errors import ControllerFailed, PluginError
-from taichisoft.plugin_system import plugins
-from taichisoft.plugin_system import sources as plugin_sources
+from taichisoft.plugin_system import hooks, plugins
 from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
-from taichisoft.plugin_system.listing import list_plugins
+from taichisoft.plugin_system.plugins_command import list_plugins
 from taichisoft.plugin_system.registry import Registry
 
 Install = Callable[..., None]
@@ -24,10 +23,10 @@ def provide(*names: str) -> Callable[[], Mapping[str, Any]]:
 def test_what_a_plugin_provides_is_found_by_name(install: Install) -> None:
     install("one", taichisoft_controllers=provide("push"))
     install("two", taichisoft_controllers=lambda: {"pull": int}, taichisoft_outputs=provide("pull"))
-    assert plugins.find("controller", "pull") is int
-    assert plugins.find("output", "pull") is object
+    assert hooks.find("controller", "pull") is int
+    assert hooks.find("output", "pull") is object
     with pytest.raises(PluginError, match=r"^no controller is called 'pul'; there are: pull, push$"):
-        plugins.find("controller", "pul")
+        hooks.find("controller", "pul")
 
 
 @pytest.mark.parametrize(
@@ -93,7 +92,7 @@ def test_two_plugins_that_claim_one_name_are_named_with_where_they_come_from(ins
     install("two", taichisoft_outputs=provide("movie"))
     both = r"^two plug-ins, 'one' \(plugin_one\) and 'two' \(plugin_two\), both provide the output 'movie'$"
     with pytest.raises(PluginError, match=both):
-        plugins.find("output", "film")
+        hooks.find("output", "film")
 
 
 def test_two_plugins_of_one_name_are_an_error(install: Install) -> None:
@@ -107,7 +106,7 @@ def test_a_plugin_that_cannot_be_imported_is_named_with_a_way_out(
     install: Install, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     absent = EntryPoint("lost", "no_such_module", PROJECT)
-    monkeypatch.setattr(plugin_sources, "entry_points", lambda group: [absent])
+    monkeypatch.setattr(plugins, "entry_points", lambda group: [absent])
     with (
         pytest.raises(
             PluginError,
@@ -128,7 +127,7 @@ def test_a_hook_that_fails_is_named_with_its_plugin_and_place(install: Install) 
         r"^plug-in 'one' \(plugin_one\) failed in taichisoft_outputs\(\): KeyError: 'gripper' \(test_plugins.py, line"
     )
     with pytest.raises(PluginError, match=failure):
-        plugins.find("output", "movie")
+        hooks.find("output", "movie")
 
 
 @pytest.mark.parametrize(
@@ -144,7 +143,7 @@ def test_a_hook_that_fails_is_named_with_its_plugin_and_place(install: Install) 
 def test_a_hook_that_gives_something_else_is_named_with_its_plugin(install: Install, answer: Any, problem: str) -> None:
     install("one", taichisoft_outputs=lambda: answer)
     with pytest.raises(PluginError, match=rf"^plug-in 'one' \(plugin_one\): {problem}"):
-        plugins.find("output", "movie")
+        hooks.find("output", "movie")
 
 
 def test_life_cycle_hooks_reach_every_plugin_in_order_until_one_fails(install: Install) -> None:
@@ -156,13 +155,13 @@ def test_life_cycle_hooks_reach_every_plugin_in_order_until_one_fails(install: I
     install("one", taichisoft_run_ends=lambda session, outcome: calls.append(f"one {session} {outcome}"))
     install("two", taichisoft_run_ends=lambda outcome: calls.append(f"two {outcome}"), taichisoft_run_begins=fail)
     install("three", taichisoft_run_begins=lambda: calls.append("three"))
-    plugins.notify("taichisoft_run_ends", session="session", outcome="completed")
+    hooks.notify("taichisoft_run_ends", session="session", outcome="completed")
     assert calls == ["one session completed", "two completed"]
-    plugins.notify("taichisoft_picture_wanted", session="session")  # which nobody implements
+    hooks.notify("taichisoft_picture_wanted", session="session")  # which nobody implements
     with pytest.raises(
         PluginError, match=r"^plug-in 'two' .* failed in taichisoft_run_begins\(\): ValueError: no disk"
     ):
-        plugins.notify("taichisoft_run_begins", session="session")
+        hooks.notify("taichisoft_run_begins", session="session")
 
 
 def test_marks_of_pluggy_change_the_order(install: Install) -> None:
@@ -171,7 +170,7 @@ def test_marks_of_pluggy_change_the_order(install: Install) -> None:
         install(name)
         hook = hookimpl(lambda name=name: calls.append(name), **marks)
         sys.modules[f"plugin_{name}"].taichisoft_run_begins = hook  # type: ignore[attr-defined]
-    plugins.notify("taichisoft_run_begins", session=None)
+    hooks.notify("taichisoft_run_begins", session=None)
     assert calls == ["c", "b", "d", "a"]
 
 
@@ -181,7 +180,7 @@ def test_a_plugin_may_say_that_a_run_has_failed(install: Install) -> None:
 
     install("one", taichisoft_step_done=give_up)
     with pytest.raises(ControllerFailed, match=r"^the cube is gone$"):
-        plugins.notify("taichisoft_step_done", session=None, report=None)
+        hooks.notify("taichisoft_step_done", session=None, report=None)
 
 
 def test_the_list_says_what_each_plugin_provides_through_its_hooks(install: Install) -> None:

@@ -6,6 +6,7 @@ import pytest
 from taichisoft import run
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.model import Model
 from taichisoft.plugin_system.plugins import plugin_registry
@@ -13,7 +14,7 @@ from taichisoft.plugin_system.registry import Registry
 from taichisoft.scenes.scene import Scene
 
 
-class CloseAndLift:
+class CloseAndLift(Controller):
     """Up to 9 kPa in 0.3 s, then upwards at 40 mm/s."""
 
     def __init__(self) -> None:

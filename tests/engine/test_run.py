@@ -1,10 +1,10 @@
 """The loop around the step: what is called when, and what is kept when a plug-in fails or the user stops it."""
 
 import math
+import re
 import signal
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -12,28 +12,27 @@ import pytest
 from taichisoft import run
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.errors import ControlError, GoalMissed, PluginError, SimulationDiverged, TaichisoftError
 from taichisoft.scenes.file import scene_from_dict
+from taichisoft.session.output import Output
 from taichisoft.session.session import count_steps
 from taichisoft_plugins.recording.output import RecordingOutput
 
 STEP = 0.01
 
 
-class Rest:
+class Rest(Controller):
     """A controller that asks for nothing, or does something else in one step."""
 
     def __init__(self, at_step: int = -1, act: Any = None):
         self.at_step, self.act = at_step, act
 
-    def reset(self, model: Any) -> None:
-        """Nothing to prepare."""
-
     def control(self, observation: Any) -> Any:
         return self.act() if observation.step == self.at_step else Control()
 
 
-class Log:
+class Log(Output):
     """An output that notes its calls, and does something else after one step or at the end."""
 
     def __init__(self, after_step: int = -1, act: Any = None, at_end: Any = None):
@@ -212,9 +211,42 @@ def test_a_body_that_is_thrown_out_of_a_step_has_exploded(simulation: Simulation
     assert simulation.state.step == 1
 
 
-def test_an_output_may_be_anything_with_the_three_methods(simulation: Simulation) -> None:
-    output: Any = SimpleNamespace(begin=lambda *_: None, record=lambda *_: None, end=lambda *_: None)
-    assert run(simulation, Rest(), [output]) == "completed"
+class LooksLikeBoth:
+    """Has the methods, but none of the base classes."""
+
+    def reset(self, model: Any) -> None: ...
+
+    def control(self, observation: Any) -> Control:
+        return Control()
+
+    def begin(self, model: Any, state: Any) -> None: ...
+
+    def record(self, state: Any, report: Any) -> None: ...
+
+    def end(self, outcome: str) -> None: ...
+
+    def __repr__(self) -> str:
+        return "<both>"
+
+
+def test_what_does_not_derive_from_the_base_classes_is_refused_before_anything_is_done(simulation: Simulation) -> None:
+    both: Any = LooksLikeBoth()
+    for controller, outputs, base in ((both, [], "Controller"), (Rest(), [Log(), both], "Output")):
+        kind = f"taichisoft.{base}"
+        message = f"<both> is no {kind}; derive its class, {__name__}.LooksLikeBoth, from {kind}"
+        with pytest.raises(PluginError, match=f"^{re.escape(message)}$"):
+            run(simulation, controller, outputs)
+        assert simulation.state.step == 0
+    with pytest.raises(PluginError, match=rf"^{__name__}.Rest is a class; give an object of it$"):
+        run(simulation, cast(Any, Rest))
+
+
+def test_a_controller_must_say_what_it_asks_for() -> None:
+    class Mute(Controller):
+        pass
+
+    with pytest.raises(TypeError, match=r"abstract method '?control"):
+        Mute()  # type: ignore[abstract]
 
 
 def test_run_stays_a_function_of_the_package() -> None:

@@ -15,14 +15,12 @@ Command = Callable[..., tuple[int, str, str]]
 
 COUNTER = """
 from pathlib import Path
-from taichisoft import Control, hookimpl
-from taichisoft.plugin_system.run_option import RunOption
+from taichisoft import Control, Controller, Output, hookimpl
+from taichisoft.plugin_system.hookspecs import RunOption
 
-class Counter:
+class Counter(Output):
     def __init__(self, folder, start: int = 0, file: Path = Path("count"), loud: bool = False):
         self.path, self.count, self.loud = folder / file, start, loud
-
-    def begin(self, model, state): ...
 
     def record(self, state, report):
         self.count += 1
@@ -30,9 +28,7 @@ class Counter:
     def end(self, outcome):
         self.path.write_text(f"{self.count}{'!' if self.loud else ''}")
 
-class Idle:
-    def reset(self, model): ...
-
+class Idle(Controller):
     def control(self, observation):
         return Control()
 
@@ -116,7 +112,7 @@ def test_an_option_may_name_who_drives_where_the_user_does_not(command: Command)
 def test_the_options_are_in_the_help_and_the_list(command: Command) -> None:
     shown = command("run", "--help")[1]
     assert "--count-from" in shown and "Where to begin." in shown and "Outputs" in shown
-    assert "option --count-from of run" in " ".join(command("plugins")[1].replace("│", " ").split())
+    assert "run option --count-from" in " ".join(command("plugins")[1].replace("│", " ").split())
 
 
 def test_a_value_of_another_type_is_refused(command: Command) -> None:
@@ -146,4 +142,4 @@ def test_two_options_of_one_name_are_an_error_that_names_both(command: Command, 
     (tmp_path / "other.py").write_text(other)
     code, _, errors = command(*RUN, "--plugin", "other.py")
     assert code == 2
-    assert "'counter'" in errors and "'other'" in errors and "both add the option '--count' to" in errors
+    assert "'counter'" in errors and "'other'" in errors and "both provide the run option '--count'" in errors

@@ -10,6 +10,7 @@ import pytest
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed, PluginError, SceneError
@@ -18,6 +19,7 @@ from taichisoft.plugin_system.plugins import register_plugin, unregister_plugin
 from taichisoft.running.loop import run_session
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.session.key_log import KeyReplay
+from taichisoft.session.output import Output
 from taichisoft.session.session import Session
 from taichisoft.state import State
 from taichisoft.step.report import StepReport
@@ -25,7 +27,7 @@ from taichisoft.step.report import StepReport
 STEP = 0.01
 
 
-class Pusher:
+class Pusher(Controller):
     """Moves the base by 1 mm at every "+", or to where its slider "s" stands; notes when it was asked."""
 
     interactive = True
@@ -155,18 +157,12 @@ def test_a_paused_run_makes_single_steps_only(simulation: Simulation) -> None:
 def test_starting_anew_goes_back_to_the_first_state_and_tells_everybody(simulation: Simulation) -> None:
     restarts: list[float] = []
 
-    class Log:
-        def begin(self, model: Any, state: State) -> None:
-            """Nothing to prepare."""
-
+    class Log(Output):
         def record(self, state: State, report: StepReport) -> None:
             """Nothing to keep."""
 
         def restart(self, state: State) -> None:
             restarts.append(state.time)
-
-        def end(self, outcome: str) -> None:
-            """Nothing to close."""
 
     outcome, session = played(simulation, None, {4: "+r"}, outputs=[Log()])
     assert (outcome, restarts, session.controller.resets) == ("completed", [0.0], 2)

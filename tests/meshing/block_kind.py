@@ -15,10 +15,11 @@ from conftest import make_block
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.plugin_system.hookspecs import hookimpl
 
 
-class Block:
+class Block(Geometry):
     """A cube of 50 mm whose walls are one element thick, 10 mm unless smaller ones are asked for."""
 
     presets: ClassVar = {"coarse": 10.0, "fine": 5.0}

@@ -10,7 +10,7 @@ from conftest import examples
 from fingers import finger_from_dict, read_finger, sharp_fingers
 from hypothesis import HealthCheck, given
 
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing.finger.mesher import mesh_finger

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft_meshing.finger.groups import surface_groups
 
 

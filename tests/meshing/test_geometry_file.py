@@ -13,11 +13,12 @@ from taichisoft.errors import MeshError, PluginError
 from taichisoft.meshes.files import read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.plugin_system.hookspecs import hookimpl
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 
 
-class Wedge:
+class Wedge(Geometry):
     """A third party's kind: one tetrahedron of an edge length."""
 
     def __init__(self, tables: Mapping[str, Any], file: Path):
@@ -97,7 +98,11 @@ def test_a_finger_is_the_kind_of_a_file_that_names_none(tmp_path: Path) -> None:
             r"^{file}: Wedge failed in mesh\(\): TypeError: .*test_geometry_fil",
         ),
         ('kind = "wedge"\nedge = 0.0', MeshError, r"wedge: element 0 .*has no volume"),
-        ('kind = "nothing"', PluginError, r"^{file}: PosixPath failed in mesh\(\): AttributeError"),
+        (
+            'kind = "nothing"',
+            PluginError,
+            r"^{file}: geometry kind 'nothing' gave PosixPath\(.*; must be a taichisoft.Geometry$",
+        ),
         ("body.width = -1.0", MeshError, r"^{file}: body.width = -1.0: input should be greater than 0$"),
     ],
 )

@@ -9,7 +9,7 @@ from fingers import finger_from_dict, read_finger
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.files import read_volume_mesh
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing.finger import solid as finger_solid

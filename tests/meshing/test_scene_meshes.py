@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.body_meshes import load_meshes
 from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import load_meshes
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system import plugins
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.plugin_system.hookspecs import hookimpl
 from taichisoft.scenes.file import scene_from_dict, scene_to_toml
 from taichisoft.scenes.shipped import data_folder
@@ -23,7 +24,7 @@ from taichisoft_meshing.mesh_cache import cache_folder
 from taichisoft_meshing.scene_meshes import laid_over, mesh_for_scene
 
 
-class Wedge:
+class Wedge(Geometry):
     """A kind that is meshed in no time: one tetrahedron, as large as the file and the request say."""
 
     presets: Mapping[str, float] = {"small": 2.0, "large": 9.0}

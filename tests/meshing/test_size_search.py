@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft_meshing.size_search import MOST_MESHES, WITHIN, size_for_nodes
 
 
@@ -21,12 +22,16 @@ def spiral(count: int) -> VolumeMesh:
     return VolumeMesh("spiral", nodes, np.arange(count - 3)[:, None] + np.arange(4))
 
 
-class Counted:
+class Counted(Geometry):
     """A geometry with count(size) nodes; what it is asked for is kept."""
 
     def __init__(self, count: Callable[[float], float], **presets: float):
-        self.count, self.presets = count, presets
+        self.count, self._presets = count, presets
         self.asked: list[float | None] = []
+
+    @property
+    def presets(self) -> dict[str, float]:
+        return self._presets
 
     def mesh(self, size: float | None = None) -> VolumeMesh:
         self.asked.append(size)

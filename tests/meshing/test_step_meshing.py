@@ -10,8 +10,7 @@ from solid_shapes import write_step
 from test_step_files import two_voids
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import enclosed_volume
-from taichisoft.meshes.surface import count_open_edges
+from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import tetrahedron_volumes
 from taichisoft_meshing.bodies.kinds import StepBody
 from taichisoft_meshing.bodies.wall_splitting import through_edges

@@ -9,7 +9,7 @@ from conftest import make_block
 from solid_shapes import box, save
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.bodies import surface_mesher
 from taichisoft_meshing.bodies.kinds import SurfacesBody

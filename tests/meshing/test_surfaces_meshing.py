@@ -13,8 +13,7 @@ from hypothesis import strategies as st
 from solid_shapes import Surface, ball, box, save, together, turned_round
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import enclosed_volume
-from taichisoft.meshes.surface import count_open_edges
+from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft_meshing.bodies import surface_mesher
 from taichisoft_meshing.bodies.kinds import SurfacesBody

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft.meshes.volume_mesh import tetrahedron_volumes
 from taichisoft_meshing.bodies.kinds import SurfacesBody

@@ -8,7 +8,7 @@ import pytest
 
 from taichisoft.command_line import main
 from taichisoft.meshes.files import read_volume_mesh
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.plugin_system.plugins import unregister_plugin
 from taichisoft.scenes.shipped import data_folder
 

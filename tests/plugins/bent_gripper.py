@@ -9,8 +9,8 @@ import numpy as np
 from taichisoft.bodies.rigid_body import make_obstacle, make_rigid_body
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.soft_body import make_soft_body
-from taichisoft.building.body_meshes import load_meshes
 from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import load_meshes
 from taichisoft_plugins.recording.output import RecordingOutput
 
 LENGTH, INNER_SIDE = 115.0, 30.0

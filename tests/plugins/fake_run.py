@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 
 from taichisoft.bodies.elements import lame_parameters
-from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.recording.output import RecordingOutput

@@ -10,7 +10,7 @@ import csv_run
 import pytest
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.plugin_system.plugins import find
+from taichisoft.plugin_system.hooks import find
 from taichisoft_plugins.csv_output import BUFFERED_STEPS, CsvOutput
 
 

@@ -5,16 +5,13 @@ from pathlib import Path
 import fake_run
 import pytest
 
-from taichisoft import Simulation, run
+from taichisoft import Controller, Simulation, run
 from taichisoft_plugins.recording.needed import NeededRecording, RecordingNeeded
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.rendering.outputs import PicturesOutput, VideoOutput
 
 
-class Still:
-    def reset(self, model):
-        pass
-
+class Still(Controller):
     def control(self, observation):
         pytest.fail("a step was made")
 

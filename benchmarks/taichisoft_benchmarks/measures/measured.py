@@ -41,7 +41,7 @@ def peak_memory() -> float:
 
 def controlled_step(simulation: "Simulation", scene: Scene) -> "Callable[[], StepReport]":
     """A function that makes one step, driven by a new controller of the scene."""
-    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.run_parts import make_controller
 
     controller = make_controller(scene)
     controller.reset(simulation.model)

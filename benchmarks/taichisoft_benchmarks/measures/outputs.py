@@ -176,7 +176,7 @@ def _watched_run(
     Returns:
         Wall time of every step [s], and simulated over wall-clock time [-].
     """
-    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.run_parts import make_controller
     from taichisoft.running.loop import run_session
     from taichisoft.session.session import Session
     from taichisoft_plugins.web.output import WebOutput

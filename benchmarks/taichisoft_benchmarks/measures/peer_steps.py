@@ -1,7 +1,7 @@
 """Time per step of another program on the bodies and pressures of a scene."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol
 
@@ -40,7 +40,7 @@ def measure_peer(case: PeerCase, scene: Scene) -> Measured:
     Raises:
         PeerMissing: the program is not installed, or cannot do the case.
     """
-    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.run_parts import make_controller
     from taichisoft.building.simulation import Simulation, make_model
 
     started = time.perf_counter()
@@ -63,7 +63,7 @@ def measure_peer(case: PeerCase, scene: Scene) -> Measured:
     return Measured(figures, facts, does_not=peer.does_not)
 
 
-def pressure_forces(model: "Model", position: np.ndarray, pressure: dict[str, float]) -> np.ndarray:
+def pressure_forces(model: "Model", position: np.ndarray, pressure: Mapping[str, float]) -> np.ndarray:
     """Forces of the air on the nodes [mN], shape (node_count, 3).
 
     Args:

@@ -75,10 +75,11 @@ def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
     The figures by part are those of the last window. The summary of the contacts stands apart: the report of a step
     needs it in any case, and the observation takes it over.
     """
-    from taichisoft.building.controller_factory import make_controller
+    from taichisoft.building.run_parts import make_controller
     from taichisoft.building.simulation import Simulation
     from taichisoft.control.contact_summary import summarise_contacts
-    from taichisoft.plugin_system.plugins import notify, register_plugin, unregister_plugin
+    from taichisoft.plugin_system.hooks import notify
+    from taichisoft.plugin_system.plugins import register_plugin, unregister_plugin
 
     simulation = Simulation(scene)
     controller = make_controller(scene)

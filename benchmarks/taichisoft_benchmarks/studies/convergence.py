@@ -89,7 +89,7 @@ def measure_all(sizes: Sequence[float], even_sizes: Sequence[float], tutorial_me
         TaichisoftError: A mesh or a simulation failed, or the meshes do not converge.
     """
     file = find_file(FINGER, "fingers", ())
-    presets = {size: name for name, size in getattr(read_geometry(file), "presets", {}).items()}
+    presets = {size: name for name, size in read_geometry(file).presets.items()}
     graded: list[Point] = []
     quadratic: dict[int, float] = {}
     for size in sizes:

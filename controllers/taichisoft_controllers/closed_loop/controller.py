@@ -3,6 +3,7 @@
 from typing import TYPE_CHECKING, Any
 
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Limits
@@ -14,7 +15,7 @@ if TYPE_CHECKING:
     from taichisoft.model import Model
 
 
-class ClosedLoopController:
+class ClosedLoopController(Controller):
     """Closes all fingers together until they touch, regulates the sum of their normal forces, and lifts.
 
     It depends on what it has observed alone. docs/controllers.md has the law, the tuning, and what it can hold.

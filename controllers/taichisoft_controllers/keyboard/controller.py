@@ -1,14 +1,15 @@
 """A controller that follows keys, with the bindings of SOFA's pneunet gripper tutorial."""
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller, Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
-from taichisoft.control.slider import Slider
 from taichisoft.scenes.scene import Positive
 from taichisoft_controllers.model_names import finger_of
 from taichisoft_controllers.settings import ControllerSettings
@@ -37,7 +38,7 @@ class KeyboardSettings(ControllerSettings):
     """Turn of the base by one key press [degrees]."""
 
 
-class KeyboardController:
+class KeyboardController(Controller):
     """Closes, moves and turns the gripper as keys say; each key press is one step, held keys repeat.
 
     Up is against gravity. Right is the next coordinate axis after up (y where up is x, x where up is z), made
@@ -49,13 +50,12 @@ class KeyboardController:
     `limits.pressure_rate` of the scene spread a step over time.
 
     Attributes:
-        interactive: a run goes on at the speed of real time until somebody ends it.
-        bindings: what the keys do.
-        status: the finger that is selected, for displays.
-        sliders: pressures that can be set at once.
+        status: finger whose pressure + and - change.
+        sliders: pressure of every cavity, by its name.
     """
 
     interactive = True
+    sliders: dict[str, Slider]
 
     def __init__(self, **settings: Any):
         """Take the settings that `KeyboardSettings` describes.
@@ -79,11 +79,12 @@ class KeyboardController:
         A finger is a soft body with cavities; they are numbered in the order of the scene.
         """
         limits = model.scene.limits
-        self._lowest = LOWEST_PRESSURE if limits.lowest_pressure is None else limits.lowest_pressure
-        self._highest = HIGHEST_PRESSURE if limits.highest_pressure is None else limits.highest_pressure
-        self._pressure = dict.fromkeys(model.cavities.names, self._within_limits(0.0))
+        lowest = LOWEST_PRESSURE if limits.lowest_pressure is None else limits.lowest_pressure
+        highest = HIGHEST_PRESSURE if limits.highest_pressure is None else limits.highest_pressure
+        slider = _moved(Slider(lowest, lowest, highest, self._steps.pressure_step, "kPa"), 0.0)
+        self.sliders = dict.fromkeys(model.cavities.names, slider)
         self._fingers = list(dict.fromkeys(finger_of(name) for name in model.cavities.names))
-        self._selected: str | None = None
+        self._select(None)
         self._up = model.scene.up
         self._right = _right(self._up)
         self._translation = np.zeros(3)
@@ -92,8 +93,8 @@ class KeyboardController:
     def key(self, event: KeyEvent) -> None:
         """Take a step, with or without Ctrl and shift, or move a slider."""
         if event.value is not None:
-            if event.key in self._pressure:
-                self._pressure[event.key] = self._within_limits(event.value)
+            if event.key in self.sliders:
+                self.sliders[event.key] = _moved(self.sliders[event.key], event.value)
             return
         key = event.key.lower()
         if key in PRESSURE_KEYS:
@@ -103,45 +104,41 @@ class KeyboardController:
         elif key in TURN_KEYS:
             self._turns += TURN_KEYS[key]
         elif key == "0":
-            self._selected = None
+            self._select(None)
         elif key.isdecimal() and int(key) <= len(self._fingers):
-            self._selected = self._fingers[int(key) - 1]
+            self._select(self._fingers[int(key) - 1])
 
     def control(self, observation: Observation) -> Control:
         """The sum of the steps by all keys so far."""
         return Control(
-            pressure=dict(self._pressure),
+            pressure={name: slider.value for name, slider in self.sliders.items()},
             base_translation=self._translation.copy(),
             base_rotation=self._turn * self._up,
         )
-
-    @property
-    def status(self) -> str:
-        """The finger on which + and - act."""
-        return f"{self._selected or 'all fingers'} selected"
-
-    @property
-    def sliders(self) -> dict[str, Slider]:
-        """The pressure of every cavity, by its name."""
-        step = self._steps.pressure_step
-        return {name: Slider(value, self._lowest, self._highest, step, "kPa") for name, value in self._pressure.items()}
 
     @property
     def _turn(self) -> float:
         """The angle by which the gripper is turned about the upward axis [rad]."""
         return math.radians(self._turns * self._steps.turn_step)
 
-    def _change_pressure(self, change: float) -> None:
-        for name, pressure in self._pressure.items():
-            if self._selected in (None, finger_of(name)):
-                self._pressure[name] = self._within_limits(pressure + change)
+    def _select(self, finger: str | None) -> None:
+        """Let + and - change the pressure of one finger, or of all of them."""
+        self._selected = finger
+        self.status = f"{finger or 'all fingers'} selected"
 
-    def _within_limits(self, pressure: float) -> float:
-        return min(max(pressure, self._lowest), self._highest)
+    def _change_pressure(self, change: float) -> None:
+        for name, slider in self.sliders.items():
+            if self._selected in (None, finger_of(name)):
+                self.sliders[name] = _moved(slider, slider.value + change)
 
     def _move(self, to_the_right: float, upward: float) -> None:
         right = math.cos(self._turn) * self._right + math.sin(self._turn) * np.cross(self._up, self._right)
         self._translation += self._steps.translation_step * (to_the_right * right + upward * self._up)
+
+
+def _moved(slider: Slider, value: float) -> Slider:
+    """The slider at another value, or as near as its ends allow."""
+    return replace(slider, value=min(max(value, slider.lowest), slider.highest))
 
 
 def _right(up: np.ndarray) -> np.ndarray:

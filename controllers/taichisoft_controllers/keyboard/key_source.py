@@ -19,9 +19,9 @@ def begin_keys(session: "Session") -> None:
     Raises:
         ControllerFailed: this system has no POSIX terminal, and no output of the run gives keys either.
     """
-    if session.replaying or not getattr(session.controller, "interactive", False):
+    if session.replaying or not session.controller.interactive:
         return
-    outputs_give_keys = any(getattr(output, "gives_keys", False) for output in session.outputs)
+    outputs_give_keys = any(output.gives_keys for output in session.outputs)
     if sys.stdin is None or not sys.stdin.isatty():
         if not outputs_give_keys:
             warnings.warn(

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+from taichisoft.control.controller import Controller
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Positive
 from taichisoft.scenes.shipped import find_file
@@ -24,7 +25,7 @@ class ScriptSettings(ControllerSettings):
 
 def scripted_controller(
     script: str | Path, pressure: float | None = None, interpolation: str | None = None
-) -> KeyframeController | StepController:
+) -> Controller:
     """The controller that does what a script says; `ScriptSettings` describes the arguments.
 
     Raises:

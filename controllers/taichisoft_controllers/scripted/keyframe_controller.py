@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import pressures_by_cavity
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from taichisoft.model import Model
 
 
-class KeyframeController:
+class KeyframeController(Controller):
     """Depends on the time alone; before the first keyframe and after the last it holds."""
 
     def __init__(self, path: Path, keyframes: Sequence[Keyframe], smooth: bool, factor: float):

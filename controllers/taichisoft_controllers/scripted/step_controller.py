@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import pressures_by_cavity
@@ -22,7 +23,7 @@ SIGNAL = "script_step"
 """Name of the signal that gives the index of the step that goes on; the number of steps when all are done."""
 
 
-class StepController:
+class StepController(Controller):
     """Begins with the first step whenever it is reset; after the last one it holds."""
 
     def __init__(self, path: Path, steps: Sequence[Step], smooth: bool, factor: float):

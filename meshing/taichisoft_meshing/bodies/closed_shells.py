@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft_meshing.bodies.surface_geometry import joined_sides, undirected_sides
 from taichisoft_meshing.bodies.surface_repair import merge_near_vertices, replace_flat_triangles, wind_alike

@@ -11,6 +11,7 @@ from pydantic import BeforeValidator, Field
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.scenes.scene import Positive, Table
 from taichisoft_meshing.bodies.hollow_body import HollowBody, read_hollow_body
 from taichisoft_meshing.bodies.meshed_body import with_base
@@ -58,7 +59,7 @@ class SurfacesTable(Table):
 
 
 @dataclass(frozen=True)
-class _BodyFromFiles:
+class _BodyFromFiles(Geometry):
     """A geometry whose tables name files; they are read when the body is first needed.
 
     Attributes:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.mapped_surface import enclosed_volume
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft_meshing.bodies.tables import Base
 from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, tetrahedra

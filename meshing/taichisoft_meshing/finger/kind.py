@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.plugin_system.geometry import Geometry
 from taichisoft_meshing.finger.cavity_walls import thin_walls
 from taichisoft_meshing.finger.mesher import mesh_finger
 from taichisoft_meshing.finger.parameters import FingerParameters
@@ -17,7 +18,7 @@ nodes."""
 
 
 @dataclass(frozen=True)
-class PneunetFinger:
+class PneunetFinger(Geometry):
     """A finger that the tables of a file describe.
 
     Attributes:

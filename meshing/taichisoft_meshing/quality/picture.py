@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.limits import QualityLimits
@@ -40,7 +40,7 @@ def draw_report(mesh: VolumeMesh, quality: MeshQuality, limits: QualityLimits, t
     _draw_histogram(ratios, quality.radius_ratios, (0.0, 1.0), "radius ratio", "tetrahedra", (limits.radius_ratio,))
     bounds = (limits.smallest_dihedral_angle, limits.largest_dihedral_angle)
     _draw_histogram(angles, quality.dihedral_angles.ravel(), (0.0, 180.0), "dihedral angle [degrees]", "edges", bounds)
-    with whole_file(path, MeshError) as partial:
+    with atomic_file(path, MeshError) as partial:
         figure.savefig(partial, format="png", metadata={"Software": None})  # equal meshes give equal files
 
 

@@ -6,8 +6,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from taichisoft.meshes.mapped_surface import enclosed_volume
-from taichisoft.meshes.surface import count_open_edges
+from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 
 OUTER = "outer"

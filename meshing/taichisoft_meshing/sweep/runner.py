@@ -11,7 +11,7 @@ from multiprocessing.context import SpawnProcess
 from pathlib import Path
 
 from taichisoft.errors import MeshError
-from taichisoft.running.interruption import held_back
+from taichisoft.running.interruption import deferred_signals
 from taichisoft_meshing.mesh_set import move_set
 from taichisoft_meshing.sweep.plan import Variant
 from taichisoft_meshing.sweep.process import Outcome, make_variant
@@ -52,7 +52,7 @@ def run_sweep(
         while waiting or running:
             while waiting and len(running) < jobs:
                 number = waiting.pop()
-                with held_back() as stop_if_asked:  # half a start would leave a process that nobody ends
+                with deferred_signals() as stop_if_asked:  # half a start would leave a process that nobody ends
                     answer, process = _start(variants[number], unfinished, force)
                     running[answer] = number, process
                     stop_if_asked()
@@ -107,7 +107,7 @@ def _finish(variant: Variant, answer: Connection, process: SpawnProcess, unfinis
     if outcome is None:
         outcome = Outcome(f"{variant.job.file}: its process ended without a mesh (exit code {process.exitcode})", {})
     if not outcome.problem:
-        with held_back() as stop_if_asked:
+        with deferred_signals() as stop_if_asked:
             move_set(unfinished / variant.name, folder / variant.name)
             stop_if_asked()
     shutil.rmtree(unfinished / variant.name, ignore_errors=True)

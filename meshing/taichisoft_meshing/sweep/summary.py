@@ -7,7 +7,7 @@ from pathlib import Path
 from rich.table import Table
 from rich.text import Text
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft_meshing.sweep.plan import Variant
 from taichisoft_meshing.sweep.process import Outcome
@@ -38,7 +38,7 @@ def write_summary(rows: Sequence[Mapping[str, str]], folder: Path) -> Path:
         MeshError: it cannot be written.
     """
     path = folder / SUMMARY
-    with whole_file(path, MeshError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+    with atomic_file(path, MeshError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)

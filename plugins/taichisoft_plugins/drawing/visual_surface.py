@@ -6,7 +6,7 @@ import numpy as np
 
 from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.surfaces import soft_surface
-from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft_plugins.drawing.style import StyleError
 from taichisoft_plugins.recording.bodies import RecordedSoftBody, RecordedSurface

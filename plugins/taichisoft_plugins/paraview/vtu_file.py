@@ -12,7 +12,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 
 VERTEX, TRIANGLE, TETRAHEDRON = 1, 5, 10
 """VTK's numbers of the types of cells."""
@@ -67,7 +67,7 @@ def write_vtu(path: Path, grid: Grid) -> None:
         "</UnstructuredGrid>",
         '<AppendedData encoding="raw">',
     ]
-    with whole_file(path) as partial:
+    with atomic_file(path) as partial:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial.write_bytes(
             "\n".join(lines).encode() + b"\n_" + appended.content() + b"\n</AppendedData>\n</VTKFile>\n"
@@ -86,7 +86,7 @@ def write_pvd(path: Path, files: Sequence[tuple[float, Path]]) -> None:
         name = quoteattr(file.relative_to(path.parent).as_posix())
         lines.append(f'<DataSet timestep="{time:.12g}" part="0" file={name}/>')
     lines += ["</Collection>", "</VTKFile>", ""]
-    with whole_file(path) as partial:
+    with atomic_file(path) as partial:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial.write_text("\n".join(lines), encoding="utf-8")
 

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft_plugins.plots.panels import PANELS
 from taichisoft_plugins.plots.plots import FORMATS, PlotError, draw_plots
 from taichisoft_plugins.recording.reader import read_recording
@@ -30,7 +30,7 @@ def plot(
     for name in plots.left_out:
         typer.echo(f"no plot of {name}: nothing of the kind in this run")
     path = (output or run.parent) / f"plots.{format}"
-    with whole_file(path, PlotError) as partial:
+    with atomic_file(path, PlotError) as partial:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial.write_bytes(plots.picture)
     typer.echo(path)

@@ -12,7 +12,7 @@ import numpy as np
 
 import taichisoft
 from taichisoft.bodies.surfaces import BodySurface, Plane, Surface, soft_surface
-from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft_plugins.recording.layout import LAYOUT

@@ -4,6 +4,7 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from taichisoft.session.output import Output
 from taichisoft_plugins.recording.bodies import write_constants
 from taichisoft_plugins.recording.file import RecordingFile
 from taichisoft_plugins.recording.layout import FILE_NAME, RecordingError
@@ -20,7 +21,7 @@ LONGEST_BUFFERED = 2.0
 """Time [s] after which frames are written in any case, so that a slow run loses less and can be watched."""
 
 
-class RecordingOutput:
+class RecordingOutput(Output):
     """Writes `recording.h5` into the folder of a run."""
 
     def __init__(self, folder: Path, every: int = 1, compress: bool = False):

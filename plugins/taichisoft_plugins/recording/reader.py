@@ -10,7 +10,7 @@ import numpy as np
 
 from taichisoft.bodies.surfaces import BodySurface
 from taichisoft.control.observation import Pair
-from taichisoft.meshes.mapped_surface import MappedSurface
+from taichisoft.meshes.surface import MappedSurface
 from taichisoft.scenes.file import scene_from_toml
 from taichisoft.scenes.scene import Scene
 from taichisoft.state import State

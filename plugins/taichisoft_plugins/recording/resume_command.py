@@ -5,11 +5,9 @@ from typing import Annotated
 
 import typer
 
-from taichisoft.plugin_system.run_options import requested, takes_run_options
+from taichisoft.plugin_system.run_options import OutputsOption, SpeedOption, requested, takes_run_options
 from taichisoft_plugins.recording.layout import FILE_NAME, RecordingError
 from taichisoft_plugins.recording.reader import Recording, read_recording
-
-EXIT_INTERRUPTED = 130
 
 
 @takes_run_options
@@ -29,21 +27,18 @@ def resume(
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="Override a value of the recorded scene (repeatable).")
     ] = None,
-    outputs: Annotated[str, typer.Option(help="Outputs by name, separated by commas.")] = "recording,metrics",
-    speed: Annotated[
-        float | None,
-        typer.Option(help="Simulated seconds in a second, 1 is real time; as fast as it goes unless a person steers."),
-    ] = None,
+    outputs: OutputsOption = "recording,metrics",
+    speed: SpeedOption = None,
 ) -> None:
     """Go on from a frame of a recording, into a new folder.
 
     The run continues to the bit, as long as its controller depends on what it observes alone. One that remembers what
     it did (scripts of steps, closed loops) begins anew.
     """
-    from taichisoft.running.command import run_simulation  # starts Taichi, which --help need not wait for
+    from taichisoft.running.command import RunRequest, run_simulation  # starts Taichi, which --help need not wait for
     from taichisoft_plugins.recording.resume import base_has_moved, recorded_scene, remaining_time, resumed_simulation
 
-    asked = requested(context.meta, [name.strip() for name in outputs.split(",") if name.strip()])
+    asked = requested(context, outputs)
     with read_recording(run) as recording:
         frame = recording.frame_count - 1 if at is None else recording.frame_at(at)
         scene = recorded_scene(recording, set_ or [], controller or asked.controller)
@@ -54,18 +49,13 @@ def resume(
             typer.echo("the goal of the scene is not judged: the base had moved before")
             scene = scene.model_copy(update={"goal": None})
         typer.echo(f"going on from {recording.row('time', frame):g} s")
-        interrupted = run_simulation(
+        run_simulation(
             str(run),
             scene,
             lambda: resumed_simulation(recording, frame, scene),
-            folder,
-            duration,
-            asked.outputs,
-            speed,
+            RunRequest(folder, asked.outputs, duration, speed),
             usual_duration=lambda: remaining_time(recording, frame, scene),
         )
-    if interrupted:
-        raise typer.Exit(EXIT_INTERRUPTED)
 
 
 def _new_folder(recording: Recording, frame: int) -> Path:

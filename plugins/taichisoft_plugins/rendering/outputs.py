@@ -1,9 +1,10 @@
 """The outputs "pictures" and "video": the key moments and the whole of a run, drawn from its recording at the end."""
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichisoft.session.output import Output
 from taichisoft_plugins.drawing.style import Style, parse_size
 from taichisoft_plugins.recording.needed import NeededRecording
 from taichisoft_plugins.recording.reader import read_recording
@@ -17,7 +18,7 @@ if TYPE_CHECKING:
     from taichisoft.step.report import StepReport
 
 
-class DrawnAtEnd(ABC):
+class DrawnAtEnd(Output):
     """An output that does nothing while the simulation runs, and cannot harm what was computed.
 
     Attributes:

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.atomic_file import named_os_errors, whole_file
+from taichisoft.atomic_file import atomic_file, named_os_errors
 from taichisoft.errors import TaichisoftError
-from taichisoft.running.interruption import held_back
+from taichisoft.running.interruption import deferred_signals
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.frame_process import FrameProcess
@@ -58,7 +58,7 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
 
     with named_os_errors(folder, RenderError):
         folder.mkdir(parents=True, exist_ok=True)
-    with held_back() as stop_if_asked:
+    with deferred_signals() as stop_if_asked:
         draw_frames(recording, style, frames, write, stop_if_asked)
     return [folder / f"{name}.png" for name in times]
 
@@ -132,5 +132,5 @@ def write_png(image: np.ndarray, path: Path) -> None:
     """
     from PIL import Image
 
-    with whole_file(path, RenderError) as partial:
+    with atomic_file(path, RenderError) as partial:
         Image.fromarray(image).save(partial, format="PNG")

@@ -9,7 +9,7 @@ import numpy as np
 import rich
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from taichisoft.running.interruption import held_back
+from taichisoft.running.interruption import deferred_signals
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.render import RenderError, draw_frames
@@ -63,7 +63,7 @@ def render_video(
         if on_frame is not None:
             on_frame(written, len(shown))
 
-    with held_back() as stop_if_asked, open_video(file, style.size, fps) as add_frame:
+    with deferred_signals() as stop_if_asked, open_video(file, style.size, fps) as add_frame:
         draw_frames(recording, style, drawn.tolist(), write, stop_if_asked)
         stop_if_asked()
     return written

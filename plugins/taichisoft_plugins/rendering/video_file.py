@@ -12,7 +12,7 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from taichisoft.atomic_file import named_os_errors, whole_file
+from taichisoft.atomic_file import atomic_file, named_os_errors
 from taichisoft.child_process import last_line
 from taichisoft_plugins.rendering.render import RenderError, write_png
 
@@ -73,7 +73,7 @@ def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[AddFra
         with _frame_folder(path) as add_frame:
             yield add_frame
     else:
-        with whole_file(path, RenderError) as partial, _encoder(partial, path, size, fps) as add_frame:
+        with atomic_file(path, RenderError) as partial, _encoder(partial, path, size, fps) as add_frame:
             yield add_frame
 
 

@@ -4,8 +4,9 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from taichisoft.atomic_file import whole_file
+from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import TaichisoftError
+from taichisoft.session.output import Output
 from taichisoft_plugins.recording.needed import NeededRecording
 from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.report.contents import collect
@@ -23,7 +24,7 @@ class ReportError(TaichisoftError):
     """A report cannot be written."""
 
 
-class ReportOutput:
+class ReportOutput(Output):
     """Puts together what the outputs before it have left in the run's folder."""
 
     def __init__(self, folder: Path):
@@ -74,6 +75,6 @@ def write_report(recording: Path, path: Path | None = None, began: float | None 
             page = report_page(contents, path.parent)
         except OSError as error:
             raise ReportError(f"{path}: not written: {error}") from error
-    with whole_file(path, ReportError) as partial:
+    with atomic_file(path, ReportError) as partial:
         partial.write_text(page, encoding="utf-8")
     return path

@@ -6,8 +6,8 @@ import time
 from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
+from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
-from taichisoft.control.slider import Slider
 from taichisoft_plugins.web.messages import PageSetup, Snapshot, SpeedWanted
 from taichisoft_plugins.web.page import SPEEDS, clamped
 

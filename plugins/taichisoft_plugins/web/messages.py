@@ -8,7 +8,7 @@ from typing import IO, Any
 import numpy as np
 
 from taichisoft.bodies.surfaces import BodySurface
-from taichisoft.control.slider import Slider
+from taichisoft.control.controller import Slider
 from taichisoft_plugins.web.frame import PageScene
 
 

@@ -4,21 +4,22 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichisoft.session.output import Output
 from taichisoft_plugins.web.address import find_address, require_viser
 
 if TYPE_CHECKING:
-    from taichisoft.model import Model
     from taichisoft.session.session import Session
     from taichisoft.state import State
     from taichisoft.step.report import StepReport
     from taichisoft_plugins.web.page_link import PageLink
 
 
-class WebOutput:
+class WebOutput(Output):
     """Serves a page as long as the run lasts, from a process of its own: viewers can neither slow nor change the run.
 
+    What viewers do becomes keys of the run.
+
     Attributes:
-        gives_keys: What viewers do becomes keys of the run.
         url: Address of the page, once it is served.
     """
 
@@ -38,9 +39,6 @@ class WebOutput:
         self._address = find_address(address)
         self._link: PageLink | None = None
         self.url = ""
-
-    def begin(self, model: "Model", state: "State") -> None:
-        """The page needs the whole session: see `follow`."""
 
     def follow(self, session: "Session") -> None:
         """Serve the page, and print where.

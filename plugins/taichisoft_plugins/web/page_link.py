@@ -14,8 +14,8 @@ import numpy as np
 
 from taichisoft.bodies.surfaces import body_surfaces, planes_of
 from taichisoft.child_process import how_it_ended
+from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
-from taichisoft.control.slider import Slider
 from taichisoft.session.session import BINDINGS
 from taichisoft_plugins.web.address import Address, WebError
 from taichisoft_plugins.web.curves import plotted_row
@@ -155,8 +155,8 @@ def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSet
         surfaces=surfaces,
         first=first,
         run_bindings=BINDINGS,
-        controller_bindings={} if session.replaying else getattr(controller, "bindings", {}),
-        sliders_move=hasattr(controller, "sliders") and not session.replaying,
+        controller_bindings={} if session.replaying else dict(controller.bindings),
+        sliders_move=bool(controller.sliders) and not session.replaying,
     )
 
 
@@ -177,13 +177,13 @@ def snapshot(session: "Session", state: "State", report: "StepReport | None") ->
         paused=session.paused,
         speed=session.pace.speed,
         real_time_factor=session.pace.real_time_factor,
-        status=str(getattr(session.controller, "status", "")),
+        status=session.controller.status,
     )
 
 
 def _sliders(session: "Session", pressures: Mapping[str, float]) -> dict[str, Slider]:
     """The sliders of the controller; where it has none, sliders that show the pressures."""
-    if hasattr(session.controller, "sliders"):
+    if session.controller.sliders:
         return dict(session.controller.sliders)
     limits = session.simulation.model.scene.limits
     lowest = 0.0 if limits.lowest_pressure is None else limits.lowest_pressure

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.building.body_meshes import load_mesh
+from taichisoft.building.simulation import load_mesh
 from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.scene import BodyMesh

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.meshes.mesh_content import MeshContent
+from taichisoft.meshes.volume_mesh import MeshContent
 
 CORNERS = {"triangle": 3, "tetra": 4}
 DIMENSIONS = {"triangle": 2, "tetra": 3}

@@ -1,0 +1,248 @@
+"""Writes docs/reference: public names of Python, hooks, keys of scenes, each from its docstrings; a test compares.
+
+python docs/write_reference.py
+"""
+
+import ast
+import dataclasses
+import inspect
+import re
+import sys
+from pathlib import Path
+from types import FunctionType
+from typing import Any, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+import taichisoft
+from taichisoft.plugin_system import hookspecs
+from taichisoft.plugin_system.registry import hook_names
+from taichisoft.scenes import scene
+
+FOLDER = Path(__file__).parent / "reference"
+NOTE = "<!-- Written by `python docs/write_reference.py` from docstrings; a test compares. -->"
+
+PYTHON = f"""# Python
+
+{NOTE}
+
+Everything that a program or a plug-in may use: `import taichisoft` has these names. Units are millimetre, kilogram and
+second: forces are in mN, pressures and moduli in kPa. Arrays are numpy's. What to do with the names is shown in the
+[README](../../README.md) and, for plug-ins, in [plugins.md](../plugins.md).
+"""
+SECTIONS = {
+    "Simulating": [
+        *("load_scene", "scene_from_dict", "Scene", "make_model", "Model", "Simulation"),
+        *("Control", "Observation", "StepReport", "State"),
+    ],
+    "Running": ["run", "make_controller", "make_output", "Controller", "KeyEvent", "Slider", "Output", "Session"],
+    "Meshes": ["VolumeMesh", "read_volume_mesh", "write_volume_mesh", "Geometry"],
+    "Plug-ins": ["hookimpl", "RunOption", "load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"],
+}
+
+HOOKS = f"""# Hooks
+
+{NOTE}
+
+All that a plug-in may implement, marked with `taichisoft.hookimpl`; [plugins.md](../plugins.md) shows how. An
+implementation may leave out arguments that it does not need.
+"""
+
+SCENES = f"""# Scenes
+
+{NOTE}
+
+A scene is a TOML file. Units are millimetre, kilogram and second: forces in mN, pressures and moduli in kPa.
+Files are looked for beside the scene, in the current folder, and among what ships. A soft body may say
+`like = "other"` to take over everything that it does not set itself from a soft body above it. `taichisoft run`
+writes the resolved scene, with every default filled in, to `scene.toml` in its output folder.
+"""
+TABLES: dict[str, type[BaseModel]] = {
+    "(top level)": scene.Scene,
+    "[time]": scene.Time,
+    "[contact]": scene.Contact,
+    "[[contact.pairs]]": scene.PairFriction,
+    "[controller]": scene.Controller,
+    "[limits]": scene.Limits,
+    "[[pushes]]": scene.Push,
+    "[goal]": scene.Goal,
+    "[soft_bodies.NAME]": scene.SoftBody,
+    "[soft_bodies.NAME.mesh]": scene.BodyMesh,
+    "[[soft_bodies.NAME.regions]]": scene.Region,
+    "[[soft_bodies.NAME.anchors]]": scene.Anchor,
+    "[soft_bodies.NAME.cavities.NAME]": scene.Cavity,
+    "[rigid_bodies.NAME]": scene.RigidBody,
+    "[obstacles.NAME]": scene.Obstacle,
+    "plane = { ... } of an obstacle": scene.Plane,
+}
+
+
+def pages() -> dict[str, str]:
+    """Content of each page by the name of its file.
+
+    Raises:
+        ValueError: an argument or an attribute is not in its docstring, or something else is.
+    """
+    return {"python.md": _python_page(), "hooks.md": _hooks_page(), "scenes.md": _scenes_page()}
+
+
+def _python_page() -> str:
+    parts = [PYTHON]
+    for title, names in SECTIONS.items():
+        parts += [f"## {title}", *map(_public_name, names)]
+    found = [thing for thing in vars(taichisoft.errors).values() if inspect.isclass(thing)]
+    parts += ["## Errors", "All are in `taichisoft.errors`."]
+    return _joined([*parts, *(_class(error) for error in found if issubclass(error, Exception))])
+
+
+def _public_name(name: str) -> str:
+    thing = getattr(taichisoft, name)
+    if inspect.isclass(thing):
+        return _class(thing)
+    return _function(thing, "###") if inspect.isfunction(thing) else f"### {name}\n\n{_comment_below(name)}"
+
+
+def _hooks_page() -> str:
+    return _joined([HOOKS, *(_function(getattr(hookspecs, name), "##") for name in hook_names())])
+
+
+def _joined(parts: list[str]) -> str:
+    return re.sub(r"\n{3,}", "\n\n", "\n\n".join(parts)).rstrip() + "\n"
+
+
+def _function(function: Any, heading: str, name: str = "") -> str:
+    """Heading with the signature, what the docstring says, and lists of arguments and errors."""
+    signature = inspect.signature(function)
+    arguments = [argument for argument in signature.parameters.values() if argument.name not in ("self", "cls")]
+    text, sections = _parse(inspect.getdoc(function) or "")
+    entries = sections.get("Args", {})
+    if entries or (arguments and heading != "####"):  # a method's first line may say it all
+        _compare(function.__qualname__, [argument.name for argument in arguments], entries)
+    answer = "" if name or signature.return_annotation is None else f" -> {_type(signature.return_annotation)}"
+    lines = [f"{heading} `{name or function.__name__}({', '.join(map(_argument, arguments))}){answer}`\n", text, ""]
+    lines += [f"- `{argument}`: {meaning}" for argument, meaning in entries.items()]
+    lines += [f"- returns: {meaning}" for meaning in sections.get("Returns", {}).values()]
+    lines += [f"- raises `{error}`: {meaning}" for error, meaning in sections.get("Raises", {}).items()]
+    return "\n".join(lines) + "\n"
+
+
+def _argument(argument: inspect.Parameter) -> str:
+    stars = {inspect.Parameter.VAR_POSITIONAL: "*", inspect.Parameter.VAR_KEYWORD: "**"}.get(argument.kind, "")
+    default = "" if argument.default is argument.empty else f" = {argument.default!r}"
+    return f"{stars}{argument.name}: {_type(argument.annotation)}{default}"
+
+
+def _class(made: type) -> str:
+    """Heading, what the docstring says, how it is made, its attributes and methods, also those that it inherits."""
+    own = [base for base in made.__mro__ if base.__module__.startswith("taichisoft.") and base is not scene.Table]
+    text = _parse(inspect.getdoc(made) or "")[0]
+    entries: dict[str, str] = {}
+    types: dict[str, str] = {}
+    members: dict[str, Any] = {}
+    for base in reversed(own):
+        entries |= _parse(inspect.cleandoc(base.__doc__ or ""))[1].get("Attributes", {})
+        types |= {name: _type(annotation) for name, annotation in inspect.get_annotations(base).items()}
+        members |= {name: member for name, member in vars(base).items() if not name.startswith("_")}
+    if dataclasses.is_dataclass(made):
+        _compare(made.__name__, [field.name for field in dataclasses.fields(made)], entries)
+    for name, member in members.items():
+        if isinstance(member, property):
+            entries[name] = " ".join(inspect.cleandoc(member.__doc__ or "").split())
+            types[name] = _type(inspect.signature(member.fget or made).return_annotation)
+    if made is scene.Scene:
+        text += "\n\nThe keys of [scenes.md](scenes.md) are attributes, too."
+    lines = [f"### {made.__name__}\n", text, ""]
+    makes = vars(made).get("__init__")
+    if makes is not None and makes.__doc__ and made is not taichisoft.Session:  # which hooks are given, nobody makes
+        lines.append(_function(makes, "####", made.__name__))
+    typed = all(name in types for name in entries)
+    if entries:
+        lines.append("| attribute | type | |\n|---|---|---|" if typed else "| attribute | |\n|---|---|")
+    for name, meaning in entries.items():
+        cells = [f"`{name}`", *([f"`{types[name]}`"] if typed else []), meaning]
+        lines.append(f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |")
+    methods = [name for name, member in members.items() if isinstance(member, FunctionType | classmethod)]
+    return "\n".join([*lines, "", *(_function(getattr(made, name), "####") for name in methods)])
+
+
+def _comment_below(name: str) -> str:
+    """The string below an assignment at the top level of the module of hooks."""
+    body = ast.parse(inspect.getsource(hookspecs)).body
+    names = [ast.unparse(node.targets[0]) if isinstance(node, ast.Assign) else "" for node in body]
+    below = body[names.index(name) + 1]
+    assert isinstance(below, ast.Expr)
+    return inspect.cleandoc(str(ast.literal_eval(below.value)))
+
+
+def _parse(docstring: str) -> tuple[str, dict[str, dict[str, str]]]:
+    """The text of a docstring without its sections, and the entries of each section by name; Returns has one."""
+    text, *blocks = re.split(r"^(Args|Attributes|Returns|Raises):\n", docstring, flags=re.MULTILINE)
+    sections: dict[str, dict[str, str]] = {}
+    for title, block in zip(blocks[::2], blocks[1::2], strict=True):
+        _, *found = (
+            ["", "", block] if title == "Returns" else re.split(r"^    (\w[\w, ]*): ", block, flags=re.MULTILINE)
+        )
+        sections[title] = {}
+        for names, meaning in zip(found[::2], found[1::2], strict=True):
+            sections[title] |= dict.fromkeys(names.split(", "), " ".join(meaning.split()))
+    return text.strip(), sections
+
+
+def _compare(where: str, names: list[str], entries: dict[str, str]) -> None:
+    if names != list(entries):
+        raise ValueError(f"{where} has {', '.join(names)}; its docstring has {', '.join(entries) or 'none'}")
+
+
+def _type(annotation: Any) -> str:
+    """A type without the modules."""
+    shown = annotation if isinstance(annotation, str) else inspect.formatannotation(annotation)
+    return re.sub(r"\b(?:[a-z_]+\.)+(?=\w)", "", shown)
+
+
+def _scenes_page() -> str:
+    parts = [SCENES]
+    for title, table in TABLES.items():
+        rows = [_row(key, field) for key, field in table.model_fields.items() if _has_row(field)]
+        text = (table.__doc__ or "").strip()
+        parts.append("\n".join([f"## {title}\n\n{text}\n\n| key | value | default | |\n|---|---|---|---|", *rows]))
+    return _joined(parts)
+
+
+def _row(key: str, field: FieldInfo) -> str:
+    if field.is_required():
+        default = "required"
+    elif field.default in (None, ""):
+        default = "" if field.default is None else "empty"
+    else:
+        default = f"`{list(field.default) if isinstance(field.default, tuple) else field.default}`"
+    meaning = (field.description or "").replace("|", chr(92) + "|")
+    return f"| `{key}` | {_kind(field.annotation)} | {default} | {meaning} |"
+
+
+def _kind(annotation: Any) -> str:
+    """A type in a reader's words."""
+    if annotation in (float, int, str):
+        return {float: "number", int: "whole number", str: "text"}[annotation]
+    arguments = [argument for argument in get_args(annotation) if argument is not type(None)]
+    origin = get_origin(annotation)
+    if origin is tuple:
+        return f"[{', '.join(_kind(argument) for argument in arguments)}]"
+    if origin is dict:
+        return "table"
+    if arguments and all(isinstance(argument, str) for argument in arguments):
+        return " or ".join(f'"{argument}"' for argument in arguments)
+    return _kind(arguments[0]) if arguments else "table"
+
+
+def _has_row(field: FieldInfo) -> bool:
+    """Whether a key must be there, or the reference has no heading of its own for what it holds."""
+    inner = [field.annotation, *get_args(field.annotation)]
+    listed = any(argument in TABLES.values() for argument in inner if isinstance(argument, type))
+    return field.is_required() or not listed
+
+
+if __name__ == "__main__":
+    for name, text in pages().items():
+        (FOLDER / name).write_text(text, encoding="utf-8")
+        print(FOLDER / name, file=sys.stderr)

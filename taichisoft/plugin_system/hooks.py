@@ -1,0 +1,134 @@
+"""Calling the hooks of plug-ins, and finding what plug-ins provide by name."""
+
+import reprlib
+import sys
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+from pluggy import HookImpl
+
+from taichisoft.errors import GoalMissed, PluginError
+from taichisoft.plugin_system.failure import plugin_failure
+from taichisoft.plugin_system.hookspecs import RunOption
+from taichisoft.plugin_system.plugins import plugin_registry
+
+SHORT = reprlib.Repr()  # of arguments and answers in a trace
+SHORT.maxother = SHORT.maxstring = 80
+
+KINDS = {
+    "controller": "taichisoft_controllers",
+    "output": "taichisoft_outputs",
+    "geometry kind": "taichisoft_geometry_kinds",
+    "mesh maker": "taichisoft_mesh_makers",
+    "scene reader": "taichisoft_scene_readers",
+    "run option": "taichisoft_run_options",
+}
+"""The kinds of things that a plug-in can provide by name, and the hook that provides each."""
+
+
+def find(kind: str, name: str) -> Callable[..., Any]:
+    """Find what a plug-in provides under `name`; `kind` is one of `KINDS`.
+
+    Raises:
+        PluginError: nothing or more than one thing has that name.
+    """
+    found = provided(kind)
+    for line in plugin_registry().unknown_blocked():
+        warnings.warn(line, stacklevel=2)
+    if name not in found:
+        raise PluginError(f"no {kind} is called '{name}'; there are: {', '.join(sorted(found)) or 'none'}")
+    made: Callable[..., Any] = found[name]
+    return made
+
+
+def provided(kind: str) -> dict[str, Any]:
+    """All that plug-ins provide of a kind, by name: options as `RunOption`, else what makes the thing.
+
+    Raises:
+        PluginError: two plug-ins claim one name, or one gave something that is not valid.
+    """
+    registry = plugin_registry()
+    found: dict[str, tuple[str, Any]] = {}
+    for plugin, by_name in provided_by_plugin(kind):
+        for name, thing in by_name.items():
+            if name in found:
+                both = f"{registry.described(found[name][0])} and {registry.described(plugin)}"
+                raise PluginError(f"two plug-ins, {both}, both provide the {kind} '{name}'")
+            found[name] = (plugin, thing)
+    return {name: thing for name, (_, thing) in found.items()}
+
+
+def provided_by_plugin(kind: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
+    """Name of each plug-in that provides something of a kind, and what it provides by name.
+
+    Raises:
+        PluginError: one gave something that is not valid.
+    """
+    hook = KINDS[kind]
+    for plugin, by_name in answers(hook):
+        gave = f"plug-in {plugin_registry().described(plugin)}: {hook}() gave"
+        if not isinstance(by_name, Mapping):
+            raise PluginError(f"{gave} {by_name!r}; must be a mapping by name")
+        for name, thing in by_name.items():
+            if not isinstance(name, str) or not name.strip():
+                raise PluginError(f"{gave} the name {name!r}; must be text")
+            if kind == "run option" and not (name.startswith("--") and len(name) > 2):
+                raise PluginError(f"{gave} the name {name!r}; must begin with --")
+            if kind == "run option" and not isinstance(thing, RunOption):
+                raise PluginError(f"{gave} {thing!r} as '{name}'; must be a RunOption")
+            if kind != "run option" and not callable(thing):
+                raise PluginError(f"{gave} {thing!r} as '{name}'; must be a class or a function")
+        yield plugin, by_name
+
+
+def notify(hook: str, **arguments: Any) -> None:
+    """Call a life-cycle hook of every plug-in that implements it; costs next to nothing when none does.
+
+    Raises:
+        PluginError: an implementation failed; those after it are not called.
+        GoalMissed: an implementation says that the run has missed its goal.
+    """
+    if getattr(plugin_registry().hook, hook).get_hookimpls():
+        for _ in answers(hook, **arguments):
+            pass
+
+
+def answers(hook: str, **arguments: Any) -> Iterator[tuple[str, Any]]:
+    """Name and answer of each plug-in that implements a hook: called one by one, so that an error has a name.
+
+    Raises:
+        PluginError: an implementation failed; those after it are not called.
+        GoalMissed: an implementation says that the run has missed its goal.
+    """
+    for implementation in implementations(hook):
+        yield implementation.plugin_name, ask(hook, implementation, **arguments)
+
+
+def implementations(hook: str) -> list[HookImpl]:
+    """The implementations of a hook in the order of loading, but for those marked with tryfirst or trylast."""
+    found = getattr(plugin_registry().hook, hook).get_hookimpls()
+    return sorted(found, key=lambda one: (not one.tryfirst, one.trylast))
+
+
+def ask(hook: str, implementation: HookImpl, **arguments: Any) -> Any:
+    """The answer of one plug-in.
+
+    Raises:
+        PluginError: it failed.
+        GoalMissed: it says that the run has missed its goal.
+    """
+    registry, name = plugin_registry(), implementation.plugin_name
+    outcome = "failed"
+    try:
+        answer = implementation.function(*(arguments[argument] for argument in implementation.argnames))
+        outcome = f"gave {SHORT.repr(answer)}" if registry.traced else ""
+    except GoalMissed:
+        raise
+    except Exception as error:
+        raise plugin_failure(f"plug-in {registry.described(name)} failed in {hook}()", error) from error
+    finally:
+        if registry.traced:
+            shown = ", ".join(f"{argument}={SHORT.repr(value)}" for argument, value in arguments.items())
+            print(f"taichisoft: {hook}({shown}) of plug-in '{name}' {outcome}", file=sys.stderr)
+    return answer
