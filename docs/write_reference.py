@@ -65,7 +65,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[contact.pairs]]": scene.PairFriction,
     "[controller]": scene.Controller,
     "[limits]": scene.Limits,
-    "[[pushes]]": scene.Push,
+    "[[external_forces]]": scene.ExternalForce,
     "[goal]": scene.Goal,
     "[soft_bodies.NAME]": scene.SoftBody,
     "[soft_bodies.NAME.mesh]": scene.BodyMesh,

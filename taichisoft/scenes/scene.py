@@ -328,7 +328,7 @@ class Limits(Table):
         return self
 
 
-class Push(Table):
+class ExternalForce(Table):
     """A force from outside on the centre of mass of a rigid body."""
 
     body: str
@@ -367,7 +367,7 @@ class Scene(Table):
     """The point about which the base turns [mm]; the mean of the anchored nodes when it is not given."""
     controller: Controller | None = None
     limits: Limits = Limits()
-    pushes: list[Push] = []
+    external_forces: list[ExternalForce] = []
     goal: Goal | None = None
     soft_bodies: dict[Name, SoftBody] = {}
     rigid_bodies: dict[Name, RigidBody] = {}
@@ -414,7 +414,7 @@ class Scene(Table):
         for name, key in mentioned.items():
             if name not in names:
                 raise ValueError(f"{key} names '{name}', which is no body; there are: {', '.join(names)}")
-        rigid = {f"pushes.{index}.body": push.body for index, push in enumerate(self.pushes)}
+        rigid = {f"external_forces.{index}.body": push.body for index, push in enumerate(self.external_forces)}
         if self.goal is not None:
             rigid["goal.object"] = self.goal.object
         for key, name in rigid.items():

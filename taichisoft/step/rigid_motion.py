@@ -65,7 +65,7 @@ def _external_forces(model: Model) -> list[tuple[int, int, int, np.ndarray]]:
     time_step = model.scene.time.step
     names = [body.name for body in model.rigid_bodies]
     found = []
-    for one in model.scene.pushes:
+    for one in model.scene.external_forces:
         body = names.index(one.body)
         step_count = max(1, round(one.duration / time_step))
         found.append((round(one.start / time_step), step_count, body, np.array(one.force) / model.rigid_mass[body]))

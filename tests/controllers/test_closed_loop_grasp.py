@@ -11,7 +11,7 @@ from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running.loop import run
-from taichisoft.scenes.scene import Push
+from taichisoft.scenes.scene import ExternalForce
 from taichisoft.state import State
 from taichisoft_controllers.closed_loop.controller import ClosedLoopController
 from taichisoft_controllers.closed_loop.grasp_sequence import Phase
@@ -38,10 +38,16 @@ class Watched(ClosedLoopController):
         return np.array([signals[name] for signals in self.signals])
 
 
-def grasp(scene: Any, duration: float, overrides: tuple[str, ...] = (), pushes: tuple[Push, ...] = (), **settings: Any):
+def grasp(
+    scene: Any,
+    duration: float,
+    overrides: tuple[str, ...] = (),
+    forces: tuple[ExternalForce, ...] = (),
+    **settings: Any,
+):
     """The controller and the last state of a run."""
     controller = Watched(**settings)
-    simulation = Simulation(load_scene(scene, overrides).model_copy(update={"pushes": list(pushes)}))
+    simulation = Simulation(load_scene(scene, overrides).model_copy(update={"external_forces": list(forces)}))
     run(simulation, controller, [], duration)
     return controller, simulation.state
 
@@ -52,7 +58,7 @@ def lift_of_cube(state: State, controller: Watched, axis: int) -> float:
 
 def test_the_gripper_lifts_20_g_and_a_push_of_half_the_weight_does_not_make_it_drop_them() -> None:
     """Downwards for 0.2 s. And Coulomb, from what was observed in the air: the fingers press enough for the weight."""
-    push = Push(body="cube", force=(-0.5 * 0.02 * GRAVITY, 0.0, 0.0), start=3.3, duration=0.2)
+    push = ExternalForce(body="cube", force=(-0.5 * 0.02 * GRAVITY, 0.0, 0.0), start=3.3, duration=0.2)
     overrides = ("rigid_bodies.cube.mass=0.02", "time.step=0.02")
     controller, state = grasp("gripper", 4.0, overrides, (push,), **QUICK)
     assert controller.signals[-1]["phase"] == Phase.HELD

@@ -78,7 +78,7 @@ def test_the_programs_of_the_documents_read_what_a_run_leaves(
     pytest.importorskip("pandas")
     matplotlib = pytest.importorskip("matplotlib")
     monkeypatch.chdir(tmp_path)
-    push = 'pushes=[{body="cube", force=[-1.0, 0.0, 0.0], start=0.01, duration=0.02}]'
+    push = 'external_forces=[{body="cube", force=[-1.0, 0.0, 0.0], start=0.01, duration=0.02}]'
     arguments = ["run", "gripper", "--controller", "closed-loop", "--outputs", "csv", "--duration", "0.05"]
     code, _ = taichisoft(*arguments, "--set", push)
     assert code == 0

@@ -18,7 +18,7 @@ SCENE = {
 def test_a_push_gives_its_impulse_and_no_more():
     """m dv = F t: 0.02 kg and 30 mN for 0.2 s give 300 mm/s; another body, and times outside, are not touched."""
     push = {"body": "cube", "force": [0.0, 0.0, 30.0], "start": 0.1, "duration": 0.2}
-    simulation = Simulation(scene_from_dict({**SCENE, "pushes": [push]}))
+    simulation = Simulation(scene_from_dict({**SCENE, "external_forces": [push]}))
     speeds = []
     for _ in range(50):
         simulation.step()
@@ -30,5 +30,5 @@ def test_a_push_gives_its_impulse_and_no_more():
 
 def test_a_push_on_nothing_is_refused():
     push = {"body": "cub", "force": [0.0, 0.0, 1.0], "start": 0.0, "duration": 1.0}
-    with pytest.raises(SceneError, match=r"pushes\.0\.body is 'cub', which is no rigid body; there are: cube, other"):
-        scene_from_dict({**SCENE, "pushes": [push]})
+    with pytest.raises(SceneError, match=r"external_forces\.0\.body is 'cub', which is no rigid body; there are: cube"):
+        scene_from_dict({**SCENE, "external_forces": [push]})
