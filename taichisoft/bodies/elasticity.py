@@ -134,9 +134,9 @@ def _points_apart(gradient: np.ndarray) -> np.ndarray:
 
 def _block_contributions(elements: np.ndarray, pairs: np.ndarray, node_count: int) -> tuple[np.ndarray, ...]:
     """For each stored block (row node, column node): start in, and lists of, elements and their two corners."""
-    corner_count = elements.shape[1]
-    row = np.repeat(elements, corner_count, axis=1).astype(np.int64)
-    column = np.tile(elements, corner_count)
+    nodes_per_element = elements.shape[1]
+    row = np.repeat(elements, nodes_per_element, axis=1).astype(np.int64)
+    column = np.tile(elements, nodes_per_element)
     key = (row * node_count + column).ravel()
     stored = pairs[:, 0].astype(np.int64) * node_count + pairs[:, 1]
     by_key = np.argsort(stored)
@@ -144,8 +144,8 @@ def _block_contributions(elements: np.ndarray, pairs: np.ndarray, node_count: in
     place = np.minimum(place, len(stored) - 1)
     found = stored[by_key[place]] == key  # the other half is the transpose of a stored block
     block = by_key[place[found]]
-    element, corners = np.divmod(np.flatnonzero(found), corner_count**2)
-    row_corner, column_corner = np.divmod(corners, corner_count)
+    element, corners = np.divmod(np.flatnonzero(found), nodes_per_element**2)
+    row_corner, column_corner = np.divmod(corners, nodes_per_element)
     order = np.argsort(block, kind="stable")
     start = np.searchsorted(block[order], np.arange(len(pairs) + 1))
     return start.astype(np.int32), element[order], row_corner[order], column_corner[order]
