@@ -17,6 +17,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from operator import itemgetter
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -26,6 +27,8 @@ from taichisoft.kernels.runtime import ti
 # Sets of arrays that a kernel remembers, for problems of several sizes and models side by side. A set keeps its arrays
 # alive.
 REMEMBERED = 16
+# Taichi has one program a process, and promises nothing to threads that launch at once.
+LAUNCHING = Lock()
 
 
 def kernel(function: Callable[..., None]) -> "Kernel":
@@ -78,11 +81,12 @@ class Kernel:
         if len(arguments) != len(self._names):
             raise TypeError(f"kernel {self.__name__} takes {len(self._names)} arguments, not {len(arguments)}")
         identity = tuple(map(id, self._pick_held(arguments)))
-        launch = self._remembered.get(identity) or self._prepare(identity, arguments)
         numbers = self._pick_numbers(arguments)
-        if numbers != launch.numbers:
-            self._set_numbers(launch, numbers)
-        self._program.launch_kernel(self._compiled, launch.context)
+        with LAUNCHING:
+            launch = self._remembered.get(identity) or self._prepare(identity, arguments)
+            if numbers != launch.numbers:
+                self._set_numbers(launch, numbers)
+            self._program.launch_kernel(self._compiled, launch.context)
 
     def _set_numbers(self, launch: "_Launch", numbers: tuple[Any, ...]) -> None:
         launch.numbers = numbers

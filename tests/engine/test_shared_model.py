@@ -1,0 +1,79 @@
+"""A model never changes: simulations share it, one after the other and from threads at once."""
+
+from collections.abc import Callable
+from threading import Thread
+
+import numpy as np
+import pytest
+
+from taichisoft import Control, Model, Simulation, State, make_model, scene_from_dict
+
+STEPS = 15
+
+
+@pytest.fixture
+def model(block: Callable[..., str]) -> Model:
+    """A hollow soft block between a floor and a falling box."""
+    body = {"mesh": block((3, 3, 3), (20.0, 20.0, 20.0), hollow=True), "mass": 0.01}
+    silicone = {"young_modulus": 100, "poisson_ratio": 0.3, "cavities": {"air": {"group": "cavity"}}}
+    box = {"box": [10.0, 10.0, 10.0], "mass": 0.01, "position": [3.0, 1.0, 27.0], "velocity": [0.0, 0.0, -100.0]}
+    scene = {
+        "soft_bodies": {"block": {**body, **silicone, "translation": [0.0, 0.0, 11.5]}},
+        "rigid_bodies": {"box": box},
+        "obstacles": {"floor": {"plane": {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}},
+    }
+    return make_model(scene_from_dict({"gravity": [0.0, 0.0, -9810.0], **scene}))
+
+
+def squeeze(pressure: float) -> Control:
+    return Control(pressure={"block.air": pressure})
+
+
+def alone(model: Model, pressure: float) -> State:
+    """The last state of a simulation that has the model for itself."""
+    simulation = Simulation(model)
+    for _ in range(STEPS):
+        simulation.step(squeeze(pressure))
+    assert len(simulation.state.contact_point)
+    return simulation.state
+
+
+def test_two_simulations_that_step_in_turn_give_the_bits_of_two_alone(model: Model) -> None:
+    expected = [alone(model, pressure) for pressure in (1.0, 4.0)]
+    first, second = Simulation(model), Simulation(model)
+    for _ in range(STEPS):
+        first.step(squeeze(1.0))
+        second.step(squeeze(4.0))
+    assert [first.state, second.state] == expected
+
+
+def test_two_simulations_in_two_threads_give_the_bits_of_two_alone(model: Model) -> None:
+    pressures = (1.0, 2.0, 3.0, 4.0)
+    expected = [alone(model, pressure) for pressure in pressures]
+    simulations = [Simulation(model) for _ in pressures]
+    failures: list[BaseException] = []
+
+    def run(simulation: Simulation, pressure: float) -> None:
+        try:
+            for _ in range(STEPS):
+                simulation.step(squeeze(pressure))
+        except BaseException as error:
+            failures.append(error)
+
+    threads = [Thread(target=run, args=pair) for pair in zip(simulations, pressures, strict=True)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert not failures
+    assert [simulation.state for simulation in simulations] == expected
+
+
+def test_a_state_is_read_only(model: Model) -> None:
+    """What was computed from it would no longer be true: its arrays refuse to change, also those of an observation."""
+    simulation = Simulation(model)
+    simulation.step()
+    for array in (*vars(simulation.state).values(), *simulation.observe().object_positions.values()):
+        if isinstance(array, np.ndarray):
+            with pytest.raises(ValueError, match="read-only"):
+                array[...] = 0
