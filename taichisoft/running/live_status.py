@@ -112,10 +112,8 @@ class LiveStatus:
         index = list(self._scene.rigid_bodies).index(self._object or "")
         way = session.simulation.state.rigid_position[index] - session.first_state.rigid_position[index]
         forces = report.observation.normal_forces if report is not None else {}
-        grips = (
-            pair for pair in forces if self._object in pair and not self._scene.soft_bodies.keys().isdisjoint(pair)
-        )
-        force = sum(forces[pair] for pair in grips)
+        soft = self._scene.soft_bodies.keys()
+        force = sum(forces[pair] for pair in forces if self._object in pair and not soft.isdisjoint(pair))
         return f"lifted by {self._scene.up @ way:z.1f} mm, pressed with {force:.0f} mN"
 
     def _help(self) -> RenderableType:
