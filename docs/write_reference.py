@@ -8,6 +8,7 @@ import dataclasses
 import inspect
 import re
 import sys
+from functools import cached_property
 from pathlib import Path
 from types import FunctionType
 from typing import Any, get_args, get_origin
@@ -147,9 +148,10 @@ def _class(made: type) -> str:
     if dataclasses.is_dataclass(made):
         _compare(made.__name__, [field.name for field in dataclasses.fields(made)], entries)
     for name, member in members.items():
-        if isinstance(member, property):
+        if isinstance(member, property | cached_property):
             entries[name] = " ".join(inspect.cleandoc(member.__doc__ or "").split())
-            types[name] = _type(inspect.signature(member.fget or made).return_annotation)
+            made_by = member.func if isinstance(member, cached_property) else member.fget
+            types[name] = _type(inspect.signature(made_by or made).return_annotation)
     if made is scene.Scene:
         text += "\n\nThe keys of [scenes.md](scenes.md) are attributes, too."
     lines = [f"### {made.__name__}\n", text, ""]

@@ -9,7 +9,7 @@ from taichisoft.errors import TaichisoftError
 
 
 @contextmanager
-def named_os_errors(path: Path, error: type[TaichisoftError] = TaichisoftError) -> Iterator[None]:
+def named_os_errors(path: Path | str, error: type[TaichisoftError] = TaichisoftError) -> Iterator[None]:
     """Make an error about writing `path` of what the operating system refuses.
 
     Raises:

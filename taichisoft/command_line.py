@@ -80,14 +80,14 @@ def _options(
 def run_command(
     context: typer.Context,
     scene: Annotated[str, typer.Argument(help="Scene file (TOML), or the name of a shipped one, such as gripper.")],
-    controller: Annotated[str | None, typer.Option(help="Name of a controller; the scene's own otherwise.")] = None,
+    controller: Annotated[str | None, typer.Option(help="Name of a controller  \\[default: the scene's own]")] = None,
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the results; out/SCENE otherwise.")
+        Path | None, typer.Option("--output", "-o", help="Folder for the results  \\[default: out/SCENE]")
     ] = None,
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="Override a value: --set contact.friction=0.3 (repeatable).")
     ] = None,
-    duration: Annotated[float | None, typer.Option(help="Simulated time \\[s]; the scene's otherwise.")] = None,
+    duration: Annotated[float | None, typer.Option(help="Simulated time \\[s]  \\[default: the scene's]")] = None,
     outputs: OutputsOption = "recording,metrics",
     speed: SpeedOption = None,
     keys: Annotated[Path | None, typer.Option(help="Key log (keys.jsonl) of an earlier run, to repeat it.")] = None,

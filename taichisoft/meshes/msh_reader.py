@@ -17,65 +17,44 @@ Entity = tuple[int, int]
 """Dimension and tag of a piece of the geometry."""
 
 
-class TextNumbers:
-    """The numbers of a section in text; each call gives the next ones, ValueError where there are too few."""
+class Numbers:
+    """The numbers of a section in their order, as text or in this machine's bytes; ValueError where there are too few.
 
-    def __init__(self, section: bytes):
-        self._values = np.array(section.split(), dtype=bytes).astype(np.float64)
+    Args:
+        section: content between the two lines of the section.
+        size_bytes: bytes of a `size_t` in a binary file; 0 for text.
+    """
+
+    def __init__(self, section: bytes, size_bytes: int):
+        self._binary, self._size = bool(size_bytes), np.dtype(f"u{size_bytes or 8}")
+        self._content = section if size_bytes else np.array(section.split(), dtype=bytes).astype(np.float64).tobytes()
         self._place = 0
 
     def floats(self, count: int) -> np.ndarray:
-        """Coordinates: gmsh's `double`."""
-        values = self._values[self._place : self._place + count]
-        if count < 0 or len(values) < count:
-            raise ValueError("a section has fewer numbers than it says")
-        self._place += count
-        return values
+        """The next coordinates: gmsh's `double`."""
+        return self._take(count, np.dtype(np.float64))
 
     def integers(self, count: int) -> np.ndarray:
-        """Tags and dimensions: gmsh's `int`."""
-        values = self.floats(count)  # exact: no file has 2^53 of anything
-        whole = np.nan_to_num(values).astype(np.int64)
+        """The next tags and dimensions: gmsh's `int`."""
+        return self._whole(count, np.dtype(np.int32))
+
+    def sizes(self, count: int) -> np.ndarray:
+        """The next counts, or numbers of nodes and cells: gmsh's `size_t`."""
+        return self._whole(count, self._size)
+
+    def _whole(self, count: int, kind: np.dtype) -> np.ndarray:
+        values = self._take(count, kind if self._binary else np.dtype(np.float64))
+        whole = np.nan_to_num(values).astype(np.int64)  # exact, also in text: no file has 2^53 of anything
         if (whole != values).any():
             raise ValueError(f"{values[np.argmax(whole != values)]:g} stands where a whole number is needed")
         return whole
 
-    def sizes(self, count: int) -> np.ndarray:
-        """Counts, and numbers of nodes and cells: gmsh's `size_t`."""
-        return self.integers(count)
-
-
-class BinaryNumbers:
-    """The numbers of a binary section in this machine's byte order; for the rest as `TextNumbers`.
-
-    Args:
-        section: content between the two lines of the section.
-        size_bytes: bytes of a `size_t`, from the head of the file.
-    """
-
-    def __init__(self, section: bytes, size_bytes: int):
-        self._section = section
-        self._size = np.dtype(f"u{size_bytes}")
-        self._place = 0
-
-    def floats(self, count: int) -> np.ndarray:
-        return self._take(count, np.dtype(np.float64))
-
-    def integers(self, count: int) -> np.ndarray:
-        return self._take(count, np.dtype(np.int32)).astype(np.int64)
-
-    def sizes(self, count: int) -> np.ndarray:
-        return self._take(count, self._size).astype(np.int64)
-
     def _take(self, count: int, kind: np.dtype) -> np.ndarray:
-        if count < 0 or self._place + count * kind.itemsize > len(self._section):
+        if count < 0 or self._place + count * kind.itemsize > len(self._content):
             raise ValueError("a section has fewer numbers than it says")
-        values = np.frombuffer(self._section, kind, count, self._place)
+        values = np.frombuffer(self._content, kind, count, self._place)
         self._place += count * kind.itemsize
         return values
-
-
-Numbers = TextNumbers | BinaryNumbers
 
 
 def is_msh41(path: Path) -> bool:
@@ -101,14 +80,10 @@ def read_msh41(path: Path) -> MeshContent:
         if needed not in sections:
             raise ValueError(f"it has no ${needed}")
     size_bytes = _binary_size(sections["MeshFormat"])
-
-    def numbers(name: str) -> Numbers:
-        return BinaryNumbers(sections[name], size_bytes) if size_bytes else TextNumbers(sections[name])
-
     names = _names(sections.get("PhysicalNames", b""))
-    tags = _tags_of_entities(numbers("Entities")) if "Entities" in sections else {}
-    node_numbers, nodes = _nodes(numbers("Nodes"))
-    cells, entities, counts = _cells(numbers("Elements"), node_numbers)
+    tags = _tags_of_entities(Numbers(sections["Entities"], size_bytes)) if "Entities" in sections else {}
+    node_numbers, nodes = _nodes(Numbers(sections["Nodes"], size_bytes))
+    cells, entities, counts = _cells(Numbers(sections["Elements"], size_bytes), node_numbers)
 
     def groups(dimension: int, entity: np.ndarray) -> dict[str, np.ndarray]:
         inside = {

@@ -8,6 +8,7 @@ import sys
 from pathlib import Path
 
 from taichisoft import __version__
+from taichisoft.atomic_file import named_os_errors
 from taichisoft.errors import PluginError
 from taichisoft.plugin_system.hooks import provided
 from taichisoft.plugin_system.plugins import plugin_registry
@@ -44,11 +45,9 @@ def write_project(name: str, folder: Path | None = None) -> Path:
     for template, path in FILES.items():
         text = (TEMPLATES / template).read_text(encoding="utf-8")
         written = folder / string.Template(path).substitute(values)
-        try:
+        with named_os_errors(written, PluginError):
             written.parent.mkdir(parents=True, exist_ok=True)
             written.write_text(string.Template(text).substitute(values), encoding="utf-8")
-        except OSError as error:
-            raise PluginError(f"{written}: cannot be written: {error.strerror or error}") from None
     return folder
 
 

@@ -76,7 +76,7 @@ def new_command(
         str, typer.Argument(help="Name of the plug-in, its distribution and its controller, such as soft-touch.")
     ],
     output: Annotated[
-        Path | None, typer.Option("--output", "-o", help="Folder for the project; NAME in this folder otherwise.")
+        Path | None, typer.Option("--output", "-o", help="Folder for the project  \\[default: NAME in this folder]")
     ] = None,
 ) -> None:
     """Write a project with a controller, a test and all that it takes to publish it."""

@@ -12,6 +12,7 @@ import rich
 import typer
 from rich.console import Console
 
+from taichisoft.atomic_file import named_os_errors
 from taichisoft.building.run_parts import make_controller, make_output
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
@@ -158,8 +159,6 @@ def _errors_in(scene: str) -> Iterator[None]:
 
 
 def _write_scene(scene: Scene, folder: Path) -> None:
-    try:
+    with named_os_errors(f"--output {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "scene.toml").write_text(scene_to_toml(scene), encoding="utf-8")
-    except OSError as error:
-        raise TaichisoftError(f"--output {folder}: cannot be written: {error.strerror or error}") from error

@@ -51,14 +51,8 @@ class LiveStatus:
         self._session = session
         self._last_line = time.monotonic()
         self._help_was_shown = False
-        scene = session.simulation.model.scene
-        gravity = np.array(scene.gravity)
-        strength = np.linalg.norm(gravity)
-        self._up = -gravity / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
-        names = [body.name for body in session.simulation.model.rigid_bodies]
-        self._object = scene.goal.object if scene.goal is not None else names[0] if names else None
-        self._object_index = names.index(self._object) if self._object is not None else 0
-        self._soft_names = set(scene.soft_bodies)
+        self._scene = session.simulation.model.scene
+        self._object = self._scene.main_object
 
     def update(self, report: StepReport) -> None:
         """A step was made: where nothing is redrawn, print a line when the last one is old enough."""
@@ -115,13 +109,12 @@ class LiveStatus:
     def _object_state(self) -> str:
         """Lift against gravity since the first state, and the sum of the normal forces of soft bodies."""
         session, report = self._session, self._session.simulation.report
-        way = session.simulation.state.rigid_position - session.first_state.rigid_position
+        index = list(self._scene.rigid_bodies).index(self._object or "")
+        way = session.simulation.state.rigid_position[index] - session.first_state.rigid_position[index]
         forces = report.observation.normal_forces if report is not None else {}
-        force = sum(value for pair, value in forces.items() if self._is_grip(set(pair)))
-        return f"lifted by {self._up @ way[self._object_index]:z.1f} mm, pressed with {force:.0f} mN"
-
-    def _is_grip(self, pair: set[str | None]) -> bool:
-        return self._object in pair and bool(pair & self._soft_names)
+        soft = self._scene.soft_bodies.keys()
+        force = sum(forces[pair] for pair in forces if self._object in pair and not soft.isdisjoint(pair))
+        return f"lifted by {self._scene.up @ way:z.1f} mm, pressed with {force:.0f} mN"
 
     def _help(self) -> RenderableType:
         table = Table("key", "what it does", title="keys, with Ctrl or without", title_justify="left")

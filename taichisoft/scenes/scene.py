@@ -4,7 +4,8 @@ Units: millimetre, kilogram, second; so forces are in mN and pressures and modul
 """
 
 import math
-from typing import Annotated, Any, Literal
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_serializer, model_validator
@@ -24,21 +25,22 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
-    def require_one_of(self, *keys: str) -> None:
-        """Raise ValueError unless exactly one of `keys` is given."""
-        given = [key for key in keys if getattr(self, key) is not None]
-        if len(given) != 1:
-            raise ValueError(f"exactly one of {', '.join(keys)} is needed; given: {', '.join(given) or 'none'}")
+    alternatives: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    """Sets of keys; exactly one key of each set must be given."""
+    no_effect_beside: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys that another one makes useless; they are no mistake at their defaults: a scene written out has them all."""
 
-    def refuse_beside(self, chosen: str, *keys: str) -> None:
-        """Raise ValueError when any of `keys` stands beside `chosen`, which would ignore it.
-
-        A key at its default is no mistake: a scene written out has them all.
-        """
-        if getattr(self, chosen) is not None:
-            ignored = [key for key in keys if getattr(self, key) != type(self).model_fields[key].default]
-            if ignored:
-                raise ValueError(f"beside {chosen} there is no effect of {', '.join(ignored)}; remove it")
+    @model_validator(mode="after")
+    def _check_keys(self) -> Self:
+        for keys in self.alternatives:
+            given = [key for key in keys if getattr(self, key) is not None]
+            if len(given) != 1:
+                raise ValueError(f"exactly one of {', '.join(keys)} is needed; given: {', '.join(given) or 'none'}")
+        for chosen, keys in self.no_effect_beside.items():
+            useless = [key for key in keys if getattr(self, key) != type(self).model_fields[key].default]
+            if useless and getattr(self, chosen) is not None:
+                raise ValueError(f"beside {chosen} there is no effect of {', '.join(useless)}; remove it")
+        return self
 
 
 class Selection(Table):
@@ -48,10 +50,10 @@ class Selection(Table):
     """Lower and upper corner [mm]; an element belongs when the mean of its nodes lies inside."""
     group: str | None = None
     """Name of an element group or surface group of the mesh."""
+    alternatives = (("box", "group"),)
 
     @model_validator(mode="after")
-    def _check_selection(self) -> "Selection":
-        self.require_one_of("box", "group")
+    def _check_box(self) -> Self:
         if self.box is not None and any(low > high for low, high in zip(*self.box, strict=True)):
             corners = " and ".join(str(list(corner)) for corner in self.box)
             raise ValueError(f"the first corner of a box must be below the second in x, y and z; they are {corners}")
@@ -81,11 +83,7 @@ class Cavity(Table):
     """Name of a closed surface group of the mesh; either this or surface."""
     surface: str | None = None
     """Closed surface file; either this or group."""
-
-    @model_validator(mode="after")
-    def _check_source(self) -> "Cavity":
-        self.require_one_of("group", "surface")
-        return self
+    alternatives = (("group", "surface"),)
 
 
 class BodyMesh(Table):
@@ -110,7 +108,7 @@ class BodyMesh(Table):
         return {"file": value} if isinstance(value, str) else value
 
     @model_validator(mode="after")
-    def _check_one_size(self) -> "BodyMesh":
+    def _check_one_size(self) -> Self:
         sizes = [key for key in ("size", "preset", "nodes") if getattr(self, key) is not None]
         if len(sizes) > 1:
             raise ValueError(f"one of size, preset, nodes can be given; given: {', '.join(sizes)}")
@@ -160,11 +158,7 @@ class SoftBody(Table):
     regions: list[Region] = []
     anchors: list[Anchor] = []
     cavities: dict[Name, Cavity] = {}
-
-    @model_validator(mode="after")
-    def _check_mass(self) -> "SoftBody":
-        self.require_one_of("mass", "density")
-        return self
+    alternatives = (("mass", "density"),)
 
 
 class RigidBody(Table):
@@ -192,13 +186,8 @@ class RigidBody(Table):
     """Velocity of the centre of mass at the start [mm/s]."""
     angular_velocity: Vector = (0.0, 0.0, 0.0)
     """Angular velocity at the start [rad/s]."""
-
-    @model_validator(mode="after")
-    def _check_sources(self) -> "RigidBody":
-        self.require_one_of("surface", "box")
-        self.refuse_beside("box", "scale")
-        self.require_one_of("mass", "density")
-        return self
+    alternatives = (("surface", "box"), ("mass", "density"))
+    no_effect_beside: ClassVar = {"box": ("scale",)}
 
 
 class Plane(Table):
@@ -210,7 +199,7 @@ class Plane(Table):
     """Direction from the solid side to the free one, of any length."""
 
     @model_validator(mode="after")
-    def _check_normal(self) -> "Plane":
+    def _check_normal(self) -> Self:
         if not any(self.normal):
             raise ValueError("the normal of a plane must not be zero")
         return self
@@ -228,12 +217,8 @@ class Obstacle(Table):
     """Turns about the x, y and z axes, in this order [degrees]."""
     translation: Vector = (0.0, 0.0, 0.0)
     """Shift after the rotation [mm]."""
-
-    @model_validator(mode="after")
-    def _check_source(self) -> "Obstacle":
-        self.require_one_of("plane", "surface")
-        self.refuse_beside("plane", "scale", "rotation", "translation")
-        return self
+    alternatives = (("plane", "surface"),)
+    no_effect_beside: ClassVar = {"plane": ("scale", "rotation", "translation")}
 
 
 class PairFriction(Table):
@@ -264,7 +249,7 @@ class Contact(Table):
     """Most sweeps of the Gauss-Seidel in a step; a step that needs more is counted as not converged."""
 
     @model_validator(mode="after")
-    def _check_pairs(self) -> "Contact":
+    def _check_pairs(self) -> Self:
         seen: set[frozenset[str]] = set()
         for pair in self.pairs:
             first, second = pair.bodies
@@ -276,7 +261,7 @@ class Contact(Table):
         return self
 
     @model_validator(mode="after")
-    def _check_distances(self) -> "Contact":
+    def _check_distances(self) -> Self:
         if self.alarm_distance <= self.contact_distance:
             raise ValueError(
                 f"alarm_distance ({self.alarm_distance:g}) must exceed contact_distance ({self.contact_distance:g})"
@@ -321,7 +306,7 @@ class Limits(Table):
     """Fastest turn of the base [degrees/s]."""
 
     @model_validator(mode="after")
-    def _check_pressures(self) -> "Limits":
+    def _check_pressures(self) -> Self:
         low, high = self.lowest_pressure, self.highest_pressure
         if low is not None and high is not None and low > high:
             raise ValueError(f"lowest_pressure ({low:g}) must not exceed highest_pressure ({high:g})")
@@ -391,7 +376,7 @@ class Scene(Table):
         return self.goal.object if self.goal is not None else next(iter(self.rigid_bodies), None)
 
     @model_validator(mode="after")
-    def _check_control_period(self) -> "Scene":
+    def _check_control_period(self) -> Self:
         period, step = self.controller.period if self.controller is not None else None, self.time.step
         if period is not None:
             count = period / step
@@ -405,7 +390,7 @@ class Scene(Table):
         return self
 
     @model_validator(mode="after")
-    def _check_names(self) -> "Scene":
+    def _check_names(self) -> Self:
         names = [*self.soft_bodies, *self.rigid_bodies, *self.obstacles]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:

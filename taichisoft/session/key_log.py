@@ -5,6 +5,7 @@ import math
 from pathlib import Path
 from typing import Any
 
+from taichisoft.atomic_file import named_os_errors
 from taichisoft.control.keys import KeyEvent
 from taichisoft.errors import TaichisoftError
 
@@ -25,11 +26,9 @@ class KeyLog:
             KeyLogError: it cannot be written.
         """
         self._path = path
-        try:
+        with named_os_errors(path, KeyLogError):
             path.parent.mkdir(parents=True, exist_ok=True)
             self._file = path.open("w", encoding="utf-8", buffering=1)
-        except OSError as error:
-            raise self._unwritable(error) from error
 
     def add(self, step: int, event: KeyEvent) -> None:
         """Write a key that was taken when so many steps of the session were made."""
@@ -44,13 +43,8 @@ class KeyLog:
         self._file.close()
 
     def _write(self, line: dict[str, Any]) -> None:
-        try:
+        with named_os_errors(self._path, KeyLogError):
             self._file.write(json.dumps(line) + "\n")
-        except OSError as error:
-            raise self._unwritable(error) from error
-
-    def _unwritable(self, error: OSError) -> KeyLogError:
-        return KeyLogError(f"{self._path}: cannot be written: {error.strerror or error}")
 
 
 class KeyReplay:

@@ -17,9 +17,12 @@ from taichisoft.session.pace import Pace
 
 def session(**changes: Any) -> Any:
     """A run in which a cube was lifted by 3 cm against gravity along -x."""
-    goal = SimpleNamespace(object="cube")
-    scene = SimpleNamespace(gravity=(-9810.0, 0.0, 0.0), goal=goal, soft_bodies={"left": None, "right": None})
-    bodies = [SimpleNamespace(name="ball"), SimpleNamespace(name="cube")]
+    scene = SimpleNamespace(
+        up=np.array([1.0, 0.0, 0.0]),
+        main_object="cube",
+        soft_bodies={"left": None, "right": None},
+        rigid_bodies={"ball": None, "cube": None},
+    )
     observation = SimpleNamespace(
         pressures={"left.air": 50.0, "right.air": 50.04},
         normal_forces={
@@ -35,7 +38,7 @@ def session(**changes: Any) -> Any:
     pace.real_time_factor = 0.99
     parts = {
         "simulation": SimpleNamespace(
-            model=SimpleNamespace(scene=scene, rigid_bodies=bodies),
+            model=SimpleNamespace(scene=scene),
             state=SimpleNamespace(time=2.5, rigid_position=np.array([[0.0, 0.0, 0.0], [-70.0, 71.0, 0.0]])),
             report=report,
         ),
@@ -97,8 +100,7 @@ def test_before_the_first_step_and_without_objects_there_is_less_to_say() -> Non
     run.simulation.report = None
     shown = picture(run)
     assert "pressure  none" in shown and "lifted by 30.0 mm, pressed with 0 mN" in shown and "none yet" in shown
-    run.simulation.model.scene.goal = None
-    run.simulation.model.rigid_bodies = []
+    run.simulation.model.scene.main_object = None
     assert "lifted" not in picture(run)
 
 

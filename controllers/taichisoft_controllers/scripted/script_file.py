@@ -130,11 +130,7 @@ class Script(Table):
     """"smooth" starts and ends at rest between any two keyframes and in any `duration` (3 s^2 - 2 s^3)."""
     keyframes: list[Keyframe] | None = Field(None, min_length=1)
     steps: list[Step] | None = Field(None, min_length=1)
-
-    @model_validator(mode="after")
-    def _check_form(self) -> "Script":
-        self.require_one_of("keyframes", "steps")
-        return self
+    alternatives = (("keyframes", "steps"),)
 
     @model_validator(mode="after")
     def _check_order(self) -> "Script":

@@ -25,10 +25,10 @@ class Base(Table):
     """[-] normal of the plane, of any length."""
     box: tuple[Vector, Vector] | None = None
     """[mm] lower and upper corner; a triangle belongs when its three nodes lie inside."""
+    alternatives = (("point", "box"),)
 
     @model_validator(mode="after")
     def _check_selection(self) -> "Base":
-        self.require_one_of("point", "box")
         if (self.point is None) != (self.normal is None):
             raise ValueError("a plane needs both, point and normal; a box has neither")
         if self.normal is not None and not any(self.normal):
