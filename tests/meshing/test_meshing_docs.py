@@ -1,4 +1,4 @@
-"""docs/meshing.md: its commands, options, files and links are there, and its drawing names every dimension."""
+"""docs/meshing.md: its commands, options, files and links are valid, and its drawing names every dimension."""
 
 import re
 import shlex
@@ -6,7 +6,6 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
-import pytest
 from pydantic import BaseModel
 
 from taichisoft.command_line import application
@@ -18,6 +17,7 @@ from taichisoft_meshing.geometry_file import checked, quality_limits
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "meshing.md").read_text(encoding="utf-8")
+NOTE = DOCS / "notes" / "mesh-convergence.md"
 
 
 def blocks(language: str) -> list[str]:
@@ -78,6 +78,20 @@ def test_every_dimension_is_in_the_drawing(tmp_path: Path) -> None:
             assert any(text.startswith(f"{key} = ") for text in texts[1]), key
 
 
-@pytest.mark.parametrize("link", re.findall(r"\]\(([^)#:]+)\)", PAGE))
-def test_every_link_leads_somewhere(link: str) -> None:
-    assert (DOCS / link).exists()
+def links(text: str) -> list[str]:
+    return re.findall(r"\]\(([^)#:]+)\)", text)
+
+
+def test_every_link_leads_somewhere() -> None:
+    note = NOTE.read_text(encoding="utf-8")
+    assert links(PAGE) and links(note)
+    for folder, text in ((DOCS, PAGE), (NOTE.parent, note)):
+        assert not [link for link in links(text) if not (folder / link).exists()]
+
+
+def test_the_shares_of_the_limit_are_those_that_were_measured() -> None:
+    """The guide's rows are rows of the note's table, by their nodes."""
+    rows = re.findall(r"^\| `--[^|]*\| (\d+) \| (\d) \| (\d+) %", PAGE, re.MULTILINE)
+    assert len(rows) == 4
+    for nodes, across, share in rows:
+        assert re.search(rf"\| {nodes} \| \d+ \| {across} \| [\d.]+ \| {share}% \|", NOTE.read_text(encoding="utf-8"))
