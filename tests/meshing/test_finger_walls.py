@@ -1,4 +1,4 @@
-"""Walls by their thickness, fillets, inlet, stiff layer and base: what follows from them, and what is refused."""
+"""Walls by their thickness, fillets, inlet, stiff layer and base: positions that follow, and refusals."""
 
 from typing import Any
 

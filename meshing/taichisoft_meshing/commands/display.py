@@ -1,4 +1,4 @@
-"""How the commands show that they work, and what they found."""
+"""The display of the commands: a bar of stages while they work, and warnings."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

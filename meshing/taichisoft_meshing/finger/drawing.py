@@ -16,9 +16,9 @@ SILICONE, STIFF, AIR, WALL = "#cfe3ee", "#9fc3d6", "#ffffff", "#a03010"
 SCALE = 0.047
 """Inches of paper for a millimetre of the finger."""
 ROW = 8.0
-"""[mm] of the finger between dimensions above each other."""
+"""Distance between dimensions above each other, in the scale of the finger [mm]."""
 GAP = 60.0
-"""[mm] of the finger from the base to the middle of the cross-section beside it."""
+"""Distance from the base to the middle of the cross-section beside it, in the scale of the finger [mm]."""
 
 
 def draw_finger(finger: FingerParameters, path: Path) -> None:

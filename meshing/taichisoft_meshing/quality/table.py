@@ -1,4 +1,4 @@
-"""What `taichisoft mesh` and `taichisoft mesh-info` print: the figures of a mesh or of a surface."""
+"""The tables that `taichisoft mesh` and `taichisoft mesh-info` print: figures of a mesh or of a surface."""
 
 from collections.abc import Iterator
 
@@ -100,7 +100,7 @@ def _surfaces(quality: MeshQuality) -> Iterator[tuple[str, ...]]:
 
 
 def _state(surface: SurfaceQuality, quality: MeshQuality) -> str:
-    """What is said of a surface that must be closed; others may be as they are."""
+    """The state of a surface that must be closed; empty for other surfaces."""
     if not surface.closed_by_name:
         return ""
     if surface.open_edges:
