@@ -1,9 +1,8 @@
-"""A drawing of a finger with the names of its dimensions.
+"""Draws docs/finger.svg: the tutorial's finger with the names of its dimensions; a test compares the texts.
 
-python -m taichisoft_meshing.finger.drawing docs/finger.svg
+python docs/draw_finger.py
 """
 
-import sys
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -183,4 +182,4 @@ def _note(axes: Any, text: str, corner: tuple[float, float], place: tuple[float,
 
 
 if __name__ == "__main__":
-    draw_finger(FingerParameters(), Path(sys.argv[1]))
+    draw_finger(FingerParameters(), Path(__file__).with_name("finger.svg"))
