@@ -21,16 +21,16 @@ from taichisoft_meshing.gmsh_session import gmsh_session
 
 
 class TubeTable(Table):
-    """What a file of the kind `tube` may hold; a wrong or unknown key is told with the file and what would be valid."""
+    """The keys of a file of the kind `tube`; errors name the file, a wrong or unknown key, and what would be valid."""
 
     length: Positive = 60.0
-    """[mm] along x, from the base at x = 0 to -length, both ends included."""
+    """Length along x from the base at x = 0 to the closed end at x = -length [mm]."""
     radius: Positive = 10.0
-    """[mm] of the outside."""
+    """Outer radius [mm]."""
     wall: Positive = 3.0
-    """[mm] thick, at the ends too."""
+    """Thickness of the wall, also at the ends [mm]."""
     size: Positive = 4.0
-    """[mm] of the largest elements."""
+    """Edge length of the largest elements [mm]."""
 
     @model_validator(mode="after")
     def _check_wall(self) -> "TubeTable":
@@ -41,7 +41,7 @@ class TubeTable(Table):
 
 
 class Tube(Geometry):
-    """The geometry kind: made from a file's tables without `kind`, and from its path; asked for a mesh later."""
+    """The geometry kind: made from the path of a file and its tables without `kind`, and asked for a mesh later."""
 
     presets: Mapping[str, float] = {"coarse": 4.0, "medium": 2.5, "fine": 1.5}  # for --preset
 

@@ -1,4 +1,4 @@
-"""From dimensions, CAD or surfaces to tetrahedra, with gmsh."""
+"""Meshes of tetrahedra from dimensions, CAD or surfaces, made by gmsh."""
 
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING

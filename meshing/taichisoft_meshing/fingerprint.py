@@ -1,4 +1,4 @@
-"""A hash of everything that a mesh is made from: same hash, same mesh."""
+"""A hash of all inputs of a mesh: meshes with the same hash are the same."""
 
 import functools
 import hashlib

@@ -25,12 +25,12 @@ SURFACE_ALGORITHMS = (FRONTAL, MESH_ADAPT, DELAUNAY)
 
 
 class GmshFailure(Exception):
-    """What came out of gmsh is not what was asked for; raised inside a session, it becomes a MeshError."""
+    """gmsh gave a wrong result without an error of its own; raised inside a session, this becomes a MeshError."""
 
 
 @contextmanager
 def gmsh_session(body: str) -> Iterator[Any]:
-    """The module gmsh, initialised with Netgen's and its own optimiser on; its whole state ends with the session.
+    """The module gmsh, initialised to use its own optimiser and Netgen's; its whole state ends with the session.
 
     It runs on one thread, because several number the nodes as they come, and reads no configuration of the user:
     the same calls give the same mesh, node for node. What gmsh says goes to a file if it fails, else nowhere.
@@ -70,12 +70,15 @@ def gmsh_session(body: str) -> Iterator[Any]:
 
 
 def first_success(body: str, ways: Sequence[Way], make: Callable[[Any, Way], Made]) -> Made:
-    """What the first way that does not fail makes, each in a session of its own.
+    """Make something in several ways, each in a session of its own, until one does not fail.
 
     Args:
         body: name of what is meshed in errors.
         ways: ways to make it, in the order in which they are tried.
         make: called with gmsh and a way.
+
+    Returns:
+        The result of the first way that did not fail.
 
     Raises:
         MeshError: the last way failed.

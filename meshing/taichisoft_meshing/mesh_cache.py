@@ -17,7 +17,7 @@ FOLDER_VARIABLE = "TAICHISOFT_CACHE"
 
 
 def cache_folder() -> Path:
-    """Where meshes are kept: `meshes` in the folder that TAICHISOFT_CACHE names, else in the user's cache folder."""
+    """The folder of kept meshes: `meshes` in the folder that TAICHISOFT_CACHE names, or in the user's cache folder."""
     from platformdirs import user_cache_path
 
     own = os.environ.get(FOLDER_VARIABLE)
@@ -38,7 +38,7 @@ def kept_mesh(path: Path | None) -> "VolumeMesh | None":
 
 
 def keep_mesh(mesh: "VolumeMesh", path: Path | None) -> "VolumeMesh":
-    """Keep a mesh, whole or not at all: processes that make the same one at a time may all do so.
+    """Keep a mesh, whole or not at all, so that several processes may keep the same one at a time.
 
     A folder that cannot be written costs no more than a warning, and without a path nothing is kept.
 

@@ -1,4 +1,4 @@
-"""One mesh to be made, of what and how fine, and what came of it."""
+"""The request for one mesh, and the mesh that was made with its figures."""
 
 import time
 import warnings
@@ -19,12 +19,12 @@ from taichisoft_meshing.size_search import size_for_nodes
 
 @dataclass(frozen=True)
 class MeshJob:
-    """What is to be meshed, as plain data that can be sent to another process.
+    """The request for a mesh, as plain data that can be sent to another process.
 
     Attributes:
         kind: name of the geometry kind.
         tables: tables of the geometry, overridden values included.
-        file: the file that the tables are from; begins every error, and files that the tables name lie beside it.
+        file: path of the geometry file; begins every error, and files that the tables name lie beside it.
         asked: `size` [mm], `preset` or `nodes`; empty for the geometry's own size.
     """
 
@@ -34,7 +34,7 @@ class MeshJob:
     asked: Mapping[str, Any]
 
     def fingerprint(self) -> str:
-        """A hash of everything that the mesh is made from.
+        """A hash of all inputs of the mesh.
 
         Raises:
             OSError: a file that the tables name cannot be read, or the code of the kind cannot be found.
@@ -48,12 +48,12 @@ class MadeMesh:
     """A mesh with its figures.
 
     Attributes:
-        job: what it was made from.
+        job: the request for it.
         geometry: the description as its kind understood it.
         mesh: the mesh, which a simulation can read.
         quality: its figures.
         limits: the limits that the geometry file sets to the figures.
-        remarks: warnings given while it was made, and those that its quality gives reason to, one line each.
+        remarks: warnings given while it was made, and cautions about its quality, one line each.
         seconds: time that gmsh took [s].
     """
 
@@ -101,14 +101,14 @@ def require_fit(made: MadeMesh, remedy: str) -> None:
 def mesh_as_asked(
     geometry: Geometry, file: Path, size: float | None = None, preset: str | None = None, nodes: int | None = None
 ) -> VolumeMesh:
-    """Mesh a geometry, at its own size when nothing else is asked for.
+    """Mesh a geometry, at its own size unless a size, a preset or a number of nodes is given.
 
     Args:
         geometry: the body to be meshed.
-        file: the file that it was read from; begins every error.
+        file: path of its file; begins every error.
         size: length of the largest element [mm].
         preset: name of one of the geometry's sizes, instead of `size`.
-        nodes: number of nodes to come near to, instead of `size`.
+        nodes: approximate number of nodes, instead of `size`.
 
     Raises:
         MeshError: there is no such preset, the number of nodes is not reached, or the mesh is not fit to simulate.

@@ -1,4 +1,4 @@
-"""`mesh.json`: what a mesh was made from, and its figures."""
+"""`mesh.json`: the inputs of a mesh, and its figures."""
 
 import hashlib
 import json
@@ -19,11 +19,11 @@ from taichisoft_meshing.quality.surfaces import SurfaceQuality
 
 
 def mesh_record(made: MadeMesh, files: Iterable[Path]) -> dict[str, Any]:
-    """Everything about a mesh but how long it took: equal meshes have equal records.
+    """Everything about a mesh except the time that it took: equal meshes have equal records.
 
     Args:
         made: the mesh.
-        files: files that it was written to; the record has a hash of each.
+        files: files of the mesh, of which the record has hashes.
     """
     job, parameters = made.job, made.geometry.parameters
     return {

@@ -1,4 +1,4 @@
-"""Where a mesh is written: to one file, or to a folder with everything that programs and people want of it."""
+"""Writing a mesh to one file, or to a folder with all formats, surfaces, a record and a picture."""
 
 import json
 import os

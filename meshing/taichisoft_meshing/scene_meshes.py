@@ -24,13 +24,13 @@ def mesh_for_scene(
     nodes: int | None = None,
     set: Mapping[str, Any] | None = None,
 ) -> VolumeMesh:
-    """The mesh that a scene asks for; the same request gives the same mesh, made now or before.
+    """The mesh for a scene; the same request gives the same mesh, whether it is made now or was made before.
 
     Args:
         file: the geometry file.
         size: length of the largest element [mm].
         preset: name of one of the geometry's sizes.
-        nodes: number of nodes to come near to.
+        nodes: approximate number of nodes.
         set: tables that are laid over those of the file.
 
     Raises:
@@ -59,7 +59,7 @@ def mesh_for_scene(
 
 
 def laid_over(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables with every value that `changes` has, tables within tables included."""
+    """The tables with all values of `changes` in their places, in tables within tables, too."""
     merged = dict(tables)
     for key, value in changes.items():
         below = merged.get(key)
@@ -68,7 +68,7 @@ def laid_over(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str
 
 
 def _cache_path(job: MeshJob) -> Path | None:
-    """Where the mesh is kept; None, with a warning, when it cannot be told what it is made from."""
+    """The path of the kept mesh; None, with a warning, when its inputs cannot all be read."""
     try:
         return cache_folder() / f"{job.file.stem}-{job.fingerprint()[:DIGITS]}.msh"
     except OSError as error:

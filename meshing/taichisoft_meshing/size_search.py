@@ -1,4 +1,4 @@
-"""The element size that gives a mesh of so many nodes, and the finest that a volume can be meshed with."""
+"""The element size for a number of nodes, and the finest size for a volume."""
 
 import math
 from dataclasses import dataclass, field
@@ -33,7 +33,7 @@ def finest_size(volume: float) -> float:
 
 
 def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
-    """Search for the size whose mesh has the number of nodes asked for, within 15 %.
+    """Search for the size whose mesh has a number of nodes, within 15 %.
 
     The number is no smooth function of the size, so the best of a few meshes is taken; the same description and number
     give the same mesh.

@@ -1,13 +1,16 @@
-"""Where edges go through triangles or touch them: the search for pairs that may, and the point that both share."""
+"""Edges that go through triangles or touch them: the search for candidates, and the common points of pairs."""
 
 from collections.abc import Iterator
 from itertools import islice
 
 import numpy as np
 
-ROUND_OFF = 1e-9  # of barycentric weights: no edge slips through between two triangles
-FEW_EDGES = 32  # are compared with each triangle around
+ROUND_OFF = 1e-9
+"""Error of barycentric weights that is tolerated, so that no edge slips through between two triangles [-]."""
+FEW_EDGES = 32
+"""Number of edges that are no longer halved, but compared with each triangle around."""
 LEAVES_AT_A_TIME = 256
+"""Number of such groups of edges whose pairs are given at a time, which bounds the memory."""
 
 
 def boxes_meet(lower: np.ndarray, upper: np.ndarray, other_lower: np.ndarray, other_upper: np.ndarray) -> np.ndarray:
@@ -99,7 +102,7 @@ def _inside(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray) -> n
 def _near_each_other(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """Order boxes so that those of similar size stand together, and among them those that are near each other."""
     sizes = (upper - lower).max(axis=1)
-    octave = np.frexp(sizes / (sizes.max() or 1.0))[1]  # edges of no length have one, too
+    octave = np.frexp(sizes / (sizes.max() or 1.0))[1]  # also defined for edges of no length
     centres = (lower + upper) / 2
     extent = np.ptp(centres, axis=0).max()
     cells = ((centres - centres.min(axis=0)) / (extent if extent > 0 else 1.0) * 1023).astype(np.int64)

@@ -20,7 +20,7 @@ from taichisoft.plugin_system.hookspecs import hookimpl
 
 
 class Block(Geometry):
-    """A cube of 50 mm whose walls are one element thick, 10 mm unless smaller ones are asked for."""
+    """A cube of 50 mm whose walls are one element thick, 10 mm unless a smaller size is given."""
 
     presets: ClassVar = {"coarse": 10.0, "fine": 5.0}
 

@@ -4,8 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import pytest
 from hypothesis import strategies as st
 
+from taichisoft.errors import MeshError
 from taichisoft_meshing.finger.kind import PneunetFinger
 from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.geometry_file import read_tables
@@ -14,6 +16,16 @@ from taichisoft_meshing.geometry_file import read_tables
 def finger_from_dict(tables: Mapping[str, Any], source: str = "finger") -> FingerParameters:
     """The finger that tables describe; `source` begins errors."""
     return PneunetFinger(tables, Path(source)).dimensions()
+
+
+def refusal(tables: Mapping[str, Any]) -> str:
+    """The one line about what is wrong in the tables of a finger, without its file."""
+    with pytest.raises(MeshError) as refused:
+        finger_from_dict(tables, source="finger.toml")
+    message = str(refused.value)
+    assert message.startswith("finger.toml: ")
+    assert "\n" not in message
+    return message.removeprefix("finger.toml: ")
 
 
 def read_finger(path: Path, size: float | None = None) -> FingerParameters:

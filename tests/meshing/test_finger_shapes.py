@@ -18,7 +18,7 @@ from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.quality.tetrahedra import radius_ratios
 
 FLAT = 1e-6
-"""Of a volume between flat faces; what is missing is rounding, some 1e-14."""
+"""Largest error of a volume between flat faces; only rounding is missing, some 1e-14."""
 
 SHIPPED = sorted((data_folder() / "fingers").glob("*.toml"))
 

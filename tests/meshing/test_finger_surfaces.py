@@ -1,4 +1,4 @@
-"""Naming the surfaces of a body by the shells of its boundary."""
+"""Groups of boundary triangles, from the closed pieces of a body's boundary."""
 
 from itertools import permutations
 

@@ -1,22 +1,12 @@
-"""Walls by their thickness, fillets, inlet, stiff layer and base: what follows from them, and what is refused."""
+"""Walls by their thickness, fillets, inlet, stiff layer and base: positions that follow, and refusals."""
 
 from typing import Any
 
 import pytest
-from fingers import finger_from_dict
+from fingers import finger_from_dict, refusal
 
-from taichisoft.errors import MeshError
 from taichisoft_meshing.finger.cavity_walls import thin_walls
 from taichisoft_meshing.finger.parameters import FingerParameters
-
-
-def refusal(tables: dict[str, Any]) -> str:
-    with pytest.raises(MeshError) as refused:
-        finger_from_dict(tables, source="finger.toml")
-    message = str(refused.value)
-    assert message.startswith("finger.toml: ")
-    assert "\n" not in message
-    return message.removeprefix("finger.toml: ")
 
 
 def test_the_tutorials_thin_walls() -> None:

@@ -138,7 +138,7 @@ def test_a_smaller_size_at_the_cavity_refines_there(tutorial: VolumeMesh) -> Non
 
 
 def test_a_solid_of_another_volume_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    """OpenCASCADE may leave out a slot without a word; here it is made to."""
+    """OpenCASCADE may leave out a slot without a word; here the slots are hidden from it."""
     monkeypatch.setattr(finger_solid, "slot_boxes", lambda finger: [])
     with pytest.raises(MeshError, match=r"OpenCASCADE gave a solid of 56112\.5 mm\^3 instead of 51162\.5"):
         mesh_finger(FingerParameters())

@@ -1,4 +1,4 @@
-"""A session of gmsh: what fails is told in one line, and gmsh is closed again."""
+"""A session of gmsh: failures are told in one line, and gmsh is closed again."""
 
 import os
 import re
@@ -93,6 +93,6 @@ except BrokenPipeError:
 @pytest.mark.skipif(os.name != "posix", reason="signals")
 @pytest.mark.parametrize("how", ["mesh()", "thread = threading.Thread(target=mesh); thread.start(); thread.join()"])
 def test_a_broken_pipe_does_not_end_the_process_after_meshing(how: str) -> None:
-    """As that of a video's encoder or of a web page that is gone, in a run that meshed its finger first."""
+    """The pipe stands for that of a video's encoder or of a web page, in a run that meshed its finger first."""
     process = subprocess.run([sys.executable, "-c", BROKEN_PIPE.format(how=how)], capture_output=True, text=True)
     assert (process.returncode, process.stdout) == (0, "an error, as ever\n"), process.stderr

@@ -36,7 +36,7 @@ def test_it_lies_where_the_variable_says_and_in_the_users_cache_otherwise(
 
 
 def test_it_is_shown_and_cleared(folder: Path) -> None:
-    """What somebody else put there stays."""
+    """Other files in the folder stay."""
     assert shown() == f"0 meshes, 0.0 MB, in {folder}"
     folder.mkdir()
     for name in ("one.msh", "two.msh", ".three.msh.17.partial", "notes.txt"):

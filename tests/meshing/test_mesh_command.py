@@ -21,7 +21,7 @@ from taichisoft_meshing import mesh_set
 
 
 class Result:
-    """How a command ended: exit code, standard output and error."""
+    """The end of a command: exit code, standard output and error."""
 
     def __init__(self, code: int, output: str, error: str):
         self.code, self.output, self.error = code, output, error

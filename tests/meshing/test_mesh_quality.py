@@ -103,7 +103,7 @@ def test_a_cavity_must_lie_inside() -> None:
 
 
 def test_a_cavity_that_touches_the_skin_is_not_inside() -> None:
-    """At an inner edge of the skin, where half of what is around a node and more is silicone."""
+    """The cavity touches an inner edge of the skin, where more than half of the space around a node is silicone."""
     block = make_block((4, 4, 3), (4.0, 4.0, 3.0))
     means = block.nodes[block.elements].mean(axis=1)
     angle = VolumeMesh("angle", block.nodes, block.elements[(means[:, 0] < 0) | (means[:, 1] < 0)])

@@ -1,4 +1,4 @@
-"""How well shaped tetrahedra are."""
+"""The shapes of tetrahedra."""
 
 import numpy as np
 import pytest

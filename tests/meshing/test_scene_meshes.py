@@ -1,4 +1,4 @@
-"""Meshes that scenes ask for: made once for everything that they are made from, whatever happens to the cache."""
+"""Meshes for scenes: made once for the same inputs, whatever happens to the cache."""
 
 import logging
 import subprocess
@@ -236,7 +236,7 @@ def test_two_processes_that_make_the_same_mesh_at_a_time_both_get_it(
 
 
 def test_bodies_of_a_scene_that_names_a_geometry(file: Path) -> None:
-    """A body, and another one like it: one mesh. The scene keeps what it asked for, and is written so."""
+    """A body, and another one like it: one mesh. The scene keeps its request, also when it is written."""
     body = {"mesh": {"file": str(file), "set": {"edge": 7.0}}, "mass": 1.0, "young_modulus": 1.0, "poisson_ratio": 0.3}
     scene = scene_from_dict({"soft_bodies": {"one": body, "two": {"like": "one"}}})
     meshes = load_meshes(scene)

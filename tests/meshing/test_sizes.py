@@ -1,4 +1,4 @@
-"""How fine a finger is meshed: presets, grading, and layers of elements in its thin walls."""
+"""Element sizes of a finger: presets, grading, and layers of elements in its thin walls."""
 
 from itertools import pairwise
 from pathlib import Path
@@ -42,7 +42,7 @@ def test_presets_are_multiples_of_the_thinnest_wall() -> None:
 
 
 def test_elements_are_small_at_the_cavity_and_grow_away_from_it() -> None:
-    """In the base and the tip, 16 mm of solid silicone, by 0.5 mm for each millimetre beyond the 3 mm of a wall."""
+    """Edges grow in the 16 mm of solid silicone at base and tip, by 0.5 mm a millimetre beyond a wall of 3 mm."""
     mesh = mesh_finger(FingerParameters(mesh=ElementSizes(largest=12.0, smallest=4.0)))
     corners = mesh.nodes[mesh.elements]
     edges = np.linalg.norm(corners[:, [0, 0, 0, 1, 1, 2]] - corners[:, [1, 2, 3, 2, 3, 3]], axis=2).mean(axis=1)
@@ -96,7 +96,7 @@ def test_layers_from_both_sides_of_a_wall_leave_a_layer_between_them() -> None:
 
 @pytest.mark.parametrize("layers", [2, 3])
 def test_every_thin_wall_has_the_layers(layers: int) -> None:
-    """Of sides and back, between chambers with a slot and without; what is 95 % of their area, as a report counts."""
+    """The walls are those of sides and back, and between chambers; a report counts 95 % of their area."""
     finger = finger_from_dict(
         {
             "body": {"length": 40.0, "height": 15.0, "width": 12.0, "tip_height": 12.0, "taper_length": 5.0,

@@ -19,7 +19,7 @@ from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """With a body of flat faces and one box in it, one with a ball and a box, and one without a void."""
+    """A folder with three bodies: flat faces and a box in it, a ball and a box in it, and no void."""
     folder = tmp_path_factory.mktemp("step")
     write_step(folder / "flat.step", flat)
     write_step(folder / "voids.step", two_voids)

@@ -51,7 +51,7 @@ def test_cavities_stand_in_the_order_of_their_files() -> None:
 
 
 def test_a_cavity_that_the_outer_file_has_too_counts_once() -> None:
-    """As in the tutorial's files; the other one may have its vertices in another order, and single precision."""
+    """The tutorial's files repeat a cavity so, with its vertices in another order, or in single precision."""
     cavity = ball(3)
     again = together(cavity)
     again.vertices = again.vertices.astype(np.float32)

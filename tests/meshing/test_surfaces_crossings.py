@@ -56,7 +56,7 @@ def test_walls_of_no_thickness_touch() -> None:
 
 @pytest.mark.parametrize("first", range(4))
 def test_a_tip_that_touches_a_face_is_found(first: int) -> None:
-    """Whichever number its vertex has."""
+    """The tip's vertex may have any number."""
     corners = np.array([[0, 0, 5], [1, 0, 8], [0, 1, 8], [-1, -1, 8.0]])
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     order = np.roll(np.arange(4), first)

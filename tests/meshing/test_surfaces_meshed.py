@@ -1,4 +1,4 @@
-"""What gmsh gives is held to what was asked for."""
+"""Meshes of gmsh are compared with the bodies that they should be."""
 
 from pathlib import Path
 from typing import Any

@@ -124,7 +124,7 @@ places = st.tuples(*[st.floats(-0.9, 0.9)] * 3)
 @examples(6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(half_sides, places, st.booleans())
 def test_any_box_in_a_box(tmp_path: Path, half: tuple, place: tuple, keep: bool) -> None:
-    """With walls of at least 0.3 mm: exact volumes and a closed cavity."""
+    """Volumes are exact and the cavity is closed, for walls of at least 0.3 mm."""
     outer = np.array([30.0, 14.0, 12.0])
     at = np.array(place) * (outer / 2 - half - 0.3)
     geometry = body(tmp_path, box(outer), box(2 * np.array(half), at), keep_surface=keep, mesh={"largest": 6})

@@ -1,4 +1,4 @@
-"""Walls of two elements, whose surfaces stay as they are."""
+"""Walls of two elements between unchanged surfaces."""
 
 from pathlib import Path
 
@@ -19,7 +19,7 @@ from taichisoft_meshing.quality.mesh_quality import measure
 @examples(20)
 @given(st.tuples(*[st.integers(1, 4)] * 3), st.integers(0, 1000))
 def test_cut_edges_keep_the_volume_and_the_boundary(cells: tuple[int, int, int], seed: int) -> None:
-    """Of a block whose nodes are shaken: every part is positive, and all meet face to face."""
+    """The parts of a block with shaken nodes have positive volumes and meet face to face."""
     block = make_block(cells, (3.0, 4.0, 5.0))
     nodes = block.nodes + np.random.default_rng(seed).uniform(-0.1, 0.1, block.nodes.shape)
     through = through_edges(block.elements)
@@ -35,7 +35,7 @@ def test_cut_edges_keep_the_volume_and_the_boundary(cells: tuple[int, int, int],
 
 
 def test_an_edge_between_the_inside_and_the_boundary_stays() -> None:
-    """Of 2 x 2 x 2 boxes only edges around the node in the middle are inside, or cut corners off."""
+    """The edges inside 2 x 2 x 2 boxes are those around the node in the middle, and those that cut corners."""
     block = make_block((2, 2, 2), (2.0, 2.0, 2.0))
     middle = int(np.argmin(np.linalg.norm(block.nodes, axis=1)))
     through = through_edges(block.elements)

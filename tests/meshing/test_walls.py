@@ -22,7 +22,7 @@ def test_a_plate_is_as_many_elements_thick_as_it_has_layers(layers: int) -> None
 
 
 def test_rays_through_nodes_and_edges_are_not_lost() -> None:
-    """In a block of boxes some rays run along faces of tetrahedra, all the way; turned, rounding is in all."""
+    """Some rays in a block of boxes run along faces of tetrahedra all the way; a turned block adds rounding."""
     for seed in range(3):
         block = make_block((4, 4, 4), (4.0, 4.0, 4.0))
         turn = np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0] if seed else np.eye(3)
@@ -44,7 +44,7 @@ def wedge(degrees: float) -> VolumeMesh:
 
 
 def test_the_edge_of_a_wedge_is_no_wall() -> None:
-    """At 10 degrees its faces are a wall, but where triangles of both share a node there is nothing between them."""
+    """A wedge of 10 degrees is a wall, but not where triangles of both faces share a node."""
     mesh = wedge(10.0)
     walls = find_walls(mesh.nodes, mesh.elements)
     assert (walls.elements_across >= 1).all()
@@ -54,7 +54,7 @@ def test_the_edge_of_a_wedge_is_no_wall() -> None:
 
 
 def test_faces_that_are_not_parallel_are_no_wall() -> None:
-    """At 60 degrees the two faces are none: what is left are the parallel ends of the prism."""
+    """A wedge of 60 degrees is no wall; only the parallel ends of the prism remain."""
     mesh = wedge(60.0)
     walls = find_walls(mesh.nodes, mesh.elements)
     assert walls.areas.sum() == pytest.approx(2 * 80 * 80 * np.tan(np.radians(30)))
@@ -67,7 +67,7 @@ def of_block(mesh: VolumeMesh) -> dict[tuple[str, str], tuple[float, int, float]
 
 
 def test_walls_are_told_apart_by_their_sides() -> None:
-    """A cube of 50 mm with a hollow of 30 mm in the middle: 10 mm of wall, one box thick, all around."""
+    """A cube of 50 mm with a hollow of 30 mm in the middle: walls of 10 mm on all sides, one box thick."""
     walls = of_block(make_block((5, 5, 5), (50.0, 50.0, 50.0), hollow=True))
     assert walls[("cavity", "outer")] == pytest.approx((10.0, 1, 1.0))
     assert walls[("outer", "outer")] == pytest.approx((50.0, 5, 0.0))
@@ -78,7 +78,7 @@ def test_walls_are_told_apart_by_their_sides() -> None:
 def test_a_few_edges_straight_through_do_not_make_a_wall_thin(
     thin: int, across: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only where more than 5 % of the area is one element thick is the wall called so."""
+    """A wall is called one element thick only if more than 5 % of its area is."""
     block = make_block((5, 5, 5), (50.0, 50.0, 50.0), hollow=True)
     cavity, outer = (np.tile(surface.triangles[:1], (100, 1)) for surface in reversed(measure_surfaces(block)))
     elements_across = np.where(np.arange(100) < thin, 1, np.where(np.arange(100) < 50, 2, 3))

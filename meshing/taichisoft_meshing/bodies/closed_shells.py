@@ -17,10 +17,10 @@ from taichisoft_meshing.bodies.surface_repair import merge_near_vertices, replac
 
 @dataclass(frozen=True, eq=False)
 class Shell:
-    """A closed surface in one piece, facing outward: what it encloses, silicone or air, is a positive volume.
+    """A closed surface in one piece, which faces outward: it encloses a positive volume of silicone or air.
 
     Attributes:
-        source: its file, and which of the file's shells it is; errors begin with it.
+        source: its file, and its number among the file's shells; errors begin with it.
         vertices: positions [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
         was_inward: whether it faces inward in its file.
@@ -38,7 +38,7 @@ class Shell:
 
 
 def read_shells(path: Path, scale: float = 1.0) -> list[Shell]:
-    """Read a file of one or more closed surfaces; faults that can be mended are, with a warning.
+    """Read a file of one or more closed surfaces; faults that can be mended are mended, with a warning.
 
     Args:
         path: path of an STL, OBJ or PLY file.

@@ -40,7 +40,7 @@ class HollowBody:
 
 
 def read_hollow_body(outer: Path, cavities: Sequence[Path] = (), scale: float = 1.0) -> HollowBody:
-    """Read a body from surface files; faults that can be mended are, with a warning.
+    """Read a body from surface files; faults that can be mended are mended, with a warning.
 
     Args:
         outer: file of the outside, and perhaps of cavities.

@@ -28,9 +28,9 @@ class StepTable(Table):
     """A geometry file of the kind `step`."""
 
     file: FileName
-    """STEP file, beside the TOML; it says itself in which unit it is, and is taken to millimetres."""
+    """STEP file, beside the TOML; it names its unit itself, and is converted to millimetres."""
     cavities: Count | None = None
-    """How many voids the body must have; any number when it is not given."""
+    """Number of voids that the body must have; any number when it is not given."""
     base: Base | None = None
     """Triangles of the outside that make the group "base"."""
     mesh: Sizes = Sizes()
@@ -40,19 +40,19 @@ class SurfacesTable(Table):
     """A geometry file of the kind `surfaces`."""
 
     outer: FileName
-    """STL, OBJ or PLY file of the outside, beside the TOML; cavities may be in it, too."""
+    """STL, OBJ or PLY file of the outside and perhaps of cavities, beside the TOML."""
     cavity: Annotated[
         tuple[FileName, ...], BeforeValidator(lambda given: [given] if isinstance(given, str) else given)
     ] = ()
     """Further file, or files, of cavities; a cavity that `outer` has too counts once."""
     cavities: Count | None = None
-    """How many there must be in all; any number when it is not given."""
+    """Number of cavities that the files must have together; any number when it is not given."""
     scale: Positive = 1.0
-    """Millimetres in one unit of the files: 1000 for metres."""
+    """Millimetres in one unit of the files, for example 1000 for metres."""
     keep_surface: Annotated[bool, Field(strict=True)] = False
     """Whether the tetrahedra end at exactly the given triangles; the surfaces are meshed anew otherwise."""
     feature_angle: Annotated[float, Field(strict=True, gt=0, lt=180)] = 40.0
-    """[degrees] Edges with more than this between their two triangles stay edges when the surfaces are meshed anew."""
+    """Angle between two triangles above which their edge stays an edge when the surfaces are meshed anew [degrees]."""
     base: Base | None = None
     """Triangles of the outside that make the group "base"."""
     mesh: Sizes = Sizes()
@@ -111,7 +111,7 @@ class _BodyFromFiles(Geometry):
         raise NotImplementedError
 
     def _check_cavities(self, found: int, place: Path, where: str, hint: str = "") -> None:
-        """Raise MeshError when the number of cavities is not the one asked for; warn when there is none."""
+        """Raise MeshError when the files have another number of cavities than the tables; warn when there is none."""
         wanted = self.table.cavities
         if wanted is not None and found != wanted:
             raise MeshError(f"{self.file}: cavities = {wanted}: {where} {found}{hint}")

@@ -1,4 +1,4 @@
-"""The tetrahedra of a gmsh session as a mesh: surfaces named, volumes compared with those asked for."""
+"""The tetrahedra of a gmsh session as a mesh, with named surfaces, and volumes compared with those of the drawing."""
 
 import warnings
 from collections.abc import Sequence
@@ -15,7 +15,8 @@ from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, tetrahedra
 from taichisoft_meshing.quality.surfaces import cavity_names
 
 SAID, REFUSED = 0.1, 0.25
-"""Errors of a curved volume, from which chords cut some off, as shares of it [-]: what is warned of, and too much."""
+"""Errors of a curved volume as shares of it [-], at which a warning is given, and at which the mesh is refused: flat
+triangles cut some of it off."""
 
 
 def meshed_body(gmsh: Any, shells: Sequence[Sequence[int]], source: str) -> VolumeMesh:
@@ -57,7 +58,7 @@ def shells_of_solid(occ: Any, solid: int) -> list[list[int]]:
 
 
 def with_base(mesh: VolumeMesh, base: Base | None) -> VolumeMesh:
-    """The mesh with the part of its outside that `base` selects as the group "base"; without it, as it is.
+    """The mesh with the part of its outside that `base` selects as the group "base"; unchanged when `base` is None.
 
     Raises:
         MeshError: nothing is selected.
@@ -73,13 +74,13 @@ def with_base(mesh: VolumeMesh, base: Base | None) -> VolumeMesh:
 
 
 def compare_volumes(mesh: VolumeMesh, silicone: float, cavities: Sequence[float], tolerance: float | None) -> None:
-    """Compare a mesh with the volumes [mm^3] of what was to be meshed.
+    """Compare the volumes of a mesh with those of its body [mm^3].
 
     Args:
         mesh: the result of `meshed_body`.
-        silicone: volume of the silicone asked for.
-        cavities: volumes of the cavities asked for, in their order.
-        tolerance: share of each that may be missing [-]; None for curved surfaces, where chords cut some off.
+        silicone: volume of the body's silicone.
+        cavities: volumes of the body's cavities, in their order.
+        tolerance: share of each that may be missing [-]; None for curved surfaces, which flat triangles cut short.
 
     Raises:
         MeshError: a volume differs too much.

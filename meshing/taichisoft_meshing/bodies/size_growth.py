@@ -15,7 +15,7 @@ GROWTH = 0.5
 """Growth of the element size for each millimetre of distance [-]."""
 
 FINEST = 0.25
-"""Size over the smallest one asked for, below which no curve is meshed, such as that of a tiny fillet [-]."""
+"""Least size on curves, such as that of a tiny fillet, over the smallest size that was asked for [-]."""
 
 SAMPLES = 20  # points along each curve and surface, to which distances are measured
 

@@ -1,4 +1,4 @@
-"""From a STEP file to tetrahedra: OpenCASCADE, in gmsh, reads the solid, and gmsh fills it."""
+"""The mesher of STEP files: OpenCASCADE, in gmsh, reads the solid, and gmsh fills it."""
 
 import re
 from dataclasses import dataclass
@@ -111,7 +111,7 @@ def _refuse_broken_step(path: Path) -> None:
 
 
 def _refuse_not_finite(text: str, path: Path) -> None:
-    # Names may read like numbers; lengths stay, so that places do, too.
+    # Names may read like numbers; blanks take their places, so that lines keep their numbers.
     bare = QUOTED.sub(lambda quoted: " " * len(quoted[0]), text)
     wrong = NOT_FINITE.search(bare)
     if wrong is not None:

@@ -1,4 +1,4 @@
-"""Where closed surfaces go through themselves or each other, or touch.
+"""Places where closed surfaces go through themselves or each other, or touch.
 
 Two triangles that cross have an edge of one that goes through the other, so edges are cut with triangles that share no
 vertex with them. Triangles that lie upon each other have no such edge, but a vertex of one lies in the other.
@@ -36,9 +36,9 @@ def find_crossings(vertices: np.ndarray, triangles: np.ndarray, shell: np.ndarra
     """Cut all triangles of some closed shells with each other.
 
     Args:
-        vertices: [mm], shape (vertex_count, 3); no two shells have one in common.
+        vertices: positions [mm], shape (vertex_count, 3); no two shells have one in common.
         triangles: vertex indices, shape (triangle_count, 3).
-        shell: number of the shell that each triangle belongs to, shape (triangle_count,).
+        shell: number of the shell of each triangle, shape (triangle_count,).
     """
     edges, sides = joined_sides(triangles)
     own = sides[:, 0] // 3

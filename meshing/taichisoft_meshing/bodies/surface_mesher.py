@@ -1,4 +1,4 @@
-"""From closed surfaces of triangles to tetrahedra: surfaces meshed anew by gmsh, or kept triangle by triangle."""
+"""The mesher of bodies between closed surfaces, which gmsh meshes anew, or keeps triangle by triangle."""
 
 import math
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ FLAT_TOLERANCE = 1e-6
 
 
 def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str) -> VolumeMesh:
-    """Fill a body whose surfaces stay as they are: vertices of the outside, then of each cavity, are the first nodes.
+    """Fill a body and keep its surfaces: vertices of the outside, then of each cavity, are the first nodes.
 
     Args:
         body: body that is filled.
@@ -53,7 +53,7 @@ def keep_surfaces(body: HollowBody, sizes: FittedSizes, source: str) -> VolumeMe
 
 
 def remesh_surfaces(body: HollowBody, sizes: FittedSizes, feature_angle: float, source: str) -> VolumeMesh:
-    """Mesh a body with surface triangles of the size asked for, which lie on the given ones.
+    """Mesh a body with surface triangles of new sizes, which lie on the given ones.
 
     Args:
         body: body that is meshed.

@@ -17,14 +17,14 @@ PRESETS = {"coarse": 12.0, "medium": 24.0, "fine": 48.0}
 
 
 class Base(Table):
-    """The triangles of the outer surface that a gripper holds: in a plane, or in a box."""
+    """The triangles of the outer surface by which a gripper holds the body; they lie in a plane, or in a box."""
 
     point: Vector | None = None
-    """[mm] a point anywhere in the plane."""
+    """A point anywhere in the plane [mm]."""
     normal: Vector | None = None
-    """[-] normal of the plane, of any length."""
+    """Normal of the plane, of any length [-]."""
     box: tuple[Vector, Vector] | None = None
-    """[mm] lower and upper corner; a triangle belongs when its three nodes lie inside."""
+    """Lower and upper corner [mm]; a triangle belongs when its three nodes lie inside."""
     alternatives = (("point", "box"),)
 
     @model_validator(mode="after")
@@ -41,7 +41,7 @@ class Base(Table):
         """Whether each triangle belongs to the base, shape (triangle_count,); nodes in [mm].
 
         Raises:
-            ValueError: no triangle does.
+            ValueError: no triangle belongs to it.
         """
         near = NEAR * diagonal(nodes)
         if self.box is not None:
@@ -60,7 +60,7 @@ class Base(Table):
 
 @dataclass(frozen=True)
 class FittedSizes:
-    """How fine the tetrahedra of a certain body are; the attributes are those of `Sizes`, none left open."""
+    """Sizes of the tetrahedra in a certain body; the attributes are those of `Sizes`, and none is left open."""
 
     largest: float
     smallest: float
@@ -69,16 +69,16 @@ class FittedSizes:
 
 
 class Sizes(Table):
-    """How fine the tetrahedra are."""
+    """Sizes of the tetrahedra."""
 
     largest: Positive | None = None
-    """[mm] edge length far from the cavities; the body's diagonal / 12 when it is not given."""
+    """Edge length far from the cavities [mm]; a twelfth of the body's diagonal when it is not given."""
     smallest: Positive | None = None
-    """[mm] edge length at the cavities; the largest when it is not given."""
+    """Edge length at the cavities [mm]; the largest when it is not given."""
     curvature: Count = 16
-    """Edges around a full turn of a curved surface; 0: no finer where it is curved."""
+    """Number of edges around a full turn of a curved surface; 0: no finer where it is curved."""
     elements_across_walls: Literal[1, 2] = 2
-    """Least number of elements: with 2, edges through a wall are cut, which about doubles the nodes."""
+    """Least number of elements; 2 cuts the edges that lead through a wall, which about doubles the nodes."""
 
     @model_validator(mode="after")
     def _check_order(self) -> "Sizes":

@@ -1,4 +1,4 @@
-"""Two elements across every wall: a mesh is cut inside, and its surfaces stay as they are.
+"""Two elements across every wall, by cuts inside a mesh that leave its surfaces unchanged.
 
 An edge that leads through the silicone from one point of the boundary to another makes a wall one element thick there,
 which bends much too stiffly. gmsh puts no node into a thin wall, however small the size asked for; so such edges are
@@ -20,7 +20,7 @@ Edge = tuple[int, int]
 
 
 def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
-    """The mesh, cut so that no edge leads through a wall where two elements across walls are asked for.
+    """Cut a mesh so that no edge leads through a wall, if its sizes ask for two elements across walls.
 
     Nodes and triangles of its surfaces keep their numbers and places.
 

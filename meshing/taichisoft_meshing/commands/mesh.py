@@ -1,12 +1,19 @@
 """`taichisoft mesh`: from a geometry file, a STEP file or surfaces to a mesh."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from taichisoft.errors import MeshError
 from taichisoft_meshing.commands import options
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+STAGES = ("meshing", "measuring", "writing")
 
 
 def mesh(
@@ -37,10 +44,9 @@ def mesh(
     from rich.console import Console  # --help need not wait for any of these
     from rich.text import Text
 
-    from taichisoft_meshing.commands.display import print_remark, stages_bar
     from taichisoft_meshing.mesh_job import make_mesh, require_fit
     from taichisoft_meshing.mesh_set import prepare, write_output
-    from taichisoft_meshing.quality.table import mesh_tables
+    from taichisoft_meshing.quality.table import mesh_tables, print_warning
 
     if step and surfaces:
         raise MeshError("--step and --surfaces: only one of them can be given")
@@ -64,6 +70,23 @@ def mesh(
     console.print(mesh_tables(str(output), made.quality, made.limits, made.seconds))
     console.print(Text(f"written to {output}" if written else "not written"), soft_wrap=True)
     for remark in (*made.remarks, *(made.problems if force else ())):
-        print_remark(console, remark)
+        print_warning(console, remark)
     if not force:
         require_fit(made, "--force writes the mesh all the same")
+
+
+@contextmanager
+def stages_bar(console: "Console", title: str) -> Iterator[Callable[[str], None]]:
+    """Show a bar that vanishes in the end; the yielded function moves it on to one of STAGES."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.fields[stage]}")
+    with Progress(
+        *columns, TimeElapsedColumn(), console=console, transient=True, disable=not console.is_terminal
+    ) as progress:
+        task = progress.add_task(title, total=len(STAGES), stage="")
+
+        def begin(stage: str) -> None:
+            progress.update(task, completed=STAGES.index(stage), stage=stage)
+
+        yield begin

@@ -55,12 +55,11 @@ def _show_mesh(console: "Console", path: Path, output: Path | None) -> list[str]
     """Print and write the figures of a mesh; returns what speaks against it."""
     from taichisoft.errors import MeshError
     from taichisoft.meshes.files import read_unchecked_mesh
-    from taichisoft_meshing.commands.display import print_remark
     from taichisoft_meshing.mesh_record import mesh_figures, write_record
     from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits
     from taichisoft_meshing.quality.mesh_quality import measure
     from taichisoft_meshing.quality.picture import draw_report
-    from taichisoft_meshing.quality.table import mesh_tables
+    from taichisoft_meshing.quality.table import mesh_tables, print_warning
 
     mesh = read_unchecked_mesh(path)
     refused = []
@@ -74,7 +73,7 @@ def _show_mesh(console: "Console", path: Path, output: Path | None) -> list[str]
     problems, remarks = refused + faults(quality), cautions(quality) + missed_limits(quality, limits)
     console.print(mesh_tables(path.name, quality, limits))
     for remark in remarks:
-        print_remark(console, remark)
+        print_warning(console, remark)
     if output is not None and output.suffix.lower() == ".png":
         draw_report(mesh, quality, limits, path.name, output)
     elif output is not None:

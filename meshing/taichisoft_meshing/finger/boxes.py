@@ -1,4 +1,4 @@
-"""The boxes that a finger is made of, in the axes of the mesh."""
+"""The boxes of a finger's slots, air and layers, in the axes of the mesh."""
 
 from dataclasses import dataclass
 
@@ -49,21 +49,21 @@ TOUCH = 1e-9
 
 
 def slot_boxes(finger: FingerDimensions) -> list[Box]:
-    """The cuts across the underside, from the base on."""
+    """The boxes of the slots, beginning at the base."""
     slots, width = finger.slots, finger.body.width
     size = (slots.width, slots.depth, width)
     return [Box((-(start + slots.width), 0.0, -width / 2), size) for start in starts(slots)]
 
 
 def channel_box(finger: FingerDimensions) -> Box:
-    """The air duct."""
+    """The box of the air duct."""
     channel = finger.channel
     size = (channel.end - channel.start, channel.top - channel.bottom, channel.width)
     return Box((-channel.end, channel.bottom, -channel.width / 2), size)
 
 
 def chamber_boxes(finger: FingerDimensions) -> list[Box]:
-    """The air chambers below the channel, from the base on."""
+    """The boxes of the air chambers below the channel, beginning at the base."""
     chambers = finger.chambers
     y = finger.channel.bottom - chambers.height
     size = (chambers.width, chambers.height, chambers.depth)
@@ -71,7 +71,7 @@ def chamber_boxes(finger: FingerDimensions) -> list[Box]:
 
 
 def stiff_layer_box(finger: FingerDimensions) -> Box | None:
-    """The layer of stiffer silicone; None when there is none."""
+    """The box of the layer of stiffer silicone; None when there is none."""
     layer = finger.stiff_layer
     if layer.thickness == 0:
         return None

@@ -1,4 +1,4 @@
-"""The walls around a finger's cavity: how thick each is, which are thin, and how many layers of elements they get."""
+"""The walls around a finger's cavity: their thicknesses, the thin ones among them, and their layers of elements."""
 
 from dataclasses import dataclass
 
@@ -34,7 +34,7 @@ class WalledBox:
 
 
 def walled_boxes(finger: FingerDimensions) -> list[WalledBox]:
-    """The channel and the chambers with their walls; where a box opens into another, that beside the opening."""
+    """The channel and the chambers, each with the silicone around it, or beside it where it opens into another box."""
     return [_channel(finger), *(_chamber(finger, number) for number in range(finger.chambers.count))]
 
 
@@ -45,7 +45,7 @@ def thin_walls(finger: FingerDimensions) -> np.ndarray:
 
 
 def layer_count(finger: FingerDimensions) -> int:
-    """Number of layers in the thinnest wall: that asked for, if the layers are not too flat; 1 for an even mesh."""
+    """Number of layers in the thinnest wall: `elements_across_walls`, or fewer if these were flat; 1 if even."""
     sizes = finger.mesh
     if sizes.smallest == sizes.largest:
         return 1

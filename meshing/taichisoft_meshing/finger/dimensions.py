@@ -25,122 +25,124 @@ class Walls(_Table):
     """Thicknesses of silicone; one that is given takes the place of the positions that it decides."""
 
     side: Length | None = None
-    """[mm] along z, from the cavity to the outside: decides channel.width and chambers.depth."""
+    """Thickness along z from the cavity to the outside [mm]; decides channel.width and chambers.depth."""
     back: Length | None = None
-    """[mm] along y, above the channel: decides channel.top, and shifts channel.bottom with it."""
+    """Thickness along y above the channel [mm]; decides channel.top, and shifts channel.bottom with it."""
     floor: Length | None = None
-    """[mm] along y, below the chambers, to the underside at the base: decides chambers.height."""
+    """Thickness along y from the underside at the base to the chambers [mm]; decides chambers.height."""
     web: Length | None = None
-    """[mm] along y, from the slots up to the channel: decides slots.depth."""
+    """Thickness along y from the slots up to the channel [mm]; decides slots.depth."""
     slot: Length | None = None
-    """[mm] along x, from a slot to the chambers beside it: decides slots.width, first and pitch."""
+    """Thickness along x from a slot to the chambers beside it [mm]; decides slots.width, first and pitch."""
 
 
 class Body(_Table):
     """The block of silicone."""
 
     length: Length = 115.0
-    """[mm] along x, from the base to the tip."""
+    """Length along x from the base to the tip [mm]."""
     height: Length = 30.0
-    """[mm] along y."""
+    """Height along y from the underside to the back [mm]."""
     width: Length = 20.0
-    """[mm] along z."""
+    """Width along z [mm]."""
     tip_height: Length = 10.0
-    """[mm] height along y of the face at the tip; below it the underside rises."""
+    """Height along y of the face at the tip, below which the underside rises [mm]."""
     taper_length: Length = 20.0
-    """[mm] length along x over which the underside rises to the tip's face."""
+    """Length along x over which the underside rises to the face at the tip [mm]."""
     base_length: Length = 10.0
-    """[mm] length along x of the part that is held: element group "base_block"."""
+    """Length along x of the part that is held [mm]: element group "base_block"."""
 
 
 class Slots(_Table):
     """Cuts across the underside, which let the finger bend."""
 
     count: CountOrNone = 6
+    """Number of slots."""
     width: Length = 2.5
-    """[mm] along x."""
+    """Width of each slot along x [mm]."""
     depth: Length = 16.5
-    """[mm] along y, from the underside."""
+    """Depth of each slot along y from the underside [mm]."""
     pitch: Length = 13.0
-    """[mm] along x, from one slot to the next."""
+    """Distance along x from one slot to the next [mm]."""
     first: Length = 23.9106
-    """[mm] from the base to the near side of the first slot."""
+    """Distance from the base to the near side of the first slot [mm]."""
     fillet_radius: LengthOrNone = 0.0
-    """[mm] radius of the two edges at the bottom of the cut, across the finger; 0: sharp."""
+    """Radius of the two edges across the finger at the bottom of each slot [mm]; 0: sharp edges."""
 
 
 class Channel(_Table):
     """The air duct that joins the chambers."""
 
     start: Length = 16.0
-    """[mm] from the base to its near end."""
+    """Distance from the base to the near end of the channel [mm]."""
     end: Length = 99.0
-    """[mm] from the base to its far end."""
+    """Distance from the base to the far end of the channel [mm]."""
     bottom: Length = 19.5
-    """[mm] y of its lower side."""
+    """Position y of the lower side [mm]."""
     top: Length = 22.0
-    """[mm] y of its upper side."""
+    """Position y of the upper side [mm]."""
     width: Length = 15.0
-    """[mm] along z."""
+    """Width along z [mm]."""
 
 
 class Chambers(_Table):
     """The air chambers that hang from the channel."""
 
     count: Count = 7
+    """Number of chambers."""
     width: Length = 5.0
-    """[mm] along x."""
+    """Width of each chamber along x [mm]."""
     pitch: Length = 13.0
-    """[mm] along x, from one chamber to the next."""
+    """Distance along x from one chamber to the next [mm]."""
     first: Length = 16.0
-    """[mm] from the base to the near side of the first chamber."""
+    """Distance from the base to the near side of the first chamber [mm]."""
     height: Length = 11.0
-    """[mm] along y, below the channel."""
+    """Height along y from the lower side of each chamber to the channel [mm]."""
     depth: Length = 15.0
-    """[mm] along z."""
+    """Depth of each chamber along z [mm]."""
     fillet_radius: LengthOrNone = 0.0
-    """[mm] radius of the two lower edges across the finger; 0: sharp."""
+    """Radius of the two lower edges of each chamber across the finger [mm]; 0: sharp edges."""
 
 
 class Inlet(_Table):
     """The hole through which the air comes, closed by the tube that is glued into it: it belongs to the cavity."""
 
     diameter: LengthOrNone = 0.0
-    """[mm] diameter of the bore along x into the middle of the channel's near end; 0: no hole."""
+    """Diameter of the bore along x into the middle of the channel's near end [mm]; 0: no hole."""
     plug: Length = 5.0
-    """[mm] from the base to where the bore is closed; the mesh is solid there."""
+    """Distance from the base to the place where the bore is closed [mm]; the mesh is solid there."""
 
 
 class StiffLayer(_Table):
     """A layer of stiffer silicone in the back: element group "stiff_layer"."""
 
     thickness: LengthOrNone = 5.5
-    """[mm] along y; 0: no layer."""
+    """Thickness along y [mm]; 0: no layer."""
     bottom: Length = 22.5
-    """[mm] y of its lower side."""
+    """Position y of the lower side [mm]."""
     start: LengthOrNone = 19.0
-    """[mm] from the base to its near end."""
+    """Distance from the base to the near end of the layer [mm]."""
     end: Length = 100.0
-    """[mm] from the base to its far end."""
+    """Distance from the base to the far end of the layer [mm]."""
     width: Length = 16.0
-    """[mm] along z."""
+    """Width along z [mm]."""
 
 
 class ElementSizes(_Table):
-    """How fine the tetrahedra are; equal sizes mesh evenly and heed no walls."""
+    """Sizes of the tetrahedra; equal sizes mesh evenly and heed no walls."""
 
     largest: Length = 18.0
-    """[mm] edge length far from the cavity."""
+    """Edge length far from the cavity [mm]."""
     smallest: Length = 9.0
-    """[mm] edge length at the cavity and in the thin walls around it."""
+    """Edge length at the cavity and in the thin walls around it [mm]."""
     elements_across_walls: Count = 2
-    """Layers of elements in the thin walls of the cavity, once `smallest` is small enough for them not to be flat."""
+    """Layers of elements in the thin walls of the cavity, if `smallest` is so small that they are not flat."""
     curvature: CountOrNone = 8
-    """Edges around a full turn of a fillet or bore; 0: no finer where the surface is curved."""
+    """Number of edges around a full turn of a fillet or bore; 0: no finer where the surface is curved."""
 
 
 def starts(row: Slots | Chambers) -> list[float]:
-    """Distances from the base to the near side of each slot or chamber [mm], from the base on."""
+    """Distances from the base to the near sides of the slots or chambers [mm], the smallest first."""
     return [row.first + number * row.pitch for number in range(row.count)]
 
 
@@ -150,10 +152,10 @@ def end(row: Slots | Chambers) -> float:
 
 
 class FingerDimensions(_Table):
-    """All tables of a finger, whose values need not fit together: those of `FingerParameters` do."""
+    """All tables of a finger; their values fit together only in `FingerParameters`."""
 
     wall: Length | None = None
-    """[mm] short for walls.side."""
+    """Thickness of the side walls [mm]: short for walls.side."""
     walls: Walls = Walls()
     body: Body = Body()
     slots: Slots = Slots()
@@ -165,7 +167,7 @@ class FingerDimensions(_Table):
 
     @property
     def outline(self) -> list[tuple[float, float]]:
-        """Corners (x, y) [mm] of the side view without slots, in order around it."""
+        """Corners (x, y) of the side view without slots, in order around it [mm]."""
         body = self.body
         return [
             (0.0, 0.0),
@@ -176,7 +178,7 @@ class FingerDimensions(_Table):
         ]
 
     def underside(self, distance: float) -> float:
-        """The y [mm] of the underside, slots apart, at a distance [mm] from the base."""
+        """Position y of the underside, slots apart, at a distance from the base [mm]."""
         body = self.body
         beyond = max(distance - (body.length - body.taper_length), 0.0)
         return (body.height - body.tip_height) * beyond / body.taper_length
@@ -192,7 +194,7 @@ class FingerDimensions(_Table):
 
     @property
     def solid_volume(self) -> float:
-        """Volume of silicone and air together [mm^3]: the block less its taper and its slots."""
+        """Volume of silicone and air together, the block less its taper and its slots [mm^3]."""
         body, slots = self.body, self.slots
         taper = body.taper_length * (body.height - body.tip_height) / 2
         cuts = slots.count * (slots.width * slots.depth - 2 * _corner(slots.fillet_radius))
@@ -206,5 +208,5 @@ class FingerDimensions(_Table):
 
 
 def _corner(radius: float) -> float:
-    """Area [mm^2] between a right angle and the arc that rounds it."""
+    """Area between a right angle and the arc that rounds it [mm^2]."""
     return (1 - math.pi / 4) * radius**2

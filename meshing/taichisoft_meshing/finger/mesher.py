@@ -1,4 +1,4 @@
-"""From a finger's dimensions to tetrahedra: gmsh builds the solid and fills it, finely in the thin walls."""
+"""The mesher of fingers: gmsh builds the solid and fills it with tetrahedra, small ones in the thin walls."""
 
 from typing import Any
 

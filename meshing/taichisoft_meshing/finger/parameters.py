@@ -15,7 +15,7 @@ ROUNDING = 1e-9
 class FingerParameters(FingerDimensions):
     """A finger whose dimensions fit together; the defaults are the finger of the PneuNet gripper tutorial.
 
-    A thickness in `walls`, or `wall`, decides positions of other tables: those read as it makes them.
+    A thickness in `walls`, or `wall`, decides positions in other tables, which have the decided values.
     """
 
     @model_validator(mode="after")

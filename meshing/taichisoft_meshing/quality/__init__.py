@@ -1,1 +1,1 @@
-"""How good a mesh is: measured, held against limits, and shown."""
+"""The quality of a mesh: measured, compared with limits, and shown."""

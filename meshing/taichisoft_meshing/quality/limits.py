@@ -1,4 +1,4 @@
-"""What speaks against a mesh: faults, limits that it misses (table [quality] of a geometry file), and cautions."""
+"""The judgement of a mesh: faults, missed limits (table [quality] of a geometry file), and cautions."""
 
 from collections.abc import Sequence
 from typing import Annotated
@@ -15,24 +15,24 @@ Angle = Annotated[float, Field(ge=0, le=180)]
 
 
 class QualityLimits(BaseModel):
-    """What a mesh must keep to be written without `--force`; the defaults refuse what breaks in a large bend."""
+    """Limits that a mesh must keep to be written without `--force`; the defaults refuse what breaks in a large bend."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     radius_ratio: Share = 0.03
-    """[-] smallest ratio of any element: 1 for a regular tetrahedron, 0 for a flat one (gmsh's gamma)."""
+    """Smallest radius ratio of any element [-]: 1 for a regular tetrahedron, 0 for a flat one (gmsh's gamma)."""
     smallest_dihedral_angle: Angle = 2.0
-    """[degrees] smallest angle between two faces of an element."""
+    """Smallest angle between two faces of an element [degrees]."""
     largest_dihedral_angle: Angle = 177.0
-    """[degrees] largest angle between two faces of an element."""
+    """Largest angle between two faces of an element [degrees]."""
     shortest_edge: Annotated[float, Field(ge=0)] = 0.0
-    """[mm] length of the shortest edge."""
+    """Length of the shortest edge [mm]."""
     elements_across_walls: Annotated[int, Field(ge=1, le=5)] = 1
-    """How many elements 95 % of each cavity's wall must be thick, at least."""
+    """Least number of elements across 95 % of each cavity's wall."""
 
 
 def faults(quality: MeshQuality) -> list[str]:
-    """Why the mesh is not the body that was meant, one line each; no limit allows these."""
+    """Faults of a mesh, one line each: it is not the body that was meant, and no limit allows that."""
     found = [
         f"{count} {what}"
         for count, what in (
@@ -53,7 +53,7 @@ def faults(quality: MeshQuality) -> list[str]:
 
 
 def missed_limits(quality: MeshQuality, limits: QualityLimits) -> list[str]:
-    """The measure, its value and the limit, one line for each limit that the mesh misses."""
+    """Limits that a mesh misses, one line each with the measure, its value and the limit."""
     across = quality.elements_across_walls
     measured = (
         ("the smallest radius ratio", quality.radius_ratios.min(), "", "below", "radius_ratio"),
@@ -71,7 +71,7 @@ def missed_limits(quality: MeshQuality, limits: QualityLimits) -> list[str]:
 
 
 def cautions(quality: MeshQuality) -> list[str]:
-    """What a user should know before believing a displacement, one line each."""
+    """Reasons not to believe a displacement, one line each."""
     thin = [
         f"{wall.name} ({wall.share_of_one:.0%} of the area)"
         for wall in quality.walls
@@ -81,5 +81,5 @@ def cautions(quality: MeshQuality) -> list[str]:
 
 
 def summary(problems: Sequence[str]) -> str:
-    """The first problem, and how many more there are."""
+    """The first problem, and the number of the others."""
     return problems[0] + (f" (and {len(problems) - 1} more)" if len(problems) > 1 else "")

@@ -1,4 +1,4 @@
-"""How fit a mesh is to be simulated: its elements, its surfaces and its walls, in figures."""
+"""Figures of a mesh: of its elements, its surfaces and its walls."""
 
 from dataclasses import dataclass
 

@@ -12,7 +12,7 @@ from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 OUTER = "outer"
 CAVITY = "cavity"
 
-# Number of a cavity's vertices that are looked up: if one is inside and its surface does not cross the skin, all are.
+# Number of vertices of a cavity that are tested: if its surface does not cross the skin, one would be enough.
 SAMPLE = 50
 
 
@@ -55,7 +55,7 @@ def measure_surface(name: str, nodes: np.ndarray, triangles: np.ndarray) -> Surf
 
 
 def measure_surfaces(mesh: VolumeMesh) -> tuple[SurfaceQuality, ...]:
-    """Measure the surfaces that a mesh names; where it names no outer skin, the pieces of its boundary, too."""
+    """Measure the surfaces that a mesh names; where it names no outer skin, also the pieces of its boundary."""
     named = dict(mesh.surface_groups)
     if OUTER not in named:
         skins, cavities = skins_and_cavities(mesh.nodes, mesh.elements)
@@ -80,7 +80,7 @@ def cavities_outside(nodes: np.ndarray, surfaces: tuple[SurfaceQuality, ...]) ->
 
 
 def winding_numbers(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """How often a closed surface winds round each point: 1 inside of it, 0 outside (van Oosterom and Strackee 1983).
+    """Winding numbers of a closed surface around points: 1 inside of it, 0 outside (van Oosterom and Strackee 1983).
 
     Args:
         points: [mm], shape (point_count, 3).

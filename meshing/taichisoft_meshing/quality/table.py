@@ -1,9 +1,9 @@
-"""What `taichisoft mesh` and `taichisoft mesh-info` print: the figures of a mesh or of a surface."""
+"""The tables that `taichisoft mesh` and `taichisoft mesh-info` print: figures of a mesh or of a surface."""
 
 from collections.abc import Iterator
 
 import numpy as np
-from rich.console import Group
+from rich.console import Console, Group
 from rich.table import Table
 from rich.text import Text
 
@@ -46,6 +46,11 @@ def surface_table(title: str, surface: SurfaceQuality, pieces: int, extent: np.n
     ):
         table.add_row(*map(Text, row))
     return table
+
+
+def print_warning(console: Console, warning: str) -> None:
+    """Print one line that warns, without markup."""
+    console.print(Text.assemble(("warning: ", "yellow"), warning), soft_wrap=True)
 
 
 def _table(title: str | None, *headings: str) -> Table:
@@ -100,7 +105,7 @@ def _surfaces(quality: MeshQuality) -> Iterator[tuple[str, ...]]:
 
 
 def _state(surface: SurfaceQuality, quality: MeshQuality) -> str:
-    """What is said of a surface that must be closed; others may be as they are."""
+    """The state of a surface that must be closed; empty for other surfaces."""
     if not surface.closed_by_name:
         return ""
     if surface.open_edges:

@@ -1,4 +1,4 @@
-"""Tetrahedra: how well shaped they are, and which of them share a face."""
+"""The shapes of tetrahedra, and their neighbours."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""Walls of a body, found with rays: how thick each is, and how many elements of the mesh lie across it.
+"""Walls of a body, found with rays: their thicknesses, and the number of elements across each.
 
 From the middle of every boundary triangle a ray goes into the body, at a right angle, tetrahedron by tetrahedron,
 until it leaves it again. Where it leaves nearly at a right angle there is a wall. So walls need no description.
@@ -74,10 +74,10 @@ def _walk(
     offsets: np.ndarray,
     behind: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Where each ray leaves the body: element, face (-1 where it got lost) and its length [mm].
+    """The element and face through which each ray leaves the body (face -1 if it got lost), and its length [mm].
 
     A ray leaves a tetrahedron through the nearest plane of a face that it crosses outward. So it cannot miss an edge
-    that it hits: whichever of the two faces rounding prefers, the next tetrahedron has the edge too.
+    that it hits: whichever of the two faces rounding prefers, the next tetrahedron also has the edge.
     """
     last_element, last_face = element.copy(), np.full(len(element), -1)
     length = np.zeros(len(element))

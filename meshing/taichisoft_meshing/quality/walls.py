@@ -62,7 +62,7 @@ def _measure(walls: Walls, here: np.ndarray, sides: tuple[str, str], of_cavity: 
 
 
 def _surface_of(triangles: np.ndarray, surfaces: Sequence[SurfaceQuality]) -> np.ndarray:
-    """Index of the surface that each triangle lies on, -1 for none: the one that has all three corners."""
+    """Index of the surface of each triangle, which has all three corners; -1 where no surface has them."""
     found = np.full(len(triangles), -1)
     for number, surface in enumerate(surfaces):
         found[np.isin(triangles, surface.triangles).all(axis=1)] = number

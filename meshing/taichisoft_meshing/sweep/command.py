@@ -43,8 +43,8 @@ def mesh_sweep(
     """Mesh every variant of a geometry; one that fails is reported, the others go on, and the exit code is 1."""
     from rich.console import Console  # --help need not wait for any of these
 
-    from taichisoft_meshing.commands.display import print_remark
     from taichisoft_meshing.mesh_set import prepare_folder
+    from taichisoft_meshing.quality.table import print_warning
     from taichisoft_meshing.sweep.plan import plan
     from taichisoft_meshing.sweep.runner import available_cpus, run_sweep
     from taichisoft_meshing.sweep.summary import summary_rows, summary_table, write_summary
@@ -61,7 +61,7 @@ def mesh_sweep(
     console.print(summary_table(rows, str(output)))
     for variant, outcome in zip(variants, outcomes, strict=True):
         for remark in (*outcome.remarks, *([f"failed: {outcome.problem}"] if outcome.problem else [])):
-            print_remark(console, f"{variant.name}: {remark}")
+            print_warning(console, f"{variant.name}: {remark}")
     console.print(f"summary in {written}", markup=False, highlight=False, soft_wrap=True)
     failed = sum(bool(outcome.problem) for outcome in outcomes)
     if failed:

@@ -18,7 +18,7 @@ from taichisoft_meshing.sweep.process import Outcome, make_variant
 
 
 def available_cpus() -> int:
-    """How many this process may use."""
+    """Number of processors that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -1,9 +1,8 @@
-"""A drawing of a finger with the names of its dimensions.
+"""Draws docs/finger.svg: the tutorial's finger with the names of its dimensions; a test compares the texts.
 
-python -m taichisoft_meshing.finger.drawing docs/finger.svg
+python docs/draw_finger.py
 """
 
-import sys
 from operator import attrgetter
 from pathlib import Path
 from typing import Any
@@ -16,9 +15,9 @@ SILICONE, STIFF, AIR, WALL = "#cfe3ee", "#9fc3d6", "#ffffff", "#a03010"
 SCALE = 0.047
 """Inches of paper for a millimetre of the finger."""
 ROW = 8.0
-"""[mm] of the finger between dimensions above each other."""
+"""Distance between dimensions above each other, in the scale of the finger [mm]."""
 GAP = 60.0
-"""[mm] of the finger from the base to the middle of the cross-section beside it."""
+"""Distance from the base to the middle of the cross-section beside it, in the scale of the finger [mm]."""
 
 
 def draw_finger(finger: FingerParameters, path: Path) -> None:
@@ -183,4 +182,4 @@ def _note(axes: Any, text: str, corner: tuple[float, float], place: tuple[float,
 
 
 if __name__ == "__main__":
-    draw_finger(FingerParameters(), Path(sys.argv[1]))
+    draw_finger(FingerParameters(), Path(__file__).with_name("finger.svg"))
