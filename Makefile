@@ -13,8 +13,9 @@ grasp: system-libraries
 	.venv/bin/taichisoft run gripper --controller scripted --outputs recording,metrics,pictures,video,report \
 	    --video out/grasp/grasp.mp4 --set soft_bodies.finger1.mesh=out/grasp/finger.msh --output out/grasp
 
+# A process a core, four at most: each compiles or loads the kernels for itself.
 test: system-libraries browser lint
-	.venv/bin/pytest
+	.venv/bin/pytest --numprocesses logical --maxprocesses 4
 
 bench: system-libraries
 	.venv/bin/taichisoft bench --output out/bench $(OPTIONS)

@@ -3,6 +3,7 @@
 There is no second conftest.py: tests import from this one by its name.
 """
 
+import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
@@ -22,7 +23,6 @@ from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
-FIGURES = pytest.StashKey[list[str]]()
 
 THOROUGH = 5000
 settings.register_profile("usual", settings(), deadline=None)  # no property depends on speed
@@ -106,45 +106,45 @@ def shared() -> Path:
 class Figures:
     """Checks a measured figure against its bound and keeps it for `pytest --figures`."""
 
-    def __init__(self, lines: list[str], test: str):
-        self._lines = lines
-        self._test = test
+    def __init__(self, keep: Callable[[str, object], None]):
+        self._keep = keep
 
     def at_most(self, what: str, value: float, bound: float) -> None:
         """Assert value <= bound; NaN fails."""
-        self._lines.append(f"{self._test} | {what} | {value:.3g} | <= {bound:.3g}")
+        self._keep("figure", f"{what} | {value:.3g} | <= {bound:.3g}")
         assert value <= bound, f"{what}: {value:.6g} exceeds {bound:.6g}"
 
     def close(self, what: str, ours: float, reference: float, tolerance: float) -> None:
         """Assert |ours - reference| <= tolerance; NaN fails."""
         difference = abs(ours - reference)
-        self._lines.append(
-            f"{self._test} | {what} | {ours:.6g} | {reference:.6g} | {difference:.2g} | <= {tolerance:.2g}"
-        )
+        self._keep("figure", f"{what} | {ours:.6g} | {reference:.6g} | {difference:.2g} | <= {tolerance:.2g}")
         assert difference <= tolerance, f"{what}: {ours:.9g} against {reference:.9g} differs by more than {tolerance:g}"
 
 
 @pytest.fixture
-def figures(request: pytest.FixtureRequest) -> Figures:
+def figures(record_property: Callable[[str, object], None]) -> Figures:
     """Where a test puts what it measured."""
-    return Figures(request.config.stash[FIGURES], request.node.name)
+    return Figures(record_property)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--figures", action="store_true", help="print what the validation tests measured")
 
 
-def pytest_configure(config: pytest.Config) -> None:
+def pytest_configure() -> None:
     # A script starts its background jobs with SIGINT ignored, nohup does with SIGHUP, and what tests start would
     # inherit it. A signal with a handler begins as usual in a child.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is signal.SIG_IGN:
         signal.signal(signal.SIGHUP, lambda *_: None)
-    config.stash[FIGURES] = []
+    if workers := os.environ.get("PYTEST_XDIST_WORKER_COUNT"):  # they share the cores
+        os.environ.setdefault("TAICHISOFT_THREADS", str(max(1, (os.cpu_count() or 1) // int(workers))))
 
 
 def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter, config: pytest.Config) -> None:
     if config.getoption("--figures"):
         terminalreporter.section("measured figures")
-        for line in config.stash[FIGURES]:
-            terminalreporter.write_line(line)
+        for report in terminalreporter.getreports("passed") + terminalreporter.getreports("failed"):
+            for name, figure in report.user_properties:
+                if name == "figure":
+                    terminalreporter.write_line(f"{report.nodeid.rpartition('::')[2]} | {figure}")
