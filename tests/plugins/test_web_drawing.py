@@ -56,7 +56,7 @@ SCENE = Scene.model_validate(
 
 def frame(time: float, height: float = 0.0) -> Frame:
     """A frame of a run with one cavity, in which the second rigid body is gripped."""
-    forces = {"left|cube": 3.0, "cube|right": 2.0, "cube|floor": 9.0, "left|ball": 7.0}
+    forces = {("left", "cube"): 3.0, ("cube", "right"): 2.0, ("cube", "floor"): 9.0, ("left", "ball"): 7.0}
     places, nothing = np.array([[99.0, 0.0, 0.0], [height, 0.0, 0.0]]), np.zeros((0, 3))
     return Frame(time, (), nothing, nothing, plotted_row(SCENE, [10.0 * time], forces, places))
 
@@ -69,9 +69,8 @@ def test_curves_have_pressures_forces_of_the_fingers_and_the_height_from_the_fir
 
 
 def test_a_scene_without_rigid_bodies_has_pressures_only() -> None:
-    """Also before the first step, where none is known."""
     alone = SCENE.model_copy(update={"rigid_bodies": {}, "goal": None})
-    assert plotted_row(alone, [np.nan], {"left|right": 3.0}, np.zeros((0, 3))).tolist() == [0.0, 0.0, 0.0, 0.0]
+    assert plotted_row(alone, [4.0], {("left", "right"): 3.0}, np.zeros((0, 3))).tolist() == [4.0, 0.0, 0.0, 0.0]
 
 
 def test_curves_of_a_long_run_stay_small_and_reach_back_to_its_start() -> None:

@@ -58,7 +58,7 @@ QUANTITIES = {
     "steps/residual": Quantity("mm/s"),
     "steps/converged": Quantity("1"),
     "steps/step_time": Quantity("s"),
-    "contacts/bodies": Quantity("numbers of the two bodies", "contact_body_pair"),
+    "contacts/bodies": Quantity("1", "contact_body_pair"),
     "contacts/point": Quantity("mm", "contact_point"),
     "contacts/normal": Quantity("1", "contact_normal"),
     "contacts/impulse": Quantity("mN s", "contact_impulse"),

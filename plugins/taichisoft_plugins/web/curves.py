@@ -23,7 +23,7 @@ def plotted_row(
 
     Args:
         scene: The scene of the run.
-        pressures: Pressure of each cavity [kPa]; one that is not known counts as 0.
+        pressures: Pressure of each cavity [kPa].
         normal_forces: Normal force of each pair of bodies [mN].
         rigid_position: Centres of mass [mm], shape (rigid_count, 3).
 
@@ -31,11 +31,11 @@ def plotted_row(
         Pressures [kPa], force of each soft body on the main object [mN], and the height of that [mm].
     """
     if scene.main_object is None:
-        return np.nan_to_num(np.array([*pressures, *(0.0 for _ in scene.soft_bodies), 0.0]))
+        return np.array([*pressures, *(0.0 for _ in scene.soft_bodies), 0.0])
     pressed = {frozenset(pair): force for pair, force in normal_forces.items()}
     forces = (pressed.get(frozenset((name, scene.main_object)), 0.0) for name in scene.soft_bodies)
     height = rigid_position[list(scene.rigid_bodies).index(scene.main_object)] @ scene.up
-    return np.nan_to_num(np.array([*pressures, *forces, height]))
+    return np.array([*pressures, *forces, height])
 
 
 class History:
