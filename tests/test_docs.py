@@ -36,7 +36,7 @@ PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_command_and_option_that_is_shown_exists(page: Path) -> None:
     shell = "".join(re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL))
-    for line in re.findall(r"^taichisoft .*(?:\\\n.*)*", shell, re.MULTILINE):
+    for line in re.findall(r"^taichisoft (?:.*\\\n)*.*", shell, re.MULTILINE):
         words = shlex.split(line.replace("\\\n", " "), comments=True)[1:]
         command: Any = with_plugin_commands(application)
         while words and words[0] in getattr(command, "commands", {}):
