@@ -46,8 +46,8 @@ class SimulationDiverged(TaichisoftError):
     Attributes:
         body: name of the body.
         step: index of the step that failed; the state before it is kept.
-        cause: what was found.
-        advice: what to try.
+        cause: text about what was found.
+        advice: text about what to try.
     """
 
     def __init__(self, body: str, step: int, cause: str, advice: str):

@@ -20,31 +20,33 @@ from taichisoft.state import State
 
 
 class Model:
-    """Arrays, element data, sparsity and factorisation, surfaces.
+    """Everything about a scene that never changes during a run: bodies, arrays, elements, surfaces.
 
     Bodies are numbered: soft bodies, then rigid bodies, then obstacles, each in the scene's order.
 
     Attributes:
-        scene: where it comes from.
-        soft_bodies, rigid_bodies, obstacles: the bodies.
+        scene: scene of which the model was made.
+        soft_bodies: soft bodies in the scene's order.
+        rigid_bodies: rigid bodies in the scene's order.
+        obstacles: obstacles in the scene's order.
         body_names: names by body number.
-        rest_position: soft nodes [mm], shape (node_count, 3).
-        elasticity: forces and the system matrix; None without soft bodies.
-        cavities: all cavities.
-        surfaces: all contact surfaces.
-        friction: coefficient by the numbers of two bodies, shape (body_count, body_count).
-        base_pivot: the point about which the base turns [mm], shape (3,).
-        rigid_mass: [kg], shape (rigid_count,).
-        rigid_inertia: in the body frames [kg mm^2], shape (rigid_count, 3, 3).
-        gravity: [mm/s^2], shape (3,).
+        rest_position: rest positions of the soft nodes [mm], shape (node_count, 3).
+        elasticity: elements of all soft bodies and the pattern of their matrix; None without soft bodies.
+        cavities: cavities of all soft bodies; `cavities.names` are their names.
+        surfaces: contact surfaces of all bodies.
+        friction: friction coefficients by the numbers of two bodies, shape (body_count, body_count).
+        base_pivot: point about which the base turns [mm], shape (3,).
+        rigid_mass: masses of the rigid bodies [kg], shape (rigid_count,).
+        rigid_inertia: inertias of the rigid bodies in their own frames [kg mm^2], shape (rigid_count, 3, 3).
+        gravity: acceleration of gravity [mm/s^2], shape (3,).
     """
 
     def __init__(self, scene: Scene, meshes: Mapping[str, VolumeMesh]):
         """Lay out the arrays; surfaces that the scene names are read from their files.
 
         Args:
-            scene: what to simulate.
-            meshes: those of the soft bodies by name; `taichisoft.make_model` finds them.
+            scene: scene to simulate.
+            meshes: meshes of the soft bodies by name; `taichisoft.make_model` finds them.
 
         Raises:
             MeshError: a surface is not fit to simulate.

@@ -30,9 +30,9 @@ class Simulation:
     """A model, which it shares with others, and a state, with the work space of a step.
 
     Attributes:
-        model: what does not change.
-        state: replaced by every step; see `restore`.
-        report: of the last step, None before the first.
+        model: everything that does not change.
+        state: everything that changes; every step puts a new one in its place, see `restore`.
+        report: report of the last step; None before the first.
     """
 
     def __init__(self, model: Model):

@@ -17,28 +17,28 @@ class State:
     """The state between two steps, in read-only arrays; `Simulation.step` makes a new one and leaves the old one.
 
     Attributes:
-        time: [s].
+        time: simulated time [s].
         step: number of steps made.
-        position: soft nodes [mm], shape (node_count, 3).
-        velocity: soft nodes [mm/s], shape (node_count, 3).
-        rigid_position: centres of mass [mm], shape (rigid_count, 3).
-        rigid_rotation: unit quaternions (w, x, y, z), shape (rigid_count, 4).
-        rigid_velocity: [mm/s], shape (rigid_count, 3).
-        rigid_angular_velocity: [rad/s] in world axes, shape (rigid_count, 3).
-        base_translation: of all anchors [mm], shape (3,).
+        position: positions of the soft nodes [mm], shape (node_count, 3).
+        velocity: velocities of the soft nodes [mm/s], shape (node_count, 3).
+        rigid_position: centres of mass of the rigid bodies [mm], shape (rigid_count, 3).
+        rigid_rotation: rotations of the rigid bodies, unit quaternions (w, x, y, z), shape (rigid_count, 4).
+        rigid_velocity: velocities of the centres of mass [mm/s], shape (rigid_count, 3).
+        rigid_angular_velocity: angular velocities of the rigid bodies in world axes [rad/s], shape (rigid_count, 3).
+        base_translation: shift of all anchors from their rest positions [mm], shape (3,).
         base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
         base_request: translation and rotation vector that were asked for, before limits, shape (2, 3).
-        base_velocity: linear [mm/s] and angular [rad/s] that were asked for, 0 if a pose was, shape (2, 3).
+        base_velocity: linear [mm/s] and angular velocity [rad/s] that were asked for, 0 if a pose was, shape (2, 3).
         cavity_volume_imposed: whether a cavity is driven by volume, else by pressure, shape (cavity_count,).
         cavity_request: pressure [kPa] or volume growth [mm^3] that was asked for, before limits, (cavity_count,).
         cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
-        cavity_pressure: in the last step, imposed or found [kPa], shape (cavity_count,).
-        cavity_volume: [mm^3], shape (cavity_count,).
+        cavity_pressure: pressure in the last step, imposed or found [kPa], shape (cavity_count,).
+        cavity_volume: volumes of the cavities [mm^3], shape (cavity_count,).
         contact_body_pair: numbers of the two bodies of each contact of the last step, shape (contact_count, 2).
-        contact_point: where it was [mm], shape (contact_count, 3).
-        contact_normal: unit vector from its first body to its second, shape (contact_count, 3).
-        contact_impulse: on its second body [mN s], shape (contact_count, 3).
-        contact_slip: its sliding speed, 0 where nothing presses [mm/s], shape (contact_count,).
+        contact_point: middle of each contact when it was found [mm], shape (contact_count, 3).
+        contact_normal: unit vector from the first body to the second, shape (contact_count, 3).
+        contact_impulse: impulse on the second body [mN s], shape (contact_count, 3).
+        contact_slip: sliding speed of each contact, 0 where nothing presses [mm/s], shape (contact_count,).
     """
 
     time: float

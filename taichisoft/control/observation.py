@@ -17,26 +17,26 @@ class Observation:
     scene's order, ("finger1", "cube"); those further apart than `contact.alarm_distance` are left out.
 
     Attributes:
-        time: [s] at the start of the step.
+        time: simulated time at the start of the step [s].
         step: index of the step about to be made.
-        pressures: [kPa] of the last step, by cavity name.
-        volumes: cavity volumes [mm^3], by cavity name.
-        flows: rate of change of each cavity's volume [mm^3/s], by cavity name.
-        tip_positions: mean of the tip's nodes [mm], shape (3,), by finger.
-        tip_velocities: mean of the tip's nodes [mm/s], shape (3,), by finger.
-        bending_angles: by how much the tip has turned against the base [rad], from 0 to pi, by finger.
-        base_translation: of all anchors from their rest positions [mm], shape (3,).
+        pressures: pressures in the last step [kPa], by cavity name.
+        volumes: volumes of the cavities [mm^3], by cavity name.
+        flows: rates of change of the volumes [mm^3/s], by cavity name.
+        tip_positions: mean position of the tip's nodes [mm], shape (3,), by finger.
+        tip_velocities: mean velocity of the tip's nodes [mm/s], shape (3,), by finger.
+        bending_angles: turn of the tip against the base [rad], from 0 to pi, by finger.
+        base_translation: shift of all anchors from their rest positions [mm], shape (3,).
         base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
-        object_positions: centre of mass [mm] of each rigid body, shape (3,), by name.
-        object_rotations: unit quaternion (w, x, y, z) of each rigid body, shape (4,), by name.
-        object_velocities: of the centre of mass [mm/s], shape (3,), by name.
-        object_angular_velocities: [rad/s] in world axes, shape (3,), by name.
-        contact_counts: contacts that press, by pair.
+        object_positions: centre of mass of each rigid body [mm], shape (3,), by name.
+        object_rotations: rotation of each rigid body, a unit quaternion (w, x, y, z), shape (4,), by name.
+        object_velocities: velocity of the centre of mass of each rigid body [mm/s], shape (3,), by name.
+        object_angular_velocities: angular velocity of each rigid body in world axes [rad/s], shape (3,), by name.
+        contact_counts: number of contacts that press, by pair.
         normal_forces: sum of the normal forces in the last step [mN], by pair.
         friction_forces: sum of the magnitudes of the friction forces in the last step [mN], by pair.
         slip_speeds: fastest sliding of a contact that presses [mm/s], by pair.
-        clipped: what of the last request the scene's limits held back: names of cavities, "base_translation" and
-            "base_rotation".
+        clipped: parts of the last request that the scene's limits held back: names of cavities, "base_translation"
+            and "base_rotation".
     """
 
     time: float

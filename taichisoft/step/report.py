@@ -15,17 +15,18 @@ class StepReport:
 
     Attributes:
         step: index of the step, from 0.
-        time: at its end [s].
-        contact_points: midpoints at its start, where contacts were found, the open ones too [mm], shape
+        time: simulated time at the end of the step [s].
+        contact_points: middles of the contacts at the start of the step, the open ones too [mm], shape
             (contact_count, 3).
-        contact_forces: on the second body of each contact [mN], shape (contact_count, 3).
-        max_penetration: how far a point was in the contact distance at its start [mm]; surfaces overlap beyond that.
-        iterations: sweeps of the Gauss-Seidel.
+        contact_forces: force on the second body of each contact [mN], shape (contact_count, 3).
+        max_penetration: deepest intrusion into the contact distance at the start of the step [mm]; surfaces overlap
+            when it exceeds that distance.
+        iterations: number of sweeps of the Gauss-Seidel.
         residual: largest change of a velocity in the last sweep [mm/s].
         converged: whether the residual is below the tolerance.
-        signals: the controller's own numbers, by name.
-        step_time: wall clock [s].
-        observe: works the observation out.
+        signals: numbers of the controller's own, by name.
+        step_time: wall-clock time that the step took [s].
+        observe: function that works the observation out.
     """
 
     step: int
