@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from test_architecture import LAYERS
 
 from taichisoft.command_line import application
 from taichisoft.plugin_system.commands import with_plugin_commands
@@ -62,6 +63,22 @@ def anchors(page: Path) -> set[str]:
     """What may stand behind # in a link to a page: its headings, as GitHub writes them."""
     headings = re.findall(r"^#+ (.*)$", page.read_text(encoding="utf-8"), re.MULTILINE)
     return {re.sub(r"[^\w -]", "", heading).replace(" ", "-").lower() for heading in headings}
+
+
+@pytest.mark.parametrize("page", ["docs/architecture.md", "CONTRIBUTING.md"])
+def test_every_file_that_a_page_about_the_code_names_is_there(page: str) -> None:
+    named = re.findall(r"`([\w/.]+/[\w/.]*)`", (ROOT / page).read_text(encoding="utf-8"))
+    assert len(named) > 5
+    assert [name for name in named if not (ROOT / name).exists() and not (ROOT / "taichisoft" / name).exists()] == []
+
+
+def test_the_stack_that_is_drawn_is_the_one_that_is_asserted() -> None:
+    (drawing,) = re.findall(
+        r"```\n(.*?)```", (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8"), re.DOTALL
+    )
+    drawn = [word.strip("/").removesuffix(".py") for line in drawing.splitlines()[2:] for word in line[:36].split()]
+    asserted = [name for name in LAYERS["taichisoft"] if name not in ("pytest_fixtures", "__init__")]
+    assert [name for name in drawn if name in asserted] == asserted
 
 
 def test_the_readme_leads_somewhere() -> None:
