@@ -12,22 +12,24 @@ DARKEST, KEY_STRENGTH, SKY_STRENGTH = 0.44, 0.44, 0.12
 """Brightness of what is turned away, and what the two lights add at most; together 1 [-]."""
 
 
+CREASE_ANGLE = 40.0
+"""Faces that meet at a sharper angle [degrees] keep the edge between them."""
+
+
 class SmoothNormals:
     """Gives every triangle corner a vertex and a normal of its own, as its surface deforms.
 
     The normal of a corner is the area-weighted mean of those triangles at its vertex that are turned by less than
-    `crease_angle` against its own triangle: curved faces are smooth, and edges stay sharp.
+    CREASE_ANGLE against its own triangle: curved faces are smooth, and edges stay sharp.
 
     Args:
         triangles: Vertex indices, outward, shape (triangle_count, 3).
-        crease_angle: Angle from which an edge is sharp [degrees].
     """
 
-    def __init__(self, triangles: np.ndarray, crease_angle: float = 40.0):
+    def __init__(self, triangles: np.ndarray):
         self._triangles = triangles
-        self._cosine = np.cos(np.radians(crease_angle))
         # The pairs do not change while the surface deforms; finding them takes longer than all the rest.
-        self._corners, others = _corners_at_same_vertex(triangles.ravel())
+        self._corners, others = corners_at_same_vertex(triangles.ravel())
         self._own, self._other = self._corners // 3, others // 3
 
     def __call__(self, vertices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -39,15 +41,25 @@ class SmoothNormals:
         """
         corners = vertices[self._triangles]
         areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
-        smooth = np.einsum("ij,ij->i", units[self._own], units[self._other]) > self._cosine
+        smooth = face_alike(areas, self._own, self._other)
         where, what = self._corners[smooth], areas[self._other[smooth]]
         normals = np.stack([np.bincount(where, part, self._triangles.size) for part in what.T], axis=1)
         lengths = np.linalg.norm(normals, axis=1, keepdims=True)
         return corners.reshape(-1, 3), normals / np.maximum(lengths, 1e-30)
 
 
-def _corners_at_same_vertex(vertex_of_corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def face_alike(areas: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Whether triangles `one` and `other`, shape (count,), are turned against each other by less than CREASE_ANGLE.
+
+    Args:
+        areas: A vector along the normal of each triangle, of any length, shape (triangle_count, 3).
+        one, other: Indices of triangles, shape (count,).
+    """
+    units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
+    return np.einsum("ij,ij->i", units[one], units[other]) > np.cos(np.radians(CREASE_ANGLE))
+
+
+def corners_at_same_vertex(vertex_of_corner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """All ordered pairs of corners that share a vertex, each corner with itself too."""
     order = np.argsort(vertex_of_corner, kind="stable")
     _, start, count = np.unique(vertex_of_corner[order], return_index=True, return_counts=True)

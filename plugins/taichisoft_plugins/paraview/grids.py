@@ -10,12 +10,13 @@ from functools import partial
 import numpy as np
 
 from taichisoft.bodies.surfaces import Plane
+from taichisoft_plugins.drawing.planes import square_of_plane
 from taichisoft_plugins.paraview.soft_bodies import SoftBodyGrid
 from taichisoft_plugins.paraview.vtu_file import TRIANGLE, VERTEX, Grid
 from taichisoft_plugins.recording.reader import RecordedSurface, Recording
 
-PLANE_SIZE = 2.0
-"""Half the side of the square that stands for a plane, as a multiple of the largest extent of the bodies."""
+PLANE_SIZE = 4.0
+"""Half the side of the square that stands for a plane, in radii of the bodies [-]."""
 
 
 def grid_makers(recording: Recording) -> dict[str, Callable[[int], Grid]]:
@@ -78,11 +79,6 @@ def _contact_grid(points: np.ndarray, forces: np.ndarray) -> Grid:
 
 def _square(plane: Plane, recording: Recording) -> RecordedSurface:
     """A piece of an infinite plane, large enough to be seen below everything; its front is that of the plane."""
-    everything = np.vstack([surface.vertices(0) for surface in recording.surfaces] or [plane.point[None]])
-    middle, extent = everything.mean(axis=0), np.ptp(everything, axis=0).max()
-    foot = middle - ((middle - plane.point) @ plane.normal) * plane.normal
-    one, other = np.linalg.svd(plane.normal[None])[2][1:]
-    if np.cross(one, other) @ plane.normal < 0.0:
-        one, other = other, one
-    corners = foot + PLANE_SIZE * extent * np.array([-one - other, one - other, one + other, other - one])
-    return RecordedSurface(plane.name, "obstacle", np.array([[0, 1, 2], [0, 2, 3]]), lambda frame: corners)
+    everything = np.vstack([surface.vertices(0) for surface in recording.surfaces])
+    corners, triangles = square_of_plane(plane, everything, [], PLANE_SIZE)
+    return RecordedSurface(plane.name, "obstacle", triangles, lambda frame: corners)

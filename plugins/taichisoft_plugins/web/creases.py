@@ -2,8 +2,7 @@
 
 import numpy as np
 
-CREASE_ANGLE = 40.0
-"""Faces that meet at a sharper angle [degrees] keep the edge between them."""
+from taichisoft_plugins.drawing.shading import corners_at_same_vertex, face_alike
 
 
 def split_creases(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -12,8 +11,8 @@ def split_creases(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarr
     A surface that deforms is split once; copy i is then always where vertex `source[i]` is.
 
     Args:
-        vertices: [mm], shape (vertex_count, 3).
-        triangles: vertex indices, shape (triangle_count, 3).
+        vertices: Positions [mm], shape (vertex_count, 3).
+        triangles: Vertex indices, shape (triangle_count, 3).
 
     Returns:
         `source`, vertex of each copy, shape (copy_count,), and triangles of copies, shape (triangle_count, 3).
@@ -22,24 +21,11 @@ def split_creases(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarr
     from scipy.sparse.csgraph import connected_components
 
     corners = vertices[triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
-    # Corner 3 i + k is corner k of triangle i; each edge is listed with the corner at its lower vertex first.
-    start = np.arange(triangles.size)
-    stop = start.reshape(-1, 3)[:, [1, 2, 0]].ravel()
-    at = triangles.ravel()
-    swap = at[start] > at[stop]
-    low, high = np.where(swap, stop, start), np.where(swap, start, stop)
-    order = np.lexsort((at[high], at[low]))
-    low, high = low[order], high[order]
-    same = (at[low][1:] == at[low][:-1]) & (at[high][1:] == at[high][:-1])
-    first, second = np.flatnonzero(same), np.flatnonzero(same) + 1
-    cosine = np.einsum("ij,ij->i", normals[low[first] // 3], normals[low[second] // 3])
-    smooth = cosine > np.cos(np.radians(CREASE_ANGLE))
-    first, second = first[smooth], second[smooth]
-    one, other = np.concatenate([low[first], high[first]]), np.concatenate([low[second], high[second]])
-    joined = coo_matrix((np.ones(len(one)), (one, other)), shape=(triangles.size, triangles.size))
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    one, other = corners_at_same_vertex(triangles.ravel())
+    smooth = face_alike(areas, one // 3, other // 3)
+    joined = coo_matrix((np.ones(smooth.sum()), (one[smooth], other[smooth])), shape=(triangles.size, triangles.size))
     count, copy = connected_components(joined, directed=False)
     source = np.empty(count, dtype=np.int64)
-    source[copy] = at
+    source[copy] = triangles.ravel()
     return source, copy.reshape(-1, 3)

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.bodies.surfaces import Plane
-from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, fit_camera, scene_axes
+from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, fit_camera, radius_around_mean
+from taichisoft_plugins.drawing.planes import square_of_plane
 from taichisoft_plugins.web.creases import split_creases
 from taichisoft_plugins.web.frame import Frame, PageScene
 
@@ -27,8 +27,6 @@ COLOURS: dict[str, tuple[int, int, int]] = {
     "force": (204, 51, 17),
 }
 SILICONE_OPACITY = 0.55
-FLOOR_HALF_WIDTH = 2.2
-"""Half the width of the drawn part of a plane, in radii of what stands on it [-]."""
 
 ARROW_LENGTH = 0.35
 """Length of the arrow of the largest force so far, in radii of the scene [-]; the others are in proportion."""
@@ -45,7 +43,7 @@ class SceneView:
         self._largest_force = 0.0
         bodies = [v for s, v in zip(content.surfaces, first.vertices, strict=True) if s.kind in ("soft", "rigid")]
         points = np.vstack(bodies) if bodies else np.vstack([np.zeros((1, 3)), *first.vertices])
-        self._radius = max(float(np.linalg.norm(points - points.mean(axis=0), axis=1).max()), 1.0)
+        self._radius = max(radius_around_mean(points), 1.0)
         server.scene.set_up_direction(content.scene.up)
         server.scene.configure_default_lights(enabled=True, cast_shadow=True)
         self._set_camera(points, content.scene.up)
@@ -55,7 +53,7 @@ class SceneView:
             self._sources.append(source)
             self._meshes.append(self._add(surface.name, vertices[source], triangles, surface.kind))
         for plane in content.planes:
-            self._add(plane.name, *_square(plane, points, self._radius), "floor")
+            self._add(plane.name, *square_of_plane(plane, points, []), "floor")
         self._arrows = server.scene.add_arrows(
             "/contact forces",
             np.zeros((1, 2, 3)),
@@ -102,12 +100,3 @@ class SceneView:
         initial.look_at = camera.target * LENGTH_UNIT
         initial.up = camera.up
         initial.fov = float(np.radians(VERTICAL_ANGLE))
-
-
-def _square(plane: Plane, points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
-    """The part of a plane under what stands on it: vertices [mm], (4, 3), and triangles, (2, 3)."""
-    middle = points.mean(axis=0)
-    centre = middle - plane.normal * ((middle - plane.point) @ plane.normal)
-    right, front, _ = scene_axes(plane.normal)
-    corners = np.array([right - front, -right - front, front - right, right + front])
-    return centre + FLOOR_HALF_WIDTH * radius * corners, np.array([[0, 1, 2], [0, 2, 3]])
