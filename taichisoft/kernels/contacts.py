@@ -58,19 +58,9 @@ class Contacts(NamedTuple):
             distance=np.zeros(capacity),
         )
 
-    @property
-    def middle(self) -> np.ndarray:
-        """Midpoints [mm], shape (capacity, 3)."""
-        return 0.5 * (self.points[:, 0] + self.points[:, 1])
-
     def trimmed(self) -> "Contacts":
         """A copy in arrays without room for more."""
-        return self.take(np.arange(self.count[0]))
-
-    def take(self, chosen: np.ndarray) -> "Contacts":
-        """A copy of the contacts with these numbers."""
-        count = np.array([len(chosen)], dtype=np.int32)
-        return Contacts(count, *(array.take(chosen, axis=0) for array in self[1:]))
+        return Contacts(self.count.copy(), *(array[: self.count[0]].copy() for array in self[1:]))
 
 
 @func
