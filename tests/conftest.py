@@ -1,4 +1,4 @@
-"""What tests share: meshes made in code, plug-ins, reference data beside the project, figures for docs/validation.md.
+"""What tests share: meshes in files, plug-ins, reference data beside the project, figures for docs/validation.md.
 
 There is no second conftest.py: tests import from this one by its name.
 """
@@ -8,17 +8,15 @@ import signal
 import sys
 from collections.abc import Callable, Iterator
 from importlib.metadata import EntryPoint
-from itertools import permutations
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-import numpy as np
 import pytest
+from blocks import make_block
 from hypothesis import settings
 
 from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
 
@@ -33,33 +31,6 @@ settings.load_profile("usual")
 def examples(count: int, **others: Any) -> settings:
     """Try `count` examples instead of 100; `pytest --hypothesis-profile=thorough` tries its 5000 here, too."""
     return settings(max_examples=THOROUGH if settings().max_examples == THOROUGH else count, **others)
-
-
-def make_block(cells: tuple[int, int, int], size: tuple[float, float, float], hollow: bool = False) -> VolumeMesh:
-    """A box about the origin of `cells` boxes, each cut into six tetrahedra; `hollow` leaves out the inner boxes.
-
-    The walls of the hollow are the surface group "cavity", facing from the air into the material.
-    """
-    grid = np.stack(np.meshgrid(*(np.arange(n + 1) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
-    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
-    corner = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
-    if hollow:
-        corner = corner[((corner == 0) | (corner == np.array(cells) - 1)).any(axis=1)]
-    paths = []  # of each tetrahedron along three edges from the lowest to the highest corner of a box
-    for order in permutations(range(3)):
-        steps = np.cumsum([np.zeros(3, dtype=int), *np.eye(3, dtype=int)[list(order)]], axis=0)
-        even = np.linalg.det(np.eye(3)[list(order)]) > 0
-        paths.append(steps if even else steps[[0, 2, 1, 3]])
-    elements = ((corner[:, None, None, :] + np.array(paths)) @ strides).reshape(-1, 4)
-    used, elements = np.unique(elements, return_inverse=True)
-    elements = elements.reshape(-1, 4)
-    nodes = (grid[used] / cells - 0.5) * size
-    groups = {}
-    if hollow:
-        walls = boundary_triangles(elements)
-        inner = (np.abs(nodes[walls]) < 0.5 * np.array(size) * (1 - 1e-9)).all(axis=(1, 2))
-        groups["cavity"] = walls[inner][:, ::-1]
-    return VolumeMesh("block", nodes, elements, groups).check()
 
 
 @pytest.fixture

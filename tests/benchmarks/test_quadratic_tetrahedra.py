@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import make_block
+from blocks import make_block
 
 from taichisoft.errors import TaichisoftError
 from taichisoft.meshes.files import read_volume_mesh

@@ -5,7 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from conftest import examples, make_block
+from blocks import make_block
+from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation

@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from conftest import make_block
+from blocks import make_block
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import closed_outward, count_open_edges, enclosed_volume

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from conftest import make_block
+from blocks import make_block
 
 from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.contact.detection import ContactDetection

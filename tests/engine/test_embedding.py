@@ -1,7 +1,8 @@
 """Points that follow a mesh."""
 
 import numpy as np
-from conftest import examples, make_block
+from blocks import make_block
+from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 

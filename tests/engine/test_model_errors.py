@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from conftest import make_block
+from blocks import make_block
 
 from taichisoft.building.simulation import make_model
 from taichisoft.errors import MeshError, SceneError

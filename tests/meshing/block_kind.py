@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
-from conftest import make_block
+from blocks import make_block
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import make_block
+from blocks import make_block
 
 from taichisoft.command_line import main
 from taichisoft.meshes.files import write_volume_mesh

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from conftest import make_block
+from blocks import make_block
 
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits

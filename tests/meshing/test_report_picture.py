@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import make_block
+from blocks import make_block
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality.limits import QualityLimits

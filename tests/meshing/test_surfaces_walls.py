@@ -4,7 +4,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import examples, make_block
+from blocks import make_block
+from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 from solid_shapes import box, save

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from conftest import make_block
+from blocks import make_block
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality import walls as wall_quality

@@ -107,7 +107,7 @@ def test_rotations_are_those_of_the_scene(tmp_path: Path) -> None:
 
 def test_an_element_group_is_a_cell_array(tmp_path: Path, block) -> None:
     """Groups of one body only are 0 in the others."""
-    from conftest import make_block
+    from blocks import make_block
 
     from taichisoft.meshes.files import write_volume_mesh
     from taichisoft.meshes.volume_mesh import VolumeMesh

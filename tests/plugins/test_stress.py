@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest import make_block
+from blocks import make_block
 from scipy.spatial.transform import Rotation
 
 from taichisoft.bodies.elasticity import Elasticity, ElasticSystem

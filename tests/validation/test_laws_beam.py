@@ -3,7 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-from conftest import Figures, make_block
+from blocks import make_block
+from conftest import Figures
 from scenes import GRAVITY, silicone, simulate
 
 from taichisoft.meshes.files import write_volume_mesh

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from conftest import Figures, examples, make_block
+from blocks import make_block
+from conftest import Figures, examples
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import silicone, simulate
