@@ -1,0 +1,98 @@
+"""The programs in examples/ print what their docstrings say.
+
+They run in this process, one after the other, so that Taichi loads its kernels once; it takes longer than they do.
+The physics is deterministic: the same machine prints the same digits every time. Another processor rounds otherwise in
+the sixteenth digit, which can turn the last one printed; therefore a figure may differ by one in its last decimal.
+Words, counts and settings are the same everywhere.
+"""
+
+import ast
+import functools
+import io
+import re
+import runpy
+import sys
+from contextlib import redirect_stdout
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from textwrap import dedent
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichisoft.plugin_system import hooks, plugins
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+PROGRAMS = sorted(EXAMPLES.glob("*.py"))
+MEASURED = re.compile(r"-?\d+\.\d+")
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.stem)
+def test_it_prints_what_its_docstring_says(program: Path) -> None:
+    docstring = ast.get_docstring(ast.parse(program.read_text(encoding="utf-8"))) or ""
+    expected = dedent(docstring.partition("\nPrints:\n\n")[2])
+    assert expected, f"{program.name}: its docstring must end with 'Prints:' and what it prints"
+    printed, _ = execute(program.stem)
+    assert MEASURED.sub("#", printed).split() == MEASURED.sub("#", expected).split(), printed
+    for figure, promised in zip(MEASURED.findall(printed), MEASURED.findall(expected), strict=True):
+        decimals = len(promised.partition(".")[2])
+        close = abs(float(figure) - float(promised)) < 1.5 * 10.0**-decimals
+        assert close, f"{figure} instead of {promised}:\n{printed}"
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.stem)
+def test_the_readme_lists_it_with_its_command(program: Path) -> None:
+    rows = (EXAMPLES / "README.md").read_text(encoding="utf-8").splitlines()
+    (row,) = [row for row in rows if f"]({program.name})" in row]
+    assert f"`python examples/{program.name}" in row
+
+
+def test_the_readme_lists_nothing_else() -> None:
+    listed = re.findall(r"\]\((\w+\.py)\)", (EXAMPLES / "README.md").read_text(encoding="utf-8"))
+    assert sorted(listed) == [program.name for program in PROGRAMS]
+
+
+@pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.stem)
+def test_it_is_short_and_uses_public_names_alone(program: Path) -> None:
+    text = program.read_text(encoding="utf-8")
+    code = text.split('"""', 2)[2]  # without the docstring, half of which is the output
+    assert len([line for line in code.splitlines() if line.strip()]) <= 60
+    imported = re.findall(r"^(?:from|import) (taichisoft\S*)", text, re.MULTILINE)
+    documented = "taichisoft_plugins.recording.reader"  # docs/outputs.md tells users to read recordings with it
+    assert "taichisoft" in imported
+    assert set(imported) <= {"taichisoft", documented}
+
+
+def test_the_forces_of_all_contacts_carry_the_cube() -> None:
+    """It is at rest: contact forces and weight add up to zero, to what the tolerance of the solver leaves."""
+    _, names = execute("contact_forces")
+    np.testing.assert_allclose(names["total"] + names["weight"], 0.0, atol=0.01)
+
+
+def test_the_can_weighs_what_its_prism_weighs() -> None:
+    """A cylinder of n sections has the base area n/2 r^2 sin(2 pi/n)."""
+    _, names = execute("own_object")
+    area = 6.0 * names["RADIUS"] ** 2 * np.sin(np.pi / 6.0)
+    mass = names["simulation"].model.rigid_mass[0]
+    assert mass == pytest.approx(area * names["HEIGHT"] * names["DENSITY"], rel=1e-6)  # the file has single precision
+
+
+def test_the_geometry_is_a_plugin() -> None:
+    with plugins.separate_registry():
+        plugins.load_plugin(EXAMPLES / "own_geometry.py")
+        geometry = hooks.find("geometry kind", "hollow-bar")({"cells": [4, 3, 3], "size": 2.0}, Path("bar.toml"))
+    mesh = geometry.mesh().check()
+    corners = mesh.nodes[mesh.surface_groups["cavity"]]
+    volume = np.linalg.det(corners).sum() / 6.0
+    assert volume == pytest.approx(2 * 2.0**3)  # two cubes inside; positive where the triangles point into the silicone
+
+
+@functools.cache
+def execute(name: str) -> tuple[str, dict[str, Any]]:
+    """What an example prints, and its variables at the end."""
+    out = io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, TemporaryDirectory() as folder, redirect_stdout(out):
+        patch.setattr(sys, "argv", [f"{name}.py", str(Path(folder) / "new")])
+        names = runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+    return out.getvalue(), names
