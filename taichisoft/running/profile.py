@@ -38,8 +38,9 @@ class Profile:
 @contextmanager
 def profiled(simulation: Simulation) -> Iterator[Profile]:
     """Measure the steps that are made within it."""
-    profile, clock = Profile(), _Clock()
-    watched = [(owner, method, phase) for phase, calls in _phases(simulation).items() for owner, method in calls]
+    phases = _phases(simulation)
+    profile, clock = Profile(), _Clock(list(phases))
+    watched = [(owner, method, phase) for phase, calls in phases.items() for owner, method in calls]
     for owner, method, phase in watched:
         setattr(owner, method, clock.watch(getattr(owner, method), phase))
     simulation.step = clock.watch_step(simulation.step, profile)  # type: ignore[method-assign]
@@ -77,7 +78,8 @@ def _phases(simulation: Simulation) -> dict[str, list[tuple[Any, str]]]:
 class _Clock:
     """Exclusive times of nested calls."""
 
-    def __init__(self) -> None:
+    def __init__(self, phases: list[str]) -> None:
+        self._phases = phases
         self._spent: dict[str, list[float]] = {}  # by phase: seconds, of these in kernels
         self._running: list[list[float]] = []  # of each call under way: seconds and kernel seconds of what it calls
 
@@ -111,7 +113,7 @@ class _Clock:
         timed = self.watch(step, REST)
 
         def profiled_step(*arguments: Any, **named: Any) -> Any:
-            self._spent = {}
+            self._spent = {phase: [0.0, 0.0] for phase in self._phases}  # also of those that this step does without
             report = timed(*arguments, **named)
             rest = self._spent.pop(REST)
             self._spent |= {REST: rest, TOTAL: np.sum([*self._spent.values(), rest], axis=0).tolist()}

@@ -138,7 +138,8 @@ def test_the_bits_do_not_depend_on_threads() -> None:
     """A hundred factorisations on one, two and five threads, with fronts in pieces: one result."""
     results = set()
     for threads in ("1", "2", "5"):
-        environment = os.environ | {"TAICHISOFT_THREADS": threads}
+        path = os.pathsep.join([str(Path(__file__).parents[1]), os.environ.get("PYTHONPATH", "")])  # of conftest.py
+        environment = os.environ | {"TAICHISOFT_THREADS": threads, "PYTHONPATH": path}
         done = subprocess.run(
             [sys.executable, "-c", BITS],
             cwd=Path(__file__).parent,

@@ -100,7 +100,7 @@ def _screenshot(tab: Any) -> np.ndarray:
 
 def pressure(session: Session) -> float:
     report = session.simulation.report
-    return report.pressures["left.cavity"] if report is not None else 0.0
+    return report.observation.pressures["left.cavity"] if report is not None else 0.0
 
 
 def test_keys_and_buttons_inflate_what_the_page_shows(browser: Any, session: Session) -> None:

@@ -15,6 +15,7 @@ from panel_viewer import PanelViewer
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent
 from taichisoft.running.loop import run_session
 from taichisoft.scenes.scene import Scene
@@ -89,7 +90,7 @@ def running(taichisoft_scene: Scene) -> Callable[..., Any]:
 def has_pressures(run: Running, *expected: float) -> bool:
     """Whether the last step had these [kPa]; an imposed one is met to the last digits only."""
     report = run.session.simulation.report
-    return report is not None and list(report.pressures.values()) == pytest.approx(expected)
+    return report is not None and list(report.observation.pressures.values()) == pytest.approx(expected)
 
 
 def test_sliders_buttons_and_hotkeys_steer_the_run_and_their_log_replays_it(
@@ -146,10 +147,8 @@ def test_the_page_shows_where_the_bodies_are(running: Callable[..., Any]) -> Non
         assert np.allclose(100.0 * viewer.vertices["/cube"].mean(axis=0), state.rigid_position[0], atol=1e-3)
 
 
-class Constant:
+class Constant(Controller):
     """Heeds no keys."""
-
-    def reset(self, model: Any) -> None: ...
 
     def control(self, observation: Any) -> Control:
         return Control(pressure=dict.fromkeys(observation.pressures, 4.0))

@@ -11,6 +11,7 @@ from conftest import Figures
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
+from taichisoft.kernels.newton import Problem
 from taichisoft.step.gauss_seidel import GaussSeidel
 
 FRICTION = 0.6
@@ -31,11 +32,13 @@ def test_gauss_seidel_finds_sofas_answer(shared: Path, figures: Figures, step: i
     rows = int(pressures[0])
     w = np.ascontiguousarray(problem["W"][:rows, :rows])
     free = problem["dfree"][:rows] + problem["W"][:rows, pressures].sum(axis=1) * problem["pressure_value"]
-    impulse, solver = np.zeros(rows), GaussSeidel(rows)
+    size = np.array([rows // 3, 0], dtype=np.int32)
+    solver = GaussSeidel(Problem(size, w.reshape(-1), free, np.full(rows // 3, FRICTION)))
+    solver.impulse[:] = 0.0
     tolerance = 1e-11  # [mm]: SOFA's rows are displacements
-    solver.solve(w, free, np.full(rows // 3, FRICTION), impulse, tolerance, 100_000)
+    solver.solve(tolerance, 100_000)
     assert solver.residual < tolerance
-    miss = impulse - problem["lambda"][:rows]
+    miss = solver.impulse - problem["lambda"][:rows]
     scale = problem["lambda"][:rows].max()
     figures.at_most("motion of the contacts [mm]", np.abs(w @ miss).max(), 1e-6)
     figures.at_most("impulses of the fingers", np.abs(miss[on_floor:]).max() / scale, 1e-6)
