@@ -22,6 +22,9 @@ from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
+PATIENCE = 300.0
+"""What a test waits for may take so long [s] on a busy machine; usually it is there at once."""
+
 THOROUGH = 5000
 settings.register_profile("usual", settings(), deadline=None)  # no property depends on speed
 settings.register_profile("thorough", settings(), deadline=None, max_examples=THOROUGH)
@@ -43,6 +46,14 @@ def block(tmp_path: Path) -> Callable[..., str]:
         return str(path)
 
     return write
+
+
+@pytest.fixture
+def falling_cube(tmp_path: Path) -> Path:
+    """A scene of one rigid cube: a process that runs it needs few kernels and starts fast."""
+    path = tmp_path / "cube.toml"
+    path.write_text("[rigid_bodies.cube]\nbox = [10.0, 10.0, 10.0]\nmass = 0.001\n")
+    return path
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 import trimesh
+from conftest import PATIENCE
 
 import taichisoft
 from taichisoft.building.scene_files import load_scene
@@ -239,13 +240,13 @@ def test_a_stopped_run_ends_cleanly_with_a_whole_recording(tmp_path: Path, numbe
     )
     recording = tmp_path / "stopped" / "recording.h5"
     try:
-        deadline = time.monotonic() + 60
+        deadline = time.monotonic() + PATIENCE
         while not recording.exists():
             assert process.poll() is None and time.monotonic() < deadline
             time.sleep(0.05)
         time.sleep(1.0)
         process.send_signal(number)
-        output, errors = process.communicate(timeout=60)
+        output, errors = process.communicate(timeout=PATIENCE)
     finally:
         process.kill()
     assert (process.returncode, errors) == (130, "")

@@ -11,6 +11,7 @@ import zipfile
 from pathlib import Path
 
 import pytest
+from conftest import PATIENCE
 
 import taichisoft
 
@@ -31,10 +32,10 @@ FOLDERS = {
 """Folders of the checkout by the place where they are installed."""
 
 
-def run(*command: str | Path, folder: Path, limit: float = 120) -> str:
+def run(*command: str | Path, folder: Path) -> str:
     """Standard output of a command, with nothing in its surroundings that leads to the checkout."""
     environment = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
-    result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=limit)
+    result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     assert result.returncode == 0, result.stdout + result.stderr
     return result.stdout
 
@@ -133,7 +134,7 @@ def test_a_third_partys_controller_closes_the_gripper_on_the_cube(
     """Until the fingers press with 20 mN and then for some steps more, at the pressure that this took."""
     settings = ["--controller", "soft-touch", "--set", "controller.settings.force=20", "--duration", "0.5"]
     scene = ["run", "gripper", "--outputs", "csv", "--output", "out"]
-    shown = run(environment / "bin/taichisoft", *scene, *settings, folder=tmp_path, limit=600)
+    shown = run(environment / "bin/taichisoft", *scene, *settings, folder=tmp_path)
     closed_after = re.search(r"closed after *│ (\S+) s", shown)
     assert closed_after, shown
     with (tmp_path / "out" / "run.csv").open(encoding="utf-8", newline="") as file:
@@ -149,7 +150,7 @@ def test_a_third_partys_controller_closes_the_gripper_on_the_cube(
 
 
 def test_a_third_partys_tests_pass_where_the_plugin_is_installed(environment: Path, project: Path) -> None:
-    shown = run(environment / "bin/python", "-m", "pytest", "-p", "no:cacheprovider", folder=project, limit=600)
+    shown = run(environment / "bin/python", "-m", "pytest", "-p", "no:cacheprovider", folder=project)
     assert "2 passed" in shown
 
 

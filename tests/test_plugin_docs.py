@@ -9,6 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from conftest import PATIENCE
 
 import taichisoft
 from taichisoft.command_line import main
@@ -69,7 +70,7 @@ def run(line: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture
     command = shlex.split(line)
     if command[0] == "python":
         result = subprocess.run(
-            [sys.executable, *command[1:]], capture_output=True, text=True, env=os.environ, timeout=300
+            [sys.executable, *command[1:]], capture_output=True, text=True, env=os.environ, timeout=PATIENCE
         )
         assert result.returncode == 0, result.stdout + result.stderr
         return result.stdout

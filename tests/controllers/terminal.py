@@ -13,9 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pexpect
-
-PATIENCE = 300.0
-"""Longest wait for anything [s]: usually it is there at once, but compiling kernels on a busy machine takes minutes."""
+from conftest import PATIENCE
 
 # The shell, too, gets the signal of Ctrl and c, and must not end with it.
 SCRIPT = 'trap : INT; "$@"; echo "shell: exit code $?"; cat'

@@ -13,7 +13,7 @@ from terminal import Terminal, terminal
 COMMAND = (
     *("sh", "-c", 'echo "process $$"; exec "$@"', "sh"),
     *(sys.executable, "-c", "from taichisoft.command_line import main; main()"),
-    *("run", "gripper", "--controller", "keyboard", "--output", "results"),
+    *("run", "--controller", "keyboard", "--output", "results"),
 )
 INTERRUPTED = 130
 
@@ -34,7 +34,7 @@ def wait_for_time(screen: Terminal, time: float) -> None:
 
 def test_the_cube_is_lifted_by_keys_and_ctrl_and_c_ends_the_run(tmp_path: Path) -> None:
     """50 kPa and 30 mm, as in the scripted grasp: the base rises by ten presses of the arrow, and the cube with it."""
-    with terminal(*COMMAND, folder=tmp_path) as screen:
+    with terminal(*COMMAND, "gripper", folder=tmp_path) as screen:
         started(screen)
         screen.type(50 * "+")
         screen.wait_for(r"50\.0 kPa")
@@ -63,9 +63,9 @@ def taichisoft_step_done(report):
 """
 
 
-def test_after_an_exception_the_terminal_is_as_before(tmp_path: Path) -> None:
+def test_after_an_exception_the_terminal_is_as_before(falling_cube: Path, tmp_path: Path) -> None:
     (tmp_path / "failing.py").write_text(FAILING_PLUGIN)
-    with terminal(*COMMAND, "--plugin", "failing.py", folder=tmp_path) as screen:
+    with terminal(*COMMAND, str(falling_cube), "--plugin", "failing.py", folder=tmp_path) as screen:
         started(screen)
         screen.wait_for("a mistake in a plug-in")
         screen.wait_for("shell: exit code 2")
@@ -73,9 +73,9 @@ def test_after_an_exception_the_terminal_is_as_before(tmp_path: Path) -> None:
     assert json.loads((tmp_path / "results" / "metrics.json").read_text())["steps"] == 21
 
 
-def test_after_being_killed_the_run_is_complete_and_the_terminal_as_before(tmp_path: Path) -> None:
+def test_after_being_killed_the_run_is_complete_and_the_terminal_as_before(falling_cube: Path, tmp_path: Path) -> None:
     """What no program can handle is tested in test_terminal_keys.py, with a program that starts faster."""
-    with terminal(*COMMAND, folder=tmp_path) as screen:
+    with terminal(*COMMAND, str(falling_cube), folder=tmp_path) as screen:
         os.kill(started(screen), signal.SIGTERM)
         screen.wait_for(f"shell: exit code {INTERRUPTED}")
         assert screen.is_as_before

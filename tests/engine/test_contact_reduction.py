@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.building.simulation import make_model
@@ -66,7 +67,7 @@ def same_bodies(first: Contacts, second: Contacts) -> np.ndarray:
     return (first.bodies[:, None] == second.bodies).all(axis=2)
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(seed=st.integers(0, 10**6), count=st.integers(0, 40) | st.integers(FIRST_CAPACITY, 3 * FIRST_CAPACITY))
 def test_what_is_dropped_is_near_a_closer_contact_that_is_kept(start: State, seed: int, count: int) -> None:
     """And of what is kept no two are near each other: alike in bodies and normal, and closer than the spacing. Nothing
@@ -85,7 +86,7 @@ def test_what_is_dropped_is_near_a_closer_contact_that_is_kept(start: State, see
     assert (near & (kept.distance < found.distance[:, None]))[~is_kept].any(axis=1).all()
 
 
-@settings(max_examples=100, deadline=None)
+@examples(100)
 @given(seed=st.integers(0, 10**6), count=st.integers(0, 40), last_count=st.integers(0, 2 * FIRST_CAPACITY))
 def test_each_contact_continues_the_nearest_of_the_last_step_that_is_still_free(
     start: State, seed: int, count: int, last_count: int

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from conftest import examples
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
 from taichisoft.meshes.edge_crossings import LEAVES_AT_A_TIME, common_points, pairs_of_meeting_boxes
@@ -41,7 +42,7 @@ def test_a_triangle_of_no_area_has_no_point() -> None:
     assert np.isnan(common_points(np.array([[[1.0, -1, 0], [1, 1, 0]]]), corners[None])).all()
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(st.integers(0, 10**6), st.integers(1, 400), st.integers(1, 60), st.sampled_from([0.0, 0.3]))
 def test_pairs_whose_boxes_meet_are_those_of_a_plain_search(
     seed: int, edge_count: int, count: int, near: float

@@ -1,8 +1,6 @@
-"""`taichisoft plugins new` writes a project whose own tests pass, under any name that can be one."""
+"""`taichisoft plugins new` writes a project under any name that can be one; test_installation.py runs its own tests."""
 
 import importlib.util
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -15,14 +13,6 @@ from taichisoft.errors import PluginError
 from taichisoft.plugin_system import hooks, plugins
 from taichisoft.plugin_system.new_plugin import FILES, TEMPLATES, check_name, write_project
 from taichisoft.plugin_system.registry import Registry
-
-
-def test_the_tests_of_a_new_project_pass_at_once(tmp_path: Path) -> None:
-    folder = write_project("soft-touch", tmp_path / "soft-touch")
-    command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    result = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=300)
-    assert result.returncode == 0, result.stdout + result.stderr
-    assert "2 passed" in result.stdout
 
 
 def test_a_new_project_is_a_plugin_without_being_installed(tmp_path: Path, taichisoft_plugins: Registry) -> None:

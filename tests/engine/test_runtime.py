@@ -6,6 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from conftest import PATIENCE
 
 COMMAND = "import sys; from taichisoft.command_line import main; sys.argv = ['taichisoft', 'run', 'gripper']; main()"
 
@@ -17,7 +18,7 @@ def test_a_number_of_threads_that_is_none_is_refused_in_one_line(threads: str) -
         env={**os.environ, "TAICHISOFT_THREADS": threads},
         capture_output=True,
         text=True,
-        timeout=60,
+        timeout=PATIENCE,
     )
     assert shown.returncode == 2
     assert shown.stderr == (
@@ -70,7 +71,7 @@ def test_processes_that_start_at_once_all_keep_their_kernels_and_say_nothing(tmp
         file.write_text(KERNEL.format(value=value))
         command = [sys.executable, str(file)]
         started.append(subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT))
-    said = [process.communicate(timeout=120)[0] for process in started]
+    said = [process.communicate(timeout=PATIENCE)[0] for process in started]
     assert [process.returncode for process in started] == [0] * 4, said
     assert said == [b""] * 4
     assert len(list(folder.glob("*.tic"))) == 4
@@ -83,7 +84,7 @@ def test_without_a_place_for_kernels_a_run_is_slow_to_start_and_says_so(tmp_path
     folder = tmp_path / "file" / "kernels"
     environment = {**os.environ, "TI_OFFLINE_CACHE_FILE_PATH": str(folder), "TMPDIR": str(tmp_path)}
     command = [sys.executable, str(tmp_path / "program.py")]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     assert (done.returncode, done.stdout) == (0, "")
     assert f"compiled kernels cannot be kept in {folder} (Not a directory) and every start takes" in done.stderr
     assert "ticache.lock" not in done.stderr

@@ -1,7 +1,8 @@
 """Sorting in a kernel gives numpy's order."""
 
 import numpy as np
-from hypothesis import given, settings
+from conftest import examples
+from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.kernels.launch import kernel
@@ -16,7 +17,7 @@ def sort(count: ti.i32, keys: ScalarTable, order: Integers, spare: Integers):
         sort_rows(count, keys, order, spare)
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(
     seed=st.integers(0, 10**6),
     count=st.integers(0, 300),

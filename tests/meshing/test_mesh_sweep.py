@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import PATIENCE
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.files import read_volume_mesh
@@ -84,7 +85,7 @@ def test_what_fails_is_reported_and_the_rest_go_on(block: Path, tmp_path: Path) 
     process = sweep_process(
         block, output, "--vary", "stretch=1.5,0", "--vary", "quality.radius_ratio=0.3,0.99", "--jobs", "2"
     )
-    shown, error = process.communicate(timeout=120)
+    shown, error = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1, error
     assert error == f"taichisoft: {output}: 3 of 4 variants failed\n"
     name = "stretch-1.5_quality.radius_ratio-0.3"
@@ -103,7 +104,7 @@ def test_what_fails_is_reported_and_the_rest_go_on(block: Path, tmp_path: Path) 
 def test_parallel_processes_give_the_meshes_of_one_process_node_for_node(tmp_path: Path) -> None:
     """gmsh in two processes at a time, and twice in this one, one after the other."""
     process = sweep_process("tutorial", tmp_path, "--vary", "body.width=20,22", "--size", "14", "--jobs", "2")
-    shown, error = process.communicate(timeout=120)
+    shown, error = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, error
     for variant in plan(geometry_job("tutorial", [], {"size": 14.0}), ["body.width=20,22"]):
         made, written = make_mesh(variant.job).mesh, read_volume_mesh(tmp_path / variant.name / f"{variant.name}.msh")
@@ -115,7 +116,7 @@ def test_parallel_processes_give_the_meshes_of_one_process_node_for_node(tmp_pat
 
 def test_a_process_that_dies_is_a_variant_that_failed(block: Path, tmp_path: Path) -> None:
     process = sweep_process(block, tmp_path / "out", "--vary", "end=7", "--force")
-    shown, _ = process.communicate(timeout=120)
+    shown, _ = process.communicate(timeout=PATIENCE)
     assert process.returncode == 1
     assert "its process ended without a mesh (exit code 7)" in shown
     assert [file.name for file in (tmp_path / "out").iterdir()] == ["summary.csv"]
@@ -130,7 +131,7 @@ def test_ctrl_c_ends_everything_and_leaves_what_was_complete(block: Path, tmp_pa
     while not complete.exists() and process.poll() is None:
         time.sleep(0.05)
     os.killpg(process.pid, signal.SIGINT)
-    _, error = process.communicate(timeout=30)
+    _, error = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert "Traceback" not in error
     assert [file.name for file in output.iterdir()] == ["after-0"]
@@ -145,7 +146,7 @@ def test_ctrl_c_while_processes_start_is_as_quiet(block: Path, tmp_path: Path) -
     while not list(output.glob(".sweep.*.partial/after-301")) and process.poll() is None:
         time.sleep(0.01)
     os.killpg(process.pid, signal.SIGINT)
-    _, error = process.communicate(timeout=30)
+    _, error = process.communicate(timeout=PATIENCE)
     assert process.returncode == 130
     assert "Traceback" not in error
     assert list(output.iterdir()) == []
@@ -162,6 +163,6 @@ def wait_for_the_end_of_group(leader: int) -> None:
 
 def test_options_that_are_wrong_are_named(block: Path, tmp_path: Path) -> None:
     process = sweep_process(block, tmp_path / "out", "--vary", "stretch=1", "--jobs", "0")
-    _, error = process.communicate(timeout=60)
+    _, error = process.communicate(timeout=PATIENCE)
     assert (process.returncode, error) == (2, "taichisoft: --jobs 0: must be at least 1\n")
     assert not (tmp_path / "out").exists()

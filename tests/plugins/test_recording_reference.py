@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
-from conftest import make_block
+from blocks import make_block
 from tiny_run import tiny_run
 
 from taichisoft.meshes.files import write_volume_mesh

@@ -8,6 +8,7 @@ import time
 import fake_run
 import numpy as np
 import pytest
+from conftest import PATIENCE
 
 from taichisoft.state import State
 from taichisoft_plugins.recording.output import BUFFERED_FRAMES, RecordingOutput
@@ -75,22 +76,18 @@ def test_a_slow_run_is_written_before_its_bundle_is_full(tmp_path, monkeypatch):
     writer.end("completed")
 
 
-def test_a_full_disk_ends_the_run_with_one_line_and_all_frames_before_it(tmp_path):
-    from taichisoft.pytest_fixtures import TINY_GRIPPER
-
-    script = tmp_path / "close.toml"
-    script.write_text("keyframes = [{ time = 0.0, pressure = 0.0 }, { time = 0.3, pressure = 9.0 }]\n")
-    command = ["run", str(TINY_GRIPPER), "--controller", "scripted", "--set", f"controller.settings.script='{script}'"]
+def test_a_full_disk_ends_the_run_with_one_line_and_all_frames_before_it(falling_cube, tmp_path):
+    command = ["run", str(falling_cube), "--controller", "scripted", "--set", "controller.settings.script='rest'"]
     command += ["--output", str(tmp_path), "--duration", "20"]
     run = subprocess.run(
-        [sys.executable, "-c", FULL_DISK, "3000000", *command], capture_output=True, text=True, timeout=120
+        [sys.executable, "-c", FULL_DISK, "500000", *command], capture_output=True, text=True, timeout=PATIENCE
     )
     assert run.returncode == 2, run.stderr
     assert run.stderr == f"taichisoft: {tmp_path / 'recording.h5'}: cannot be written: File too large\n"
     with read_recording(tmp_path / "recording.h5") as recording:
         assert recording.frame_count > BUFFERED_FRAMES
         assert "cannot be written" in recording.outcome
-        assert np.isfinite(recording.column("position")).all()
+        assert np.isfinite(recording.column("rigid_position")).all()
         assert np.array_equal(recording.column("step"), np.arange(recording.frame_count))
     assert "cannot be written" in json.loads((tmp_path / "metrics.json").read_text())["outcome"]
 

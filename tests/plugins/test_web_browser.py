@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import PATIENCE
 
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
@@ -30,9 +31,6 @@ if sys.platform == "linux":
         ctypes.CDLL("libatomic.so.1")
     except OSError:
         pytest.skip("playwright's node.js needs libatomic: sudo apt-get install libatomic1", allow_module_level=True)
-
-PATIENCE = 60.0
-"""Drawing without a graphics card takes seconds on a busy machine [s]."""
 
 WITHOUT_GRAPHICS_CARD = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from conftest import PATIENCE
 from panel_viewer import PanelViewer
 from tiny_run import STEPS, command, tiny_run
 
@@ -16,8 +17,6 @@ from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.reader import read_recording
 
 pytest.importorskip("viser", reason="needs the extra 'web'")
-
-PATIENCE = 60.0
 
 
 @contextmanager

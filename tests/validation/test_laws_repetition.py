@@ -7,6 +7,7 @@ from pathlib import Path
 
 import falling_finger
 import pytest
+from conftest import PATIENCE
 
 from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.model import Model
@@ -60,5 +61,5 @@ def test_threads_do_not_change_a_bit(last_state: State) -> None:
         )
         for threads in ("1", "2")
     ]
-    printed = [child.communicate(timeout=300)[0].split()[-1] for child in children]
+    printed = [child.communicate(timeout=PATIENCE)[0].split()[-1] for child in children]
     assert printed == 2 * [falling_finger.digest(last_state)]
