@@ -48,7 +48,7 @@ class Simulation:
         self._reduction = ContactReduction(model.surfaces.body_size, model.scene.contact.spacing)
         self._constraints = Constraints(model, self._soft, self._rigid, self._volumes)
         self._divergence_check = DivergenceCheck(model)
-        self._observer = Observer(model, self._volumes)
+        self._observer = Observer(model)
 
     def restore(self, state: State) -> None:
         """Go on from a state of this model, an earlier one or one read from a file.

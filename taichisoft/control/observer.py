@@ -1,12 +1,13 @@
 """What a controller sees, worked out from a state."""
 
 from collections.abc import Mapping
+from threading import Lock
 from types import MappingProxyType
 
 import numpy as np
 
 from taichisoft.bodies.cavities import CavityVolumes
-from taichisoft.control.contact_summary import ContactSummary, summarise_contacts
+from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.fingertips import Fingertips
 from taichisoft.control.limits import clipped
 from taichisoft.control.observation import Observation
@@ -15,29 +16,34 @@ from taichisoft.state import State
 
 
 class Observer:
-    """Makes observations of a model's states; they depend on the state alone, so that a restored run is seen alike."""
+    """Makes observations of a model's states; they depend on the state alone, so that a restored run is seen alike.
 
-    def __init__(self, model: Model, volumes: CavityVolumes):
-        """Find the fingertips; `volumes` are those of the model's cavities.
+    Displays and pages observe from threads of their own while the simulation steps: the work space is the observer's,
+    and one thread at a time uses it.
+    """
+
+    def __init__(self, model: Model):
+        """Find the fingertips.
 
         Raises:
             SceneError: a tip cannot show a rotation.
         """
-        self._model, self._volumes = model, volumes
+        self._model = model
+        self._volumes = CavityVolumes(model.cavities, model.node_count)
         self._fingertips = Fingertips(model.soft_bodies)
         self._object_names = tuple(body.name for body in model.rigid_bodies)
-        self._summarised: State | None = None
-        self._contacts = ContactSummary()
-
-    def contacts(self, state: State) -> ContactSummary:
-        """The contacts of the step that led to `state`; worked out once."""
-        if state is not self._summarised:
-            self._summarised, self._contacts = state, summarise_contacts(self._model, state)
-        return self._contacts
+        self._working = Lock()
+        self._last: tuple[State, Observation] | None = None
 
     def observe(self, state: State) -> Observation:
-        """What a controller sees before the step that follows `state`."""
-        model, tips, contacts = self._model, self._fingertips, self.contacts(state)
+        """What a controller sees before the step that follows `state`; worked out once."""
+        with self._working:
+            if self._last is None or self._last[0] is not state:
+                self._last = state, self._work_out(state)
+            return self._last[1]
+
+    def _work_out(self, state: State) -> Observation:
+        model, tips, contacts = self._model, self._fingertips, summarise_contacts(self._model, state)
         cavities = model.cavities
         tip_positions, tip_velocities, bending_angles = tips.observe(state)
         return Observation(

@@ -1,12 +1,13 @@
 """A model never changes: simulations share it, one after the other and from threads at once."""
 
 from collections.abc import Callable
-from threading import Thread
+from dataclasses import replace
+from threading import Event, Thread
 
 import numpy as np
 import pytest
 
-from taichisoft import Control, Model, Simulation, State, make_model, scene_from_dict
+from taichisoft import Control, Model, Simulation, State, StepReport, make_model, scene_from_dict
 
 STEPS = 15
 
@@ -67,6 +68,25 @@ def test_two_simulations_in_two_threads_give_the_bits_of_two_alone(model: Model)
         thread.join()
     assert not failures
     assert [simulation.state for simulation in simulations] == expected
+
+
+def test_who_observes_from_another_thread_changes_no_bit(model: Model) -> None:
+    """As a live page does: the report of a step is looked into while the next ones are made."""
+    expected = alone(model, 4.0)
+    simulation, reports, over = Simulation(model), list[StepReport](), Event()
+
+    def look() -> None:
+        while not over.is_set():
+            for report in reports[-3:]:
+                assert Simulation.observe(simulation).volumes and replace(report).observation.flows
+
+    watcher = Thread(target=look)
+    watcher.start()
+    for _ in range(STEPS):
+        reports.append(simulation.step(squeeze(4.0)))
+    over.set()
+    watcher.join()
+    assert simulation.state == expected
 
 
 def test_a_state_is_read_only(model: Model) -> None:
