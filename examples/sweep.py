@@ -1,6 +1,6 @@
 """Sweep a parameter by hand: how stiff may the layer be that makes a finger bend?
 
-`load_scene` takes overrides, "key=value" with the keys of docs/scenes.md; entries of a list are given by their index.
+`load_scene` takes overrides, "key=value" with the keys of docs/reference/scenes.md; entries of a list have an index.
 A loop over scenes is a sweep. `taichisoft mesh-sweep` varies the dimensions of a finger in the same way.
 
 Prints:
