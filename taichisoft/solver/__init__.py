@@ -1,1 +1,0 @@
-"""The equations of a step: sparse Cholesky, constraints, Gauss-Seidel."""
