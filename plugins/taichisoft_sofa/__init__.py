@@ -1,0 +1,1 @@
+"""SOFA scenes."""
