@@ -92,12 +92,15 @@ def test_a_stock_solid_is_closed_and_has_its_size(name: str, volume: float) -> N
 
 
 def test_a_stock_mesh_is_found_only_where_the_scene_has_none(tmp_path: Path) -> None:
-    assert read_mesh(find_mesh("mesh/floorFlat.obj", [tmp_path])).points.max() == 20.0
+    def find(name: str) -> Path | None:
+        return tmp_path / name if (tmp_path / name).is_file() else None
+
+    assert read_mesh(find_mesh("mesh/floorFlat.obj", find)).points.max() == 20.0
     (tmp_path / "mesh").mkdir()
     (tmp_path / "mesh" / "floorFlat.obj").write_text("v 1 2 3\n")
-    assert read_mesh(find_mesh("mesh/floorFlat.obj", [tmp_path])).points.tolist() == [[1.0, 2.0, 3.0]]
-    with pytest.raises(MeshError, match=r"^mesh/liver.obj: no such file in .*; SOFA's own that are known: mesh/smCube"):
-        find_mesh("mesh/liver.obj", [tmp_path])
+    assert read_mesh(find_mesh("mesh/floorFlat.obj", find)).points.tolist() == [[1.0, 2.0, 3.0]]
+    with pytest.raises(MeshError, match=r"^mesh/liver.obj: no such file beside .*; SOFA's own that are known: mesh/smCube"):
+        find_mesh("mesh/liver.obj", find)
 
 
 def test_rotations_turn_about_x_then_y_then_z() -> None:

@@ -44,17 +44,16 @@ STOCK_MESHES: dict[str, Callable[[], LoadedMesh]] = {
 """What makes each mesh, by the name that scenes give it."""
 
 
-def find_mesh(name: str, folders: list[Path]) -> Path:
-    """Where a mesh lies: in one of the folders, or, for a mesh of SOFA's own, the bare name that `read_mesh` knows.
+def find_mesh(name: str, find_file: Callable[[str], Path | None]) -> Path:
+    """Where a mesh lies: a file that `find_file` finds, or, for a mesh of SOFA's own, the name that `read_mesh` knows.
 
     Raises:
         MeshError: it is nowhere.
     """
-    path = Path(name).expanduser()
-    for folder in folders:
-        if (folder / path).is_file():
-            return (folder / path).resolve()
-    if path.as_posix() in STOCK_MESHES:
-        return path
-    looked = ", ".join(map(str, folders))
-    raise MeshError(f"{name}: no such file in {looked}; SOFA's own that are known: {', '.join(STOCK_MESHES)}")
+    found = find_file(str(Path(name).expanduser()))
+    if found is not None:
+        return found.resolve()
+    if Path(name).as_posix() not in STOCK_MESHES:
+        known = ", ".join(STOCK_MESHES)
+        raise MeshError(f"{name}: no such file beside the scene or in its folders; SOFA's own that are known: {known}")
+    return Path(name)
