@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINE = ROOT / "taichisoft"
-FORBIDDEN = {"taichisoft_controllers", "taichisoft_meshing", "taichisoft_plugins"} | {
+FORBIDDEN = {"taichisoft_controllers", "taichisoft_meshing", "taichisoft_plugins", "taichisoft_sofa"} | {
     "open3d",
     "gmsh",
     "viser",
@@ -84,6 +84,10 @@ LAYERS = {
         "recording",
         "system_libraries",
     ],
+    "taichisoft_sofa": [
+        "__init__",
+        "tree",
+    ],
     "taichisoft_meshing": [
         "__init__",
         "sweep",
@@ -105,6 +109,7 @@ LAYERS = {
 PACKAGES = [
     ENGINE,
     *(ROOT / folder / f"taichisoft_{folder}" for folder in ("benchmarks", "controllers", "meshing", "plugins")),
+    ROOT / "plugins/taichisoft_sofa",
 ]
 
 
