@@ -4,6 +4,7 @@ Units: millimetre, kilogram, second; so forces are in mN and pressures and modul
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -16,6 +17,7 @@ Positive = Annotated[float, Field(strict=True, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, ge=0)]
 PoissonRatio = Annotated[float, Field(strict=True, gt=-1, lt=0.5)]
 Vector = tuple[Number, Number, Number]
+NodeNumber = Annotated[int, Field(strict=True, ge=0)]
 # Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path.
 Name = Annotated[str, Field(pattern=r"^[^.|/]+$")]
 
@@ -60,6 +62,21 @@ class Selection(Table):
         return self
 
 
+class NodeSelection(Selection):
+    """Nodes of a soft body, by box, by group or by their numbers."""
+
+    nodes: Annotated[list[NodeNumber], Field(min_length=1)] | None = None
+    """Numbers of the nodes, from 0 in the order of the mesh."""
+    alternatives: ClassVar = (("box", "group", "nodes"),)
+
+    @model_validator(mode="after")
+    def _check_nodes(self) -> Self:
+        for node, count in Counter(self.nodes or []).items():
+            if count > 1:
+                raise ValueError(f"nodes names node {node} {count} times; name every node once")
+        return self
+
+
 class Region(Selection):
     """Elements of another material; a later region wins over an earlier one."""
 
@@ -69,11 +86,15 @@ class Region(Selection):
     """Poisson's ratio [-]; the body's own when it is not given."""
 
 
-class Anchor(Selection):
+class Anchor(NodeSelection):
     """Nodes held by stiff springs to their rest positions, which move with the base."""
 
     stiffness: Positive = 1e12
     """Stiffness of the spring of each node [mN/mm]."""
+
+
+class Tip(NodeSelection):
+    """Nodes whose motion is observed as that of the tip; without this table those farthest from the anchors."""
 
 
 class Cavity(Table):
@@ -153,7 +174,7 @@ class SoftBody(Table):
     """Rotation of an element: from its first two edges, as SOFA's method "large", or by polar decomposition."""
     collision_surface: str | None = None
     """A closed surface file that follows the mesh; the mesh's outer boundary when it is not given."""
-    tip: Selection | None = None
+    tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     regions: list[Region] = []
     anchors: list[Anchor] = []
