@@ -18,6 +18,7 @@ NotNegative = Annotated[float, Field(strict=True, ge=0)]
 PoissonRatio = Annotated[float, Field(strict=True, gt=-1, lt=0.5)]
 Vector = tuple[Number, Number, Number]
 NodeNumber = Annotated[int, Field(strict=True, ge=0)]
+KeySets = tuple[tuple[str, ...], ...]
 # Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path.
 Name = Annotated[str, Field(pattern=r"^[^.|/]+$")]
 
@@ -27,7 +28,7 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
-    alternatives: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    alternatives: ClassVar[KeySets] = ()
     """Sets of keys; exactly one key of each set must be given."""
     no_effect_beside: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys that another one makes useless; they are no mistake at their defaults: a scene written out has them all."""
@@ -52,7 +53,7 @@ class Selection(Table):
     """Lower and upper corner [mm]; an element belongs when the mean of its nodes lies inside."""
     group: str | None = None
     """Name of an element group or surface group of the mesh."""
-    alternatives = (("box", "group"),)
+    alternatives: ClassVar[KeySets] = (("box", "group"),)
 
     @model_validator(mode="after")
     def _check_box(self) -> Self:
@@ -67,7 +68,7 @@ class NodeSelection(Selection):
 
     nodes: Annotated[list[NodeNumber], Field(min_length=1)] | None = None
     """Numbers of the nodes, from 0 in the order of the mesh."""
-    alternatives: ClassVar = (("box", "group", "nodes"),)
+    alternatives: ClassVar[KeySets] = (("box", "group", "nodes"),)
 
     @model_validator(mode="after")
     def _check_nodes(self) -> Self:
