@@ -173,6 +173,9 @@ class SoftBody(Table):
     """Rayleigh damping with the stiffness [s]."""
     corotation: Literal["edges", "polar"] = "edges"
     """Rotation of an element: from its first two edges, as SOFA's method "large", or by polar decomposition."""
+    embedding: Literal["deepest", "grid"] = "deepest"
+    """Which element carries a point of a surface file that lies outside the mesh: the one with the nearest centroid of
+    all, as SOFA's MeshTopology, or of some near it on a grid, as its TetrahedronSetTopologyContainer."""
     collision_surface: str | None = None
     """A closed surface file that follows the mesh; the mesh's outer boundary when it is not given."""
     tip: Tip | None = None
