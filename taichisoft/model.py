@@ -32,13 +32,14 @@ class Model:
         body_names: names by body number.
         rest_position: rest positions of the soft nodes [mm], shape (node_count, 3).
         elasticity: elements of all soft bodies and the pattern of their matrix; None without soft bodies.
+        anchored_nodes: indices of the anchored nodes in rising order, shape (anchor_count,).
         cavities: cavities of all soft bodies; `cavities.names` are their names.
         surfaces: contact surfaces of all bodies.
         friction: friction coefficients by the numbers of two bodies, shape (body_count, body_count).
         base_pivot: point about which the base turns [mm], shape (3,).
         rigid_mass: masses of the rigid bodies [kg], shape (rigid_count,).
         rigid_inertia: inertias of the rigid bodies in their own frames [kg mm^2], shape (rigid_count, 3, 3).
-        gravity: acceleration of gravity [mm/s^2], shape (3,).
+        gravity: acceleration of gravity at the start of a run [mm/s^2], shape (3,).
     """
 
     def __init__(self, scene: Scene, meshes: Mapping[str, VolumeMesh]):
@@ -64,6 +65,8 @@ class Model:
         self.body_names = (*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles)
         self.rest_position = np.vstack([np.zeros((0, 3)), *(body.rest_position for body in soft)])
         self.elasticity = Elasticity(soft, scene.time.step) if soft else None
+        held = [body.nodes.start + np.flatnonzero(body.anchor_stiffness) for body in soft]
+        self.anchored_nodes = np.concatenate([*held, np.zeros(0)]).astype(np.int32)
         self.cavities = Cavities(soft)
         self.surfaces = ContactSurfaces(soft, self.rigid_bodies, self.obstacles)
         self.friction = self._friction_table()
@@ -95,6 +98,8 @@ class Model:
             base_rotation=np.zeros(3),
             base_request=np.zeros((2, 3)),
             base_velocity=np.zeros((2, 3)),
+            anchor_position=self.rest_position[self.anchored_nodes],
+            gravity=self.gravity.copy(),
             cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
             cavity_request=np.zeros(cavity_count),
             cavity_target=np.zeros(cavity_count),
@@ -146,6 +151,6 @@ class Model:
     def _find_base_pivot(self) -> np.ndarray:
         if self.scene.base_pivot is not None:
             return np.array(self.scene.base_pivot)
-        if self.elasticity is None or not (self.elasticity.anchor_stiffness > 0).any():
+        if not len(self.anchored_nodes):
             return np.zeros(3)
-        return self.rest_position[self.elasticity.anchor_stiffness > 0].mean(axis=0)
+        return self.rest_position[self.anchored_nodes].mean(axis=0)

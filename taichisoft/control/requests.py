@@ -18,8 +18,8 @@ def apply_control(model: Model, state: State, control: Control) -> State:
     """The state with what `control` asks for; what it does not mention stays as it was asked for last.
 
     Raises:
-        ControlError: no `Control`, an unknown cavity, something driven in two ways, or a value that is no finite
-            number.
+        ControlError: no `Control`, an unknown cavity or soft body, something driven in two ways, or a value that is no
+            finite number.
     """
     if not isinstance(control, Control):
         raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
@@ -34,6 +34,10 @@ def apply_control(model: Model, state: State, control: Control) -> State:
     }
     if _base_moves(state, control):
         changes |= _base_requests(model, state, control)
+    if control.anchor_positions:
+        changes["anchor_position"] = _anchor_position(model, state, control)
+    if control.gravity is not None:
+        changes["gravity"] = _finite(control.gravity, "control.gravity", (3,))
     return state.changed(**changes)
 
 
@@ -77,9 +81,10 @@ def _base_requests(model: Model, state: State, control: Control) -> dict[str, np
 
 def _cavity_requests(model: Model, state: State, control: Control) -> tuple[np.ndarray, np.ndarray]:
     """Whether each cavity is driven by volume, and the pressure [kPa] or growth [mm^3] asked for."""
-    for key in ("pressure", "volume_growth", "signals"):
+    for key in ("pressure", "volume_growth", "anchor_positions", "signals"):
         if not isinstance(getattr(control, key), Mapping):
-            raise ControlError(f"control.{key} = {getattr(control, key)!r}: must be a dictionary by name")
+            kind = type(getattr(control, key)).__name__
+            raise ControlError(f"control.{key}: must be a dictionary by name, not {kind}")
     both = sorted(control.pressure.keys() & control.volume_growth.keys())
     if both:
         raise ControlError(f"control: cavity '{both[0]}' is given a pressure and a volume growth; give one of them")
@@ -100,14 +105,40 @@ def _cavity_requests(model: Model, state: State, control: Control) -> tuple[np.n
     return imposed, request
 
 
+def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray:
+    """Positions of all anchors [mm], (anchor_count, 3), with those that are asked for."""
+    position = state.anchor_position.copy()
+    rows = {
+        body.name: slice(*np.searchsorted(model.anchored_nodes, [body.nodes.start, body.nodes.stop]).tolist())
+        for body in model.soft_bodies
+        if body.anchor_stiffness.any()
+    }
+    for name, value in control.anchor_positions.items():
+        if name not in rows:
+            known = nearest(str(name), list(rows), "there are")
+            raise ControlError(f"control.anchor_positions: no soft body with anchors is called '{name}'; {known}")
+        key = f"control.anchor_positions['{name}']"
+        asked, needed = _array(value, key), position[rows[name]].shape
+        if asked.shape != needed:
+            raise ControlError(f"{key} has shape {asked.shape}: must have {needed}, a row for each anchored node")
+        if not np.isfinite(asked).all():
+            raise ControlError(f"{key} has a number that is not finite: all must be")
+        position[rows[name]] = asked
+    return position
+
+
 def _finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | float:
     if not shape and type(value) is float and math.isfinite(value):
         return value
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers") from error
+    array = _array(value, key)
     if array.shape != shape or not np.isfinite(array).all():
         wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
         raise ControlError(f"{key} = {value!r}: must be {wanted}")
     return array
+
+
+def _array(value: object, key: str) -> np.ndarray:
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers") from error
