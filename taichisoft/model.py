@@ -5,10 +5,12 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from taichisoft.bodies.actuators import Actuators
+from taichisoft.bodies.cables import Cables
 from taichisoft.bodies.cavities import Cavities, CavityVolumes
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.bodies.rigid_body import make_obstacle, make_rigid_body
-from taichisoft.bodies.rotations import matrices_from_quaternions
+from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_vector
 from taichisoft.bodies.soft_body import SoftBody, make_soft_body
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.overlap import refuse_overlap
@@ -34,6 +36,8 @@ class Model:
         elasticity: elements of all soft bodies and the pattern of their matrix; None without soft bodies.
         anchored_nodes: indices of the anchored nodes in rising order, shape (anchor_count,).
         cavities: cavities of all soft bodies; `cavities.names` are their names.
+        cables: cables of all soft bodies; `cables.names` are their names.
+        actuators: coordinates of cavities and cables together.
         surfaces: contact surfaces of all bodies.
         friction: friction coefficients by the numbers of two bodies, shape (body_count, body_count).
         base_pivot: point about which the base turns [mm], shape (3,).
@@ -68,6 +72,8 @@ class Model:
         held = [body.nodes.start + np.flatnonzero(body.anchor_stiffness) for body in soft]
         self.anchored_nodes = np.concatenate([*held, np.zeros(0)]).astype(np.int32)
         self.cavities = Cavities(soft)
+        self.cables = Cables(soft, self.rigid_bodies, self.obstacles)
+        self.actuators = Actuators(self.cavities, self.cables)
         self.surfaces = ContactSurfaces(soft, self.rigid_bodies, self.obstacles)
         self.friction = self._friction_table()
         self.base_pivot = self._find_base_pivot()
@@ -84,7 +90,7 @@ class Model:
         """The state that the scene describes."""
         bodies = self.rigid_bodies
         velocities = [np.tile(b.settings.velocity, (len(b.rest_position), 1)) for b in self.soft_bodies]
-        cavity_count = len(self.cavities.names)
+        cavity_count, cable_count = len(self.cavities.names), len(self.cables.names)
         return State(
             time=0.0,
             step=0,
@@ -105,12 +111,27 @@ class Model:
             cavity_target=np.zeros(cavity_count),
             cavity_pressure=np.zeros(cavity_count),
             cavity_volume=CavityVolumes(self.cavities, self.node_count).volumes(self.rest_position),
+            cable_pull_imposed=np.zeros(cable_count, dtype=bool),
+            cable_request=np.zeros(cable_count),
+            cable_target=np.zeros(cable_count),
+            cable_tension=np.zeros(cable_count),
+            cable_tension_loss=np.zeros(len(self.cables.paths.cable) - cable_count),
+            cable_length=self.cables.rest_length.copy(),
+            pull_point=self.cables.rest_pull_point.copy(),
             contact_body_pair=np.zeros((0, 2), dtype=np.int32),
             contact_point=np.zeros((0, 3)),
             contact_normal=np.zeros((0, 3)),
             contact_impulse=np.zeros((0, 3)),
             contact_slip=np.zeros(0),
         )
+
+    def placed_pull_points(self, state: State) -> np.ndarray:
+        """Where the cables' pull points are, moved by the base where they move with it [mm], shape (cable_count, 3)."""
+        if not self.cables.pull_point_moves.any():
+            return state.pull_point
+        turned = (state.pull_point - self.base_pivot) @ rotation_from_vector(state.base_rotation).T
+        moved = turned + self.base_pivot + state.base_translation
+        return np.where(self.cables.pull_point_moves[:, None], moved, state.pull_point)
 
     def check(self, state: State) -> None:
         """Refuse a state of another model: its arrays must have the model's sizes, its time the model's step.

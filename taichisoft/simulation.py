@@ -1,11 +1,11 @@
-"""The time step: implicit Euler, contact and cavities solved together."""
+"""The time step: implicit Euler, contacts and actuators solved together."""
 
 import time
 from functools import partial
 
 import numpy as np
 
-from taichisoft.bodies.cavities import CavityVolumes
+from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.contact.detection import ContactDetection
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.reduction import ContactReduction
@@ -16,6 +16,7 @@ from taichisoft.control.requests import apply_control
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
 from taichisoft.state import State
+from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.constraints import Constraints
 from taichisoft.step.divergence import DivergenceCheck
 from taichisoft.step.report import StepReport
@@ -40,13 +41,14 @@ class Simulation:
         self.model = model
         self.state = model.initial_state()
         self.report: StepReport | None = None
-        self._volumes = CavityVolumes(model.cavities, model.node_count)
-        self._soft = SoftMotion(model, model.elasticity, self._volumes) if model.elasticity is not None else None
+        self._geometry = ActuatorGeometry(model.actuators, model.node_count)
+        self._actuators = ActuatorRows(model, self._geometry)
+        self._soft = SoftMotion(model, model.elasticity, self._geometry) if model.elasticity is not None else None
         self._rigid = RigidMotion(model)
         self._moving = MovingSurfaces(model.surfaces)
         self._detection = ContactDetection(model.surfaces, self._moving)
         self._reduction = ContactReduction(model.surfaces.body_size, model.scene.contact.spacing)
-        self._constraints = Constraints(model, self._soft, self._rigid, self._volumes)
+        self._constraints = Constraints(model, self._soft, self._rigid, self._geometry, self._actuators)
         self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model)
 
@@ -69,6 +71,7 @@ class Simulation:
         started = time.perf_counter()
         control = control or Control()
         start = apply_control(self.model, self.state, control)
+        self._begin_actuators(start)
         self._solve_free_motion(start)
         contacts, last_impulse, max_penetration = self._find_contacts(start)
         self._constraints.solve(start, contacts, last_impulse)
@@ -82,10 +85,15 @@ class Simulation:
         """What a controller sees: it depends on the state alone, so that a restored run is observed alike."""
         return self._observer.observe(self.state)
 
+    def _begin_actuators(self, start: State) -> None:
+        """Volumes and lengths with their gradients, and what is asked of them."""
+        self._geometry.update(start, self.model.placed_pull_points(start))
+        self._actuators.begin(start)
+
     def _solve_free_motion(self, start: State) -> None:
         """All bodies as if nothing touched them."""
         if self._soft is not None:
-            self._soft.solve_free_motion(start)
+            self._soft.solve_free_motion(start, self._actuators.load)
         self._rigid.solve_free_motion(start)
 
     def _find_contacts(self, start: State) -> tuple[Contacts, np.ndarray, float]:
@@ -110,7 +118,7 @@ class Simulation:
         position += start.position
         count = len(solved.contact_impulse)
         points = contacts.points[:count]
-        return start.changed(
+        end = start.changed(
             time=(start.step + 1) * time_step,
             step=start.step + 1,
             position=position,
@@ -120,13 +128,19 @@ class Simulation:
             rigid_velocity=rigid.linear.copy(),
             rigid_angular_velocity=rigid.angular.copy(),
             cavity_pressure=solved.cavity_pressure,
-            cavity_volume=self._volumes.volumes(position),
+            cavity_volume=self._geometry.volumes.volumes(position),
+            cable_tension=solved.cable_tension,
+            cable_tension_loss=solved.cable_tension_loss,
             contact_body_pair=contacts.bodies[:count].copy(),
             contact_point=0.5 * (points[:, 0] + points[:, 1]),
             contact_normal=contacts.normal[:count].copy(),
             contact_impulse=solved.contact_impulse,
             contact_slip=solved.contact_slip,
         )
+        if self.model.cables.names:
+            lengths = self._geometry.measure_cables(end, self.model.placed_pull_points(end))
+            end = end.changed(cable_length=lengths)
+        return end
 
     def _make_report(self, end: State, control: Control, max_penetration: float, started: float) -> StepReport:
         solved, time_step = self._constraints, self.model.scene.time.step

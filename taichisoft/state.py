@@ -36,6 +36,14 @@ class State:
         cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
         cavity_pressure: pressure in the last step, imposed or found [kPa], shape (cavity_count,).
         cavity_volume: volumes of the cavities [mm^3], shape (cavity_count,).
+        cable_pull_imposed: whether a cable is driven by how far it is pulled in, else by tension, shape (cable_count,).
+        cable_request: tension [mN] or pull [mm] that was asked for, before limits, shape (cable_count,).
+        cable_target: tension [mN] or pull [mm] that is driven for, shape (cable_count,).
+        cable_tension: tension at the pulled end in the last step [mN], shape (cable_count,).
+        cable_tension_loss: tension lost to friction at each inner point in the last step, negative where the cable is
+            paid out [mN], in the order of the cables with friction, shape (rubbing_point_count,).
+        cable_length: lengths of the cables [mm], shape (cable_count,).
+        pull_point: places of the pull points before the base moved them [mm], shape (cable_count, 3).
         contact_body_pair: numbers of the two bodies of each contact of the last step, shape (contact_count, 2).
         contact_point: middle of each contact when it was found [mm], shape (contact_count, 3).
         contact_normal: unit vector from the first body to the second, shape (contact_count, 3).
@@ -62,6 +70,13 @@ class State:
     cavity_target: np.ndarray
     cavity_pressure: np.ndarray
     cavity_volume: np.ndarray
+    cable_pull_imposed: np.ndarray
+    cable_request: np.ndarray
+    cable_target: np.ndarray
+    cable_tension: np.ndarray
+    cable_tension_loss: np.ndarray
+    cable_length: np.ndarray
+    pull_point: np.ndarray
     contact_body_pair: np.ndarray
     contact_point: np.ndarray
     contact_normal: np.ndarray

@@ -59,11 +59,11 @@ class CavityVolumes:
         gradient: dV/dx [mm^2] for each entry of the cavities' surfaces, shape (entry_count, 3).
     """
 
-    def __init__(self, cavities: Cavities, node_count: int):
-        """Make room."""
+    def __init__(self, cavities: Cavities, node_count: int, gradient: np.ndarray | None = None):
+        """Make room; `gradient` is an array to use, of shape (entry_count, 3)."""
         self._surfaces = surfaces = cavities.surfaces
         vertex_count, cavity_count = len(surfaces.vertex_nodes), len(cavities.names)
-        self.gradient = np.zeros((len(surfaces.entry_node), 3))
+        self.gradient = np.zeros((len(surfaces.entry_node), 3)) if gradient is None else gradient
         self._volumes = kernels.CavityVolumes(
             position=np.empty((vertex_count, 3)),
             area_vector=np.empty((vertex_count, 3)),

@@ -1,6 +1,6 @@
 """A rigid body's mass, inertia and surface, and obstacles that never move."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import trimesh
@@ -22,6 +22,7 @@ class RigidBody:
         triangles: vertex indices, outward, shape (triangle_count, 3).
         mass: [kg].
         inertia: about the centre of mass in the body frame [kg mm^2], shape (3, 3).
+        centre_of_mass: in the coordinates of the scaled surface [mm], shape (3,).
         start_position: centre of mass at the start [mm], shape (3,).
         start_rotation: unit quaternion (w, x, y, z) at the start.
         start_velocity: [mm/s], shape (3,).
@@ -33,6 +34,7 @@ class RigidBody:
     triangles: np.ndarray
     mass: float
     inertia: np.ndarray
+    centre_of_mass: np.ndarray
     start_position: np.ndarray
     start_rotation: np.ndarray
     start_velocity: np.ndarray
@@ -41,13 +43,18 @@ class RigidBody:
 
 @dataclass(frozen=True)
 class Obstacle:
-    """Something static: a surface (vertices and triangles), or an infinite plane (point and unit normal)."""
+    """Something static: a surface (vertices and triangles), or an infinite plane (point and unit normal).
+
+    What is at x in the coordinates of its scaled surface stands at turn @ x + shift.
+    """
 
     name: str
     vertices: np.ndarray | None = None
     triangles: np.ndarray | None = None
     point: np.ndarray | None = None
     normal: np.ndarray | None = None
+    turn: np.ndarray = field(default_factory=lambda: np.eye(3))
+    shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
 def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
@@ -77,6 +84,7 @@ def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
         triangles=triangles.astype(np.int32),
         mass=float(solid.mass),
         inertia=inertia,
+        centre_of_mass=centre,
         start_position=np.asarray(body.position) + turn @ centre,
         start_rotation=quaternion_from_matrix(turn),
         start_velocity=np.array(body.velocity),
@@ -96,5 +104,6 @@ def make_obstacle(name: str, obstacle: settings.Obstacle) -> Obstacle:
     vertices, triangles = read_surface(obstacle.surface or "")
     if count_open_edges(triangles) == 0:
         triangles = closed_outward(vertices, triangles, obstacle.surface or "")
-    placed = obstacle.scale * vertices @ rotation_from_degrees(obstacle.rotation).T
-    return Obstacle(name, placed + np.asarray(obstacle.translation), triangles.astype(np.int32))
+    turn, shift = rotation_from_degrees(obstacle.rotation), np.asarray(obstacle.translation)
+    placed = obstacle.scale * vertices @ turn.T + shift
+    return Obstacle(name, placed, triangles.astype(np.int32), turn=turn, shift=shift)

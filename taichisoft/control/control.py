@@ -15,6 +15,10 @@ class Control:
     Attributes:
         pressure: pressures [kPa] by cavity name ("finger1.cavity"); a cavity is driven by pressure or by volume.
         volume_growth: volumes over the rest volume [mm^3], by cavity name; the pressure is then a result.
+        cable_tension: tensions [mN] by cable name ("finger1.tendon"); a cable is driven by tension or by pull.
+        cable_pull: how far cables are pulled in [mm], by cable name; the tension is then a result.
+        pull_points: places of pull points [mm], shape (3,), by cable name; where the scene says so, the base's motion
+            comes on top.
         base_translation: shift of all anchors from their rest positions [mm], shape (3,).
         base_rotation: rotation vector of all anchors about the scene's base pivot [rad], shape (3,).
         base_velocity: velocity of all anchors [mm/s], shape (3,), until something else is asked for; instead of
@@ -30,6 +34,9 @@ class Control:
 
     pressure: Mapping[str, float] = field(default_factory=dict)
     volume_growth: Mapping[str, float] = field(default_factory=dict)
+    cable_tension: Mapping[str, float] = field(default_factory=dict)
+    cable_pull: Mapping[str, float] = field(default_factory=dict)
+    pull_points: Mapping[str, np.ndarray] = field(default_factory=dict)
     base_translation: np.ndarray | None = None
     base_rotation: np.ndarray | None = None
     base_velocity: np.ndarray | None = None

@@ -27,6 +27,20 @@ def limit_pressures(
     return np.where(volume_imposed, request, allowed)
 
 
+def limit_cables(model: Model, state: State, pull_imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
+    """Tensions [mN] and pulls [mm] within the cables' own ranges and not too far from the last ones."""
+    limits, time_step, cables = model.scene.limits, model.scene.time.step, model.cables
+    lowest, highest = np.where(pull_imposed, cables.pull_range.T, cables.tension_range.T)
+    allowed = np.clip(request, lowest, highest)
+    tension_rate = math.inf if limits.tension_rate is None else limits.tension_rate
+    pull_speed = math.inf if limits.pull_speed is None else limits.pull_speed
+    # A cable that was driven in the other way goes on from where that has led.
+    last = np.where(pull_imposed, cables.rest_length - state.cable_length, state.cable_tension)
+    last = np.where(pull_imposed == state.cable_pull_imposed, state.cable_target, last)
+    furthest = np.where(pull_imposed, pull_speed, tension_rate) * time_step
+    return np.clip(allowed, last - furthest, last + furthest)
+
+
 def limit_base(limits: Limits, time_step: float, state: State, request: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Translation [mm] and rotation vector [rad] of the base, on the straight way to the requested ones (2, 3)."""
     translation, rotation = request
@@ -42,12 +56,14 @@ def limit_base(limits: Limits, time_step: float, state: State, request: np.ndarr
 
 
 def clipped(model: Model, state: State) -> tuple[str, ...]:
-    """What of the last request was held back: names of cavities, "base_translation", "base_rotation"."""
+    """What of the last request was held back: names of cavities and cables, "base_translation", "base_rotation"."""
     names = [
         name
-        for name, request, target in zip(
-            model.cavities.names, state.cavity_request.tolist(), state.cavity_target.tolist(), strict=True
+        for actuators, requests, targets in (
+            (model.cavities.names, state.cavity_request, state.cavity_target),
+            (model.cables.names, state.cable_request, state.cable_target),
         )
+        for name, request, target in zip(actuators, requests.tolist(), targets.tolist(), strict=True)
         if request != target
     ]
     if (state.base_request[0] != state.base_translation).any():

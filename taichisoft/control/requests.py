@@ -8,7 +8,7 @@ import numpy as np
 
 from taichisoft.bodies.rotations import compose_rotation_vectors
 from taichisoft.control.control import Control
-from taichisoft.control.limits import limit_base, limit_pressures
+from taichisoft.control.limits import limit_base, limit_cables, limit_pressures
 from taichisoft.errors import ControlError, nearest
 from taichisoft.model import Model
 from taichisoft.state import State
@@ -18,20 +18,29 @@ def apply_control(model: Model, state: State, control: Control) -> State:
     """The state with what `control` asks for; what it does not mention stays as it was asked for last.
 
     Raises:
-        ControlError: no `Control`, an unknown cavity or soft body, something driven in two ways, or a value that is no
-            finite number.
+        ControlError: no `Control`, an unknown cavity, cable or soft body, something driven in two ways, or a value that
+            is no finite number.
     """
     if not isinstance(control, Control):
         raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
-    imposed, request = _cavity_requests(model, state, control)
+    for key in (
+        "pressure",
+        "volume_growth",
+        "cable_tension",
+        "cable_pull",
+        "pull_points",
+        "anchor_positions",
+        "signals",
+    ):
+        if not isinstance(getattr(control, key), Mapping):
+            kind = type(getattr(control, key)).__name__
+            raise ControlError(f"control.{key}: must be a dictionary by name, not {kind}")
     for name, value in control.signals.items():
         if not isinstance(value, int | float):
             raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
-    changes: dict[str, Any] = {
-        "cavity_volume_imposed": imposed,
-        "cavity_request": request,
-        "cavity_target": limit_pressures(model.scene.limits, model.scene.time.step, state, imposed, request),
-    }
+    changes = _cavity_requests(model, state, control)
+    if model.cables.names or control.cable_tension or control.cable_pull or control.pull_points:
+        changes |= _cable_requests(model, state, control)
     if _base_moves(state, control):
         changes |= _base_requests(model, state, control)
     if control.anchor_positions:
@@ -79,29 +88,62 @@ def _base_requests(model: Model, state: State, control: Control) -> dict[str, np
     }
 
 
-def _cavity_requests(model: Model, state: State, control: Control) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each cavity is driven by volume, and the pressure [kPa] or growth [mm^3] asked for."""
-    for key in ("pressure", "volume_growth", "anchor_positions", "signals"):
-        if not isinstance(getattr(control, key), Mapping):
-            kind = type(getattr(control, key)).__name__
-            raise ControlError(f"control.{key}: must be a dictionary by name, not {kind}")
-    both = sorted(control.pressure.keys() & control.volume_growth.keys())
+def _cavity_requests(model: Model, state: State, control: Control) -> dict[str, Any]:
+    """What the cavities are asked for, and how much of it the limits allow."""
+    names, asked = model.cavities.names, {"pressure": control.pressure, "volume_growth": control.volume_growth}
+    imposed, request = _drive("cavity", names, asked, state.cavity_volume_imposed, state.cavity_request)
+    return {
+        "cavity_volume_imposed": imposed,
+        "cavity_request": request,
+        "cavity_target": limit_pressures(model.scene.limits, model.scene.time.step, state, imposed, request),
+    }
+
+
+def _cable_requests(model: Model, state: State, control: Control) -> dict[str, Any]:
+    """What the cables are asked for, and how much of it the limits allow."""
+    names, asked = model.cables.names, {"cable_tension": control.cable_tension, "cable_pull": control.cable_pull}
+    imposed, request = _drive("cable", names, asked, state.cable_pull_imposed, state.cable_request)
+    changes = {
+        "cable_pull_imposed": imposed,
+        "cable_request": request,
+        "cable_target": limit_cables(model, state, imposed, request),
+    }
+    if control.pull_points:
+        changes["pull_point"] = pull_point = state.pull_point.copy()
+        for name, place in control.pull_points.items():
+            cable = _index(name, names, "cable", "pull_points")
+            if not model.cables.has_pull_point[cable]:
+                raise ControlError(f"control.pull_points['{name}']: this cable has none; give it one in the scene")
+            pull_point[cable] = _finite(place, f"control.pull_points['{name}']", (3,))
+    return changes
+
+
+def _drive(
+    kind: str,
+    names: tuple[str, ...],
+    asked: Mapping[str, Mapping[str, float]],
+    imposed: np.ndarray,
+    request: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each actuator is driven by its coordinate, else by its effort, and the values asked for.
+
+    Args:
+        kind: "cavity" or "cable".
+        names: of all actuators of the kind.
+        asked: what the control asks for: efforts, then coordinates, each by the key of the control.
+        imposed, request: what was asked for so far.
+    """
+    (first, efforts), (second, coordinates) = asked.items()
+    both = sorted(efforts.keys() & coordinates.keys())
     if both:
-        raise ControlError(f"control: cavity '{both[0]}' is given a pressure and a volume growth; give one of them")
-    imposed, request = state.cavity_volume_imposed.copy(), state.cavity_request.copy()
-    names = model.cavities.names
-    for wishes, by_volume, what in (
-        (control.pressure, False, "pressure"),
-        (control.volume_growth, True, "volume_growth"),
-    ):
+        words = " and a ".join(key.removeprefix("cable_").replace("_", " ") for key in (first, second))
+        raise ControlError(f"control: {kind} '{both[0]}' is given a {words}; give one of them")
+    imposed, request = imposed.copy(), request.copy()
+    for key, wishes, by_coordinate in ((first, efforts, False), (second, coordinates, True)):
         for name, value in wishes.items():
-            if name not in names:
-                raise ControlError(
-                    f"control.{what}: no cavity is called '{name}'; {nearest(str(name), list(names), 'there are')}"
-                )
-            index = names.index(name)
-            imposed[index] = by_volume
-            request[index] = _finite(value, f"control.{what}['{name}']", ())
+            index = _index(name, names, kind, key)
+            imposed[index] = by_coordinate
+            request[index] = _finite(value, f"control.{key}['{name}']", ())
     return imposed, request
 
 
@@ -125,6 +167,14 @@ def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray
             raise ControlError(f"{key} has a number that is not finite: all must be")
         position[rows[name]] = asked
     return position
+
+
+def _index(name: str, names: tuple[str, ...], kind: str, key: str) -> int:
+    if name not in names:
+        raise ControlError(
+            f"control.{key}: no {kind} is called '{name}'; {nearest(str(name), list(names), 'there are')}"
+        )
+    return names.index(name)
 
 
 def _finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | float:

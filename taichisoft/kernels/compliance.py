@@ -6,11 +6,11 @@ tree leads to from a group's nodes are visited.
 
 from typing import NamedTuple
 
-from taichisoft.kernels.cavities import CavitySurfaces
+from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.cholesky import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
-from taichisoft.kernels.constraint_rows import CAVITIES, CONTACTS, Rows
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, Rows
 from taichisoft.kernels.launch import Kernel, func, kernel
-from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, Vectors, ti, vec3
+from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, ti, vec3
 from taichisoft.kernels.tiles import TILE, Column, advance, opaque, tiles_in
 
 GROUP = TILE
@@ -96,8 +96,8 @@ def mark_path(g: ti.i32, node: ti.i32, tree: EliminationTree, active: IntegerTab
 def fill_group(
     g: ti.i32,
     rows: Rows,
-    cavities: CavitySurfaces,
-    cavity_gradient: Vectors,
+    coordinates: Coordinates,
+    gradient: Gradient,
     tree: EliminationTree,
     fronts: Fronts,
     columns: SparseColumns,
@@ -105,7 +105,7 @@ def fill_group(
     """A group's columns of J^T, on the supernodes that it leads to."""
     active, y, position_of = ti.static(columns.active, columns.y, tree.position_of_node)
     contact_rows = 3 * rows.size[CONTACTS]
-    last = ti.min(GROUP * (g + 1), contact_rows + rows.size[CAVITIES])
+    last = ti.min(GROUP * (g + 1), contact_rows + rows.size[ACTUATORS])
     for s in range(tree.parent.shape[0]):
         active[g, s] = 0
     for r in range(GROUP * g, last):
@@ -114,9 +114,9 @@ def fill_group(
                 if rows.node[r // 3, slot] >= 0:
                     mark_path(g, rows.node[r // 3, slot], tree, active)
         else:
-            cavity = rows.cavity[r - contact_rows]
-            for k in range(cavities.entry_start[cavity], cavities.entry_start[cavity + 1]):
-                mark_path(g, cavities.entry_node[k], tree, active)
+            coordinate = rows.coordinate[r - contact_rows]
+            for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+                mark_path(g, coordinates.entry_node[k], tree, active)
     for s in range(tree.parent.shape[0]):
         if active[g, s] != 0:
             first = fronts.table[s, FIRST_COLUMN]
@@ -133,11 +133,11 @@ def fill_group(
                     for d in ti.static(range(3)):
                         y[g, i + d][column] = y[g, i + d][column] + rows.weight[c, slot] * direction[d]
         else:
-            cavity = rows.cavity[r - contact_rows]
-            for k in range(cavities.entry_start[cavity], cavities.entry_start[cavity + 1]):
-                i = 3 * position_of[cavities.entry_node[k]]
+            coordinate = rows.coordinate[r - contact_rows]
+            for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+                i = 3 * position_of[coordinates.entry_node[k]]
                 for d in ti.static(range(3)):
-                    y[g, i + d][column] = cavity_gradient[k][d]
+                    y[g, i + d][column] = gradient.soft[k][d]
 
 
 @func
@@ -171,8 +171,8 @@ def make_soft_compliance(workers: int) -> Kernel:
     @kernel
     def soft_compliance(
         rows: Rows,
-        cavities: CavitySurfaces,
-        cavity_gradient: Vectors,
+        coordinates: Coordinates,
+        gradient: Gradient,
         tree: EliminationTree,
         fronts: Fronts,
         factor: Factor,
@@ -187,10 +187,10 @@ def make_soft_compliance(workers: int) -> Kernel:
         ti.loop_config(serialize=workers == 1)
         for worker_ in range(workers * CHUNK):
             if worker_ % CHUNK == 0:
-                row_count = 3 * rows.size[CONTACTS] + rows.size[CAVITIES]
+                row_count = 3 * rows.size[CONTACTS] + rows.size[ACTUATORS]
                 worker, group_count = worker_ // CHUNK, (row_count + GROUP - 1) // GROUP
                 for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
-                    fill_group(g, rows, cavities, cavity_gradient, tree, fronts, columns)
+                    fill_group(g, rows, coordinates, gradient, tree, fronts, columns)
                     for s in range(tree.parent.shape[0]):
                         if columns.active[g, s] != 0:
                             eliminate(g, s, fronts, factor, columns.y, one)

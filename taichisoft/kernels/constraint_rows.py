@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from taichisoft.kernels.cavities import CavitySurfaces
+from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.rigid_motion import RigidState
@@ -22,14 +22,14 @@ from taichisoft.kernels.runtime import (
 from taichisoft.kernels.surfaces import Carriers
 
 # Entries of `Rows.size`.
-CONTACTS, CAVITIES = range(2)
+CONTACTS, ACTUATORS = range(2)
 
 
 class Rows(NamedTuple):
-    """Three rows for each contact and then one for each cavity of imposed volume, in arrays with room for more.
+    """Three rows for each contact and then one for each coordinate of an actuator, in arrays with room for more.
 
     Attributes:
-        size: number of contacts and of cavities, shape (2,).
+        size: number of contacts and of actuator rows, shape (2,).
         contact: index of each row's contact in `Contacts`, shape (contact_capacity,).
         basis: normal and two tangents of each contact, as rows, shape (contact_capacity, 3, 3).
         node, weight: soft nodes that a contact acts on and their weights, -1 and 0 in empty slots, shape
@@ -38,8 +38,9 @@ class Rows(NamedTuple):
         rigid_jacobian: derivative of the rows by these bodies' velocities, shape (3 contact_capacity, 2, 6).
         friction: coefficient of each contact, shape (contact_capacity,).
         gap_rate: gap over time step of each contact [mm/s], shape (contact_capacity,).
-        cavity: numbers of the cavities, shape (cavity_capacity,).
-        free: velocities [mm/s] or volume rates [mm^3/s] without impulses, shape (row_capacity,).
+        coordinate: the coordinate of each actuator row, shape (coordinate_count,).
+        target_rate: rate of each that reaches its lower end in this step [mm/s or mm^3/s], shape (coordinate_count,).
+        free: velocities without impulses, of actuators less the target rate [mm/s or mm^3/s], shape (row_capacity,).
     """
 
     size: Integers
@@ -51,7 +52,8 @@ class Rows(NamedTuple):
     rigid_jacobian: ScalarBlocks
     friction: Scalars
     gap_rate: Scalars
-    cavity: Integers
+    coordinate: Integers
+    target_rate: Scalars
     free: Scalars
 
 
@@ -196,10 +198,61 @@ def add_rigid_compliance(row_count: ti.i32, rows: Rows, rigid: RigidState, compl
 
 
 @kernel
+def free_actuator_velocity(
+    rows: Rows, coordinates: Coordinates, gradient: Gradient, node_velocity: Vectors, rigid: RigidState
+):
+    """Fill `rows.free` of the actuators: the rates of the coordinates less the target rates."""
+    ti.loop_config(serialize=True)
+    for row in range(rows.size[ACTUATORS]):
+        coordinate = rows.coordinate[row]
+        rate = -rows.target_rate[row]
+        for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+            rate += gradient.soft[k].dot(node_velocity[coordinates.entry_node[k]])
+        for k in range(coordinates.rigid_start[coordinate], coordinates.rigid_start[coordinate + 1]):
+            for d in range(6):
+                rate += gradient.rigid[k, d] * rigid.free[coordinates.rigid_body[k], d]
+        rows.free[3 * rows.size[CONTACTS] + row] = rate
+
+
+@kernel
+def add_rigid_actuator_compliance(
+    rows: Rows, coordinates: Coordinates, gradient: Gradient, rigid: RigidState, compliance: Scalars
+):
+    """Add J M^-1 J^T of the rigid bodies that an actuator shares with contacts and other actuators to W."""
+    ti.loop_config(serialize=True)
+    for row in range(rows.size[ACTUATORS]):
+        row_count = 3 * rows.size[CONTACTS] + rows.size[ACTUATORS]
+        r, coordinate = 3 * rows.size[CONTACTS] + row, rows.coordinate[row]
+        for k in range(coordinates.rigid_start[coordinate], coordinates.rigid_start[coordinate + 1]):
+            body = coordinates.rigid_body[k]
+            change = ti.Vector.zero(ti.f64, 6)  # of the body's velocity by a unit impulse in the row
+            for n in range(6):
+                for m in ti.static(range(6)):
+                    change[m] += rigid.inverse_mass[body, m, n] * gradient.rigid[k, n]
+            for c in range(rows.size[CONTACTS]):
+                for side in range(2):
+                    if rows.rigid[c, side] == body:
+                        for i in range(3):
+                            gain = 0.0
+                            for m in ti.static(range(6)):
+                                gain += change[m] * rows.rigid_jacobian[3 * c + i, side, m]
+                            compliance[r * row_count + 3 * c + i] = compliance[r * row_count + 3 * c + i] + gain
+                            compliance[(3 * c + i) * row_count + r] = compliance[(3 * c + i) * row_count + r] + gain
+            for other in range(rows.size[ACTUATORS]):
+                partner, q = rows.coordinate[other], 3 * rows.size[CONTACTS] + other
+                for j in range(coordinates.rigid_start[partner], coordinates.rigid_start[partner + 1]):
+                    if coordinates.rigid_body[j] == body:
+                        gain = 0.0
+                        for m in ti.static(range(6)):
+                            gain += change[m] * gradient.rigid[j, m]
+                        compliance[r * row_count + q] = compliance[r * row_count + q] + gain
+
+
+@kernel
 def apply_impulses(
     rows: Rows,
-    cavities: CavitySurfaces,
-    cavity_gradient: Vectors,
+    coordinates: Coordinates,
+    gradient: Gradient,
     impulse: Scalars,
     contact_impulse: Vectors,
     node_impulse: Vectors,
@@ -227,7 +280,10 @@ def apply_impulses(
                         gain = rows.rigid_jacobian[3 * c + i, side, d] * impulse[3 * c + i]
                         rigid.impulse[rows.rigid[c, side], d] += gain
     ti.loop_config(serialize=True)
-    for row in range(rows.size[CAVITIES]):
-        cavity = rows.cavity[row]
-        for k in range(cavities.entry_start[cavity], cavities.entry_start[cavity + 1]):
-            node_impulse[cavities.entry_node[k]] += impulse[3 * rows.size[CONTACTS] + row] * cavity_gradient[k]
+    for row in range(rows.size[ACTUATORS]):
+        coordinate, own = rows.coordinate[row], impulse[3 * rows.size[CONTACTS] + row]
+        for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+            node_impulse[coordinates.entry_node[k]] += own * gradient.soft[k]
+        for k in range(coordinates.rigid_start[coordinate], coordinates.rigid_start[coordinate + 1]):
+            for d in range(6):
+                rigid.impulse[coordinates.rigid_body[k], d] += own * gradient.rigid[k, d]

@@ -1,7 +1,7 @@
-"""Projected Gauss-Seidel on contact impulses and cavity multipliers, accelerated in two ways.
+"""Projected Gauss-Seidel on the impulses of contacts and actuators, accelerated in two ways.
 
 The blocks: a contact has three rows, one normal with lambda_n >= 0 and two tangential with |lambda_t| <= mu lambda_n
-(Coulomb's cone, exactly); a cavity of imposed volume has one row, its pressure, without a bound.
+(Coulomb's cone, exactly); an actuator's coordinate has one row (actuator_rows.py).
 
 The sweeps find out which contacts are open, stick or slip; while they do, nonlinear conjugate gradients speed them up
 (Silcowitz, Niebe, Erleben 2010, A nonsmooth nonlinear conjugate gradient method for interactive contact force
@@ -16,8 +16,9 @@ off, or on again.
 
 from typing import NamedTuple
 
+from taichisoft.kernels.actuator_rows import best_impulse, pulled_side_tension
 from taichisoft.kernels.axpy import add_multiple, add_three_multiples
-from taichisoft.kernels.constraint_rows import CONTACTS
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.newton import Iterate, NewtonSystem, Problem, choose_rows, newton_step, row_count
 from taichisoft.kernels.runtime import Integers, Scalars, mat3, ti, vec3
@@ -98,7 +99,7 @@ def solve_contact(block: mat3, velocity: vec3, old: vec3, friction: ti.f64) -> v
 
 @func
 def sweep(problem: Problem, iterate: Iterate) -> ti.f64:
-    """Visit every block once; returns the largest change of a block's own velocity [mm/s, of a cavity mm^3/s].
+    """Visit every block once; returns the largest change of a block's own velocity [mm/s, of a volume mm^3/s].
 
     The velocities follow every change of an impulse (W is symmetric: a row is a column), so that an open contact that
     stays open costs nothing.
@@ -125,11 +126,15 @@ def sweep(problem: Problem, iterate: Iterate) -> ti.f64:
                 impulse[n + i] = new[i]
                 residual = ti.max(residual, ti.abs(own[i]))
             add_three_multiples(velocity, change, w, n * rows, rows)
-    for row in range(3 * problem.size[CONTACTS], rows):
-        correction = -velocity[row] / w[row * rows + row]
-        residual = ti.max(residual, ti.abs(velocity[row]))
+    tension = 0.0
+    for a in range(problem.size[ACTUATORS]):
+        row = 3 * problem.size[CONTACTS] + a
+        own = w[row * rows + row]
+        correction = best_impulse(problem.bounds, a, impulse[row], velocity[row], own, tension) - impulse[row]
+        residual = ti.max(residual, ti.abs(own * correction))
         impulse[row] = impulse[row] + correction
         add_multiple(velocity, 0, correction, w, row * rows, rows)
+        tension = pulled_side_tension(problem.bounds, a, tension, impulse, row)
     return residual
 
 

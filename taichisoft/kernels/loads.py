@@ -1,8 +1,8 @@
-"""Loads on the nodes of soft bodies: the anchors' springs and the pressures in the cavities."""
+"""Loads on the nodes of soft bodies: the anchors' springs, the pressures in cavities and the tensions of cables."""
 
 from typing import NamedTuple
 
-from taichisoft.kernels.cavities import CavitySurfaces
+from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import Integers, Matrices, Scalars, Vectors, ti
 
@@ -36,19 +36,19 @@ class Base(NamedTuple):
 
 
 @kernel
-def add_anchors_and_pressures(
+def add_anchors_and_actuators(
     anchors: Anchors,
     base: Base,
     position: Vectors,
     velocity: Vectors,
-    cavities: CavitySurfaces,
-    cavity_gradient: Vectors,
-    pressure: Scalars,
+    coordinates: Coordinates,
+    gradient: Gradient,
+    effort: Scalars,
     force: Vectors,
 ):
-    """Add -k (x + lag v - target) of the anchored nodes and p dV/dx to the forces.
+    """Add -k (x + lag v - target) of the anchored nodes, and the efforts times their gradients, to the forces.
 
-    The targets are the anchors' positions turned and moved with the base.
+    The targets are the anchors' positions turned and moved with the base. An effort is a pressure [kPa] or a tension [mN].
     """
     ti.loop_config(serialize=True)
     for k in range(anchors.node.shape[0]):
@@ -56,7 +56,7 @@ def add_anchors_and_pressures(
         target = base.turn[0] @ (anchors.position[k] - base.place[0]) + base.place[0] + base.place[1]
         force[i] -= anchors.stiffness[i] * (position[i] - target + anchors.lag[i] * velocity[i])
     ti.loop_config(serialize=True)
-    for cavity in range(pressure.shape[0]):
-        if pressure[cavity] != 0.0:
-            for k in range(cavities.entry_start[cavity], cavities.entry_start[cavity + 1]):
-                force[cavities.entry_node[k]] += pressure[cavity] * cavity_gradient[k]
+    for coordinate in range(effort.shape[0]):
+        if effort[coordinate] != 0.0:
+            for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+                force[coordinates.entry_node[k]] += effort[coordinate] * gradient.soft[k]

@@ -8,10 +8,19 @@ it may lead astray: whoever takes the step must check it.
 
 from typing import NamedTuple
 
-from taichisoft.kernels.constraint_rows import CAVITIES, CONTACTS
+from taichisoft.kernels.actuator_rows import (
+    AT_UPPER_END,
+    LOWER_END,
+    NOT_HELD,
+    UPPER_END,
+    best_impulse,
+    held_end,
+    pulled_side_tension,
+)
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
 from taichisoft.kernels.elimination import solve_linear
 from taichisoft.kernels.launch import func
-from taichisoft.kernels.runtime import Integers, Scalars, ti
+from taichisoft.kernels.runtime import Integers, Scalars, ScalarTable, ti
 
 # The matrix of closed contacts is singular where they share a load in many ways (a table has four legs). This share of
 # the diagonal, added to it, chooses among them what is nearest to the present impulses; it does not change the answer,
@@ -20,30 +29,34 @@ PROXIMAL_SHARE = 1e-9
 
 
 class Problem(NamedTuple):
-    """The constraint problem: v = free + W l, with the conditions of contact and friction. Contacts' rows come first.
+    """The constraint problem: v = free + W l, with the conditions of contact, friction and actuators.
+
+    Contacts' rows come first, then those of actuators, whose impulses are efforts times the time step.
 
     Attributes:
-        size: number of contacts and of cavities, shape (2,).
+        size: number of contacts and of actuator rows, shape (2,).
         compliance: W by rows [mm/s per mN s, and the like for volumes], shape (row_capacity^2,).
-        free: velocities without impulses [mm/s, of a cavity mm^3/s], shape (row_capacity,).
+        free: velocities without impulses [mm/s, of a volume mm^3/s], shape (row_capacity,).
         friction: coefficient of each contact, shape (contact_capacity,).
+        bounds: what each actuator row obeys, see `actuator_rows`, shape (actuator_capacity, 6).
     """
 
     size: Integers
     compliance: Scalars
     free: Scalars
     friction: Scalars
+    bounds: ScalarTable
 
 
 class Iterate(NamedTuple):
-    """Impulses [mN s, of a cavity kPa s] and the velocities that belong to them, each of shape (row_capacity,)."""
+    """Impulses [mN s, of a volume kPa s] and the velocities that belong to them, each of shape (row_capacity,)."""
 
     impulse: Scalars
     velocity: Scalars
 
 
 class NewtonSystem(NamedTuple):
-    """Linear system on the closed contacts.
+    """Linear system on the closed contacts and the actuators that are held.
 
     Attributes:
         row_of: rows of the problem that take part, shape (row_capacity,).
@@ -58,8 +71,8 @@ class NewtonSystem(NamedTuple):
 
 @func
 def row_count(problem: Problem) -> ti.i32:
-    """Three rows for a contact, one for a cavity."""
-    return 3 * problem.size[CONTACTS] + problem.size[CAVITIES]
+    """Three rows for a contact, one for an actuator's."""
+    return 3 * problem.size[CONTACTS] + problem.size[ACTUATORS]
 
 
 @func
@@ -72,9 +85,11 @@ def newton_step(problem: Problem, point: Iterate, newton: NewtonSystem, trial: I
     rows = row_count(problem)
     for k in range(rows):
         trial.impulse[k] = 0.0
+    let_actuators_give_way(problem, point, trial)
     for a in range(count):
         trial.impulse[row_of[a]] = impulse[row_of[a]]
         step[a] = -point.velocity[row_of[a]]
+    hold_at_ends(count, problem, point, newton)
     for k in range(rows):
         released = impulse[k] - trial.impulse[k]
         if released != 0.0:
@@ -99,7 +114,7 @@ def newton_step(problem: Problem, point: Iterate, newton: NewtonSystem, trial: I
 
 @func
 def choose_rows(problem: Problem, point: Iterate, newton: NewtonSystem) -> ti.i32:
-    """List the rows of contacts that are closed, or close, and of cavities; returns their number."""
+    """List the rows of contacts that are closed, or close, and of actuators that are held; returns their number."""
     rows = row_count(problem)
     count = 0
     for c in range(problem.size[CONTACTS]):
@@ -108,10 +123,43 @@ def choose_rows(problem: Problem, point: Iterate, newton: NewtonSystem) -> ti.i3
             for i in ti.static(range(3)):
                 newton.row_of[count + i] = n + i
             count += 3
-    for row in range(3 * problem.size[CONTACTS], rows):
-        newton.row_of[count] = row
-        count += 1
+    tension = 0.0
+    for a in range(problem.size[ACTUATORS]):
+        row = rows - problem.size[ACTUATORS] + a
+        w = problem.compliance[row * rows + row]
+        if held_end(problem.bounds, a, point.impulse[row], point.velocity[row], w, tension) != NOT_HELD:
+            newton.row_of[count] = row
+            count += 1
+        tension = pulled_side_tension(problem.bounds, a, tension, point.impulse, row)
     return count
+
+
+@func
+def let_actuators_give_way(problem: Problem, point: Iterate, trial: Iterate):
+    """Fill in the impulses of all actuators as they are best with the others fixed; held ones are solved for later."""
+    rows = row_count(problem)
+    tension = 0.0
+    for a in range(problem.size[ACTUATORS]):
+        row = rows - problem.size[ACTUATORS] + a
+        w = problem.compliance[row * rows + row]
+        trial.impulse[row] = best_impulse(problem.bounds, a, point.impulse[row], point.velocity[row], w, tension)
+        tension = pulled_side_tension(problem.bounds, a, tension, point.impulse, row)
+
+
+@func
+def hold_at_ends(count: ti.i32, problem: Problem, point: Iterate, newton: NewtonSystem):
+    """The velocity at which an actuator that takes part is held is that of the end where it is; contacts' is 0."""
+    rows = row_count(problem)
+    for k in range(count):
+        row = newton.row_of[k]
+        a = row - 3 * problem.size[CONTACTS]
+        if a >= 0:
+            w = problem.compliance[row * rows + row]
+            # A row of friction has ends at 0, whatever the tension.
+            if held_end(problem.bounds, a, point.impulse[row], point.velocity[row], w, 0.0) == AT_UPPER_END:
+                newton.step[k] = newton.step[k] + problem.bounds[a, UPPER_END]
+            else:
+                newton.step[k] = newton.step[k] + problem.bounds[a, LOWER_END]
 
 
 @func

@@ -59,7 +59,7 @@ def _phases(simulation: Simulation) -> dict[str, list[tuple[Any, str]]]:
     soft_phases: dict[str, list[tuple[Any, str]]] = {}
     if soft is not None:
         soft_phases = {
-            "cavities": [(simulation._volumes, "update")],
+            "actuators": [(simulation, "_begin_actuators")],
             "rotations and assembly": [(soft.system, "assemble")],
             "factorisation": [(soft.system.solver, "factorise")],
         }

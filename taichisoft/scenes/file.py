@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from taichisoft.errors import SceneError
 from taichisoft.meshes.files import VOLUME_SUFFIXES
+from taichisoft.meshes.point_files import POINT_SUFFIXES
 from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
 from taichisoft.scenes.overrides import change_scene
 from taichisoft.scenes.scene import Scene
@@ -22,6 +23,7 @@ FILE_KEYS = {
     "mesh": ("meshes", VOLUME_SUFFIXES),
     "surface": ("meshes", SURFACE_SUFFIXES),
     "collision_surface": ("meshes", SURFACE_SUFFIXES),
+    "points": ("meshes", POINT_SUFFIXES),
     "script": ("scripts", (".toml", ".csv")),
 }
 

@@ -108,6 +108,53 @@ class Cavity(Table):
     alternatives = (("group", "surface"),)
 
 
+class CablePoint(Table):
+    """A point of a cable on another body than the one that has the cable."""
+
+    body: str
+    """Name of the soft body, rigid body or obstacle."""
+    point: Vector
+    """The point in this body's own coordinates, those of its mesh or of its scaled surface [mm]."""
+
+
+class Cable(Table):
+    """A cable (tendon) through points of bodies: pulled in at its first point, attached at the last, free to slide
+    through those between."""
+
+    points: str | list[Vector | CablePoint]
+    """Points in the mesh's own coordinates [mm], or a file with a list of them (.json) or lines of x, y, z (.csv)."""
+    pull_point: Vector | None = None
+    """The place from which the cable is pulled, in the same coordinates [mm]; the first point when it is not given."""
+    pull_point_moves: bool = True
+    """Whether the pull point moves with the base; else it stays where it is in space."""
+    friction: NotNegative = 0.0
+    """Friction coefficient between the cable and its points [-]."""
+    rod: bool = False
+    """Whether it pushes as well as it pulls; the tension of a cable is never negative."""
+    lowest_tension: Number | None = None
+    """Smallest tension [mN]; that of a cable is 0 when it is not given."""
+    highest_tension: Number | None = None
+    """Largest tension [mN], at which a motor gives way."""
+    lowest_pull: Number | None = None
+    """How far the cable is pulled in at least [mm]; negative when it may be paid out."""
+    highest_pull: Number | None = None
+    """How far the cable can be pulled in [mm], a stop."""
+
+    @model_validator(mode="after")
+    def _check_limits(self) -> Self:
+        for quantity in ("tension", "pull"):
+            low, high = getattr(self, f"lowest_{quantity}"), getattr(self, f"highest_{quantity}")
+            if low is not None and high is not None and low > high:
+                raise ValueError(f"lowest_{quantity} ({low:g}) must not exceed highest_{quantity} ({high:g})")
+        if not self.rod and (self.lowest_tension or 0.0) < 0.0:
+            raise ValueError(f"lowest_tension ({self.lowest_tension:g}) must not be negative unless rod = true")
+        if not self.rod and (self.highest_tension or 0.0) < 0.0:
+            raise ValueError(f"highest_tension ({self.highest_tension:g}) must not be negative unless rod = true")
+        if not isinstance(self.points, str) and len(self.points) + (self.pull_point is not None) < 2:
+            raise ValueError(f"points has {len(self.points)} points; a cable needs two, its pull point counted")
+        return self
+
+
 class BodyMesh(Table):
     """The source of a soft body's mesh; `mesh = "FILE"` is short for a table with nothing but `file`."""
 
@@ -183,7 +230,15 @@ class SoftBody(Table):
     regions: list[Region] = []
     anchors: list[Anchor] = []
     cavities: dict[Name, Cavity] = {}
+    cables: dict[Name, Cable] = {}
     alternatives = (("mass", "density"),)
+
+    @model_validator(mode="after")
+    def _check_actuator_names(self) -> Self:
+        both = sorted(self.cavities.keys() & self.cables.keys())
+        if both:
+            raise ValueError(f"a cavity and a cable are both called '{both[0]}'; give one another name")
+        return self
 
 
 class RigidBody(Table):
@@ -325,6 +380,10 @@ class Limits(Table):
     """Highest pressure [kPa]."""
     pressure_rate: Positive | None = None
     """Fastest change of a pressure, up or down [kPa/s]."""
+    tension_rate: Positive | None = None
+    """Fastest change of a cable's tension, up or down [mN/s]."""
+    pull_speed: Positive | None = None
+    """Fastest motion of a cable that is pulled in or paid out [mm/s]."""
     base_speed: Positive | None = None
     """Fastest motion of the base [mm/s]."""
     base_turning_speed: Positive | None = None

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
 from taichisoft.kernels.compliance import GROUP, SparseColumns
 from taichisoft.kernels.constraint_rows import Rows
 from taichisoft.kernels.newton import Problem
@@ -10,21 +11,22 @@ from taichisoft.step.gauss_seidel import GaussSeidel
 
 
 class ConstraintRows:
-    """Three rows for each contact and then one for each cavity of imposed volume.
+    """Three rows for each contact and then one for each coordinate of an actuator that is not a known load.
 
     Attributes:
         contact_capacity: number of contacts that there is room for.
         rows: what the rows act on.
         compliance: W by rows [mm/s per mN s and the like for volumes], shape (row_capacity^2,).
         columns: work space of the compliance.
+        bounds: what the actuators' rows obey, see `kernels/actuator_rows.py`, shape (actuator_capacity, 6).
         gauss_seidel: the solver, with impulses and velocities of the rows.
         contact_impulse: on the second body in world axes [mN s], shape (contact_capacity, 3).
     """
 
     def __init__(self, model: Model, contact_capacity: int):
-        """Make room for so many contacts, and for all cavities of the model."""
-        cavity_count = len(model.cavities.names)
-        row_capacity = 3 * contact_capacity + cavity_count
+        """Make room for so many contacts, and for all actuators of the model."""
+        actuator_capacity = model.actuators.count
+        row_capacity = 3 * contact_capacity + actuator_capacity
         slots = 6 * model.surfaces.carriers.nodes.shape[1]
         self.contact_capacity = contact_capacity
         self.rows = Rows(
@@ -37,11 +39,15 @@ class ConstraintRows:
             rigid_jacobian=np.zeros((3 * contact_capacity, 2, 6)),
             friction=np.empty(contact_capacity),
             gap_rate=np.empty(contact_capacity),
-            cavity=np.empty(cavity_count, dtype=np.int32),
+            coordinate=np.empty(actuator_capacity, dtype=np.int32),
+            target_rate=np.empty(actuator_capacity),
             free=np.empty(row_capacity),
         )
         self.compliance = np.empty(row_capacity**2)
-        self.gauss_seidel = GaussSeidel(Problem(self.rows.size, self.compliance, self.rows.free, self.rows.friction))
+        self.bounds = np.empty((actuator_capacity, BOUND_COLUMNS))
+        self.gauss_seidel = GaussSeidel(
+            Problem(self.rows.size, self.compliance, self.rows.free, self.rows.friction, self.bounds)
+        )
         self.contact_impulse = np.empty((contact_capacity, 3))
         if model.elasticity is not None:
             symbolic, groups = model.elasticity.symbolic, -(-row_capacity // GROUP)

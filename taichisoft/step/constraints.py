@@ -1,13 +1,14 @@
-"""The constraint problem of a step: contacts and cavities of imposed volume, solved together."""
+"""The constraint problem of a step: contacts and actuators, solved together."""
 
 import numpy as np
 
-from taichisoft.bodies.cavities import CavityVolumes
+from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.kernels import compliance, constraint_rows
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.active_set import ActiveSet
+from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.constraint_rows import ConstraintRows
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
@@ -20,31 +21,42 @@ GROWTH = 1.25
 
 
 class Constraints:
-    """Finds impulses such that velocities after the step obey contact, friction and imposed volumes.
+    """Finds impulses such that velocities after the step obey contact, friction and actuators.
 
     With v the velocity of each row after the step, v = free + W impulse. A contact has three rows: normal (velocity
-    plus gap / h, at least 0), and two tangents. A cavity of imposed volume has one: its rate of volume less the rate
-    that reaches the imposed growth at the end of the step. (Imposed pressures are known impulses.)
+    plus gap / h, at least 0), and two tangents. An actuator that is no known load has one: the rate of its coordinate
+    less the rate that reaches its target at the end of the step.
 
     Attributes:
         node_velocity: of the soft nodes after the step [mm/s], shape (node_count, 3).
         contact_impulse: on each contact's second body [mN s], shape (contact_count, 3).
         contact_slip: sliding speed of each contact that presses, else 0 [mm/s], shape (contact_count,).
         cavity_pressure: imposed or found [kPa], shape (cavity_count,).
+        cable_tension: at the pulled end, imposed or found [mN], shape (cable_count,).
+        cable_tension_loss: at the inner points of cables with friction [mN], shape (rubbing_point_count,).
         iterations: sweeps of the Gauss-Seidel.
-        residual: largest change of a block's own velocity in the last sweep [mm/s, of a cavity mm^3/s].
+        residual: largest change of a block's own velocity in the last sweep [mm/s, of a volume mm^3/s].
     """
 
-    def __init__(self, model: Model, soft: SoftMotion | None, rigid: RigidMotion, volumes: CavityVolumes):
+    def __init__(
+        self,
+        model: Model,
+        soft: SoftMotion | None,
+        rigid: RigidMotion,
+        geometry: ActuatorGeometry,
+        actuators: ActuatorRows,
+    ):
         """Make the work space.
 
         Args:
             model: the bodies.
             soft: the soft bodies of a step, None without any.
             rigid: the rigid bodies of a step; they get the impulses that are found.
-            volumes: of the model's cavities, at the start of a step.
+            geometry: of the actuators at the start of a step.
+            actuators: what they ask of the step.
         """
-        self._model, self._soft, self._rigid, self._volumes = model, soft, rigid, volumes
+        self._model, self._soft, self._rigid = model, soft, rigid
+        self._geometry, self._actuators = geometry, actuators
         self._time_step = model.scene.time.step
         self._active_set = ActiveSet(model, rigid.state)
         self._problem = ConstraintRows(model, FIRST_CAPACITY)
@@ -62,38 +74,42 @@ class Constraints:
             contacts: those of the step.
             last_impulse: of each contact in the last step, 0 where it is new [mN s], shape (contact_count, 3).
         """
-        count, cavities = len(last_impulse), state.cavity_volume_imposed.nonzero()[0]
+        count = len(last_impulse)
         self.iterations, self.residual = 0, 0.0
         self.contact_impulse, self.contact_slip = np.zeros((count, 3)), np.zeros(count)
-        self.cavity_pressure = state.cavity_target.copy()
-        if not count and not len(cavities):
+        if not count and not len(self._actuators.coordinates):
+            self._collect_efforts(np.zeros(0))
             self._rigid.apply_impulses()
             self.node_velocity = self._free_velocity().copy()
             return
         self._velocity[:] = state.velocity
         self._active_set.begin(contacts, last_impulse, self._velocity)
         while True:
-            self._build_rows(contacts, cavities)
-            self._assemble_compliance(state)
-            self._find_impulses(state, last_impulse)
+            self._build_rows(contacts)
+            self._assemble_compliance()
+            self._find_impulses(last_impulse)
             self._apply_impulses()
             self._velocity[:] = self.node_velocity
             if not self._active_set.add_violated(self._velocity):
                 break
-        self._collect(cavities)
+        self._collect()
 
     def _free_velocity(self) -> np.ndarray:
         return self._soft.free_velocity if self._soft is not None else self._velocity
 
-    def _build_rows(self, contacts: Contacts, cavities: np.ndarray) -> None:
-        """What the rows of the chosen contacts and of these cavities act on."""
+    def _build_rows(self, contacts: Contacts) -> None:
+        """What the rows of the chosen contacts and of the actuators act on."""
         self._chosen = chosen = np.flatnonzero(self._active_set.chosen)
         if len(chosen) > self._problem.contact_capacity:
             self._problem = ConstraintRows(self._model, int(GROWTH * len(chosen)))
-        rows = self._problem.rows
-        rows.size[:] = len(chosen), len(cavities)
+        rows, actuators = self._problem.rows, self._actuators
+        actuator_count = len(actuators.coordinates)
+        rows.size[:] = len(chosen), actuator_count
+        self._row_count = 3 * len(chosen) + actuator_count
         rows.contact[: len(chosen)] = chosen
-        rows.cavity[: len(cavities)] = cavities
+        rows.coordinate[:actuator_count] = actuators.coordinates
+        rows.target_rate[:actuator_count] = actuators.target_rate
+        self._problem.bounds[:actuator_count] = actuators.bounds
         if len(chosen):
             constraint_rows.build_rows(
                 len(self._model.soft_bodies),
@@ -105,20 +121,24 @@ class Constraints:
                 rows,
             )
 
-    def _assemble_compliance(self, state: State) -> None:
+    def _assemble_compliance(self) -> None:
         """The rows' velocities without impulses, and W."""
         rows, rigid, contact_count = self._problem.rows, self._rigid.state, len(self._chosen)
-        row_count = 3 * contact_count + int(rows.size[constraint_rows.CAVITIES])
-        self._row_count = row_count
+        row_count, free_velocity = self._row_count, self._free_velocity()
         if self._soft is not None and row_count:
             self._assemble_soft_compliance(self._soft)
         else:
             self._problem.compliance[: row_count**2] = 0.0
         if contact_count:
-            free_velocity = self._free_velocity()
             constraint_rows.free_contact_velocity(rows, free_velocity, rigid)
             constraint_rows.add_rigid_compliance(row_count, rows, rigid, self._problem.compliance)
-        self._measure_volume_rates(state)
+        if row_count > 3 * contact_count:
+            coordinates, gradient = self._model.actuators.coordinates, self._geometry.gradient
+            constraint_rows.free_actuator_velocity(rows, coordinates, gradient, free_velocity, rigid)
+            if len(gradient.rigid):
+                constraint_rows.add_rigid_actuator_compliance(
+                    rows, coordinates, gradient, rigid, self._problem.compliance
+                )
 
     def _assemble_soft_compliance(self, soft: SoftMotion) -> None:
         solver = soft.system.solver
@@ -127,8 +147,8 @@ class Constraints:
         self._problem.columns.done[0] = 0
         assemble(
             self._problem.rows,
-            self._model.cavities.surfaces,
-            self._volumes.gradient,
+            self._model.actuators.coordinates,
+            self._geometry.gradient,
             solver.symbolic.tree,
             solver.symbolic.fronts,
             solver.factor,
@@ -137,17 +157,7 @@ class Constraints:
             1,
         )
 
-    def _measure_volume_rates(self, state: State) -> None:
-        """Rates of the imposed volumes less those that reach their targets [mm^3/s]."""
-        rows, cavities = self._problem.rows, self._model.cavities
-        surfaces, velocity = cavities.surfaces, self._free_velocity()
-        for row, cavity in enumerate(rows.cavity[: rows.size[constraint_rows.CAVITIES]], 3 * len(self._chosen)):
-            entries = slice(surfaces.entry_start[cavity], surfaces.entry_start[cavity + 1])
-            rate = np.vdot(self._volumes.gradient[entries], velocity[surfaces.entry_node[entries]])
-            missing = state.cavity_volume[cavity] - cavities.rest_volume[cavity] - state.cavity_target[cavity]
-            rows.free[row] = rate + missing / self._time_step
-
-    def _find_impulses(self, state: State, last_impulse: np.ndarray) -> None:
+    def _find_impulses(self, last_impulse: np.ndarray) -> None:
         """Gauss-Seidel, from the impulses of the last step."""
         solver, rows, contact_count = self._problem.gauss_seidel, self._problem.rows, len(self._chosen)
         if not self._row_count:
@@ -156,8 +166,7 @@ class Constraints:
         local = np.einsum("cij,cj->ci", rows.basis[:contact_count], last_impulse[self._chosen])
         local[local[:, 0] < 0.0] = 0.0
         solver.impulse[: 3 * contact_count] = local.reshape(-1)
-        cavities = rows.cavity[: rows.size[constraint_rows.CAVITIES]]
-        solver.impulse[3 * contact_count : self._row_count] = state.cavity_pressure[cavities] * self._time_step
+        solver.impulse[3 * contact_count : self._row_count] = self._actuators.first_impulse
         settings = self._model.scene.contact
         solver.solve(settings.tolerance, settings.max_iterations)
         self.iterations += solver.iterations
@@ -169,8 +178,8 @@ class Constraints:
         if self._row_count:
             constraint_rows.apply_impulses(
                 problem.rows,
-                self._model.cavities.surfaces,
-                self._volumes.gradient,
+                self._model.actuators.coordinates,
+                self._geometry.gradient,
                 problem.gauss_seidel.impulse,
                 problem.contact_impulse,
                 self._node_impulse,
@@ -183,11 +192,14 @@ class Constraints:
         else:
             self.node_velocity = self._free_velocity().copy()
 
-    def _collect(self, cavities: np.ndarray) -> None:
-        """What the impulses mean for the contacts and cavities of the step."""
+    def _collect(self) -> None:
+        """What the impulses mean for the contacts and actuators of the step."""
         solver, contact_count = self._problem.gauss_seidel, len(self._chosen)
         rows = solver.velocity[: 3 * contact_count].reshape(-1, 3)
         presses = solver.impulse[: 3 * contact_count : 3] > 0.0
         self.contact_impulse[self._chosen] = self._problem.contact_impulse[:contact_count]
         self.contact_slip[self._chosen] = np.where(presses, np.linalg.norm(rows[:, 1:], axis=1), 0.0)
-        self.cavity_pressure[cavities] = solver.impulse[3 * contact_count : self._row_count] / self._time_step
+        self._collect_efforts(solver.impulse[3 * contact_count : self._row_count])
+
+    def _collect_efforts(self, impulse: np.ndarray) -> None:
+        self.cavity_pressure, self.cable_tension, self.cable_tension_loss = self._actuators.efforts(impulse)

@@ -1,4 +1,4 @@
-"""The solver of contact and cavities with its work space."""
+"""The solver of contacts and actuators with its work space."""
 
 import numpy as np
 
@@ -7,14 +7,16 @@ from taichisoft.kernels.newton import Iterate, NewtonSystem, Problem
 
 
 class GaussSeidel:
-    """Finds impulses l with v = free + W l that obey Signorini's and Coulomb's laws; see kernels/gauss_seidel.py.
+    """Finds impulses l with v = free + W l that obey Signorini's and Coulomb's laws and the bounds of actuators.
+
+    See kernels/gauss_seidel.py.
 
     Attributes:
-        impulse: where to start, which the caller fills, then the answer [mN s, of a cavity kPa s], shape
+        impulse: where to start, which the caller fills, then the answer [mN s, of a volume kPa s], shape
             (row_capacity,).
-        velocity: v of the answer [mm/s, of a cavity mm^3/s], shape (row_capacity,).
+        velocity: v of the answer [mm/s, of a volume mm^3/s], shape (row_capacity,).
         iterations: sweeps of the last call, those that check Newton steps included.
-        residual: largest change of a block's own velocity in its last sweep [mm/s, of a cavity mm^3/s].
+        residual: largest change of a block's own velocity in its last sweep [mm/s, of a volume mm^3/s].
     """
 
     def __init__(self, problem: Problem):

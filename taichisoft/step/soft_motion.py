@@ -1,8 +1,8 @@
-"""Motion of the soft bodies: without contact, and by the impulses of contacts and cavities."""
+"""Motion of the soft bodies: without contact, and by the impulses of contacts and actuators."""
 
 import numpy as np
 
-from taichisoft.bodies.cavities import CavityVolumes
+from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity, ElasticSystem
 from taichisoft.bodies.rotations import rotation_from_vector
 from taichisoft.errors import NotPositiveDefinite, SimulationDiverged
@@ -15,21 +15,21 @@ class SoftMotion:
     """The soft bodies of a step; a model without any has none.
 
     Attributes:
-        free_velocity: of the nodes after the step, without the impulses of contacts and of imposed volumes [mm/s],
+        free_velocity: of the nodes after the step, without the impulses of contacts and of actuators with rows [mm/s],
             shape (node_count, 3); the same array in every step.
         system: elastic forces and matrix of the step, and the direct solver that has factorised it.
     """
 
-    def __init__(self, model: Model, elasticity: Elasticity, volumes: CavityVolumes):
+    def __init__(self, model: Model, elasticity: Elasticity, geometry: ActuatorGeometry):
         """Make the work space.
 
         Args:
             model: the bodies.
             elasticity: the model's.
-            volumes: of the model's cavities.
+            geometry: of the model's actuators at the start of a step.
         """
         self._model = model
-        self._volumes = volumes
+        self._geometry = geometry
         self.system = ElasticSystem(elasticity)
         self._mass = elasticity.node_mass[:, None]
         self._weight = np.empty((model.node_count, 3))
@@ -44,19 +44,21 @@ class SoftMotion:
         self._base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
         self._base_rotation: np.ndarray | None = None  # that of `turn`
         self._force = np.empty((model.node_count, 3))
-        self._pressure = np.empty(len(model.cavities.names))
         self.free_velocity = np.zeros((model.node_count, 3))
 
-    def solve_free_motion(self, state: State) -> None:
-        """Implicit Euler with the rotations of the start of the step and imposed pressures p.
+    def solve_free_motion(self, state: State, load: np.ndarray) -> None:
+        """Implicit Euler with the rotations of the start of the step and known efforts p of coordinates q.
 
-        v + A^-1 h (f + M g + p dV/dx - a M v - (h + b) K v)
+        v + A^-1 h (f + M g + p dq/dx - a M v - (h + b) K v)
+
+        Args:
+            state: at the start of the step.
+            load: pressures [kPa] and tensions [mN] that are known, shape (coordinate_count,).
 
         Raises:
             SimulationDiverged: the system matrix is not positive definite.
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
-        self._volumes.update(state.position)
         self.system.assemble()
         self._factorise(state)
         if state.gravity is not self._gravity:
@@ -66,7 +68,7 @@ class SoftMotion:
         np.multiply(self._drag, state.velocity, out=self._force)
         np.subtract(self._weight, self._force, out=self._force)
         self._force += self.system.force
-        self._add_anchors_and_pressures(state)
+        self._add_anchors_and_actuators(state, load)
         self._force *= self._model.scene.time.step
         np.add(self.response(self._force), state.velocity, out=self.free_velocity)
 
@@ -81,20 +83,19 @@ class SoftMotion:
             body = self._model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
 
-    def _add_anchors_and_pressures(self, state: State) -> None:
+    def _add_anchors_and_actuators(self, state: State, load: np.ndarray) -> None:
         self._anchors.position[:] = state.anchor_position
         self._base.place[1] = state.base_translation
         if state.base_rotation is not self._base_rotation:
             self._base_rotation = state.base_rotation
             self._base.turn[0] = rotation_from_vector(state.base_rotation)
-        np.multiply(state.cavity_target, ~state.cavity_volume_imposed, out=self._pressure)
-        kernels.add_anchors_and_pressures(
+        kernels.add_anchors_and_actuators(
             self._anchors,
             self._base,
             self.system.position,
             self.system.velocity,
-            self._model.cavities.surfaces,
-            self._volumes.gradient,
-            self._pressure,
+            self._model.actuators.coordinates,
+            self._geometry.gradient,
+            load,
             self._force,
         )

@@ -1,4 +1,4 @@
-"""The solver for contact and cavities against the conditions that define the answer, and a simple implementation."""
+"""The solver for contacts and actuators against the conditions that define the answer, and a simple implementation."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from taichisoft.building.simulation import Simulation
 from taichisoft.kernels import newton as kernels
 from taichisoft.scenes.file import scene_from_dict
+from taichisoft.step.actuator_rows import IMPOSED
 from taichisoft.step.gauss_seidel import GaussSeidel
 
 
@@ -33,6 +34,7 @@ class Problem:
             compliance=np.concatenate([self.w.reshape(-1), np.full((rows + room) ** 2 - rows**2, np.nan)]),
             free=np.concatenate([self.free, np.full(room, np.nan)]),
             friction=np.concatenate([self.friction, np.full(room, np.nan)]),
+            bounds=np.tile(IMPOSED, (rows - 3 * contacts, 1)),
         )
         solver = GaussSeidel(arrays)
         solver.impulse[:rows] = self.start

@@ -11,6 +11,7 @@ from conftest import Figures
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
+from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
 from taichisoft.kernels.newton import Problem
 from taichisoft.step.gauss_seidel import GaussSeidel
 
@@ -33,7 +34,7 @@ def test_gauss_seidel_finds_sofas_answer(shared: Path, figures: Figures, step: i
     w = np.ascontiguousarray(problem["W"][:rows, :rows])
     free = problem["dfree"][:rows] + problem["W"][:rows, pressures].sum(axis=1) * problem["pressure_value"]
     size = np.array([rows // 3, 0], dtype=np.int32)
-    solver = GaussSeidel(Problem(size, w.reshape(-1), free, np.full(rows // 3, FRICTION)))
+    solver = GaussSeidel(Problem(size, w.reshape(-1), free, np.full(rows // 3, FRICTION), np.zeros((0, BOUND_COLUMNS))))
     solver.impulse[:] = 0.0
     tolerance = 1e-11  # [mm]: SOFA's rows are displacements
     solver.solve(tolerance, 100_000)

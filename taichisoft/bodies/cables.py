@@ -1,0 +1,269 @@
+"""The cables of a model: their paths through bodies, their lengths, and how these change with the bodies' motion."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.rigid_body import Obstacle, RigidBody
+from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_degrees
+from taichisoft.bodies.soft_body import EMBEDDING_MARGIN, SoftBody
+from taichisoft.errors import SceneError
+from taichisoft.kernels import cables as kernels
+from taichisoft.kernels.actuators import Coordinates, Gradient
+from taichisoft.kernels.runtime import SOFT, STATIC
+from taichisoft.meshes.point_files import read_points
+from taichisoft.scenes import scene as settings
+
+# What no tension [mN] and no pull [mm] reaches, where a limit is not given: kernels must not get infinities.
+UNLIMITED = 1e30
+# Two neighbouring points nearer than this [mm] give a segment no direction.
+SHORTEST_SEGMENT = 1e-6
+
+
+@dataclass(frozen=True)
+class Cable:
+    """A cable at rest.
+
+    Attributes:
+        name: "body.cable".
+        settings: its table in the scene.
+        owner: SOFT, STATIC or the number of the rigid body that carries each point, shape (point_count,).
+        nodes, weights: soft nodes of the model that carry a point, and their weights, shape (point_count, 4).
+        place: points that no soft body carries: in the rigid body's frame, or in space [mm], shape (point_count, 3).
+        rest_point: all points at the start [mm], shape (point_count, 3).
+    """
+
+    name: str
+    settings: settings.Cable
+    owner: np.ndarray
+    nodes: np.ndarray
+    weights: np.ndarray
+    place: np.ndarray
+    rest_point: np.ndarray
+
+    @property
+    def rest_length(self) -> float:
+        """Length at the start [mm]."""
+        return float(np.linalg.norm(np.diff(self.rest_point, axis=0), axis=1).sum())
+
+    @property
+    def tension_range(self) -> tuple[float, float]:
+        """Smallest and largest tension [mN]."""
+        low, high = self.settings.lowest_tension, self.settings.highest_tension
+        slack = -UNLIMITED if self.settings.rod else 0.0
+        return slack if low is None else low, UNLIMITED if high is None else high
+
+    @property
+    def pull_range(self) -> tuple[float, float]:
+        """How far it is pulled in at least and at most [mm]."""
+        low, high = self.settings.lowest_pull, self.settings.highest_pull
+        return -UNLIMITED if low is None else low, UNLIMITED if high is None else high
+
+
+class Cables:
+    """All cables in one set of arrays, which never change.
+
+    A coordinate of a cable is how far it is pulled in; with friction a coordinate for each inner point follows it, the
+    length beyond that point.
+
+    Attributes:
+        names: "body.cable", in order.
+        all: the cables.
+        rest_length: [mm], shape (cable_count,).
+        tension_range, pull_range: smallest and largest [mN] and [mm], shape (cable_count, 2).
+        paths: what the kernels read.
+        place: points that no soft body carries, see `Cable`, shape (point_count, 3).
+        coordinate_start: where the coordinates of each cable begin, shape (cable_count + 1,).
+        soft_entries: soft nodes of each coordinate.
+        rigid_entries: rigid bodies of each coordinate.
+        rest_pull_point: pull points at the start [mm], the first point where there is none, shape (cable_count, 3).
+        has_pull_point: whether a cable has a pull point, shape (cable_count,).
+        pull_point_moves: whether it has one that moves with the base, shape (cable_count,).
+    """
+
+    def __init__(self, soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]):
+        """Find the points of all cables in the bodies.
+
+        Raises:
+            MeshError: a file of points cannot be read.
+            SceneError: a point lies outside its body, or two neighbouring points are the same.
+        """
+        others = {body.name: (index, body) for index, body in enumerate(rigid)}
+        bodies = {body.name: body for body in soft}
+        fixed = {obstacle.name: obstacle for obstacle in obstacles}
+        self.all = tuple(
+            _make_cable(body, name, cable, bodies, others, fixed)
+            for body in soft
+            for name, cable in body.settings.cables.items()
+        )
+        self.names = tuple(cable.name for cable in self.all)
+        self.rest_length = np.array([cable.rest_length for cable in self.all])
+        self.tension_range = np.array([cable.tension_range for cable in self.all]).reshape(-1, 2)
+        self.pull_range = np.array([cable.pull_range for cable in self.all]).reshape(-1, 2)
+        self.place = np.vstack([np.zeros((0, 3)), *(cable.place for cable in self.all)])
+        self.rest_pull_point = np.array([cable.rest_point[0] for cable in self.all]).reshape(-1, 3)
+        pulled_from_space = [cable.settings.pull_point is not None for cable in self.all]
+        self.has_pull_point = np.array(pulled_from_space, dtype=bool)
+        self.pull_point_moves = self.has_pull_point & np.array(
+            [cable.settings.pull_point_moves for cable in self.all], dtype=bool
+        )
+        self._lay_out()
+
+    def _lay_out(self) -> None:
+        starts = np.cumsum([0, *(len(cable.owner) for cable in self.all)])
+        slots, rigid_slots, cable_of, first_points = [], [], [], []
+        self.soft_entries: list[np.ndarray] = []
+        self.rigid_entries: list[np.ndarray] = []
+        self.coordinate_start = np.zeros(len(self.all) + 1, dtype=np.int64)
+        for index, (cable, start) in enumerate(zip(self.all, starts[:-1], strict=True)):
+            acts = (cable.owner == SOFT)[:, None] & (cable.weights != 0.0)
+            nodes = np.unique(cable.nodes[acts])
+            slots.append(np.where(acts, np.searchsorted(nodes, cable.nodes), -1))
+            bodies = np.unique(cable.owner[cable.owner >= 0])
+            rigid_slots.append(np.where(cable.owner >= 0, np.searchsorted(bodies, cable.owner), -1))
+            inner = range(1, len(cable.owner) - 1) if cable.settings.friction else ()
+            firsts = [start, *(start + point for point in inner)]
+            first_points += firsts
+            cable_of += [index] * len(firsts)
+            self.soft_entries += [nodes] * len(firsts)
+            self.rigid_entries += [bodies] * len(firsts)
+            self.coordinate_start[index + 1] = len(cable_of)
+        self.paths = kernels.CablePaths(
+            point_start=starts.astype(np.int32),
+            owner=_joined([cable.owner for cable in self.all], (0,), np.int32),
+            nodes=_joined([cable.nodes for cable in self.all], (0, 4), np.int32),
+            weights=_joined([cable.weights for cable in self.all], (0, 4), np.float64),
+            slot=_joined(slots, (0, 4), np.int32),
+            rigid_slot=_joined(rigid_slots, (0,), np.int32),
+            cable=np.array(cable_of, dtype=np.int32),
+            first_point=np.array(first_points, dtype=np.int32),
+            friction=np.array([cable.settings.friction for cable in self.all]),
+        )
+
+
+def _make_cable(
+    body: SoftBody,
+    name: str,
+    cable: settings.Cable,
+    soft: Mapping[str, SoftBody],
+    rigid: Mapping[str, tuple[int, RigidBody]],
+    obstacles: Mapping[str, Obstacle],
+) -> Cable:
+    key = f"soft_bodies.{body.name}.cables.{name}"
+    turn, shift = rotation_from_degrees(body.settings.rotation), np.asarray(body.settings.translation)
+    points = read_points(cable.points) if isinstance(cable.points, str) else cable.points
+    owner, nodes, weights, place, rest = [], [], [], [], []
+    if cable.pull_point is not None:
+        pull_point = turn @ np.asarray(cable.pull_point) + shift
+        owner, nodes, weights = [STATIC], [np.zeros(4, dtype=np.int64)], [np.zeros(4)]
+        place, rest = [pull_point], [pull_point]
+    for index, point in enumerate(points):
+        where = f"{key}.points.{index}"
+        on = point.body if isinstance(point, settings.CablePoint) else body.name
+        at = np.array(point.point if isinstance(point, settings.CablePoint) else point, dtype=np.float64)
+        nodes.append(np.zeros(4, dtype=np.int64))
+        weights.append(np.zeros(4))
+        if on in soft:
+            own = soft[on]
+            nodes[-1], weights[-1] = _embedded(own, at, where)
+            owner.append(SOFT)
+            place.append(np.zeros(3))
+            rest.append(weights[-1] @ own.rest_position[nodes[-1] - own.nodes.start])
+        elif on in rigid:
+            number, carrier = rigid[on]
+            owner.append(number)
+            place.append(at - carrier.centre_of_mass)
+            (turned,) = matrices_from_quaternions(carrier.start_rotation[None]) @ place[-1]
+            rest.append(carrier.start_position + turned)
+        else:
+            owner.append(STATIC)
+            place.append(obstacles[on].turn @ at + obstacles[on].shift)
+            rest.append(place[-1])
+    too_near = np.linalg.norm(np.diff(rest, axis=0), axis=1) < SHORTEST_SEGMENT
+    if too_near.any():
+        first = int(np.argmax(too_near)) - (cable.pull_point is not None)
+        names = "pull_point and points.0" if first < 0 else f"points.{first} and points.{first + 1}"
+        raise SceneError(f"{key}: {names} are the same place; a cable needs a direction between its points")
+    return Cable(
+        name=f"{body.name}.{name}",
+        settings=cable,
+        owner=np.array(owner, dtype=np.int32),
+        nodes=np.array(nodes, dtype=np.int32),
+        weights=np.array(weights),
+        place=np.array(place),
+        rest_point=np.array(rest),
+    )
+
+
+def _embedded(body: SoftBody, point: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of the model and weights of a point in the body's mesh coordinates."""
+    lower, upper = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
+    margin = EMBEDDING_MARGIN * (upper - lower).max()
+    if ((point < lower - margin) | (point > upper + margin)).any():
+        raise SceneError(
+            f"{where} = {point.tolist()}: lies outside the mesh of '{body.name}' ({np.round(lower, 3).tolist()} to "
+            f"{np.round(upper, 3).tolist()} mm, before it is placed)"
+        )
+    nodes, weights = embed(point[None], body.mesh.nodes, body.mesh.elements)
+    return nodes[0] + body.nodes.start, weights[0]
+
+
+def _joined(tables: Sequence[np.ndarray], empty: tuple[int, ...], kind: type) -> np.ndarray:
+    return np.concatenate([np.zeros(empty), *tables]).astype(kind)
+
+
+class CableShapes:
+    """Where the cables run, how long they are, and how that changes with the bodies, at present positions.
+
+    Attributes:
+        length: [mm], shape (cable_count,).
+        grip: of each coordinate, see `kernels/cables.py`, shape (coordinate_count,).
+    """
+
+    def __init__(self, cables: Cables, first_coordinate: int, coordinates: Coordinates, gradient: Gradient):
+        """Make room.
+
+        Args:
+            cables: the model's.
+            first_coordinate: number of the first cable's first coordinate among all.
+            coordinates: what all coordinates depend on.
+            gradient: of all coordinates; `update` fills those of the cables.
+        """
+        point_count = len(cables.paths.owner)
+        self._cables, self._first, self._coordinates, self._gradient = cables, first_coordinate, coordinates, gradient
+        self._shapes = kernels.CableShapes(
+            place=cables.place.copy(),
+            position=np.empty((point_count, 3)),
+            both=np.empty((point_count, 3)),
+            onward=np.zeros((point_count, 3)),
+            length=np.zeros(len(cables.names)),
+            grip=np.zeros(len(cables.paths.cable)),
+        )
+        self.length, self.grip = self._shapes.length, self._shapes.grip
+        self._pulled_from_space = np.flatnonzero(cables.has_pull_point)
+        self._pull_point_places = cables.paths.point_start[:-1][cables.has_pull_point]
+
+    def update(
+        self, node_position: np.ndarray, rigid_position: np.ndarray, rigid_turn: np.ndarray, pull_point: np.ndarray
+    ) -> None:
+        """Fill lengths and gradients.
+
+        Args:
+            node_position: of the soft nodes [mm], shape (node_count, 3).
+            rigid_position: centres of mass [mm], shape (rigid_count, 3).
+            rigid_turn: rotations of the rigid bodies, shape (rigid_count, 3, 3).
+            pull_point: present pull points [mm], shape (cable_count, 3).
+        """
+        self._shapes.place[self._pull_point_places] = pull_point[self._pulled_from_space]
+        kernels.measure(
+            self._first,
+            self._cables.paths,
+            self._coordinates,
+            node_position,
+            rigid_position,
+            rigid_turn,
+            self._shapes,
+            self._gradient,
+        )
