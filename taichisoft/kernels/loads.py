@@ -48,7 +48,8 @@ def add_anchors_and_actuators(
 ):
     """Add -k (x + lag v - target) of the anchored nodes, and the efforts times their gradients, to the forces.
 
-    The targets are the anchors' positions turned and moved with the base. An effort is a pressure [kPa] or a tension [mN].
+    The targets are the anchors' positions turned and moved with the base. An effort is a pressure [kPa] or a tension
+    [mN].
     """
     ti.loop_config(serialize=True)
     for k in range(anchors.node.shape[0]):

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 PRESSURE, VOLUME = "pressure", "volumeGrowth"
 
 
-def pressure_by(component: "Component") -> str:
+def value_by(component: "Component") -> str:
     """Whether a cavity's value is a pressure or a growth of its volume; scenes may write their numbers."""
     given = text(component, "valueType", default=PRESSURE)
     return {"0": PRESSURE, "1": VOLUME}.get(given, given)
@@ -28,8 +28,8 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    if pressure_by(component) not in (PRESSURE, VOLUME):
-        draft.refuse(component, f"valueType '{pressure_by(component)}'; valid: {PRESSURE}, {VOLUME}")
+    if value_by(component) not in (PRESSURE, VOLUME):
+        draft.refuse(component, f"valueType '{value_by(component)}'; valid: {PRESSURE}, {VOLUME}")
         return
     triangles = numbers(component, "triangles").astype(np.int64).reshape(-1, 3)
     quads = numbers(component, "quads").astype(np.int64).reshape(-1, 4)

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft_sofa.components import older_names as older_names  # containers of all names compute their data
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES
 from taichisoft_sofa.components.loaders import (
     CORNERS,

@@ -9,8 +9,14 @@ from taichisoft_sofa.tree.component import Component
 Contribution = Callable[[Component, SceneDraft], None]
 
 
-def _follows(component: Component, draft: SceneDraft) -> None:
-    """Loaders, containers, engines, mechanical objects and mappings: others read them."""
+def _is_read(component: Component, draft: SceneDraft) -> None:
+    """Loaders, containers, engines and mappings: other components read them."""
+
+
+def _state(component: Component, draft: SceneDraft) -> None:
+    """A mechanical object that follows no other one is a body."""
+    if not draft.is_mapped(component):
+        draft.body_of(component)
 
 
 UNDERSTOOD: dict[str, Contribution] = {
@@ -18,7 +24,6 @@ UNDERSTOOD: dict[str, Contribution] = {
     "FreeMotionAnimationLoop": dynamics.animation_loop,
     "DefaultAnimationLoop": dynamics.animation_loop,
     "EulerImplicitSolver": dynamics.time_integration,
-    "EulerImplicit": dynamics.time_integration,
     **dict.fromkeys(
         (
             "SparseLDLSolver",
@@ -68,10 +73,8 @@ UNDERSTOOD: dict[str, Contribution] = {
             "MeshVTKLoader",
             "MeshSTLLoader",
             "MeshOBJLoader",
-            "MeshObjLoader",
             "MeshGmshLoader",
             "MeshTopology",
-            "Mesh",
             "TetrahedronSetTopologyContainer",
             "TriangleSetTopologyContainer",
             "QuadSetTopologyContainer",
@@ -80,13 +83,13 @@ UNDERSTOOD: dict[str, Contribution] = {
             "Tetra2TriangleTopologicalMapping",
             "BoxROI",
             "SphereROI",
-            "MechanicalObject",
             "BarycentricMapping",
             "RigidMapping",
             "IdentityMapping",
         ),
-        _follows,
+        _is_read,
     ),
+    "MechanicalObject": _state,
     # masses, elasticity, supports
     "UniformMass": dynamics.uniform_mass,
     "MeshMatrixMass": dynamics.mass_by_volume,
@@ -95,12 +98,10 @@ UNDERSTOOD: dict[str, Contribution] = {
     "FastTetrahedralCorotationalForceField": dynamics.tetrahedron_elasticity,
     "TetrahedralCorotationalFEMForceField": dynamics.tetrahedron_elasticity,
     "RestShapeSpringsForceField": dynamics.rest_shape_springs,
-    "FixedConstraint": dynamics.fixed_points,
     "FixedProjectiveConstraint": dynamics.fixed_points,
-    "PartialFixedConstraint": dynamics.fixed_points,
     "PartialFixedProjectiveConstraint": dynamics.fixed_points,
     # contact
-    **dict.fromkeys(("CollisionPipeline", "DefaultPipeline"), contacts.role("pipeline")),
+    "CollisionPipeline": contacts.role("pipeline"),
     **dict.fromkeys(
         (
             "BruteForceBroadPhase",
@@ -112,9 +113,7 @@ UNDERSTOOD: dict[str, Contribution] = {
         contacts.role("broad phase"),
     ),
     **dict.fromkeys(("BVHNarrowPhase", "ParallelBVHNarrowPhase"), contacts.role("narrow phase")),
-    **dict.fromkeys(
-        ("RuleBasedContactManager", "DefaultContactManager", "CollisionResponse"), contacts.role("response")
-    ),
+    "RuleBasedContactManager": contacts.role("response"),
     **dict.fromkeys(
         (
             "LocalMinDistance",
@@ -129,12 +128,6 @@ UNDERSTOOD: dict[str, Contribution] = {
             "TriangleCollisionModel",
             "LineCollisionModel",
             "PointCollisionModel",
-            "Triangle",
-            "Line",
-            "Point",
-            "TriangleModel",
-            "LineModel",
-            "PointModel",
         ),
         contacts.collision_model,
     ),

@@ -1,11 +1,13 @@
-"""What a translation consists of, and the folder into which it writes meshes."""
+"""What a translation consists of, and the files that go with it."""
 
+import hashlib
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import taichisoft
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.surface_files import write_stl
 from taichisoft.meshes.volume_mesh import VolumeMesh
@@ -23,13 +25,15 @@ class SoftPart:
         body: what it was made of.
         points: SOFA's index of each of its nodes, shape (node_count,).
         elements: node indices of its tetrahedra, shape (element_count, 4).
-        follows_rest: native indices of the anchored nodes that follow `rest_position`, shape (count,).
+        anchored: native indices of the anchored nodes, rising, shape (anchor_count,).
+        anchored_follows: whether each of them follows `rest_position`, else it is fixed, shape (anchor_count,).
     """
 
     body: "Body"
     points: np.ndarray
     elements: np.ndarray
-    follows_rest: np.ndarray
+    anchored: np.ndarray
+    anchored_follows: np.ndarray
 
 
 @dataclass
@@ -37,7 +41,8 @@ class Translation:
     """A scene of SOFA as a native one.
 
     Attributes:
-        tables: what the native scene would have in TOML; files are absolute paths.
+        tables: what the native scene would have in TOML; files are named as `files` has them.
+        files: meshes and surfaces.
         names: native names by component: bodies by their mechanical objects, cavities and cables by their constraints.
         soft: soft bodies by native name.
         rigid: rigid bodies by native name.
@@ -50,6 +55,7 @@ class Translation:
     """
 
     tables: dict[str, Any] = field(default_factory=dict)
+    files: "MeshFiles" = field(default_factory=lambda: MeshFiles())
     names: "dict[Component, str]" = field(default_factory=dict)
     soft: dict[str, SoftPart] = field(default_factory=dict)
     rigid: "dict[str, Body]" = field(default_factory=dict)
@@ -61,33 +67,41 @@ class Translation:
     refused: list[str] = field(default_factory=list)
 
 
-class MeshFolder:
-    """Where meshes are written; None writes nothing, for who needs the tables alone."""
+class MeshFiles:
+    """The meshes and surfaces of a translation, by the names of their files; written once they are needed."""
 
-    def __init__(self, folder: Path | None):
-        self._folder = folder
+    def __init__(self) -> None:
+        self._volumes: dict[str, VolumeMesh] = {}
+        self._surfaces: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def volume(self, name: str, mesh: VolumeMesh) -> str:
-        """Write a mesh of tetrahedra and return its path.
-
-        Raises:
-            MeshError: it cannot be written.
-        """
-        path = self._path(f"{name}.msh")
-        if self._folder is not None:
-            write_volume_mesh(mesh, path)
-        return str(path)
+        """Add a mesh of tetrahedra and return the name of its file."""
+        self._volumes[f"{name}.msh"] = mesh
+        return f"{name}.msh"
 
     def surface(self, name: str, points: np.ndarray, triangles: np.ndarray) -> str:
-        """Write a surface and return its path.
+        """Add a surface and return the name of its file."""
+        self._surfaces[f"{name}.stl"] = points, triangles
+        return f"{name}.stl"
+
+    def fingerprint(self) -> str:
+        """A hash of everything that would be written."""
+        whole = hashlib.sha256(taichisoft.__version__.encode())
+        for name, mesh in self._volumes.items():
+            for array in (mesh.nodes, mesh.elements, *mesh.element_groups.values()):
+                whole.update(f"{name} {array.shape} ".encode() + np.ascontiguousarray(array).tobytes())
+        for name, surface in self._surfaces.items():
+            for array in surface:
+                whole.update(f"{name} {array.shape} ".encode() + np.ascontiguousarray(array).tobytes())
+        return whole.hexdigest()
+
+    def write(self, folder: Path) -> None:
+        """Write all files into a folder.
 
         Raises:
-            MeshError: it cannot be written.
+            MeshError: one cannot be written.
         """
-        path = self._path(f"{name}.stl")
-        if self._folder is not None:
-            write_stl(points, triangles, path)
-        return str(path)
-
-    def _path(self, name: str) -> Path:
-        return (self._folder or Path()) / name
+        for name, mesh in self._volumes.items():
+            write_volume_mesh(mesh, folder / name)
+        for name, (points, triangles) in self._surfaces.items():
+            write_stl(points, triangles, folder / name)

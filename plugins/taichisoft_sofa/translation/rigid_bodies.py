@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.reading import number
 from taichisoft_sofa.draft import Body, SceneDraft
-from taichisoft_sofa.translation.parts import MeshFolder, Translation
+from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.tree.kinds import canonical
 
 UNIT_INERTIA = np.eye(3)
 """The inertia by mass [mm^2] that SOFA, and STLIB, take where the scene gives none."""
 
 
-def add_rigid_body(name: str, body: Body, draft: SceneDraft, meshes: MeshFolder, translation: Translation) -> None:
+def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
     """Put a rigid body into a translation."""
     if len(body.position) != 1:
         draft.refuse(body.state, f"has {len(body.position)} rigid frames; one is known")
@@ -33,7 +33,7 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, meshes: MeshFolder,
     mass = body.mass.total if body.mass.total is not None else body.mass.each or 0.0
     pose = body.position[0]
     table: dict[str, Any] = {
-        "surface": meshes.surface(name, points, triangles),
+        "surface": translation.files.surface(name, points, triangles),
         "mass": float(mass),
         "centre_of_mass": [0.0, 0.0, 0.0],
         "position": pose[:3].tolist(),
@@ -52,14 +52,14 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, meshes: MeshFolder,
     translation.rigid[name] = body
 
 
-def add_obstacle(name: str, body: Body, meshes: MeshFolder, translation: Translation) -> None:
+def add_obstacle(name: str, body: Body, translation: Translation) -> None:
     """Put something that stands still into a translation; without a surface it is nothing."""
     points, triangles = joined_surfaces(body)
     if not len(triangles):
         return
     if body.rigid:
         points = points @ Rotation.from_quat(body.position[0, 3:]).as_matrix().T + body.position[0, :3]
-    translation.tables.setdefault("obstacles", {})[name] = {"surface": meshes.surface(name, points, triangles)}
+    translation.tables.setdefault("obstacles", {})[name] = {"surface": translation.files.surface(name, points, triangles)}
     translation.names[body.state] = name
 
 

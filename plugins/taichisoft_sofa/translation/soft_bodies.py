@@ -11,7 +11,7 @@ from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, number
 from taichisoft_sofa.draft import Anchor, Body, Mass, Material, SceneDraft
 from taichisoft_sofa.translation.names import clean, unique
-from taichisoft_sofa.translation.parts import MeshFolder, SoftPart, Translation
+from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
 
 STANDING = 1e12
@@ -28,7 +28,7 @@ def body_tetrahedra(body: Body) -> np.ndarray:
 
 
 def add_soft_body(
-    name: str, body: Body, solver: Component | None, draft: SceneDraft, meshes: MeshFolder, translation: Translation
+    name: str, body: Body, solver: Component | None, draft: SceneDraft, translation: Translation
 ) -> None:
     """Put a soft body into a translation; without a solver it stands still."""
     moves = solver is not None
@@ -55,7 +55,7 @@ def add_soft_body(
     elements[inverted] = elements[inverted][:, [1, 0, 2, 3]]
     groups, regions = _regions(young, poisson)
     table: dict[str, Any] = {
-        "mesh": meshes.volume(name, VolumeMesh(name, nodes, elements, {}, groups)),
+        "mesh": translation.files.volume(name, VolumeMesh(name, nodes, elements, {}, groups)),
         **_mass(body.mass if moves else None, len(points), len(body.position)),
         "young_modulus": regions[0]["young_modulus"],
         "poisson_ratio": regions[0]["poisson_ratio"],
@@ -74,13 +74,16 @@ def add_soft_body(
     place[points] = np.arange(len(points))
     anchors = body.anchors if moves else [Anchor(body.state, np.arange(len(body.position)), STANDING, False)]
     table["anchors"] = _anchors(anchors, place, draft)
-    _add_surfaces(name, body, table, meshes, draft)
-    _add_cavities(name, body, table, meshes, translation)
+    _add_surfaces(name, body, table, draft, translation)
+    _add_cavities(name, body, table, translation)
     translation.tables.setdefault("soft_bodies", {})[name] = table
     translation.names[body.state] = name
-    following = [place[anchor.points] for anchor in anchors if anchor.follows_rest]
-    held = np.unique(np.concatenate(following)) if following else np.zeros(0, dtype=np.int64)
-    translation.soft[name] = SoftPart(body, points, elements, held[held >= 0])
+    held, follows = np.zeros(len(points), dtype=bool), np.ones(len(points), dtype=bool)
+    for anchor in anchors:
+        nodes = place[anchor.points]
+        held[nodes[nodes >= 0]] = True
+        follows[nodes[nodes >= 0]] &= anchor.follows_rest
+    translation.soft[name] = SoftPart(body, points, elements, np.flatnonzero(held), follows[held])
 
 
 def _materials(tetrahedra: np.ndarray, materials: list[Material]) -> tuple[np.ndarray, np.ndarray]:
@@ -138,20 +141,20 @@ def _anchors(anchors: list[Anchor], place: np.ndarray, draft: SceneDraft) -> lis
     return tables
 
 
-def _add_surfaces(name: str, body: Body, table: dict[str, Any], meshes: MeshFolder, draft: SceneDraft) -> None:
+def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
     for surface in body.surfaces.values():
         if not len(surface.triangles):
             draft.refuse(surface.component, "its topology has no triangles; points and lines alone do not collide here")
             continue
-        table["collision_surface"] = meshes.surface(f"{name}-collision", surface.points, surface.triangles)
+        table["collision_surface"] = translation.files.surface(f"{name}-collision", surface.points, surface.triangles)
 
 
 def _add_cavities(
-    name: str, body: Body, table: dict[str, Any], meshes: MeshFolder, translation: Translation
+    name: str, body: Body, table: dict[str, Any], translation: Translation
 ) -> None:
     names = unique([clean(node_of(cavity.component).getName()) for cavity in body.cavities])
     for cavity_name, cavity in zip(names, body.cavities, strict=True):
-        path = meshes.surface(f"{name}-{cavity_name}", cavity.points, cavity.triangles)
+        path = translation.files.surface(f"{name}-{cavity_name}", cavity.points, cavity.triangles)
         table.setdefault("cavities", {})[cavity_name] = {"surface": path}
         translation.names[cavity.component] = f"{name}.{cavity_name}"
 

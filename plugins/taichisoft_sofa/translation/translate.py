@@ -11,7 +11,7 @@ from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD, purpose
 from taichisoft_sofa.draft import Body, SceneDraft
 from taichisoft_sofa.translation.contact import contact_table
 from taichisoft_sofa.translation.names import body_names
-from taichisoft_sofa.translation.parts import MeshFolder, Translation
+from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
 from taichisoft_sofa.tree.kinds import canonical
@@ -21,19 +21,15 @@ if TYPE_CHECKING:
     from taichisoft_sofa.tree.loading import SceneTree
 
 
-def translate(tree: "SceneTree", folder: Path | None, exact: bool = False) -> Translation:
+def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     """Make a native scene of a tree.
 
     Args:
         tree: what `load_tree` gave.
-        folder: where meshes and surfaces are written; None writes none.
         exact: whether to keep SOFA's reading where the usual one departs from it.
 
     Returns:
         The translation; its `refused` says what could not be translated.
-
-    Raises:
-        MeshError: a mesh cannot be written.
     """
     root = tree.root
     root._exact, root._find_file = exact, tree.find_file
@@ -50,7 +46,7 @@ def translate(tree: "SceneTree", folder: Path | None, exact: bool = False) -> Tr
     }
     if contact := contact_table(draft):
         translation.tables["contact"] = contact
-    _add_bodies(draft, MeshFolder(folder), translation)
+    _add_bodies(draft, translation)
     translation.background = draft.background
     translation.departures += draft.departures
     translation.refused += draft.refused
@@ -80,26 +76,26 @@ def is_controller(component: "Component") -> bool:
     return type(component) is not Component
 
 
-def _add_bodies(draft: SceneDraft, meshes: MeshFolder, translation: Translation) -> None:
+def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
     bodies = list(draft.bodies.values())
     for name, body in zip(body_names([body.node for body in bodies]), bodies, strict=True):
         try:
-            _add_body(name, body, draft, meshes, translation)
+            _add_body(name, body, draft, translation)
         except SceneError as error:
             draft.refused.append(str(error))
         if body.colours:
             translation.colours[name] = body.colours[0]
 
 
-def _add_body(name: str, body: Body, draft: SceneDraft, meshes: MeshFolder, translation: Translation) -> None:
+def _add_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
     """Make a body what it is: rigid, soft, or something that stands still."""
     solver = _moved_by(body, draft)
     if not body.rigid and len(body_tetrahedra(body)):
-        add_soft_body(name, body, solver, draft, meshes, translation)
+        add_soft_body(name, body, solver, draft, translation)
     elif solver is None:
-        add_obstacle(name, body, meshes, translation)
+        add_obstacle(name, body, translation)
     elif body.rigid:
-        add_rigid_body(name, body, draft, meshes, translation)
+        add_rigid_body(name, body, draft, translation)
     else:
         draft.refuse(body.state, "moves, but is neither rigid nor made of tetrahedra")
 
