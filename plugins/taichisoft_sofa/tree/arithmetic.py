@@ -13,9 +13,6 @@ class Arithmetic:
     value: Any
     __hash__ = object.__hash__
 
-    def __getitem__(self, index: Any) -> Any:
-        return self.value[index]
-
     def __setitem__(self, index: Any, item: Any) -> None:
         changed = self.value
         changed[index] = item
@@ -23,9 +20,6 @@ class Arithmetic:
 
     def __iter__(self) -> Iterator[Any]:
         return iter(self.value)
-
-    def __len__(self) -> int:
-        return len(self.value)
 
     def __contains__(self, item: Any) -> bool:
         return item in self.value

@@ -108,7 +108,8 @@ class Base:
 
     def set_all(self, values: Mapping[str, Any]) -> None:
         """Write to the data that `values` names, made here where nothing is known of the type."""
-        for name, value in values.items():
+        # The kinds of other data may depend on the template.
+        for name, value in sorted(values.items(), key=lambda item: item[0] not in ("name", "template")):
             data = self.data_by_name.get(name)
             if data is None:
                 data = self.data_by_name[name] = Data(name, self)
@@ -180,7 +181,7 @@ class Base:
     # Attributes.
 
     def __getattr__(self, name: str) -> Any:
-        if name.startswith("__") or name in INTERNAL:
+        if name.startswith("_") or name in INTERNAL:
             raise AttributeError(name)
         found = self.findData(name)
         if found is None:

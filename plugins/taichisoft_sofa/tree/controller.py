@@ -19,6 +19,11 @@ OLDER = {
 class PythonComponent(Component):
     """A component of a class that a scene defines; its attributes are its own, but for those that are declared data."""
 
+    def __new__(cls, *arguments: Any, **named: Any) -> "PythonComponent":
+        made: Any = super().__new__(cls, *arguments, **named)
+        made.set_all({"name": cls.__name__})
+        return made
+
     def __init__(self, *_arguments: Any, **named: Any) -> None:
         self.set_all({name: value for name, value in named.items() if self.declared_data(name) is not None})
 
@@ -71,6 +76,7 @@ class PythonScriptController(PythonComponent):
         # Classes of scenes define __init__ without calling ours.
         made: Any = super().__new__(cls, context, *arguments, **named)
         made.type_name = "PythonScriptController"
+        made.set_all({"name": made.type_name})
         if context is not None:
             context.addObject(made)
         return made

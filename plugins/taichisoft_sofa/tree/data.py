@@ -64,7 +64,7 @@ class Data(Arithmetic):
         self.provider: Callable[[], Any] | None = None
         self._own = Declared(kind, default) if kind is not None else None
         self._written: Any = None
-        self._converted: Any = None
+        self._converted: tuple[Kind, Any] | None = None
         self._parent: Data | None = None
         self._path: str | None = None
         self._overrides = False
@@ -110,8 +110,8 @@ class Data(Arithmetic):
     def array(self) -> NDArray[Any]:
         """Its numbers, not to be written to."""
         value = self.read_value()
-        if not isinstance(value, np.ndarray):
-            value = numbers([] if value is None else value) if isinstance(value, str) or value is None else value
+        if isinstance(value, str) or value is None:
+            value = numbers(value or "")
         view = np.asarray(value).view()
         view.flags.writeable = False
         return view
@@ -140,7 +140,7 @@ class Data(Arithmetic):
         if self._parent is not None:
             return self._convert(self._parent.read_value())
         if self.is_set():
-            return self._converted
+            return self._own_value()
         known = self._declared()
         if known is None or known.default is None:
             return self.kind.empty()
@@ -181,7 +181,7 @@ class Data(Arithmetic):
             self._path = value if self._parent is None else None
         else:
             self._written = value.copy() if isinstance(value, np.ndarray | list) else value
-            self._converted = self._convert(self._written)
+            self._own_value()
         self._overrides = self.owner.initialised
         self.revision += 1
         self.owner.data_revision += 1
@@ -203,6 +203,24 @@ class Data(Arithmetic):
             return None
         self._taken = self.revision
         return self.given()
+
+    # As if it were its value.
+
+    def __getitem__(self, index: Any) -> Any:
+        # Without a copy of all: scenes loop over the nodes of a mesh.
+        value = self.read_value()
+        if not isinstance(value, np.ndarray):
+            return value[index]
+        if asked_by_older_code() and (width := self.kind.row):
+            return value.reshape(-1, width)[index].tolist()
+        item = value[index]
+        return item.copy() if isinstance(item, np.ndarray) else item
+
+    def __len__(self) -> int:
+        value = self.read_value()
+        if isinstance(value, np.ndarray) and asked_by_older_code() and (width := self.kind.row):
+            return value.size // width
+        return len(value)
 
     # SOFA's own names.
 
@@ -328,6 +346,13 @@ class Data(Arithmetic):
             return False
         kind = self.kind
         return kind not in (LINK, TEXT) and (kind is not ANY or "." in value.rpartition("/")[2].strip("."))
+
+    def _own_value(self) -> Any:
+        """What was written to it as a value of its kind, which may have changed since with other data."""
+        kind = self.kind
+        if self._converted is None or self._converted[0] is not kind:
+            self._converted = kind, self._convert(self._written)
+        return self._converted[1]
 
     def _convert(self, value: Any) -> Any:
         try:

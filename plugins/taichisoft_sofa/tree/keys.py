@@ -19,12 +19,12 @@ KEYS = {
 }
 
 
-def character(key: str) -> str:
+def character(key: str) -> str | None:
     """The character that a controller is given for a key: by its name (`uparrow`, or just `up`), or typed.
 
-    Letters are given as capitals, whether or not they were typed as such.
+    Letters are given as capitals, whether or not they were typed as such; a key that SOFA has no character for is none.
     """
     for name in (key, f"{key}arrow"):
         if name in KEYS:
             return KEYS[name]
-    return key.upper() if len(key) == 1 else key
+    return key.upper() if len(key) == 1 else None

@@ -3,6 +3,7 @@
 import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -170,16 +171,19 @@ ANY = Kind("anything", lambda value: value, lambda: None)
 LINK = Kind("a link", _text, lambda: "")
 
 
+@cache
 def fixed(count: int) -> Kind:
     """A vector of exactly `count` numbers: shape (count,)."""
     return Kind(f"{count} numbers", lambda value: _exactly(value, count), lambda: np.zeros(count), count)
 
 
+@cache
 def vectors(width: int) -> Kind:
     """Any number of vectors of `width` numbers, such as positions: shape (n, width)."""
     return Kind(f"rows of {width}", lambda value: _rows(value, width, float), lambda: np.empty((0, width)), width)
 
 
+@cache
 def index_rows(width: int) -> Kind:
     """Any number of rows of `width` indices, such as triangles: shape (n, width)."""
     return Kind(

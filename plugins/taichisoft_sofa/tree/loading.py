@@ -58,11 +58,11 @@ class SceneTree:
         """Do what SOFA does once the scene is complete: tell its controllers, of which older ones get their node.
 
         Raises:
-            ControllerFailed: One of them failed.
+            SceneError: One of them failed.
         """
         for item in (*self.nodes(), *self.components()):
             item.initialised = True
-        with self._running():
+        with self._running(SceneError):
             for controller in self.controllers:
                 controller.scene_is_complete()
 
@@ -72,7 +72,8 @@ class SceneTree:
         Raises:
             ControllerFailed: One of them failed.
         """
-        self._tell("KeypressedEvent", {"key": character(key)})
+        if (known := character(key)) is not None:
+            self._tell("KeypressedEvent", {"key": known})
 
     def key_released(self, key: str) -> None:
         """Tell the controllers of a key that was let go.
@@ -80,7 +81,8 @@ class SceneTree:
         Raises:
             ControllerFailed: One of them failed.
         """
-        self._tell("KeyreleasedEvent", {"key": character(key)})
+        if (known := character(key)) is not None:
+            self._tell("KeyreleasedEvent", {"key": known})
 
     def animate_begin(self, dt: float) -> None:
         """Tell the controllers of a step that begins; `dt` is its length [s].
@@ -101,20 +103,20 @@ class SceneTree:
     def _tell(self, event: str, content: dict[str, Any]) -> None:
         told = [controller for controller in self.controllers if controller.handles_event(event)]
         if told:
-            with self._running():
+            with self._running(ControllerFailed):
                 for controller in told:
                     controller.handle_event(event, content)
 
     @contextlib.contextmanager
-    def _running(self) -> Iterator[None]:
+    def _running(self, failure: type[TaichisoftError]) -> Iterator[SceneModules]:
         """Where the scene's code can run; what it raises is an error of one line."""
         try:
             with self._modules:
-                yield
-        except TaichisoftError:
-            raise
-        except Exception as error:
-            raise ControllerFailed(_line(error, self.path)) from error
+                yield self._modules
+        except TaichisoftError as error:
+            raise failure(str(error)) from error
+        except (Exception, SystemExit) as error:
+            raise failure(_line(error, self.path)) from error
 
 
 def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> SceneTree:
@@ -132,18 +134,16 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
     path = Path(path).resolve()
     if not path.is_file():
         raise SceneError(f"{path}: no such file")
-    tree = SceneTree(path, [Path(folder).resolve() for folder in python_path])
-    try:
-        with tree._modules as modules, contextlib.chdir(path.parent):
-            module = modules.run_file(path, f"__sofa_scene__.{path.stem}")
-            create = getattr(module, "createScene", None)
-            if not callable(create):
-                raise SceneError(f"{path}: has no function createScene(root)")
-            create(tree.root)
-    except TaichisoftError:
-        raise
-    except (Exception, SystemExit) as error:
-        raise SceneError(_line(error, path)) from error
+    folders = [Path(folder).resolve() for folder in python_path]
+    for folder in folders:
+        if not folder.is_dir():
+            raise SceneError(f"{folder}: no such folder to find a scene's libraries in")
+    tree = SceneTree(path, folders)
+    with tree._running(SceneError) as modules, contextlib.chdir(path.parent):
+        create = getattr(modules.run_file(path, "__sofa_scene__"), "createScene", None)
+        if not callable(create):
+            raise SceneError(f"{path}: has no function createScene(root)")
+        create(tree.root)
     return tree
 
 

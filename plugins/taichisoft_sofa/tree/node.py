@@ -81,7 +81,7 @@ class Node(Base):
         return self.addObject(kind, **data)
 
     def addChild(self, child: Any, **data: Any) -> "Node":
-        """Add a node below this one: a new one by its name, or one that is made already; a node may have several above."""
+        """Add a node below: a new one by its name, or one that is made already, which may have other parents too."""
         if isinstance(child, str):
             child = Node(child, **data)
         child = getattr(child, "node", child) if not isinstance(child, Node) else child
@@ -182,7 +182,7 @@ class Node(Base):
         if found is not None and rest:
             return found.getChild(rest, warning)
         if found is None and warning:
-            LOG.warning("%s has no child '%s'", self.described(), name)
+            LOG.info("%s has no child '%s'", self.described(), name)
         return found
 
     def own_object(self, name: str) -> Component | None:
@@ -196,7 +196,7 @@ class Node(Base):
             found = follow(str(name), self)
         if not isinstance(found, Component):
             if warning:
-                LOG.warning("%s has no object '%s'", self.described(), name)
+                LOG.info("%s has no object '%s'", self.described(), name)
             return None
         return found
 

@@ -8,13 +8,14 @@ import functools
 import importlib
 import importlib.util
 from collections.abc import Callable, Sequence
-from importlib.abc import Loader, MetaPathFinder
+from importlib.abc import MetaPathFinder
 from importlib.machinery import ModuleSpec
 from types import ModuleType
 from typing import Any
 
 from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.prefab import Prefab
+from taichisoft_sofa.tree.scene_modules import OurLoader
 
 PRESENT = {"stlib": "stlib3", "splib": "splib3"}
 # The order of arguments of prefabs of the older generation.
@@ -39,7 +40,7 @@ ARGUMENTS = {
 RIGID_BODIES = ("RigidObject", "Cube", "Floor", "Sphere")
 
 
-class OlderLibraries(MetaPathFinder, Loader):
+class OlderLibraries(MetaPathFinder, OurLoader):
     """Finds stlib and splib, after everything else did not."""
 
     def find_spec(self, name: str, _path: Sequence[str] | None, _target: Any = None) -> ModuleSpec | None:
@@ -48,10 +49,6 @@ class OlderLibraries(MetaPathFinder, Loader):
         if present is None or not _exists(present):
             return None
         return ModuleSpec(name, self, is_package=True)
-
-    def create_module(self, _spec: ModuleSpec) -> ModuleType | None:
-        """Python's own kind of module."""
-        return None
 
     def exec_module(self, module: ModuleType) -> None:
         """Take over what the module of the present generation has."""

@@ -16,16 +16,20 @@ from taichisoft_sofa.tree.python2 import compiled, names_for
 LIBRARIES = ("stlib3", "splib3", "softrobots", "stlib", "splib")
 
 
-class SceneLoader(Loader):
+class OurLoader(Loader):
+    """Marks the modules that are loaded for a scene."""
+
+    def create_module(self, _spec: ModuleSpec) -> ModuleType | None:
+        """Python's own kind of module."""
+        return None
+
+
+class SceneLoader(OurLoader):
     """Executes a file, which may be in Python 2, and remembers of the module where it is from."""
 
     def __init__(self, file: Path, of_scene: bool) -> None:
         self.file = file
         self.of_scene = of_scene
-
-    def create_module(self, _spec: ModuleSpec) -> ModuleType | None:
-        """Python's own kind of module."""
-        return None
 
     def exec_module(self, module: ModuleType) -> None:
         """Execute the file."""
@@ -73,4 +77,4 @@ class SceneFinder(MetaPathFinder):
 
 def is_ours(module: ModuleType | None) -> bool:
     """Whether a module was loaded for a scene."""
-    return isinstance(getattr(getattr(module, "__spec__", None), "loader", None), SceneLoader)
+    return isinstance(getattr(getattr(module, "__spec__", None), "loader", None), OurLoader)

@@ -55,7 +55,7 @@ class Repository:
     findFile = getFile
 
 
-def modules(repositories: list[Path]) -> dict[str, ModuleType]:
+def stand_ins(repositories: list[Path]) -> dict[str, ModuleType]:
     """Our modules in place of SOFA's, by their names; the scene's folders of files are added to `repositories`."""
     messages = {f"msg_{level}": _message(number) for level, number in LEVELS.items()}
     core = StandIn(
