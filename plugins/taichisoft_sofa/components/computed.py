@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_sofa.components import older_names as older_names  # containers of all names compute their data
+from taichisoft_sofa.components import declarations as declarations  # what is computed has a kind, too
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES
 from taichisoft_sofa.components.loaders import (
     CORNERS,
@@ -69,10 +69,7 @@ for _engine in ENGINES:
             "pointsInROI": (vectors(3), lambda engine: engine_points(engine)[point_indices(engine)]),
             "nbIndices": (ANY, lambda engine: len(point_indices(engine))),
             **{name: (INDICES, partial(cell_indices, kind=kind)) for name, kind in INDICES_OF.items()},
-            **{
-                name: (index_rows(CORNERS[kind]), partial(cells_in, kind=kind))
-                for name, kind in CELLS_IN.items()
-            },
+            **{name: (index_rows(CORNERS[kind]), partial(cells_in, kind=kind)) for name, kind in CELLS_IN.items()},
         },
     )
 _declare(

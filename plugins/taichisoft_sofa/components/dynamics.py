@@ -51,7 +51,9 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     if len(each) and not (len(total) and total[0] > 0.0):
         inertia = _inertia(each)
         if len(each) > 1 and inertia is None:
-            draft.refuse(component, f"vertexMass has {len(each)} numbers; mass, volume and nine of the inertia are known")
+            draft.refuse(
+                component, f"vertexMass has {len(each)} numbers; mass, volume and nine of the inertia are known"
+            )
         body.mass = Mass(component, each=float(each[0]), inertia=inertia)
     else:
         body.mass = Mass(component, total=float(total[0]) if len(total) else 1.0)
@@ -67,7 +69,9 @@ def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
     else:
         body.mass = Mass(component, density=number(component, "massDensity", default=1.0))
     if component.type_name == "MeshMatrixMass" and not flag(component, "lumping", False):
-        draft.depart(f"{node_of(component).getPathName()}: MeshMatrixMass couples neighbours; here each point has its share")
+        draft.depart(
+            f"{node_of(component).getPathName()}: MeshMatrixMass couples neighbours; here each point has its share"
+        )
 
 
 def _inertia(values: np.ndarray) -> np.ndarray | None:

@@ -32,6 +32,7 @@ class RunValues:
             SceneError: the model has other bodies than the translation.
         """
         self._observation: Observation | None = None
+        self._waiting: list[tuple[Data, Callable[[], Any]]] = []
         self._dt = model.scene.time.step
         self._names = translation.names
         soft = {body.name: body for body in model.soft_bodies}
@@ -52,6 +53,10 @@ class RunValues:
     def observe(self, observation: Observation) -> None:
         """From now on the data have the values of this observation."""
         self._observation = observation
+        while self._waiting:
+            data, value = self._waiting.pop()
+            data.take()
+            data.provider = value
 
     @property
     def _seen(self) -> Observation:
@@ -68,9 +73,7 @@ class RunValues:
     def _provide(self, data: Data | None, value: Callable[[], Any]) -> None:
         """Let a data have a value once there is an observation."""
         if data is not None:
-            before = data.read_value
-            data.take()
-            data.provider = lambda: value() if self._observation is not None else before()
+            self._waiting.append((data, value))
 
     def _provide_state(
         self, state: Component, translation: Translation, soft: dict[str, Any], rigid: dict[str, int]

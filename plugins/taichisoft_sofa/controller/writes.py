@@ -1,17 +1,16 @@
 """What a scene's controllers write while a run goes on, as what the run is asked for."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichisoft.control.control import Control
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.actuators import VOLUME, cavity_sign, value_by
-from taichisoft_sofa.components.graph import node_of
+from taichisoft_sofa.components.actuators import VOLUME, value_by
 from taichisoft_sofa.components.reading import described, number
 from taichisoft_sofa.components.table import IGNORED
-from taichisoft_sofa.translation.parts import Translation
+from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
 from taichisoft_sofa.tree.kinds import canonical, numbers
@@ -21,7 +20,14 @@ if TYPE_CHECKING:
     from taichisoft.model import Model
 
 HEEDED = {
-    "SurfacePressureConstraint": {"value", "valueIndex", "minPressure", "maxPressure", "minVolumeGrowth", "maxVolumeGrowth"},
+    "SurfacePressureConstraint": {
+        "value",
+        "valueIndex",
+        "minPressure",
+        "maxPressure",
+        "minVolumeGrowth",
+        "maxVolumeGrowth",
+    },
     "CableConstraint": {"value", "valueIndex", "pullPoint"},
     "MechanicalObject": {"rest_position"},
     "Node": {"gravity"},
@@ -71,9 +77,9 @@ class SceneWrites:
         for cavity, name in self._cavities:
             value = _present(cavity)
             if value_by(cavity) == VOLUME:
-                growth[name] = cavity_sign(cavity) * _within(cavity, value, "VolumeGrowth")
+                growth[name] = _within(cavity, value, "VolumeGrowth")
             else:
-                pressure[name] = cavity_sign(cavity) * _within(cavity, value, "Pressure") / self.time_step
+                pressure[name] = self._translation.signs[cavity] * _within(cavity, value, "Pressure") / self.time_step
         anchors = {}
         for name, data in self._rest.items():
             part, moved = self._translation.soft[name], data.take()
@@ -121,9 +127,10 @@ def _within(component: Component, value: float, quantity: str) -> float:
     return min(max(value, low), number(component, f"max{quantity}", default=np.inf))
 
 
-def _targets(part: Any, rest: np.ndarray, data: Data) -> np.ndarray:
+def _targets(part: SoftPart, rest: np.ndarray, data: Data) -> np.ndarray:
     """Where the anchored nodes are held: at the new rest positions, those of fixed points where they were."""
     if len(rest) != len(part.body.position):
         raise SceneError(f"{data.describe()}: has {len(rest)} points; {len(part.body.position)} are needed")
-    positions = np.where(part.anchored_follows[:, None], rest[part.points][part.anchored], part.body.position[part.points][part.anchored])
-    return positions
+    held = part.points[part.anchored]
+    targets: np.ndarray = np.where(part.anchored_follows[:, None], rest[held], part.body.position[held])
+    return targets

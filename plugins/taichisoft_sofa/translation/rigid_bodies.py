@@ -59,7 +59,9 @@ def add_obstacle(name: str, body: Body, translation: Translation) -> None:
         return
     if body.rigid:
         points = points @ Rotation.from_quat(body.position[0, 3:]).as_matrix().T + body.position[0, :3]
-    translation.tables.setdefault("obstacles", {})[name] = {"surface": translation.files.surface(name, points, triangles)}
+    translation.tables.setdefault("obstacles", {})[name] = {
+        "surface": translation.files.surface(name, points, triangles)
+    }
     translation.names[body.state] = name
 
 
@@ -89,4 +91,6 @@ def _note_lost_weight(body: Body, mass: float, draft: SceneDraft) -> None:
     root = node_of(body.state).getRoot()
     load = mass * float(root.dt.read_value()) * float(np.linalg.norm(root.gravity.read_value()))
     if 0.0 < mass * load**2 < number(solver, "threshold", default=1e-5):
-        draft.depart(f"{body.node.getPathName()}: has its weight, which SOFA loses below the threshold of CGLinearSolver")
+        draft.depart(
+            f"{body.node.getPathName()}: has its weight, which SOFA loses below the threshold of CGLinearSolver"
+        )

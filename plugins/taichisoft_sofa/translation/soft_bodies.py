@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.bodies.elements import lame_parameters
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, number
@@ -27,9 +28,7 @@ def body_tetrahedra(body: Body) -> np.ndarray:
     return rows[np.sort(first)]
 
 
-def add_soft_body(
-    name: str, body: Body, solver: Component | None, draft: SceneDraft, translation: Translation
-) -> None:
+def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneDraft, translation: Translation) -> None:
     """Put a soft body into a translation; without a solver it stands still."""
     moves = solver is not None
     tetrahedra = body_tetrahedra(body)
@@ -149,12 +148,10 @@ def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
         table["collision_surface"] = translation.files.surface(f"{name}-collision", surface.points, surface.triangles)
 
 
-def _add_cavities(
-    name: str, body: Body, table: dict[str, Any], translation: Translation
-) -> None:
+def _add_cavities(name: str, body: Body, table: dict[str, Any], translation: Translation) -> None:
     names = unique([clean(node_of(cavity.component).getName()) for cavity in body.cavities])
     for cavity_name, cavity in zip(names, body.cavities, strict=True):
         path = translation.files.surface(f"{name}-{cavity_name}", cavity.points, cavity.triangles)
         table.setdefault("cavities", {})[cavity_name] = {"surface": path}
         translation.names[cavity.component] = f"{name}.{cavity_name}"
-
+        translation.signs[cavity.component] = 1.0 if enclosed_volume(cavity.points, cavity.triangles) > 0.0 else -1.0

@@ -109,5 +109,7 @@ def _moved_by(body: Body, draft: SceneDraft) -> "Component | None":
     if draft.exact:
         draft.depart(f"{path}: stands still, since it has no constraint correction")
         return None
-    draft.depart(f"{path}: moves and collides, though it has no constraint correction, without which SOFA moves nothing")
+    draft.depart(
+        f"{path}: moves and collides, though it has no constraint correction, without which SOFA moves nothing"
+    )
     return solver
