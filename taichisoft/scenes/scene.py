@@ -107,6 +107,9 @@ class Cable(Table):
     """Whether the pull point moves with the base; else it stays where it is in space."""
     friction: NotNegative = 0.0
     """Friction coefficient between the cable and its points [-]."""
+    axial_stiffness: Positive | None = None
+    """Young's modulus times cross-section: tension per relative stretch [mN]. When it is not given a cable does not
+    stretch; one with friction has 1e7 mN, a thin line of strong fibres, since what does not stretch cannot stick."""
     rod: bool = False
     """Whether it pushes as well as it pulls; the tension of a cable is never negative."""
     lowest_tension: Number | None = None
