@@ -301,6 +301,9 @@ class Time(Table):
     """Time step [s]."""
     duration: Positive = 1.0
     """Duration of a run [s]."""
+    dynamics: Literal["second order", "first order"] = "second order"
+    """Newton's law, or motion without inertia against a drag of 1 mN for 1 mm/s and kg, as SOFA's `firstOrder`; soft
+    bodies alone can move so, and Rayleigh damping and their velocities at the start have no effect then."""
 
 
 class Controller(Table):
@@ -412,6 +415,15 @@ class Scene(Table):
                     f"controller.period = {period:g} s must be a whole multiple of time.step = {step:g} s, such as "
                     f"{near} s"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _check_dynamics(self) -> Self:
+        if self.time.dynamics == "first order" and self.rigid_bodies:
+            raise ValueError(
+                f"time.dynamics = 'first order' is for soft bodies alone; remove the rigid body "
+                f"'{next(iter(self.rigid_bodies))}', or leave it 'second order'"
+            )
         return self
 
     @model_validator(mode="after")

@@ -50,7 +50,7 @@ class SoftMotion:
     def solve_free_motion(self, state: State) -> None:
         """Implicit Euler with the rotations of the start of the step and imposed pressures p.
 
-        v + A^-1 h (f + M g + p dV/dx - a M v - (h + b) K v)
+        v + A^-1 h (f + M g + p dV/dx - a M v - (h + b) K v), in first order dynamics A^-1 h (f + M g + p dV/dx).
 
         Raises:
             SimulationDiverged: the system matrix is not positive definite.
@@ -68,7 +68,10 @@ class SoftMotion:
         self._force += self.system.force
         self._add_anchors_and_pressures(state)
         self._force *= self._model.scene.time.step
-        np.add(self.response(self._force), state.velocity, out=self.free_velocity)
+        if self._model.scene.time.dynamics == "first order":
+            self.free_velocity[:] = self.response(self._force)
+        else:
+            np.add(self.response(self._force), state.velocity, out=self.free_velocity)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], (node_count, 3), by impulses on the nodes [mN s], (node_count, 3)."""
