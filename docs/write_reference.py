@@ -72,6 +72,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[soft_bodies.NAME.mesh]": scene.BodyMesh,
     "[[soft_bodies.NAME.regions]]": scene.Region,
     "[[soft_bodies.NAME.anchors]]": scene.Anchor,
+    "[soft_bodies.NAME.tip]": scene.Tip,
     "[soft_bodies.NAME.cavities.NAME]": scene.Cavity,
     "[rigid_bodies.NAME]": scene.RigidBody,
     "[obstacles.NAME]": scene.Obstacle,
@@ -230,6 +231,8 @@ def _kind(annotation: Any) -> str:
     origin = get_origin(annotation)
     if origin is tuple:
         return f"[{', '.join(_kind(argument) for argument in arguments)}]"
+    if origin is list:
+        return f"[{_kind(arguments[0])}, ...]"
     if origin is dict:
         return "table"
     if arguments and all(isinstance(argument, str) for argument in arguments):

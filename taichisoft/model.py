@@ -34,6 +34,7 @@ class Model:
         body_names: names by body number.
         rest_position: rest positions of the soft nodes [mm], shape (node_count, 3).
         elasticity: elements of all soft bodies and the pattern of their matrix; None without soft bodies.
+        anchored_nodes: indices of the anchored nodes in rising order, shape (anchor_count,).
         cavities: cavities of all soft bodies; `cavities.names` are their names.
         cables: cables of all soft bodies; `cables.names` are their names.
         actuators: coordinates of cavities and cables together.
@@ -42,7 +43,7 @@ class Model:
         base_pivot: point about which the base turns [mm], shape (3,).
         rigid_mass: masses of the rigid bodies [kg], shape (rigid_count,).
         rigid_inertia: inertias of the rigid bodies in their own frames [kg mm^2], shape (rigid_count, 3, 3).
-        gravity: acceleration of gravity [mm/s^2], shape (3,).
+        gravity: acceleration of gravity at the start of a run [mm/s^2], shape (3,).
     """
 
     def __init__(self, scene: Scene, meshes: Mapping[str, VolumeMesh]):
@@ -67,7 +68,9 @@ class Model:
         self.obstacles = tuple(make_obstacle(name, obstacle) for name, obstacle in scene.obstacles.items())
         self.body_names = (*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles)
         self.rest_position = np.vstack([np.zeros((0, 3)), *(body.rest_position for body in soft)])
-        self.elasticity = Elasticity(soft, scene.time.step) if soft else None
+        self.elasticity = Elasticity(soft, scene.time) if soft else None
+        held = [body.nodes.start + np.flatnonzero(body.anchor_stiffness) for body in soft]
+        self.anchored_nodes = np.concatenate([*held, np.zeros(0)]).astype(np.int32)
         self.cavities = Cavities(soft)
         self.cables = Cables(soft, self.rigid_bodies, self.obstacles)
         self.actuators = Actuators(self.cavities, self.cables)
@@ -101,6 +104,8 @@ class Model:
             base_rotation=np.zeros(3),
             base_request=np.zeros((2, 3)),
             base_velocity=np.zeros((2, 3)),
+            anchor_position=self.rest_position[self.anchored_nodes],
+            gravity=self.gravity.copy(),
             cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
             cavity_request=np.zeros(cavity_count),
             cavity_target=np.zeros(cavity_count),
@@ -167,6 +172,6 @@ class Model:
     def _find_base_pivot(self) -> np.ndarray:
         if self.scene.base_pivot is not None:
             return np.array(self.scene.base_pivot)
-        if self.elasticity is None or not (self.elasticity.anchor_stiffness > 0).any():
+        if not len(self.anchored_nodes):
             return np.zeros(3)
-        return self.rest_position[self.elasticity.anchor_stiffness > 0].mean(axis=0)
+        return self.rest_position[self.anchored_nodes].mean(axis=0)

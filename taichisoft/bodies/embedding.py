@@ -1,38 +1,108 @@
 """Points that follow a mesh: the element around each and its barycentric weights."""
 
+from itertools import product
+from typing import Literal
+
 import numpy as np
+
+Embedding = Literal["deepest", "grid"]
+"""Which elements are looked at for a point: all, or those near it."""
 
 POINTS_AT_A_TIME = 64
 # A point on the boundary counts as inside, whatever the round-off of its barycentric weights.
 ON_BOUNDARY = 1e-9
 
 
-def embed(points: np.ndarray, nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def embed(
+    points: np.ndarray, nodes: np.ndarray, elements: np.ndarray, embedding: Embedding = "deepest"
+) -> tuple[np.ndarray, np.ndarray]:
     """Nodes and weights of each point in the tetrahedra, as SOFA's BarycentricMapping chooses them.
 
     The element in which the point lies deepest wins; a point outside all of them belongs to the element with
-    the nearest centroid, with extrapolated weights.
+    the nearest centroid, with extrapolated weights. The two embeddings differ in points outside: "deepest" looks at all
+    elements, as SOFA where the body is a MeshTopology, "grid" only at some nearby, as where it is a
+    TetrahedronSetTopologyContainer, see `_Grid`.
 
     Args:
         points: [mm], shape (point_count, 3).
         nodes: [mm], shape (node_count, 3).
         elements: shape (element_count, 4).
+        embedding: which elements are looked at.
 
     Returns:
         node indices and weights, both of shape (point_count, 4); a point outside has a negative weight.
     """
-    origin = nodes[elements[:, 0]]
-    to_local = np.linalg.inv((nodes[elements[:, 1:]] - origin[:, None]).transpose(0, 2, 1))
-    centroid = nodes[elements].mean(axis=1)
-    chosen = np.empty(len(points), dtype=np.int64)
-    weights = np.empty((len(points), 4))
-    for start in range(0, len(points), POINTS_AT_A_TIME):
-        some = points[start : start + POINTS_AT_A_TIME]
-        local = np.einsum("eij,pej->pei", to_local, some[:, None] - origin)
-        outside = np.maximum(-local.min(axis=2), local.sum(axis=2) - 1.0)
-        distance = ((some[:, None] - centroid) ** 2).sum(axis=2)
-        element = np.where(outside > ON_BOUNDARY, distance, outside).argmin(axis=1)
-        inner = local[np.arange(len(some)), element]
-        chosen[start : start + len(some)] = element
-        weights[start : start + len(some)] = np.column_stack([1.0 - inner.sum(axis=1), inner])
+    tetrahedra = _Tetrahedra(nodes, elements)
+    chosen, inner = np.empty(len(points), dtype=np.int64), np.empty((len(points), 3))
+    if embedding == "grid":
+        grid = _Grid(nodes, elements, tetrahedra)
+        for k, point in enumerate(points):
+            chosen[k], inner[k] = grid.find(point)
+    else:
+        for start in range(0, len(points), POINTS_AT_A_TIME):
+            some = slice(start, start + POINTS_AT_A_TIME)
+            chosen[some], inner[some] = tetrahedra.nearest(points[some])[:2]
+    weights = np.column_stack([1.0 - inner.sum(axis=1), inner])
     return elements[chosen, :4].astype(np.int32), weights
+
+
+class _Tetrahedra:
+    """Elements, and how far points are from them."""
+
+    def __init__(self, nodes: np.ndarray, elements: np.ndarray):
+        self._origin = nodes[elements[:, 0]]
+        self._to_local = np.linalg.inv((nodes[elements[:, 1:]] - self._origin[:, None]).transpose(0, 2, 1))
+        self._centroid = nodes[elements].mean(axis=1)
+
+    def nearest(
+        self, points: np.ndarray, some: np.ndarray | slice = slice(None)
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The best of some elements for each point: its place among them, the last three weights, and its measure.
+
+        The measure is the largest negative of the weights where the point is inside (0 on the boundary, lower is
+        deeper), else the squared distance from the centroid [mm^2].
+        """
+        local = np.einsum("eij,pej->pei", self._to_local[some], points[:, None] - self._origin[some])
+        outside = np.maximum(-local.min(axis=2), local.sum(axis=2) - 1.0)
+        distance = ((points[:, None] - self._centroid[some]) ** 2).sum(axis=2)
+        measure = np.where(outside > ON_BOUNDARY, distance, outside)
+        element = measure.argmin(axis=1)
+        point = np.arange(len(points))
+        return element, local[point, element], measure[point, element]
+
+
+class _Grid:
+    """Cubic cells from the origin on, as wide as the mean edge is long, with the elements whose boxes meet each.
+
+    A point is compared with the elements of its own cell; with those of the cells around it, too, if the best measure
+    exceeds half the width of a cell, although it may be a squared length; with all if its own cell has none.
+    """
+
+    def __init__(self, nodes: np.ndarray, elements: np.ndarray, tetrahedra: _Tetrahedra):
+        self._tetrahedra = tetrahedra
+        pairs = elements[:, [[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]]].reshape(-1, 2)
+        first, second = np.unique(np.sort(pairs, axis=1), axis=0).T
+        self._width = float(np.linalg.norm(nodes[first] - nodes[second], axis=1).mean())
+        self._cells: dict[tuple[int, ...], list[int]] = {}
+        lower, upper = self._cell(nodes[elements].min(axis=1)), self._cell(nodes[elements].max(axis=1))
+        for element, (low, high) in enumerate(zip(lower.tolist(), upper.tolist(), strict=True)):
+            for cell in product(*(range(a, b + 1) for a, b in zip(low, high, strict=True))):
+                self._cells.setdefault(cell, []).append(element)
+
+    def find(self, point: np.ndarray) -> tuple[int, np.ndarray]:
+        """The element of a point [mm], shape (3,), and the last three weights."""
+        x, y, z = self._cell(point).tolist()
+        own = self._cells.get((x, y, z))
+        if own is None:
+            element, inner, _ = self._tetrahedra.nearest(point[None])
+            return int(element[0]), inner[0]
+        candidates = np.array(own)
+        element, inner, measure = self._tetrahedra.nearest(point[None], candidates)
+        if abs(measure[0]) > 0.5 * self._width:
+            around = product((x - 1, x, x + 1), (y - 1, y, y + 1), (z - 1, z, z + 1))
+            candidates = np.unique(np.concatenate([self._cells.get(cell, []) for cell in around])).astype(np.int64)
+            element, inner, _ = self._tetrahedra.nearest(point[None], candidates)
+        return int(candidates[element[0]]), inner[0]
+
+    def _cell(self, points: np.ndarray) -> np.ndarray:
+        return np.floor(points / self._width).astype(np.int64)

@@ -1,21 +1,26 @@
-"""Nodes and elements of a mesh that a scene selects by box or by group."""
+"""Nodes and elements of a mesh that a scene selects by box or by group, nodes also by their numbers."""
 
 import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.scene import Selection, Vector
+from taichisoft.scenes.scene import NodeSelection, Selection, Vector
 
 # A node on the face of a box belongs to it, whatever the last digit of its coordinate in the file [mm].
 BOX_TOLERANCE = 1e-9
 
 
-def select_nodes(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndarray:
-    """Indices of the nodes inside the box, or of the group's nodes; `key` begins the error.
+def select_nodes(mesh: VolumeMesh, selection: NodeSelection, key: str) -> np.ndarray:
+    """Indices, in rising order, of the nodes inside the box, of the group's nodes, or those named by their numbers.
 
     Raises:
-        SceneError: nothing is selected, or the mesh has no such group.
+        SceneError: nothing is selected, or the mesh has no such group or node; `key` begins the error.
     """
+    if selection.nodes is not None:
+        highest = max(selection.nodes)
+        if highest >= len(mesh.nodes):
+            raise SceneError(f"{key}.nodes names node {highest}; {mesh.source} has nodes 0 to {len(mesh.nodes) - 1}")
+        return np.sort(selection.nodes)
     if selection.box is not None:
         selected = np.flatnonzero(_inside(mesh.nodes, selection.box))
         return _not_empty(selected, _box_key(key, selection.box), "node", mesh.nodes, mesh)

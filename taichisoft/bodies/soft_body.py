@@ -97,7 +97,7 @@ def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_n
         tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
         surface=_collision_surface(mesh, body),
         cavities=tuple(
-            _make_cavity(mesh, f"{name}.{cavity_name}", cavity, f"{key}.cavities.{cavity_name}")
+            _make_cavity(mesh, body, f"{name}.{cavity_name}", cavity, f"{key}.cavities.{cavity_name}")
             for cavity_name, cavity in body.cavities.items()
         ),
     )
@@ -128,7 +128,7 @@ def _collision_surface(mesh: VolumeMesh, body: settings.SoftBody) -> MappedSurfa
     if body.collision_surface is not None:
         vertices, triangles = read_surface(body.collision_surface)
         used, triangles = np.unique(_outermost(vertices, triangles, body.collision_surface), return_inverse=True)
-        return _follow(mesh, vertices[used], triangles.reshape(-1, 3), body.collision_surface)
+        return _follow(mesh, vertices[used], triangles.reshape(-1, 3), body.collision_surface, body)
     source = f"{mesh.source}: outer surface"
     if "outer" in mesh.surface_groups:
         triangles = closed_outward(mesh.nodes, mesh.surface_groups["outer"], source)
@@ -147,10 +147,10 @@ def _outermost(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.n
     return triangles[[encloses[label] for label in part]]
 
 
-def _make_cavity(mesh: VolumeMesh, name: str, cavity: settings.Cavity, key: str) -> Cavity:
+def _make_cavity(mesh: VolumeMesh, body: settings.SoftBody, name: str, cavity: settings.Cavity, key: str) -> Cavity:
     if cavity.surface is not None:
         vertices, triangles = read_surface(cavity.surface)
-        surface = _follow(mesh, vertices, triangles, cavity.surface)
+        surface = _follow(mesh, vertices, triangles, cavity.surface, body)
     else:
         triangles = surface_group(mesh, cavity.group or "", key)
         source = f"{mesh.source}: cavity '{cavity.group}'"
@@ -158,8 +158,10 @@ def _make_cavity(mesh: VolumeMesh, name: str, cavity: settings.Cavity, key: str)
     return Cavity(name, surface, enclosed_volume(surface.positions(mesh.nodes), surface.triangles))
 
 
-def _follow(mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, source: str) -> MappedSurface:
-    """A surface of its own, embedded in the elements.
+def _follow(
+    mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, source: str, body: settings.SoftBody
+) -> MappedSurface:
+    """A surface of its own, embedded in the elements as the body's settings say.
 
     Raises:
         MeshError: it is not closed, or sticks out of the body.
@@ -167,7 +169,7 @@ def _follow(mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, sourc
     triangles = closed_outward(vertices, triangles, source)
     lower, upper = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     margin = EMBEDDING_MARGIN * (upper - lower).max()
-    nodes, weights = embed(vertices, mesh.nodes, mesh.elements)
+    nodes, weights = embed(vertices, mesh.nodes, mesh.elements, body.embedding)
     outside = ((vertices < lower - margin) | (vertices > upper + margin)).any(axis=1)
     outside |= weights.min(axis=1) < SMALLEST_WEIGHT
     if outside.any():

@@ -25,6 +25,10 @@ class Control:
             base_translation.
         base_angular_velocity: angular velocity of all anchors about the scene's base pivot, in world axes [rad/s],
             shape (3,); instead of base_rotation.
+        anchor_positions: positions that the anchors of a soft body hold their nodes to instead of the rest positions
+            [mm], by the body's name, shape (anchor_count, 3): a row for each of its anchored nodes, in the order of the
+            nodes. The motion of the base comes on top. No limit of the scene holds them back.
+        gravity: acceleration of gravity [mm/s^2], shape (3,); what is up in pictures remains so.
         signals: numbers of the controller's own by name, such as a set point, for outputs to record.
     """
 
@@ -37,4 +41,6 @@ class Control:
     base_rotation: np.ndarray | None = None
     base_velocity: np.ndarray | None = None
     base_angular_velocity: np.ndarray | None = None
+    anchor_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
+    gravity: np.ndarray | None = None
     signals: Mapping[str, float] = field(default_factory=dict)

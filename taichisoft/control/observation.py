@@ -5,6 +5,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from taichisoft.state import State
+
 Pair = tuple[str, str]
 """Names of two bodies, in the scene's order."""
 
@@ -37,6 +39,8 @@ class Observation:
         slip_speeds: fastest sliding of a contact that presses [mm/s], by pair.
         clipped: parts of the last request that the scene's limits held back: names of cavities, "base_translation"
             and "base_rotation".
+        state: the complete state that all the above was worked out from, read-only, for controllers that need every
+            node or every contact; None in an observation that was made up without one.
     """
 
     time: float
@@ -58,3 +62,4 @@ class Observation:
     friction_forces: Mapping[Pair, float] = field(default_factory=dict)
     slip_speeds: Mapping[Pair, float] = field(default_factory=dict)
     clipped: tuple[str, ...] = ()
+    state: State | None = field(default=None, repr=False, compare=False)

@@ -66,6 +66,7 @@ class Observer:
             friction_forces=MappingProxyType(contacts.friction_forces),
             slip_speeds=MappingProxyType(contacts.slip_speeds),
             clipped=clipped(model, state),
+            state=state,
         )
 
 

@@ -18,14 +18,23 @@ def apply_control(model: Model, state: State, control: Control) -> State:
     """The state with what `control` asks for; what it does not mention stays as it was asked for last.
 
     Raises:
-        ControlError: no `Control`, an unknown cavity or cable, something driven in two ways, or a value that is no
-            finite number.
+        ControlError: no `Control`, an unknown cavity, cable or soft body, something driven in two ways, or a value that
+            is no finite number.
     """
     if not isinstance(control, Control):
         raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
-    for key in ("pressure", "volume_growth", "cable_tension", "cable_pull", "pull_points", "signals"):
+    for key in (
+        "pressure",
+        "volume_growth",
+        "cable_tension",
+        "cable_pull",
+        "pull_points",
+        "anchor_positions",
+        "signals",
+    ):
         if not isinstance(getattr(control, key), Mapping):
-            raise ControlError(f"control.{key} = {getattr(control, key)!r}: must be a dictionary by name")
+            kind = type(getattr(control, key)).__name__
+            raise ControlError(f"control.{key}: must be a dictionary by name, not {kind}")
     for name, value in control.signals.items():
         if not isinstance(value, int | float):
             raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
@@ -34,6 +43,10 @@ def apply_control(model: Model, state: State, control: Control) -> State:
         changes |= _cable_requests(model, state, control)
     if _base_moves(state, control):
         changes |= _base_requests(model, state, control)
+    if control.anchor_positions:
+        changes["anchor_position"] = _anchor_position(model, state, control)
+    if control.gravity is not None:
+        changes["gravity"] = _finite(control.gravity, "control.gravity", (3,))
     return state.changed(**changes)
 
 
@@ -134,6 +147,28 @@ def _drive(
     return imposed, request
 
 
+def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray:
+    """Positions of all anchors [mm], (anchor_count, 3), with those that are asked for."""
+    position = state.anchor_position.copy()
+    rows = {
+        body.name: slice(*np.searchsorted(model.anchored_nodes, [body.nodes.start, body.nodes.stop]).tolist())
+        for body in model.soft_bodies
+        if body.anchor_stiffness.any()
+    }
+    for name, value in control.anchor_positions.items():
+        if name not in rows:
+            known = nearest(str(name), list(rows), "there are")
+            raise ControlError(f"control.anchor_positions: no soft body with anchors is called '{name}'; {known}")
+        key = f"control.anchor_positions['{name}']"
+        asked, needed = _array(value, key), position[rows[name]].shape
+        if asked.shape != needed:
+            raise ControlError(f"{key} has shape {asked.shape}: must have {needed}, a row for each anchored node")
+        if not np.isfinite(asked).all():
+            raise ControlError(f"{key} has a number that is not finite: all must be")
+        position[rows[name]] = asked
+    return position
+
+
 def _index(name: str, names: tuple[str, ...], kind: str, key: str) -> int:
     if name not in names:
         raise ControlError(
@@ -145,11 +180,15 @@ def _index(name: str, names: tuple[str, ...], kind: str, key: str) -> int:
 def _finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | float:
     if not shape and type(value) is float and math.isfinite(value):
         return value
-    try:
-        array = np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers") from error
+    array = _array(value, key)
     if array.shape != shape or not np.isfinite(array).all():
         wanted = f"{shape[0]} finite numbers" if shape else "a finite number"
         raise ControlError(f"{key} = {value!r}: must be {wanted}")
     return array
+
+
+def _array(value: object, key: str) -> np.ndarray:
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError) as error:
+        raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers") from error

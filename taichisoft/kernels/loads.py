@@ -14,13 +14,13 @@ class Anchors(NamedTuple):
         node: the anchored nodes, shape (anchor_count,).
         stiffness: [mN/mm], shape (node_count,).
         lag: h + b [s], shape (node_count,).
-        rest_position: [mm], shape (node_count, 3).
+        position: where they are held before the base moves them [mm], shape (anchor_count, 3).
     """
 
     node: Integers
     stiffness: Scalars
     lag: Scalars
-    rest_position: Vectors
+    position: Vectors
 
 
 class Base(NamedTuple):
@@ -48,12 +48,13 @@ def add_anchors_and_actuators(
 ):
     """Add -k (x + lag v - target) of the anchored nodes, and the efforts times their gradients, to the forces.
 
-    The targets are rest positions turned and moved with the base. An effort is a pressure [kPa] or a tension [mN].
+    The targets are the anchors' positions turned and moved with the base. An effort is a pressure [kPa] or a tension
+    [mN].
     """
     ti.loop_config(serialize=True)
     for k in range(anchors.node.shape[0]):
         i = anchors.node[k]
-        target = base.turn[0] @ (anchors.rest_position[i] - base.place[0]) + base.place[0] + base.place[1]
+        target = base.turn[0] @ (anchors.position[k] - base.place[0]) + base.place[0] + base.place[1]
         force[i] -= anchors.stiffness[i] * (position[i] - target + anchors.lag[i] * velocity[i])
     ti.loop_config(serialize=True)
     for coordinate in range(effort.shape[0]):

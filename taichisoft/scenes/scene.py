@@ -4,6 +4,7 @@ Units: millimetre, kilogram, second; so forces are in mN and pressures and modul
 """
 
 import math
+from collections import Counter
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
@@ -16,6 +17,8 @@ Positive = Annotated[float, Field(strict=True, gt=0)]
 NotNegative = Annotated[float, Field(strict=True, ge=0)]
 PoissonRatio = Annotated[float, Field(strict=True, gt=-1, lt=0.5)]
 Vector = tuple[Number, Number, Number]
+NodeNumber = Annotated[int, Field(strict=True, ge=0)]
+KeySets = tuple[tuple[str, ...], ...]
 # Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path.
 Name = Annotated[str, Field(pattern=r"^[^.|/]+$")]
 
@@ -25,7 +28,7 @@ class Table(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
 
-    alternatives: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    alternatives: ClassVar[KeySets] = ()
     """Sets of keys; exactly one key of each set must be given."""
     no_effect_beside: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """Keys that another one makes useless; they are no mistake at their defaults: a scene written out has them all."""
@@ -50,13 +53,28 @@ class Selection(Table):
     """Lower and upper corner [mm]; an element belongs when the mean of its nodes lies inside."""
     group: str | None = None
     """Name of an element group or surface group of the mesh."""
-    alternatives = (("box", "group"),)
+    alternatives: ClassVar[KeySets] = (("box", "group"),)
 
     @model_validator(mode="after")
     def _check_box(self) -> Self:
         if self.box is not None and any(low > high for low, high in zip(*self.box, strict=True)):
             corners = " and ".join(str(list(corner)) for corner in self.box)
             raise ValueError(f"the first corner of a box must be below the second in x, y and z; they are {corners}")
+        return self
+
+
+class NodeSelection(Selection):
+    """Nodes of a soft body, by box, by group or by their numbers."""
+
+    nodes: Annotated[list[NodeNumber], Field(min_length=1)] | None = None
+    """Numbers of the nodes, from 0 in the order of the mesh."""
+    alternatives: ClassVar[KeySets] = (("box", "group", "nodes"),)
+
+    @model_validator(mode="after")
+    def _check_nodes(self) -> Self:
+        for node, count in Counter(self.nodes or []).items():
+            if count > 1:
+                raise ValueError(f"nodes names node {node} {count} times; name every node once")
         return self
 
 
@@ -69,11 +87,15 @@ class Region(Selection):
     """Poisson's ratio [-]; the body's own when it is not given."""
 
 
-class Anchor(Selection):
+class Anchor(NodeSelection):
     """Nodes held by stiff springs to their rest positions, which move with the base."""
 
     stiffness: Positive = 1e12
     """Stiffness of the spring of each node [mN/mm]."""
+
+
+class Tip(NodeSelection):
+    """Nodes whose motion is observed as that of the tip; without this table those farthest from the anchors."""
 
 
 class Cavity(Table):
@@ -201,9 +223,12 @@ class SoftBody(Table):
     """Rayleigh damping with the stiffness [s]."""
     corotation: Literal["edges", "polar"] = "edges"
     """Rotation of an element: from its first two edges, as SOFA's method "large", or by polar decomposition."""
+    embedding: Literal["deepest", "grid"] = "deepest"
+    """Which element carries a point of a surface file that lies outside the mesh: the one with the nearest centroid of
+    all, as SOFA's MeshTopology, or of some near it on a grid, as its TetrahedronSetTopologyContainer."""
     collision_surface: str | None = None
     """A closed surface file that follows the mesh; the mesh's outer boundary when it is not given."""
-    tip: Selection | None = None
+    tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     regions: list[Region] = []
     anchors: list[Anchor] = []
@@ -334,6 +359,9 @@ class Time(Table):
     """Time step [s]."""
     duration: Positive = 1.0
     """Duration of a run [s]."""
+    dynamics: Literal["second order", "first order"] = "second order"
+    """Newton's law, or motion without inertia against a drag of 1 mN for 1 mm/s and kg, as SOFA's `firstOrder`; soft
+    bodies alone can move so, and Rayleigh damping and their velocities at the start have no effect then."""
 
 
 class Controller(Table):
@@ -449,6 +477,15 @@ class Scene(Table):
                     f"controller.period = {period:g} s must be a whole multiple of time.step = {step:g} s, such as "
                     f"{near} s"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _check_dynamics(self) -> Self:
+        if self.time.dynamics == "first order" and self.rigid_bodies:
+            raise ValueError(
+                f"time.dynamics = 'first order' is for soft bodies alone; remove the rigid body "
+                f"'{next(iter(self.rigid_bodies))}', or leave it 'second order'"
+            )
         return self
 
     @model_validator(mode="after")

@@ -22,7 +22,7 @@ class RigidMotion:
             mass=model.rigid_mass,
             inertia=model.rigid_inertia,
             inverse_inertia=np.linalg.inv(model.rigid_inertia),
-            gravity=model.gravity.reshape(1, 3),
+            gravity=np.empty((1, 3)),
         )
         self.state = kernels.RigidState(
             position=np.empty((count, 3)),
@@ -44,6 +44,7 @@ class RigidMotion:
         rigid.position[:], rigid.quaternion[:] = state.rigid_position, state.rigid_rotation
         rigid.linear[:], rigid.angular[:] = state.rigid_velocity, state.rigid_angular_velocity
         rigid.impulse[:] = 0.0
+        self._bodies.gravity[0] = state.gravity
         kernels.solve_free_motion(self._time_step, self._bodies, rigid)
         for first_step, step_count, body, acceleration in self._external_forces:
             if first_step <= state.step < first_step + step_count:

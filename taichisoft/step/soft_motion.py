@@ -31,14 +31,15 @@ class SoftMotion:
         self._model = model
         self._geometry = geometry
         self.system = ElasticSystem(elasticity)
-        mass = elasticity.node_mass[:, None]
-        self._weight = mass * model.gravity
-        self._drag = mass * elasticity.node_rayleigh_mass[:, None]
+        self._mass = elasticity.node_mass[:, None]
+        self._weight = np.empty((model.node_count, 3))
+        self._gravity: np.ndarray | None = None  # that of `weight`
+        self._drag = self._mass * elasticity.node_rayleigh_mass[:, None]
         self._anchors = kernels.Anchors(
-            node=np.flatnonzero(elasticity.anchor_stiffness).astype(np.int32),
+            node=model.anchored_nodes,
             stiffness=elasticity.anchor_stiffness,
             lag=elasticity.node_lag,
-            rest_position=elasticity.rest_position,
+            position=np.empty((len(model.anchored_nodes), 3)),
         )
         self._base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
         self._base_rotation: np.ndarray | None = None  # that of `turn`
@@ -60,6 +61,9 @@ class SoftMotion:
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
         self.system.assemble()
         self._factorise(state)
+        if state.gravity is not self._gravity:
+            self._gravity = state.gravity
+            np.multiply(self._mass, state.gravity, out=self._weight)
         # In place: the memory of large results that are thrown away costs more than the sums.
         np.multiply(self._drag, state.velocity, out=self._force)
         np.subtract(self._weight, self._force, out=self._force)
@@ -80,6 +84,7 @@ class SoftMotion:
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
 
     def _add_anchors_and_actuators(self, state: State, load: np.ndarray) -> None:
+        self._anchors.position[:] = state.anchor_position
         self._base.place[1] = state.base_translation
         if state.base_rotation is not self._base_rotation:
             self._base_rotation = state.base_rotation

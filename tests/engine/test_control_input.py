@@ -1,6 +1,7 @@
 """What a controller may ask for, and what it is told otherwise."""
 
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.errors import ControlError
 from taichisoft.scenes.file import scene_from_dict
+from taichisoft.state import State
 
 
 @pytest.fixture
@@ -40,6 +42,12 @@ def simulation(block: Callable[..., str]) -> Simulation:
         (Control(pressure={"left.air": [1.0, 2.0]}), "control.pressure['left.air'] = [1.0, 2.0]: must be a finite"),
         (Control(base_translation=np.zeros(2)), "control.base_translation = array([0., 0.]): must be 3 finite numbers"),
         (Control(base_rotation=np.array([0, 0, np.nan])), "control.base_rotation = array([ 0.,  0., nan]): must be 3"),
+        (Control(gravity=np.zeros(2)), "control.gravity = array([0., 0.]): must be 3 finite numbers"),
+        (Control(anchor_positions={"lefd": np.ones((16, 3))}), "no soft body with anchors is called 'lefd'; did"),
+        (Control(anchor_positions={"left": np.zeros((15, 3))}), "control.anchor_positions['left'] has shape (15, 3): "),
+        (Control(anchor_positions={"left": np.full((16, 3), np.nan)}), "has a number that is not finite"),
+        (Control(anchor_positions={"left": "up"}), "control.anchor_positions['left'] = 'up': must be"),
+        (Control(anchor_positions=np.ones((16, 3))), "control.anchor_positions: must be a dictionary by name, not nd"),
     ],
 )  # fmt: skip
 def test_the_impossible_is_refused_and_nothing_has_changed(
@@ -89,6 +97,78 @@ def test_the_base_carries_its_anchors(simulation: Simulation) -> None:
     arm = model.rest_position[anchored] - model.base_pivot
     turned = np.column_stack([-arm[:, 1], arm[:, 0], arm[:, 2]]) + model.base_pivot + [5, 0, 0]
     np.testing.assert_allclose(simulation.state.position[anchored], turned, atol=1e-3)
+
+
+def anchored(simulation: Simulation) -> np.ndarray:
+    return simulation.state.position[simulation.model.anchored_nodes]
+
+
+def test_anchors_are_put_node_by_node(simulation: Simulation) -> None:
+    """Those of one body turned and stretched, each to a place of its own; those of the other stay where they are."""
+    rest = simulation.state.anchor_position.copy()
+    assert rest.shape == (32, 3)
+    np.testing.assert_array_equal(rest, anchored(simulation))
+    arm = rest[16:] - [-10, 100, 0]
+    places = np.column_stack([arm[:, 0], -1.2 * arm[:, 2], 1.1 * arm[:, 1]]) + np.array([-9, 100, 2])
+    simulation.step(Control(anchor_positions={"right": places}))
+    for _ in range(300):
+        simulation.step()
+    np.testing.assert_allclose(anchored(simulation)[16:], places, atol=1e-6)
+    np.testing.assert_allclose(anchored(simulation)[:16], rest[:16], atol=1e-6)
+    places[:] = 999.0
+    assert simulation.state.anchor_position.max() < 999.0  # the state keeps a copy
+
+
+def test_the_base_moves_anchors_on_from_where_they_were_put(simulation: Simulation) -> None:
+    """A shift of the anchors, then a turn of the base by 90 degrees about z and its pivot (-10, 50, 0)."""
+    rest = simulation.state.anchor_position
+    control = Control(
+        anchor_positions={"left": rest[:16] + np.array([0.0, 2.0, 1.0])}, base_rotation=np.array([0.0, 0.0, np.pi / 2])
+    )
+    for _ in range(40):
+        simulation.step(control)
+    for _ in range(300):
+        simulation.step()
+    arm = rest[:16] + np.array([0.0, 2.0, 1.0]) - [-10, 50, 0]
+    turned = np.column_stack([-arm[:, 1], arm[:, 0], arm[:, 2]]) + np.array([-10, 50, 0])
+    np.testing.assert_allclose(anchored(simulation)[:16], turned, atol=1e-3)
+
+
+def test_a_shift_of_all_anchors_is_a_translation_of_the_base(simulation: Simulation) -> None:
+    """One is as good as the other but for round-off, which the springs of 1e12 mN/mm turn into nanometres."""
+    shift, rest = np.array([1.0, -2.0, 0.5]), simulation.state.anchor_position
+    other = Simulation(simulation.model)
+    other.step(Control(base_translation=shift))
+    simulation.step(Control(anchor_positions={"left": rest[:16] + shift, "right": rest[16:] + shift}))
+    for _ in range(20):
+        simulation.step()
+        other.step()
+    np.testing.assert_allclose(simulation.state.position, other.state.position, atol=1e-6)
+
+
+def test_gravity_changes_how_bodies_fall(block: Callable[..., str]) -> None:
+    """A rigid cube and a soft block gain h g in a step, and keep their velocity when gravity goes."""
+    body = {"mesh": block((1, 1, 1), (5.0, 5.0, 5.0)), "mass": 0.01, "young_modulus": 500, "poisson_ratio": 0.3}
+    cube = {"box": [5.0, 5.0, 5.0], "mass": 0.01, "position": [50.0, 0.0, 0.0]}
+    simulation = Simulation(scene_from_dict({"soft_bodies": {"block": body}, "rigid_bodies": {"cube": cube}}))
+    for step, gravity in enumerate([None, [0.0, 500.0, 0.0], None, [0.0, 0.0, 0.0], None]):
+        simulation.step(Control(gravity=None if gravity is None else np.array(gravity)))
+        speed = [0.0, 5.0 * min(step, 2), -98.1]
+        np.testing.assert_allclose(simulation.state.rigid_velocity, [speed], atol=1e-9)
+        np.testing.assert_allclose(simulation.state.velocity.mean(axis=0), speed, atol=1e-6)
+
+
+def test_a_run_goes_on_from_anchors_and_gravity_that_were_set(simulation: Simulation, tmp_path: Path) -> None:
+    places = simulation.state.anchor_position[:16] + np.array([0.0, 1.0, 0.0])
+    simulation.step(Control(anchor_positions={"left": places}, gravity=np.array([0.0, -100.0, 0.0])))
+    simulation.state.save(tmp_path / "state.npz")
+    other = Simulation(simulation.model)
+    other.step()
+    other.restore(State.load(tmp_path / "state.npz"))
+    for _ in range(5):
+        simulation.step()
+        other.step()
+    assert other.state == simulation.state
 
 
 def test_the_observation_is_what_the_report_says_and_cannot_be_written(simulation: Simulation) -> None:

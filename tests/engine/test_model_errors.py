@@ -37,6 +37,8 @@ NOWHERE = {"box": [[50, 0, 0], [60, 1, 1]]}
     [
         ({"anchors": [NOWHERE]}, "anchors.0.box = ", "selects no node of .* span .*-10.0, -10.0, -10.0. to"),
         ({"regions": [{**NOWHERE, "young_modulus": 1}]}, "regions.0.box = ", "selects no element of .* span .*-8.333"),
+        ({"anchors": [{"nodes": [7, 64, 3]}]}, "anchors.0.nodes names node 64", r"block.* has nodes 0 to 63$"),
+        ({"tip": {"nodes": [1, 2, 640]}}, "tip.nodes names node 640", r"block.* has nodes 0 to 63$"),
         ({"anchors": [{"group": "base"}]}, "anchors.0.group = 'base': ", "there are: cavity"),
         ({"regions": [{"group": "stiff", "young_modulus": 1}]}, "regions.0.group = 'stiff': ", "there are: none"),
         ({"cavities": {"air": {"group": "room"}}}, "cavities.air.group = 'room': ", "there are: cavity"),
@@ -47,6 +49,15 @@ def test_selections_that_select_nothing(hollow: dict[str, Any], changes: dict[st
     with pytest.raises(SceneError, match=hint) as refused:
         model({**hollow, **changes})
     assert str(refused.value).startswith(f"soft_bodies.block.{key}")
+
+
+def test_anchors_and_tips_by_the_numbers_of_their_nodes(hollow: dict[str, Any]) -> None:
+    """A node named is a node held, in whatever order the numbers stand, and its neighbours are not."""
+    anchors = [{"nodes": [7, 0, 5], "stiffness": 2.0}, {"nodes": [60]}]
+    (body,) = model({**hollow, "anchors": anchors, "tip": {"nodes": [9, 3, 20]}}).soft_bodies
+    np.testing.assert_array_equal(np.flatnonzero(body.anchor_stiffness), [0, 5, 7, 60])
+    np.testing.assert_array_equal(body.anchor_stiffness[[0, 5, 7, 60]], [2.0, 2.0, 2.0, 1e12])
+    np.testing.assert_array_equal(body.tip_nodes, [3, 9, 20])
 
 
 def cavity_file(folder: Path, surface: trimesh.Trimesh) -> dict[str, Any]:

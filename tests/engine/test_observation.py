@@ -1,6 +1,7 @@
 """What a controller sees, against closed forms on a block that is moved by hand."""
 
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -136,3 +137,26 @@ def test_the_base_is_seen_where_it_is_not_where_it_shall_be(block: Callable[...,
     simulation = Simulation(scene_from_dict(scene))
     simulation.step(Control(base_translation=np.array([10.0, 0, 0])))
     np.testing.assert_allclose(simulation.observe().base_translation, [1, 0, 0], rtol=1e-12)
+
+
+def test_the_whole_state_is_seen_and_nothing_of_it_is_printed_or_copied(simulation: Simulation) -> None:
+    """It is the simulation's own state, of which a controller can change nothing; what is printed stays short."""
+    simulation.step(Control(pressure={"beam.air": 1.0}))
+    observation = simulation.observe()
+    assert observation.state is simulation.state
+    assert replace(observation, step=7).state is simulation.state
+    assert copy(observation).state is simulation.state
+    with pytest.raises(ValueError, match="read-only"):
+        observation.state.position[0] = 0.0
+    assert "state=" not in repr(observation) and len(repr(observation)) < 2000
+    assert "state=" not in repr(simulation.report) and len(repr(simulation.report)) < 2000
+
+
+def test_a_report_that_is_kept_keeps_one_state_seen_or_not(simulation: Simulation) -> None:
+    """An observation adds no memory for nodes to a report, and none to the state of the step after it."""
+    reports = [simulation.step() for _ in range(3)]
+    states = {id(report.observation.state) for report in reports}
+    assert len(states) == 3
+    assert all(report.observation is report.observation for report in reports)
+    for report in reports:
+        assert not any(isinstance(value, Observation) for value in vars(report.observation.state).values())

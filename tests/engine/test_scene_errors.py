@@ -53,8 +53,16 @@ WRONG = [
     (soft(density=1e-6), "soft_bodies.finger: exactly one of mass, density is needed; given: mass, density"),
     (rigid(surface="cube.obj"), "cube.obj: no such file"),
     ({"rigid_bodies": {"cube": {"mass": 1}}}, "exactly one of surface, box is needed; given: none"),
-    (soft(anchors=[{}]), "soft_bodies.finger.anchors.0: exactly one of box, group is needed; given: none"),
+    (soft(anchors=[{}]), "soft_bodies.finger.anchors.0: exactly one of box, group, nodes is needed; given: none"),
     ({}, "a scene needs at least one soft body or rigid body"),
+    (
+        with_box(time={"dynamics": "first order"}, **soft()),
+        "time.dynamics = 'first order' is for soft bodies alone; remove the rigid body 'cube'",
+    ),
+    (
+        with_box(time={"dynamics": "static"}),
+        "time.dynamics = 'static': input should be 'second order' or",
+    ),
     # without effect
     (rigid(scale=2), "rigid_bodies.cube: beside box there is no effect of scale; remove it"),
     (
@@ -90,6 +98,11 @@ WRONG = [
         with_box(obstacles={"floor": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 0]}}}),
         "obstacles.floor.plane: the normal of a plane must not be zero",
     ),
+    (soft(anchors=[{"nodes": [3, -1]}]), "soft_bodies.finger.anchors.0.nodes.1 = -1: input should be greater than or"),
+    (soft(anchors=[{"nodes": [3.0]}]), "soft_bodies.finger.anchors.0.nodes.0 = 3.0: input should be a valid integer"),
+    (soft(anchors=[{"nodes": []}]), "soft_bodies.finger.anchors.0.nodes = []: at least 1 is needed"),
+    (soft(anchors=[{"nodes": [3, 5, 3]}]), "soft_bodies.finger.anchors.0: nodes names node 3 2 times; name every node"),
+    (soft(regions=[{"nodes": [3], "young_modulus": 1}]), "soft_bodies.finger.regions.0.nodes: unknown key"),
     (soft(anchors=[{"box": [[1, 0, 0], [0, 1, 1]]}]), "soft_bodies.finger.anchors.0: the first corner of a box must"),
     # names
     (with_box(obstacles={"cube": PLANE}), "two bodies are called 'cube'; every body needs a name of its own"),

@@ -90,6 +90,8 @@ def fake_state(step: int) -> SimpleNamespace:
         base_rotation=np.zeros(3),
         base_request=np.full((2, 3), 0.1 * step),
         base_velocity=np.full((2, 3), 0.2 * step),
+        anchor_position=REST[:2] + 0.3 * step,
+        gravity=np.array([0.0, 0.0, -100.0 * step]),
         cavity_volume_imposed=np.array([step % 2 == 0]),
         cavity_request=np.array([3.0 * step]),
         cavity_target=np.array([2.5 * step]),

@@ -73,6 +73,15 @@ def test_a_recording_of_a_resumed_run_resumes_from_a_recording_of_some_steps(str
         assert rest.times[0] == 0.2 and rest.state(30) == whole.state(50)
 
 
+def test_gravity_that_is_changed_is_that_of_the_rest(straight, tmp_path):
+    """Although a state has a gravity of its own: that of the scene that was recorded, or what a controller set."""
+    changed = ("--at", 0.1, "--duration", 0.02, "--output", tmp_path, "--set", "gravity=[0.0,0.0,-1.0]")
+    assert resume(straight, *changed) == 0
+    with read_recording(straight / "recording.h5") as whole, read_recording(tmp_path / "recording.h5") as rest:
+        assert whole.state(10).gravity.tolist() == list(whole.scene.gravity) != [0.0, 0.0, -1.0]
+        assert all(rest.state(frame).gravity.tolist() == [0.0, 0.0, -1.0] for frame in range(3))
+
+
 def test_the_folder_is_beside_that_of_the_recording(straight):
     assert resume(straight, "--at", 0.42, "--duration", 0.01) == 0
     assert (straight.with_name("straight-from-0.42s") / "recording.h5").is_file()

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +12,7 @@ from taichisoft.errors import StateError, TaichisoftError
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_toml
 from taichisoft.scenes.scene import Scene
+from taichisoft.state import State
 from taichisoft_plugins.recording.reader import Recording
 
 SAME_PLACE = 1e-6
@@ -49,7 +51,7 @@ def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simula
     _check_bodies(recording, model)
     simulation = Simulation(model)
     try:
-        simulation.restore(recording.state(frame))
+        simulation.restore(_as_changed(recording.state(frame), recording.scene, model))
     except StateError as error:
         raise ResumeError(f"{path}: {error}") from error
     return simulation
@@ -74,6 +76,22 @@ def base_has_moved(recording: Recording, frame: int) -> bool:
     """Whether the base has moved since the last start; the goal of a scene is judged from the moment before it does."""
     base = recording.column("base_translation")
     return bool((base[recording.last_start : frame + 1] != base[recording.last_start]).any())
+
+
+def _as_changed(state: State, before: Scene, model: Model) -> State:
+    """The state with gravity and places of the anchors as in the model, where its scene is not as it was before."""
+    changes = {}
+    if model.scene.gravity != before.gravity:
+        changes["gravity"] = model.gravity.copy()
+    if _anchors(model.scene) != _anchors(before):
+        changes["anchor_position"] = model.initial_state().anchor_position
+    return state.changed(**changes)
+
+
+def _anchors(scene: Scene) -> list[list[dict[str, Any]]]:
+    """What is anchored, however stiffly."""
+    bodies = scene.soft_bodies.values()
+    return [[anchor.model_dump(exclude={"stiffness"}) for anchor in body.anchors] for body in bodies]
 
 
 def _names(scene: Scene) -> dict[str, list[str]]:
