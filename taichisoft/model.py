@@ -68,7 +68,7 @@ class Model:
         self.obstacles = tuple(make_obstacle(name, obstacle) for name, obstacle in scene.obstacles.items())
         self.body_names = (*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles)
         self.rest_position = np.vstack([np.zeros((0, 3)), *(body.rest_position for body in soft)])
-        self.elasticity = Elasticity(soft, scene.time.step) if soft else None
+        self.elasticity = Elasticity(soft, scene.time) if soft else None
         held = [body.nodes.start + np.flatnonzero(body.anchor_stiffness) for body in soft]
         self.anchored_nodes = np.concatenate([*held, np.zeros(0)]).astype(np.int32)
         self.cavities = Cavities(soft)

@@ -18,6 +18,9 @@ from taichisoft.scenes import scene as settings
 
 # What no tension [mN] and no pull [mm] reaches, where a limit is not given: kernels must not get infinities.
 UNLIMITED = 1e30
+# A cable that rubs must stretch a little: where it sticks at some points and slides at others, its tensions would else
+# depend on motions of no size. This is a polyethylene line of 0.5 mm [mN].
+STRETCHING_WHERE_IT_RUBS = 1e7
 # Two neighbouring points nearer than this [mm] give a segment no direction.
 SHORTEST_SEGMENT = 1e-6
 
@@ -47,6 +50,24 @@ class Cable:
     def rest_length(self) -> float:
         """Length at the start [mm]."""
         return float(np.linalg.norm(np.diff(self.rest_point, axis=0), axis=1).sum())
+
+    @property
+    def stretch(self) -> np.ndarray:
+        """Stretch of the cable's coordinates [mm] by its tension and by the tensions lost at its inner points [mN].
+
+        The first is by how much the cable is longer than it was; then by how much shorter the parts are that begin at
+        the inner points of a cable with friction. Shape (coordinate_count, coordinate_count), all 0 where nothing
+        stretches.
+        """
+        inner = len(self.owner) - 2 if self.settings.friction else 0
+        stiffness = self.settings.axial_stiffness or (STRETCHING_WHERE_IT_RUBS if inner else np.inf)
+        segments = np.linalg.norm(np.diff(self.rest_point, axis=0), axis=1) / stiffness
+        beyond = segments[::-1].cumsum()[::-1][: inner + 1]
+        place = np.arange(inner + 1)
+        by_loss = beyond[np.maximum(place[:, None], place)]
+        by_loss[0, 1:] *= -1.0
+        by_loss[1:, 0] *= -1.0
+        return by_loss
 
     @property
     def tension_range(self) -> tuple[float, float]:
@@ -81,6 +102,7 @@ class Cables:
         rest_pull_point: pull points at the start [mm], the first point where there is none, shape (cable_count, 3).
         has_pull_point: whether a cable has a pull point, shape (cable_count,).
         pull_point_moves: whether it has one that moves with the base, shape (cable_count,).
+        stretch: of each cable, see `Cable`.
     """
 
     def __init__(self, soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]):
@@ -102,6 +124,7 @@ class Cables:
         self.rest_length = np.array([cable.rest_length for cable in self.all])
         self.tension_range = np.array([cable.tension_range for cable in self.all]).reshape(-1, 2)
         self.pull_range = np.array([cable.pull_range for cable in self.all]).reshape(-1, 2)
+        self.stretch = [cable.stretch for cable in self.all]
         self.place = np.vstack([np.zeros((0, 3)), *(cable.place for cable in self.all)])
         self.rest_pull_point = np.array([cable.rest_point[0] for cable in self.all]).reshape(-1, 3)
         pulled_from_space = [cable.settings.pull_point is not None for cable in self.all]
@@ -110,6 +133,14 @@ class Cables:
             [cable.settings.pull_point_moves for cable in self.all], dtype=bool
         )
         self._lay_out()
+
+    def pulls(self, length: np.ndarray, tension: np.ndarray, tension_loss: np.ndarray) -> np.ndarray:
+        """How far the cables are pulled in [mm], shape (cable_count,), by the fields of a state."""
+        pulls = self.rest_length - length
+        losses = np.split(tension_loss, (self.coordinate_start[1:] - np.arange(1, len(pulls) + 1))[:-1])
+        for cable, (stretch, loss) in enumerate(zip(self.stretch, losses, strict=True)):
+            pulls[cable] += stretch[0] @ [tension[cable], *loss]
+        return pulls
 
     def _lay_out(self) -> None:
         starts = np.cumsum([0, *(len(cable.owner) for cable in self.all)])

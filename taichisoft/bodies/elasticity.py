@@ -10,10 +10,14 @@ from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.kernels import elasticity as kernels
+from taichisoft.scenes.scene import Time
 
 
 class Elasticity:
     """All soft bodies, whose matrix A = (1 + h a) M + h (h + b) K has one block of trees per body; it never changes.
+
+    In first order dynamics A = h M + h^2 K: mass is a drag, so M v = f - h K v, here times h. A times a velocity is an
+    impulse as before, so that contacts and actuators need not know the difference.
 
     Attributes:
         elements: node indices, shape (element_count, nodes_per_element).
@@ -23,14 +27,15 @@ class Elasticity:
         volume: of each quadrature point [mm^3], shape (element_count, point_count).
         node_mass: [kg], shape (node_count,).
         node_rayleigh_mass: Rayleigh's factor a [1/s], shape (node_count,).
-        node_lag: h + b [s], shape (node_count,).
+        node_lag: h + b [s]: forces are those of positions so far ahead along the velocities; 0 in first order dynamics,
+            where there are no velocities before the step; shape (node_count,).
         anchor_stiffness: [mN/mm], shape (node_count,).
         symbolic: the pattern of A and of its factor.
         element_data, block_parts: what the kernels read.
     """
 
-    def __init__(self, bodies: Sequence[SoftBody], time_step: float):
-        """Lay out the arrays; `time_step` h in [s]."""
+    def __init__(self, bodies: Sequence[SoftBody], time: Time):
+        """Lay out the arrays for steps of `time`."""
         counts = [len(body.elements) for body in bodies]
         self.elements = np.vstack([body.elements + body.nodes.start for body in bodies]).astype(np.int32)
         self.rest_position = np.vstack([body.rest_position for body in bodies])
@@ -39,23 +44,27 @@ class Elasticity:
         self.node_mass = np.concatenate([body.node_mass for body in bodies])
         self.anchor_stiffness = np.concatenate([body.anchor_stiffness for body in bodies])
         node_counts = [len(body.rest_position) for body in bodies]
-        rayleigh_stiffness = np.array([body.settings.rayleigh_stiffness for body in bodies])
-        self.node_rayleigh_mass = np.repeat([body.settings.rayleigh_mass for body in bodies], node_counts)
-        self.node_lag = np.repeat(time_step + rayleigh_stiffness, node_counts)
+        rayleigh_mass = np.array([body.settings.rayleigh_mass for body in bodies])
+        lag = np.array([time.step + body.settings.rayleigh_stiffness for body in bodies])
+        mass_factor, stiffness_factor = 1.0 + time.step * rayleigh_mass, time.step * lag
+        if time.dynamics == "first order":
+            rayleigh_mass, lag = np.zeros(len(bodies)), np.zeros(len(bodies))
+            mass_factor, stiffness_factor = np.full(len(bodies), time.step), np.full(len(bodies), time.step**2)
+        self.node_rayleigh_mass = np.repeat(rayleigh_mass, node_counts)
+        self.node_lag = np.repeat(lag, node_counts)
         polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
-        self.element_data = self._element_data(polar, np.repeat(time_step + rayleigh_stiffness, counts), time_step)
-        diagonal = (
-            1.0 + time_step * self.node_rayleigh_mass
-        ) * self.node_mass + time_step * self.node_lag * self.anchor_stiffness
+        self.element_data = self._element_data(polar, np.repeat(lag, counts), np.repeat(stiffness_factor, counts))
+        held = np.repeat(stiffness_factor, node_counts) * self.anchor_stiffness
+        diagonal = np.repeat(mass_factor, node_counts) * self.node_mass + held
         nodes_per_element, node_count = self.elements.shape[1], len(self.rest_position)
         row, column = np.repeat(self.elements, nodes_per_element, axis=1), np.tile(self.elements, nodes_per_element)
         pattern = sparse.csr_matrix((np.ones(row.size), (row.ravel(), column.ravel())), (node_count, node_count))
         self.symbolic = SymbolicFactor(pattern)
         self.block_parts = self._block_parts(diagonal)
 
-    def _element_data(self, polar: np.ndarray, lag: np.ndarray, time_step: float) -> kernels.Elements:
+    def _element_data(self, polar: np.ndarray, lag: np.ndarray, stiffness_factor: np.ndarray) -> kernels.Elements:
         corners = self.rest_position[self.elements[:, :3]]
-        shear_weight = np.sqrt((time_step * lag)[:, None] * self.volume * self.lame[:, 1:])
+        shear_weight = np.sqrt(stiffness_factor[:, None] * self.volume * self.lame[:, 1:])
         return kernels.Elements(
             nodes=self.elements.reshape(-1),
             polar=polar,

@@ -35,7 +35,8 @@ def limit_cables(model: Model, state: State, pull_imposed: np.ndarray, request: 
     tension_rate = math.inf if limits.tension_rate is None else limits.tension_rate
     pull_speed = math.inf if limits.pull_speed is None else limits.pull_speed
     # A cable that was driven in the other way goes on from where that has led.
-    last = np.where(pull_imposed, cables.rest_length - state.cable_length, state.cable_tension)
+    pulls = cables.pulls(state.cable_length, state.cable_tension, state.cable_tension_loss)
+    last = np.where(pull_imposed, pulls, state.cable_tension)
     last = np.where(pull_imposed == state.cable_pull_imposed, state.cable_target, last)
     furthest = np.where(pull_imposed, pull_speed, tension_rate) * time_step
     return np.clip(allowed, last - furthest, last + furthest)

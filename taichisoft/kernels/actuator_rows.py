@@ -24,14 +24,19 @@ NOT_HELD, AT_LOWER_END, AT_UPPER_END = range(3)
 
 
 @func
-def pulled_side_tension(bounds: ScalarTable, a: ti.i32, before: ti.f64, impulse: Scalars, row: ti.i32) -> ti.f64:
-    """Tension on the pulled side of the next inner point, from actuator row a, which is `row` of the problem.
+def tension_before(bounds: ScalarTable, a: ti.i32, first_row: ti.i32, impulse: Scalars) -> ti.f64:
+    """Tension on the pulled side of the inner point of actuator row a, times the time step; 0 for other rows.
 
-    `before` is the tension on the pulled side of row a's own point.
+    The impulses of the actuators begin at `first_row`. The row of the cable itself, then those of the inner points
+    before this one, stand directly above row a.
     """
-    tension = impulse[row]
+    tension = 0.0
     if bounds[a, GRIP] >= 0.0:
-        tension = before - impulse[row]
+        above = a - 1
+        while bounds[above, GRIP] >= 0.0:
+            tension -= impulse[first_row + above]
+            above -= 1
+        tension += impulse[first_row + above]
     return tension
 
 
@@ -41,7 +46,7 @@ def best_impulse(
 ) -> ti.f64:
     """The impulse of row a that obeys its bounds with all others fixed; `velocity` belongs to the present `impulse`.
 
-    `tension` is that on the pulled side of the row's point, for a row of friction.
+    `tension` is that of `tension_before`.
     """
     best = impulse + (bounds[a, LOWER_END] - velocity) / compliance
     lowest, highest = bounds[a, LOWEST], bounds[a, HIGHEST]
@@ -56,24 +61,37 @@ def best_impulse(
 
 
 @func
-def held_end(
-    bounds: ScalarTable, a: ti.i32, impulse: ti.f64, velocity: ti.f64, compliance: ti.f64, tension: ti.f64
-) -> ti.i32:
-    """Where row a's coordinate is held, so that v decides l: AT_LOWER_END (a cable that sticks, too), AT_UPPER_END.
+def held_end(bounds: ScalarTable, a: ti.i32, impulse: ti.f64, velocity: ti.f64, compliance: ti.f64) -> ti.i32:
+    """Where row a's coordinate is held, so that v decides l: AT_LOWER_END or AT_UPPER_END.
 
-    Else NOT_HELD: its impulse is a bound or the preferred one. The arguments are those of `best_impulse`.
+    Else NOT_HELD: its impulse is a bound or the preferred one. Not for rows of friction.
     """
     at_lower_end = impulse + (bounds[a, LOWER_END] - velocity) / compliance
     at_upper_end = impulse + (bounds[a, UPPER_END] - velocity) / compliance
     lowest, highest, preferred = bounds[a, LOWEST], bounds[a, HIGHEST], bounds[a, PREFERRED]
     where = NOT_HELD
-    if bounds[a, GRIP] >= 0.0:
-        size = ti.abs(tension)
-        if -size * bounds[a, GRIP] < at_lower_end and at_lower_end < size * bounds[a, GRIP] / (1.0 + bounds[a, GRIP]):
-            where = AT_LOWER_END
-    elif preferred <= at_lower_end:
+    if preferred <= at_lower_end:
         if lowest < at_lower_end and at_lower_end < highest:
             where = AT_LOWER_END
     elif preferred >= at_upper_end and lowest < at_upper_end and at_upper_end < highest:
         where = AT_UPPER_END
     return where
+
+
+@func
+def sliding_share(
+    bounds: ScalarTable, a: ti.i32, impulse: ti.f64, velocity: ti.f64, compliance: ti.f64, tension: ti.f64
+) -> ti.f64:
+    """Share of the tension that is lost at the point of friction row a while the cable slides; 0 while it sticks.
+
+    Negative while the cable is paid out. The arguments are those of `best_impulse`.
+    """
+    sticking = impulse - velocity / compliance
+    share = 0.0
+    if sticking >= ti.abs(tension) * bounds[a, GRIP] / (1.0 + bounds[a, GRIP]):
+        share = bounds[a, GRIP] / (1.0 + bounds[a, GRIP])
+    elif sticking <= -ti.abs(tension) * bounds[a, GRIP]:
+        share = -bounds[a, GRIP]
+    if tension < 0.0:
+        share = -share
+    return share

@@ -34,7 +34,7 @@ class Elements(NamedTuple):
         gradient: gradients of the shape functions [1/mm].
         scaled_gradient: the same times sqrt(w mu factor), with the factor of K in A.
         lame: Lame's lambda and mu [kPa], shape (element_count, 2).
-        lag: h + b [s], shape (element_count,).
+        lag: h + b [s], 0 in first order dynamics, shape (element_count,).
     """
 
     nodes: Integers

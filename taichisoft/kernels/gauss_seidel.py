@@ -16,7 +16,7 @@ off, or on again.
 
 from typing import NamedTuple
 
-from taichisoft.kernels.actuator_rows import best_impulse, pulled_side_tension
+from taichisoft.kernels.actuator_rows import best_impulse, tension_before
 from taichisoft.kernels.axpy import add_multiple, add_three_multiples
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
 from taichisoft.kernels.launch import func, kernel
@@ -126,15 +126,14 @@ def sweep(problem: Problem, iterate: Iterate) -> ti.f64:
                 impulse[n + i] = new[i]
                 residual = ti.max(residual, ti.abs(own[i]))
             add_three_multiples(velocity, change, w, n * rows, rows)
-    tension = 0.0
+    first = 3 * problem.size[CONTACTS]
     for a in range(problem.size[ACTUATORS]):
-        row = 3 * problem.size[CONTACTS] + a
-        own = w[row * rows + row]
+        row = first + a
+        own, tension = w[row * rows + row], tension_before(problem.bounds, a, first, impulse)
         correction = best_impulse(problem.bounds, a, impulse[row], velocity[row], own, tension) - impulse[row]
         residual = ti.max(residual, ti.abs(own * correction))
         impulse[row] = impulse[row] + correction
         add_multiple(velocity, 0, correction, w, row * rows, rows)
-        tension = pulled_side_tension(problem.bounds, a, tension, impulse, row)
     return residual
 
 

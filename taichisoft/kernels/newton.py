@@ -10,12 +10,14 @@ from typing import NamedTuple
 
 from taichisoft.kernels.actuator_rows import (
     AT_UPPER_END,
+    GRIP,
     LOWER_END,
     NOT_HELD,
     UPPER_END,
     best_impulse,
     held_end,
-    pulled_side_tension,
+    sliding_share,
+    tension_before,
 )
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
 from taichisoft.kernels.elimination import solve_linear
@@ -89,7 +91,6 @@ def newton_step(problem: Problem, point: Iterate, newton: NewtonSystem, trial: I
     for a in range(count):
         trial.impulse[row_of[a]] = impulse[row_of[a]]
         step[a] = -point.velocity[row_of[a]]
-    hold_at_ends(count, problem, point, newton)
     for k in range(rows):
         released = impulse[k] - trial.impulse[k]
         if released != 0.0:
@@ -100,6 +101,7 @@ def newton_step(problem: Problem, point: Iterate, newton: NewtonSystem, trial: I
         for b in range(count):
             matrix[a * count + b] = w[row + row_of[b]]
         matrix[a * count + a] = (1.0 + PROXIMAL_SHARE) * w[row + row_of[a]]
+    hold_actuators(count, problem, point, trial.impulse, newton)
     for k in range(count // 3):
         if row_of[3 * k] < 3 * problem.size[CONTACTS]:
             let_slip(3 * k, count, row_of[3 * k] // 3, problem, trial.impulse, newton)
@@ -123,43 +125,83 @@ def choose_rows(problem: Problem, point: Iterate, newton: NewtonSystem) -> ti.i3
             for i in ti.static(range(3)):
                 newton.row_of[count + i] = n + i
             count += 3
-    tension = 0.0
+    first = 3 * problem.size[CONTACTS]
     for a in range(problem.size[ACTUATORS]):
-        row = rows - problem.size[ACTUATORS] + a
+        row = first + a
         w = problem.compliance[row * rows + row]
-        if held_end(problem.bounds, a, point.impulse[row], point.velocity[row], w, tension) != NOT_HELD:
+        takes_part = problem.bounds[a, GRIP] >= 0.0
+        if not takes_part:
+            takes_part = held_end(problem.bounds, a, point.impulse[row], point.velocity[row], w) != NOT_HELD
+        if takes_part:
             newton.row_of[count] = row
             count += 1
-        tension = pulled_side_tension(problem.bounds, a, tension, point.impulse, row)
     return count
 
 
 @func
 def let_actuators_give_way(problem: Problem, point: Iterate, trial: Iterate):
     """Fill in the impulses of all actuators as they are best with the others fixed; held ones are solved for later."""
-    rows = row_count(problem)
-    tension = 0.0
+    rows, first = row_count(problem), 3 * problem.size[CONTACTS]
     for a in range(problem.size[ACTUATORS]):
-        row = rows - problem.size[ACTUATORS] + a
+        row = first + a
         w = problem.compliance[row * rows + row]
-        trial.impulse[row] = best_impulse(problem.bounds, a, point.impulse[row], point.velocity[row], w, tension)
-        tension = pulled_side_tension(problem.bounds, a, tension, point.impulse, row)
+        trial.impulse[row] = best_impulse(problem.bounds, a, point.impulse[row], point.velocity[row], w, 0.0)
 
 
 @func
-def hold_at_ends(count: ti.i32, problem: Problem, point: Iterate, newton: NewtonSystem):
-    """The velocity at which an actuator that takes part is held is that of the end where it is; contacts' is 0."""
-    rows = row_count(problem)
+def hold_actuators(count: ti.i32, problem: Problem, point: Iterate, impulse: Scalars, newton: NewtonSystem):
+    """Rows of actuators say that the coordinate is at its end, or that the tension lost at a point is that of sliding.
+
+    `impulse` are those that the step is added to.
+    """
+    rows, first = row_count(problem), 3 * problem.size[CONTACTS]
     for k in range(count):
         row = newton.row_of[k]
-        a = row - 3 * problem.size[CONTACTS]
+        a = row - first
         if a >= 0:
             w = problem.compliance[row * rows + row]
-            # A row of friction has ends at 0, whatever the tension.
-            if held_end(problem.bounds, a, point.impulse[row], point.velocity[row], w, 0.0) == AT_UPPER_END:
+            if problem.bounds[a, GRIP] >= 0.0:
+                tension = tension_before(problem.bounds, a, first, impulse)
+                share = sliding_share(problem.bounds, a, impulse[row], point.velocity[row], w, tension)
+                if share != 0.0:
+                    let_rub(k, count, a, share, tension, problem, impulse, newton)
+            elif held_end(problem.bounds, a, point.impulse[row], point.velocity[row], w) == AT_UPPER_END:
                 newton.step[k] = newton.step[k] + problem.bounds[a, UPPER_END]
             else:
                 newton.step[k] = newton.step[k] + problem.bounds[a, LOWER_END]
+
+
+@func
+def let_rub(
+    k: ti.i32,
+    count: ti.i32,
+    a: ti.i32,
+    share: ti.f64,
+    tension: ti.f64,
+    problem: Problem,
+    impulse: Scalars,
+    newton: NewtonSystem,
+):
+    """Row k, friction of actuator row a, says l = share T, with T the cable's l less those of the points before."""
+    first = 3 * problem.size[CONTACTS]
+    for b in range(count):
+        newton.matrix[k * count + b] = 0.0
+    newton.matrix[k * count + k] = 1.0
+    newton.step[k] = share * tension - impulse[first + a]
+    b = k - 1
+    above = a - 1
+    while above >= 0:
+        takes_part = b >= 0
+        if takes_part:
+            takes_part = newton.row_of[b] == first + above
+        if takes_part:
+            newton.matrix[k * count + b] = share
+            if problem.bounds[above, GRIP] < 0.0:
+                newton.matrix[k * count + b] = -share
+            b -= 1
+        if problem.bounds[above, GRIP] < 0.0:
+            above = -1
+        above -= 1
 
 
 @func

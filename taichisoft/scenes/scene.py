@@ -129,6 +129,9 @@ class Cable(Table):
     """Whether the pull point moves with the base; else it stays where it is in space."""
     friction: NotNegative = 0.0
     """Friction coefficient between the cable and its points [-]."""
+    axial_stiffness: Positive | None = None
+    """Young's modulus times cross-section: tension per relative stretch [mN]. When it is not given a cable does not
+    stretch; one with friction has 1e7 mN, a thin line of strong fibres, since what does not stretch cannot stick."""
     rod: bool = False
     """Whether it pushes as well as it pulls; the tension of a cable is never negative."""
     lowest_tension: Number | None = None
@@ -356,6 +359,9 @@ class Time(Table):
     """Time step [s]."""
     duration: Positive = 1.0
     """Duration of a run [s]."""
+    dynamics: Literal["second order", "first order"] = "second order"
+    """Newton's law, or motion without inertia against a drag of 1 mN for 1 mm/s and kg, as SOFA's `firstOrder`; soft
+    bodies alone can move so, and Rayleigh damping and their velocities at the start have no effect then."""
 
 
 class Controller(Table):
@@ -471,6 +477,15 @@ class Scene(Table):
                     f"controller.period = {period:g} s must be a whole multiple of time.step = {step:g} s, such as "
                     f"{near} s"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _check_dynamics(self) -> Self:
+        if self.time.dynamics == "first order" and self.rigid_bodies:
+            raise ValueError(
+                f"time.dynamics = 'first order' is for soft bodies alone; remove the rigid body "
+                f"'{next(iter(self.rigid_bodies))}', or leave it 'second order'"
+            )
         return self
 
     @model_validator(mode="after")

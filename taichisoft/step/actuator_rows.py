@@ -29,6 +29,7 @@ class ActuatorRows:
         target_rate: rate that the row's velocity is measured against [mm/s or mm^3/s], shape (row_count,).
         bounds: what the rows obey, see `kernels/actuator_rows.py`, shape (row_count, 6).
         first_impulse: where to start: the impulse of the last step [mN s, of a volume kPa s], shape (row_count,).
+        stretch: first row, and own compliance [mm/s per mN s], of each cable with rows that stretches.
     """
 
     def __init__(self, model: Model, geometry: ActuatorGeometry):
@@ -49,6 +50,7 @@ class ActuatorRows:
         """Find out what the state asks for."""
         np.multiply(state.cavity_target, ~state.cavity_volume_imposed, out=self.load[: self._cavity_count])
         self.coordinates, self.target_rate, self.bounds, self.first_impulse = NO_ROWS
+        self.stretch: list[tuple[int, np.ndarray]] = []
         if state.cavity_volume_imposed.any():
             self._add_cavities(state)
         if self._model.cables.names:
@@ -74,7 +76,11 @@ class ActuatorRows:
         self.first_impulse = state.cavity_pressure[cavities] * self._time_step
 
     def _add_cables(self, state: State) -> None:
-        """Rows of the cables: how far each is pulled in, then the inner points of one that rubs."""
+        """Rows of the cables: how far each is pulled in, then the inner points of one that rubs.
+
+        How far a cable is pulled in is what the bodies give way and what it stretches by; where it sticks at a point,
+        the part beyond grows by its stretch alone.
+        """
         cables, step = self._model.cables, self._time_step
         pull = cables.rest_length - self._geometry.cables.length
         last = np.insert(
@@ -98,7 +104,11 @@ class ActuatorRows:
             rows[0, LOWEST], rows[0, HIGHEST] = lowest * step, (highest if by_pull else UNLIMITED) * step
             rows[1:, GRIP] = self._geometry.cables.grip[own[1:]]
             coordinates.append(self._cavity_count + own)
-            rates.append(np.array([(reference - pull[cable]) / step, *np.zeros(len(own) - 1)]))
+            rate = cables.stretch[cable] @ last[own] / step
+            rate[0] = (reference - pull[cable]) / step
+            if cables.stretch[cable].any():
+                self.stretch.append((len(self.coordinates) + sum(map(len, rates)), cables.stretch[cable] / step**2))
+            rates.append(rate)
             bounds.append(rows)
         self.coordinates = np.concatenate([self.coordinates, *coordinates])
         self.target_rate = np.concatenate([self.target_rate, *rates])

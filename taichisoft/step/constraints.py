@@ -135,10 +135,18 @@ class Constraints:
         if row_count > 3 * contact_count:
             coordinates, gradient = self._model.actuators.coordinates, self._geometry.gradient
             constraint_rows.free_actuator_velocity(rows, coordinates, gradient, free_velocity, rigid)
+            self._add_stretch()
             if len(gradient.rigid):
                 constraint_rows.add_rigid_actuator_compliance(
                     rows, coordinates, gradient, rigid, self._problem.compliance
                 )
+
+    def _add_stretch(self) -> None:
+        """Compliance of the cables themselves."""
+        compliance = self._problem.compliance[: self._row_count**2].reshape(self._row_count, self._row_count)
+        for row, stretch in self._actuators.stretch:
+            own = slice(3 * len(self._chosen) + row, 3 * len(self._chosen) + row + len(stretch))
+            compliance[own, own] += stretch
 
     def _assemble_soft_compliance(self, soft: SoftMotion) -> None:
         solver = soft.system.solver

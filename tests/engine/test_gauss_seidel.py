@@ -25,6 +25,8 @@ class Problem:
     free: np.ndarray
     friction: np.ndarray
     start: np.ndarray
+    bounds: np.ndarray | None = None
+    """Of the rows after the contacts', which are imposed unless this says otherwise."""
 
     def solve(self, tolerance: float = 1e-12, max_iterations: int = 100_000) -> tuple[np.ndarray, np.ndarray]:
         """Impulses, and the number of sweeps and the residual."""
@@ -34,7 +36,7 @@ class Problem:
             compliance=np.concatenate([self.w.reshape(-1), np.full((rows + room) ** 2 - rows**2, np.nan)]),
             free=np.concatenate([self.free, np.full(room, np.nan)]),
             friction=np.concatenate([self.friction, np.full(room, np.nan)]),
-            bounds=np.tile(IMPOSED, (rows - 3 * contacts, 1)),
+            bounds=np.tile(IMPOSED, (rows - 3 * contacts, 1)) if self.bounds is None else self.bounds,
         )
         solver = GaussSeidel(arrays)
         solver.impulse[:rows] = self.start
@@ -103,6 +105,52 @@ def test_the_answer_obeys_signorini_and_coulomb(seed: int, contacts: int, caviti
             assert np.dot(slip, pull) == pytest.approx(-np.hypot(*slip) * size, abs=1e-9)
     for k in range(cavities):
         assert abs(velocity[3 * contacts + k]) < 1e-9
+
+
+@examples(60)
+@given(
+    seed=st.integers(0, 10**6),
+    contacts=st.integers(0, 3),
+    cables=st.lists(
+        st.tuples(st.sampled_from(["pull", "tension", "stops"]), st.integers(0, 3)), min_size=1, max_size=3
+    ),
+    friction=st.sampled_from([0.05, 0.3]),
+)
+def test_the_answer_obeys_the_bounds_of_actuators(
+    seed: int, contacts: int, cables: list[tuple[str, int]], friction: float
+) -> None:
+    """A cable pulls or is slack, a stop holds or is not reached, a point of friction sticks or loses its share.
+
+    Tolerance 1e-9, as above.
+    """
+    random, rows = np.random.default_rng(seed), []
+    for kind, points in cables:
+        preferred, low, high = {"pull": (0.0, 0.0, 0.0), "tension": (0.5, -1e30, 1e30), "stops": (0.5, -0.2, 0.2)}[kind]
+        rows.append([preferred, low, high, 0.0, random.uniform(0.1, 3.0) if kind == "pull" else 1e30, -1.0])
+        rows += [[0.0, 0.0, 0.0, 0.0, 0.0, np.expm1(friction * random.uniform(0, 1))] for _ in range(points)]
+    problem = make_problem(seed, contacts, len(rows), 0.4)
+    problem.bounds = np.array(rows)
+    impulse, outcome = problem.solve()
+    assert outcome[1] < 1e-12
+    velocity = (problem.w @ impulse + problem.free)[3 * contacts :]
+    before = 0.0
+    for (preferred, low, high, lowest, highest, grip), own, rate in zip(
+        rows, impulse[3 * contacts :], velocity, strict=True
+    ):
+        if grip < 0.0:
+            assert lowest <= own <= highest
+            assert rate > low - 1e-9 or own == highest
+            assert rate < high + 1e-9 or own == lowest
+            if low + 1e-9 < rate < high - 1e-9:
+                assert own == preferred
+            before = own
+        else:
+            assert -grip * before - 1e-12 <= own <= before * grip / (1.0 + grip) + 1e-12
+            if rate > 1e-9:  # paid out
+                assert own == pytest.approx(-grip * before, abs=1e-9)
+            elif rate < -1e-9:
+                assert own == pytest.approx(before * grip / (1.0 + grip), abs=1e-9)
+            before -= own
 
 
 @pytest.mark.parametrize("seed", range(5))

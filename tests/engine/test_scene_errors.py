@@ -55,6 +55,14 @@ WRONG = [
     ({"rigid_bodies": {"cube": {"mass": 1}}}, "exactly one of surface, box is needed; given: none"),
     (soft(anchors=[{}]), "soft_bodies.finger.anchors.0: exactly one of box, group, nodes is needed; given: none"),
     ({}, "a scene needs at least one soft body or rigid body"),
+    (
+        with_box(time={"dynamics": "first order"}, **soft()),
+        "time.dynamics = 'first order' is for soft bodies alone; remove the rigid body 'cube'",
+    ),
+    (
+        with_box(time={"dynamics": "static"}),
+        "time.dynamics = 'static': input should be 'second order' or",
+    ),
     # without effect
     (rigid(scale=2), "rigid_bodies.cube: beside box there is no effect of scale; remove it"),
     (

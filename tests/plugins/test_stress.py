@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.bodies.elasticity import Elasticity, ElasticSystem
 from taichisoft.bodies.elements import lame_parameters, linear_tetrahedra
+from taichisoft.scenes.scene import Time
 from taichisoft_plugins.stress import StressLaw, nodal_mean, von_mises
 
 MESH = make_block((2, 2, 3), (20.0, 25.0, 30.0))
@@ -51,7 +52,7 @@ def test_sums_to_the_nodal_forces_of_the_engine(corotation: str) -> None:
     """f_a = -sum over elements of w s R g_a, to round-off: large and uneven deformation, with a rotation."""
     random = np.random.default_rng(7)
     position = (MESH.nodes + random.normal(0.0, 1.0, MESH.nodes.shape)) @ TURN.T
-    system = ElasticSystem(Elasticity([_body(corotation)], time_step=0.01))
+    system = ElasticSystem(Elasticity([_body(corotation)], Time(step=0.01)))
     system.position[:] = position
     system.assemble()
     stress = stress_at(position, polar=corotation == "polar")
