@@ -143,6 +143,7 @@ class SceneDraft:
 
     Attributes:
         exact: whether SOFA's reading is kept where the usual one departs from it.
+        effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so, an impulse, except in first order.
         bodies: one for each independent mechanical object, by the identity of that component.
         solvers: time integration by node.
         linear_solvers: linear solvers by node.
@@ -155,6 +156,7 @@ class SceneDraft:
     """
 
     exact: bool = False
+    effort_of_value: float = 1.0
     bodies: dict[int, Body] = field(default_factory=dict)
     solvers: dict[int, "Component"] = field(default_factory=dict)
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)

@@ -112,7 +112,7 @@ declare(
 )
 declare(
     "SurfacePressureConstraint",
-    value=VECTOR,
+    value=(VECTOR, (0.0,)),
     valueIndex=INTEGER,
     valueType=(TEXT, "pressure"),
     triangles=index_rows(3),
@@ -135,7 +135,7 @@ declare(
 )
 declare(
     "CableConstraint",
-    value=VECTOR,
+    value=(VECTOR, (0.0,)),
     valueIndex=INTEGER,
     valueType=(TEXT, "displacement"),
     indices=INDICES,

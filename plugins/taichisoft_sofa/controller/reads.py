@@ -29,15 +29,15 @@ class RunValues:
         """Let the tree's data ask here.
 
         Raises:
-            SceneError: the model has other bodies than the translation.
+            SceneError: the model lacks a soft body of the translation.
         """
         self._observation: Observation | None = None
         self._waiting: list[tuple[Data, Callable[[], Any]]] = []
-        self._dt = model.scene.time.step
+        self._effort_of_value = translation.effort_of_value
         self._names = translation.names
         soft = {body.name: body for body in model.soft_bodies}
         rigid = {body.name: number for number, body in enumerate(model.rigid_bodies)}
-        missing = [name for name in (*translation.soft, *translation.rigid) if name not in {**soft, **rigid}]
+        missing = [name for name in translation.soft if name not in soft]
         if missing:
             raise SceneError(f"has a body '{missing[0]}' that the run does not have")
         self._provide(tree.root.findData("time"), lambda: self._seen.time)
@@ -108,18 +108,18 @@ class RunValues:
             "cavityVolume": lambda: self._seen.volumes[name],
             "initialCavityVolume": lambda: rest,
             "volumeGrowth": lambda: self._seen.volumes[name] - rest,
-            "pressure": lambda: self._seen.pressures[name] * self._dt,
+            "pressure": lambda: self._seen.pressures[name] / self._effort_of_value,
         }.items():
             self._provide(cavity.findData(data), value)
 
     def _provide_cable(self, cable: Component, model: "Model") -> None:
-        name = self._names[cable]
-        rest = float(model.initial_state().cable_length[model.cables.names.index(name)])
+        number = model.cables.names.index(self._names[cable])
+        rest = float(model.cables.rest_length[number])
         for data, value in {
-            "cableLength": lambda: self._seen.cable_lengths[name],
+            "cableLength": lambda: float(self._state.cable_length[number]),
             "cableInitialLength": lambda: rest,
-            "displacement": lambda: rest - self._seen.cable_lengths[name],
-            "force": lambda: self._seen.cable_tensions[name] * self._dt,
+            "displacement": lambda: rest - float(self._state.cable_length[number]),
+            "force": lambda: float(self._state.cable_tension[number]) / self._effort_of_value,
         }.items():
             self._provide(cable.findData(data), value)
 

@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft.control.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.actuators import VOLUME, value_by
-from taichisoft_sofa.components.reading import described, number
+from taichisoft_sofa.components.reading import described, flag, number, text
 from taichisoft_sofa.components.table import IGNORED
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
@@ -44,7 +44,7 @@ class SceneWrites:
         """Find the data that steer the run.
 
         Raises:
-            SceneError: the run lacks a cavity of the scene.
+            SceneError: the run lacks a cavity or cable of the scene.
         """
         self._tree, self._translation = tree, translation
         self.time_step = model.scene.time.step
@@ -56,7 +56,14 @@ class SceneWrites:
                     raise SceneError(f"has a cavity '{name}' that the run does not have")
                 self._cavities.append((component, name))
             elif kind == "CableConstraint":
+                if name not in model.cables.names:
+                    raise SceneError(f"has a cable '{name}' that the run does not have")
                 self._cables.append((component, name))
+        lengths = dict(zip(model.cables.names, model.cables.rest_length, strict=True))
+        self._paid_out = {
+            name: number(cable, "cableInitialLength", default=lengths[name]) - lengths[name]
+            for cable, name in self._cables
+        }
         self._rest = {name: part.body.state.findData("rest_position") for name, part in translation.soft.items()}
         self._gravity = tree.root.findData("gravity")
         self._watched: list[tuple[Data, str]] = []
@@ -67,6 +74,10 @@ class SceneWrites:
         for data in self._rest.values():
             data.take()
         self._gravity.take()
+        for cable, _ in self._cables:
+            place = cable.findData("pullPoint")
+            if place is not None:
+                place.take()
         self._told: set[int] = set()
         self._watched = list(self._changeable())
         self._revisions = [data.revision for data, _ in self._watched]
@@ -79,7 +90,17 @@ class SceneWrites:
             if value_by(cavity) == VOLUME:
                 growth[name] = _within(cavity, value, "VolumeGrowth")
             else:
-                pressure[name] = self._translation.signs[cavity] * _within(cavity, value, "Pressure") / self.time_step
+                pressure[name] = self._translation.signs[cavity] * _within(cavity, value, "Pressure") * self._translation.effort_of_value
+        tension, pull, pull_points = {}, {}, {}
+        for cable, name in self._cables:
+            value = _present(cable)
+            if text(cable, "valueType", default="displacement") in ("force", "1"):
+                tension[name] = value * self._translation.effort_of_value
+            else:
+                pull[name] = value - self._paid_out[name]
+            place = cable.findData("pullPoint")
+            if place is not None and flag(cable, "hasPullPoint", True) and (moved := place.take()) is not None:
+                pull_points[name] = numbers(moved)
         anchors = {}
         for name, data in self._rest.items():
             part, moved = self._translation.soft[name], data.take()
@@ -89,6 +110,9 @@ class SceneWrites:
         return Control(
             pressure=pressure,
             volume_growth=growth,
+            cable_tension=tension,
+            cable_pull=pull,
+            pull_points=pull_points,
             anchor_positions=anchors,
             gravity=None if gravity is None else numbers(gravity),
         )

@@ -44,6 +44,7 @@ class Translation:
         tables: what the native scene would have in TOML; files are named as `files` has them.
         files: meshes and surfaces.
         names: native names by component: bodies by their mechanical objects, cavities and cables by their constraints.
+        effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so.
         signs: 1 by cavity whose walls face outward, seen from the air; -1 where a pressure shrinks it.
         soft: soft bodies by native name.
         rigid: rigid bodies by native name.
@@ -58,6 +59,7 @@ class Translation:
     tables: dict[str, Any] = field(default_factory=dict)
     files: "MeshFiles" = field(default_factory=lambda: MeshFiles())
     names: "dict[Component, str]" = field(default_factory=dict)
+    effort_of_value: float = 1.0
     signs: "dict[Component, float]" = field(default_factory=dict)
     soft: dict[str, SoftPart] = field(default_factory=dict)
     rigid: "dict[str, Body]" = field(default_factory=dict)

@@ -9,23 +9,31 @@ from taichisoft.bodies.elements import lame_parameters
 from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
-from taichisoft_sofa.components.reading import computed, flag, number
+from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
 from taichisoft_sofa.draft import Anchor, Body, Mass, Material, SceneDraft
 from taichisoft_sofa.translation.names import clean, unique
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.kinds import canonical
 
 STANDING = 1e12
 """Stiffness [mN/mm] by which every node of a body is held that nothing moves in SOFA."""
 
+LARGEST = 1e30
+"""Beyond any tension [mN] and pull [mm]: scenes write the largest number there is where they want no limit."""
+
 
 def body_tetrahedra(body: Body) -> np.ndarray:
     """The tetrahedra of a body: those of its topology, then those that only a force field has, shape (count, 4)."""
-    topology = nearest(body.node, TOPOLOGIES, lambda container: len(computed(container, "tetrahedra", 4)) > 0)
+    topology = _topology(body)
     own = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
     rows = np.vstack([own, *(material.tetrahedra for material in body.materials)])
     _, first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)
     return rows[np.sort(first)]
+
+
+def _topology(body: Body) -> Component | None:
+    return nearest(body.node, TOPOLOGIES, lambda container: len(computed(container, "tetrahedra", 4)) > 0)
 
 
 def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneDraft, translation: Translation) -> None:
@@ -63,8 +71,9 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     if solver is not None:
         table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
-        if flag(solver, "firstOrder", False):
-            draft.refuse(solver, "firstOrder; bodies have inertia here")
+    topology = _topology(body)
+    if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
+        table["embedding"] = "grid"
     kinds = {material.corotation for material in body.materials}
     if len(kinds) > 1:
         draft.refuse(body.materials[1].component, "force fields of one body must take the rotation of elements alike")
@@ -75,6 +84,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     table["anchors"] = _anchors(anchors, place, draft)
     _add_surfaces(name, body, table, draft, translation)
     _add_cavities(name, body, table, translation)
+    _add_cables(name, body, table, draft, translation)
     translation.tables.setdefault("soft_bodies", {})[name] = table
     translation.names[body.state] = name
     held, follows = np.zeros(len(points), dtype=bool), np.ones(len(points), dtype=bool)
@@ -155,3 +165,26 @@ def _add_cavities(name: str, body: Body, table: dict[str, Any], translation: Tra
         table.setdefault("cavities", {})[cavity_name] = {"surface": path}
         translation.names[cavity.component] = f"{name}.{cavity_name}"
         translation.signs[cavity.component] = 1.0 if enclosed_volume(cavity.points, cavity.triangles) > 0.0 else -1.0
+
+
+def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
+    taken = list(table.get("cavities", {}))
+    names = unique([*taken, *(clean(node_of(cable.component).getName()) for cable in body.cables)])[len(taken) :]
+    for cable_name, cable in zip(names, body.cables, strict=True):
+        component = cable.component
+        made: dict[str, Any] = {"points": cable.points.tolist(), "pull_point_moves": False}
+        if flag(component, "hasPullPoint", True):
+            made["pull_point"] = vector(component, "pullPoint", default=(0.0, 0.0, 0.0)).tolist()
+        if not is_given(component, "minForce") or number(component, "minForce", default=0.0) < 0.0:
+            made["rod"] = True
+        for key, data, factor in (
+            ("lowest_tension", "minForce", draft.effort_of_value),
+            ("highest_tension", "maxForce", draft.effort_of_value),
+            ("lowest_pull", "maxNegativeDisp", -1.0),
+            ("highest_pull", "maxPositiveDisp", 1.0),
+        ):
+            if is_given(component, data):
+                limit = factor * number(component, data, default=0.0)
+                made[key] = max(-LARGEST, min(LARGEST, limit))
+        table.setdefault("cables", {})[cable_name] = made
+        translation.names[component] = f"{name}.{cable_name}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # the tree computes data from here on
 from taichisoft_sofa.components.graph import upwards
-from taichisoft_sofa.components.reading import described
+from taichisoft_sofa.components.reading import described, flag
 from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD, purpose
 from taichisoft_sofa.draft import Body, SceneDraft
 from taichisoft_sofa.translation.contact import contact_table
@@ -39,10 +39,13 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
             continue
         for component in node.objects:
             _gather(component, draft, translation)
+    time_step = float(root.dt.read_value())
+    first_order = _is_first_order(draft)
+    draft.effort_of_value = translation.effort_of_value = 1.0 if first_order else 1.0 / time_step
     translation.tables = {
         "title": Path(tree.path).stem,
         "gravity": [float(value) for value in root.gravity.read_value()],
-        "time": {"step": float(root.dt.read_value())},
+        "time": {"step": time_step, **({"dynamics": "first order"} if first_order else {})},
     }
     if contact := contact_table(draft):
         translation.tables["contact"] = contact
@@ -67,6 +70,15 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
             draft.refused.append(str(error))
     elif not is_controller(component):
         draft.refused.append(f"{described(component)}: is not known here; it would be needed for {purpose(kind)}")
+
+
+def _is_first_order(draft: SceneDraft) -> bool:
+    """Whether bodies move without inertia; all must move alike."""
+    moved = [solver for body in draft.bodies.values() if (solver := _moved_by(body, draft)) is not None]
+    kinds = {flag(solver, "firstOrder", False) for solver in moved}
+    if len(kinds) > 1:
+        draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
+    return kinds == {True}
 
 
 def is_controller(component: "Component") -> bool:
