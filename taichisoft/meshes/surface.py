@@ -1,6 +1,7 @@
 """Triangulated surfaces: those that move with nodes, and whether a surface is closed and which way it faces."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,6 +34,20 @@ class MappedSurface:
             nodes.reshape(-1, 1).astype(np.int32),
             np.ones((len(nodes), 1)),
             vertices.reshape(-1, 3).astype(np.int32),
+        )
+
+    @classmethod
+    def joined(cls, surfaces: Sequence["MappedSurface"]) -> "MappedSurface":
+        """Surfaces whose vertices have as many nodes each, as one, in their order; a single one remains itself."""
+        if len(surfaces) == 1:
+            return surfaces[0]
+        first_vertex = np.cumsum([0, *(len(surface.nodes) for surface in surfaces)])
+        return cls(
+            np.vstack([surface.nodes for surface in surfaces]),
+            np.vstack([surface.weights for surface in surfaces]),
+            np.vstack(
+                [surface.triangles + first for surface, first in zip(surfaces, first_vertex[:-1], strict=True)]
+            ).astype(np.int32),
         )
 
     def positions(self, node_positions: np.ndarray) -> np.ndarray:
