@@ -86,7 +86,9 @@ def _options(
 @takes_reader_options
 def run_command(
     context: typer.Context,
-    scene: Annotated[str, typer.Argument(help="Scene file (TOML, SOFA's Python), or the name of a shipped one, such as gripper.")],
+    scene: Annotated[
+        str, typer.Argument(help="Scene file (TOML, SOFA's Python), or the name of a shipped one, such as gripper.")
+    ],
     controller: Annotated[str | None, typer.Option(help="Name of a controller  \\[default: the scene's own]")] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the results  \\[default: out/SCENE]")

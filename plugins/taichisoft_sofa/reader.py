@@ -18,7 +18,7 @@ LOGGER = logging.getLogger("taichisoft.sofa")
 CONTROLLER = "sofa"
 CACHE_VARIABLE = "TAICHISOFT_CACHE"
 DIGITS = 16  # of the hash, in the name of a folder of meshes
-FILE_KEYS = ("mesh", "surface", "collision_surface", "points")
+FILE_KEYS = ("mesh", "surface", "file")
 
 
 def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False) -> dict[str, Any]:

@@ -90,7 +90,11 @@ class SceneWrites:
             if value_by(cavity) == VOLUME:
                 growth[name] = _within(cavity, value, "VolumeGrowth")
             else:
-                pressure[name] = self._translation.signs[cavity] * _within(cavity, value, "Pressure") * self._translation.effort_of_value
+                pressure[name] = (
+                    self._translation.signs[cavity]
+                    * _within(cavity, value, "Pressure")
+                    * self._translation.effort_of_value
+                )
         tension, pull, pull_points = {}, {}, {}
         for cable, name in self._cables:
             value = _present(cable)

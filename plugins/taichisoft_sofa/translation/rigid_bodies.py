@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.reading import number
 from taichisoft_sofa.draft import Body, SceneDraft
+from taichisoft_sofa.translation.contact import collides
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.tree.kinds import canonical
 
@@ -27,13 +28,15 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Transl
     for anchor in body.anchors:
         draft.refuse(anchor.component, "holds a rigid body; rigid bodies are free or stand still")
     points, triangles = joined_surfaces(body)
-    if not len(triangles):
-        draft.refuse(body.state, "is a rigid body without a collision model of triangles")
-        return
     mass = body.mass.total if body.mass.total is not None else body.mass.each or 0.0
     pose = body.position[0]
+    shape: dict[str, Any] = {"surface": translation.files.surface(name, points, triangles)}
+    if not len(triangles):  # what cannot be seen has no shape, but a native body has one
+        shape = {"box": [1.0, 1.0, 1.0]}
     table: dict[str, Any] = {
-        "surface": translation.files.surface(name, points, triangles),
+        **shape,
+        "collides": bool(len(triangles)) and collides(draft),
+        "groups": groups_of(body),
         "mass": float(mass),
         "centre_of_mass": [0.0, 0.0, 0.0],
         "position": pose[:3].tolist(),
@@ -42,7 +45,7 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Transl
     given = body.mass.inertia
     if given is not None and not (given == UNIT_INERTIA).all():
         table["inertia"] = (mass * given).tolist()
-    elif draft.exact:
+    elif draft.exact or not len(triangles):
         table["inertia"] = (mass * UNIT_INERTIA).tolist()
     else:
         draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA takes that of 1 mm^2 by mass")
@@ -52,10 +55,10 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Transl
     translation.rigid[name] = body
 
 
-def add_obstacle(name: str, body: Body, translation: Translation) -> None:
-    """Put something that stands still into a translation; without a surface it is nothing."""
+def add_obstacle(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
+    """Put something that stands still into a translation; without anything to touch it, it is nothing."""
     points, triangles = joined_surfaces(body)
-    if not len(triangles):
+    if not len(triangles) or not collides(draft):
         return
     if body.rigid:
         points = points @ Rotation.from_quat(body.position[0, 3:]).as_matrix().T + body.position[0, :3]
@@ -73,6 +76,11 @@ def joined_surfaces(body: Body) -> tuple[np.ndarray, np.ndarray]:
         triangles.append(surface.triangles + count)
         count += len(surface.points)
     return np.vstack(points), np.vstack(triangles)
+
+
+def groups_of(body: Body) -> list[int]:
+    """The collision groups of all surfaces of a body."""
+    return sorted({group for surface in body.surfaces.values() for group in surface.groups})
 
 
 def degrees(quaternion: np.ndarray) -> list[float]:

@@ -6,11 +6,12 @@ from typing import Any
 import numpy as np
 
 from taichisoft.bodies.elements import lame_parameters
-from taichisoft.meshes.surface import enclosed_volume
+from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
 from taichisoft_sofa.draft import Anchor, Body, Mass, Material, SceneDraft
+from taichisoft_sofa.translation.contact import collides
 from taichisoft_sofa.translation.names import clean, unique
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
@@ -124,6 +125,13 @@ def _regions(young: np.ndarray, poisson: np.ndarray) -> tuple[dict[str, np.ndarr
     return groups, [{key: float(value) for key, value in region.items()} for region in found]
 
 
+def merged_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Triangles in which vertices at the same place are one, as they will be read from the file."""
+    _, same = np.unique(points, axis=0, return_inverse=True)
+    merged = same.reshape(-1)[triangles]
+    return merged[(merged != np.roll(merged, 1, axis=1)).all(axis=1)]
+
+
 def _mass(mass: Mass | None, kept: int, all_points: int) -> dict[str, float]:
     """Mass or density; points that are left out take their share of the mass with them."""
     if mass is None:
@@ -151,11 +159,26 @@ def _anchors(anchors: list[Anchor], place: np.ndarray, draft: SceneDraft) -> lis
 
 
 def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
+    surfaces = [surface for surface in body.surfaces.values() if len(surface.triangles)]
     for surface in body.surfaces.values():
         if not len(surface.triangles):
             draft.refuse(surface.component, "its topology has no triangles; points and lines alone do not collide here")
-            continue
-        table["collision_surface"] = translation.files.surface(f"{name}-collision", surface.points, surface.triangles)
+        if surface.self_collision:
+            draft.refuse(
+                surface.component, "selfCollision; the surfaces of a body touch each other, none touches itself"
+            )
+    if not surfaces or not collides(draft):
+        table["collides"] = False
+    names = unique([clean(node_of(surface.component).getName()) for surface in surfaces])
+    for surface_name, surface in zip(names, surfaces, strict=True):
+        made: dict[str, Any] = {
+            "file": translation.files.surface(f"{name}-{surface_name}", surface.points, surface.triangles)
+        }
+        if surface.groups:
+            made["groups"] = sorted(surface.groups)
+        if count_open_edges(merged_triangles(surface.points, surface.triangles)):
+            made["open"] = True
+        table.setdefault("collision_surface", []).append(made)
 
 
 def _add_cavities(name: str, body: Body, table: dict[str, Any], translation: Translation) -> None:

@@ -105,7 +105,7 @@ def _add_body(name: str, body: Body, draft: SceneDraft, translation: Translation
     if not body.rigid and len(body_tetrahedra(body)):
         add_soft_body(name, body, solver, draft, translation)
     elif solver is None:
-        add_obstacle(name, body, translation)
+        add_obstacle(name, body, draft, translation)
     elif body.rigid:
         add_rigid_body(name, body, draft, translation)
     else:
