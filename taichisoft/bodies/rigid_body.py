@@ -57,6 +57,7 @@ class Obstacle:
     triangles: np.ndarray | None = None
     point: np.ndarray | None = None
     normal: np.ndarray | None = None
+    groups: frozenset[int] = frozenset()
     turn: np.ndarray = field(default_factory=lambda: np.eye(3))
     shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
