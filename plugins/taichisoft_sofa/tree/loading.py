@@ -131,10 +131,10 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
     Raises:
         SceneError: The scene cannot be read, or fails.
     """
-    path = Path(path).resolve()
+    path = Path(path).absolute()
     if not path.is_file():
         raise SceneError(f"{path}: no such file")
-    folders = [Path(folder).resolve() for folder in python_path]
+    folders = [Path(folder).absolute() for folder in python_path]
     for folder in folders:
         if not folder.is_dir():
             raise SceneError(f"{folder}: no such folder to find a scene's libraries in")
