@@ -268,4 +268,15 @@ def test_the_kinds_of_data_that_scenes_add() -> None:
 def test_a_kind_may_depend_on_the_template() -> None:
     kinds.declare("State", position=lambda item: fixed(7) if item.template == "Rigid3" else vectors(3))
     assert Node("root").addObject("State", position=range(7), template="Rigid3").position.shape == (7,)
-    assert Node("root").addObject("State", position=[1, 2, 3]).position.shape == (1, 3)
+    state = Node("root").addObject("State", position=[1, 2, 3, 0, 0, 0])
+    assert state.position.shape == (2, 3)
+    state.position.setParent(Node("other").addObject("Thing", position=range(7)).position)
+    state.template = "Rigid3"
+    assert state.position.shape == (7,)
+
+
+def test_a_value_is_read_as_its_kind_is_now() -> None:
+    kinds.declare("State", position=lambda item: vectors(2) if item.template == "Vec2" else vectors(3))
+    state = Node("root").addObject("State", position=[1, 2, 3, 4, 5, 6])
+    state.template = "Vec2"
+    assert state.position.shape == (3, 2)

@@ -101,7 +101,7 @@ def test_what_our_modules_do_not_have_is_one_line(tmp_path: Path) -> None:
 
 def test_a_real_sofa_is_neither_used_nor_touched(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     real = ModuleType("Sofa")
-    written(tmp_path / "real", SofaRuntime_py="raise RuntimeError")
+    written(tmp_path / "real", {"SofaRuntime.py": "raise RuntimeError"})
     with monkeypatch.context() as changed:
         changed.setitem(sys.modules, "Sofa", real)
         changed.setattr(sys, "path", [str(tmp_path / "real"), *sys.path])
@@ -110,14 +110,14 @@ def test_a_real_sofa_is_neither_used_nor_touched(tmp_path: Path, monkeypatch: py
 
 
 def test_a_scene_runs_in_its_folder_and_finds_its_files_and_modules(tmp_path: Path) -> None:
-    written(tmp_path / "deeper", points_txt="1 2 3")
+    written(tmp_path / "deeper", {"points.txt": "1 2 3"})
     create = """
         import os
         from own_parts import position
         assert os.getcwd() == os.path.dirname(os.path.abspath(__file__))
         root.addObject("MechanicalObject", rest_position=open("deeper/points.txt").read(), position=position)
     """
-    tree = loaded(tmp_path, create, own_parts_py="position = [[4, 5, 6]]")
+    tree = loaded(tmp_path, create, files={"own_parts.py": "position = [[4, 5, 6]]"})
     assert tree.root.MechanicalObject.rest_position.value.tolist() == [[1, 2, 3]]
     assert tree.root.MechanicalObject.position.value == [[4, 5, 6]]
     assert tree.find_file("deeper/points.txt") == tmp_path / "deeper/points.txt"
@@ -126,7 +126,7 @@ def test_a_scene_runs_in_its_folder_and_finds_its_files_and_modules(tmp_path: Pa
 
 
 def test_folders_of_files_that_a_scene_registers(tmp_path: Path) -> None:
-    written(tmp_path / "meshes", cube_obj="")
+    written(tmp_path / "meshes", {"cube.obj": ""})
     tree = loaded(tmp_path, 'import SofaRuntime\nSofaRuntime.DataRepository.addFirstPath("meshes")')
     assert tree.find_file("cube.obj") == tmp_path / "meshes/cube.obj"
 
@@ -134,7 +134,9 @@ def test_folders_of_files_that_a_scene_registers(tmp_path: Path) -> None:
 def test_two_scenes_with_modules_of_the_same_name(tmp_path: Path) -> None:
     for name in ("one", "two"):
         (tmp_path / name).mkdir()
-        loaded(tmp_path / name, "import own_parts\nroot.name = own_parts.NAME", own_parts_py=f"NAME = '{name}'")
+        loaded(
+            tmp_path / name, "import own_parts\nroot.name = own_parts.NAME", files={"own_parts.py": f"NAME = '{name}'"}
+        )
     monkey = ModuleType("own_parts")
     sys.modules["own_parts"] = monkey
     try:
@@ -151,7 +153,9 @@ def test_a_controller_is_told_of_keys_and_steps(tmp_path: Path) -> None:
         root.addObject("CableConstraint", name="cable", value=0.0)
         root.addObject(Own(root))
     """
-    tree = loaded(tmp_path, create, own_controller_py=CONTROLLER, own_later_py="def late(dt): return f'late {dt}'")
+    tree = loaded(
+        tmp_path, create, files={"own_controller.py": CONTROLLER, "own_later.py": "def late(dt): return f'late {dt}'"}
+    )
     (own,) = tree.controllers
     assert own is tree.root.Own
     tree.initialise()
@@ -168,7 +172,9 @@ def test_a_controller_is_told_of_keys_and_steps(tmp_path: Path) -> None:
 
 
 def test_a_controller_that_does_not_listen_is_told_nothing(tmp_path: Path) -> None:
-    tree = loaded(tmp_path, "from own_controller import Own\nroot.addObject(Own(root))", own_controller_py=CONTROLLER)
+    tree = loaded(
+        tmp_path, "from own_controller import Own\nroot.addObject(Own(root))", files={"own_controller.py": CONTROLLER}
+    )
     tree.root.Own.listening = False
     tree.key_pressed("+")
     assert tree.root.Own.seen == []
@@ -232,7 +238,7 @@ OLDER_SCENE = """
 
 
 def test_an_older_controller_sees_vectors_as_lists_of_rows(tmp_path: Path) -> None:
-    tree = loaded(tmp_path, OLDER_SCENE, controllers__own_py=OLDER)
+    tree = loaded(tmp_path, OLDER_SCENE, files={"controllers/own.py": OLDER})
     (own,) = tree.controllers
     assert own is tree.root.PythonScriptController
     assert own.filename.value == "controllers/own.py"
@@ -268,7 +274,11 @@ def test_an_older_controller_attaches_itself_to_its_node(tmp_path: Path) -> None
 )
 def test_an_older_controller_that_is_not_there_is_one_line(tmp_path: Path, arguments: str, error: str) -> None:
     with pytest.raises(SceneError, match=rf"scene.py, line 3: .*{error}"):
-        loaded(tmp_path, f"root.createObject('PythonScriptController', {arguments})", own_py="class controller: pass")
+        loaded(
+            tmp_path,
+            f"root.createObject('PythonScriptController', {arguments})",
+            files={"own.py": "class controller: pass"},
+        )
 
 
 @pytest.mark.parametrize(
@@ -284,9 +294,9 @@ def test_an_older_controller_that_is_not_there_is_one_line(tmp_path: Path, argum
     ],
 )
 def test_what_a_scene_raises_is_one_line_with_its_place(tmp_path: Path, create: str, error: str) -> None:
-    files = {"own_parts_py": "def fail():\n    raise ValueError('not\\nso')", "own_broken_py": "x = 1\ny = = 2\n"}
+    files = {"own_parts.py": "def fail():\n    raise ValueError('not\\nso')", "own_broken.py": "x = 1\ny = = 2\n"}
     with pytest.raises(SceneError, match=error) as raised:
-        loaded(tmp_path, create, **files)
+        loaded(tmp_path, create, files=files)
     assert "\n" not in str(raised.value)
     assert raised.value.__cause__ is not None
 
@@ -306,7 +316,7 @@ def test_what_a_controller_raises_is_one_line_with_its_place(tmp_path: Path) -> 
 
 @pytest.mark.parametrize("text", ["", "createScene = 3"])
 def test_a_scene_without_create_scene_is_an_error(tmp_path: Path, text: str) -> None:
-    written(tmp_path, scene_py=text)
+    written(tmp_path, {"scene.py": text})
     with pytest.raises(SceneError, match=r"scene.py: has no function createScene\(root\)"):
         load_tree(tmp_path / "scene.py")
 
@@ -314,7 +324,7 @@ def test_a_scene_without_create_scene_is_an_error(tmp_path: Path, text: str) -> 
 def test_a_file_or_folder_that_is_not_there_is_an_error(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"none.py: no such file"):
         load_tree(tmp_path / "none.py")
-    written(tmp_path, scene_py="")
+    written(tmp_path, {"scene.py": ""})
     with pytest.raises(SceneError, match="none: no such folder"):
         load_tree(tmp_path / "scene.py", [tmp_path / "none"])
 
@@ -340,7 +350,7 @@ def library(tmp_path: Path) -> Path:
     """A folder with a library that is called like one of SOFA's."""
     folder = tmp_path / "library/stlib3"
     folder.mkdir(parents=True)
-    written(folder, __init___py="", parts_py=LIBRARY)
+    written(folder, {"__init__.py": "", "parts.py": LIBRARY})
     return folder.parent
 
 
@@ -354,7 +364,7 @@ def test_a_library_that_is_not_there_is_one_line_that_says_what_to_get(tmp_path:
 def test_a_library_runs_on_our_modules(
     tmp_path: Path, library: Path, way: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    written(tmp_path, scene_py="from stlib3.parts import Cube\ndef createScene(root):\n    Cube(root)\n")
+    written(tmp_path, {"scene.py": "from stlib3.parts import Cube\ndef createScene(root):\n    Cube(root)\n"})
     with monkeypatch.context() as changed:
         if way == "PYTHONPATH":
             changed.setattr(sys, "path", [*sys.path, str(library)])
@@ -372,7 +382,7 @@ def test_a_library_under_its_older_name_attaches_prefabs_and_names_solvers_as_it
         ElasticMaterialObject(attachedTo=root, volumeMeshFileName="one.vtk", name="one")
         ElasticMaterialObject(root, "two.vtk", "two")
     """
-    written(tmp_path, scene_py="def createScene(root):\n" + dedent(create).replace("\n", "\n    "))
+    written(tmp_path, {"scene.py": "def createScene(root):\n" + dedent(create).replace("\n", "\n    ")})
     tree = load_tree(tmp_path / "scene.py", [library])
     assert tree.root.Cube.Solver.getClassName() == "CGLinearSolver"
     assert tree.root.Cube.hasObject("UncoupledConstraintCorrection")
@@ -400,8 +410,43 @@ def test_what_a_scene_adds_to_the_path_is_there_for_its_controllers(tmp_path: Pa
         root.addObject(Own())
     """
     (tmp_path / "deeper").mkdir()
-    written(tmp_path / "deeper", own_deep_py="import Sofa.Core\nNAME = 'deep'")
+    written(tmp_path / "deeper", {"own_deep.py": "import Sofa.Core\nNAME = 'deep'"})
     tree = loaded(tmp_path, create, "import Sofa.Core")
     tree.key_pressed("+")
     tree.key_pressed("+")
     assert tree.controllers == [tree.root.deep]
+    assert not list(tmp_path.rglob("__pycache__"))
+
+
+def test_a_module_is_the_same_every_time_a_controller_imports_it(tmp_path: Path) -> None:
+    create = """
+        class Own(Sofa.Core.Controller):
+            def onKeypressedEvent(self, event):
+                import own_state
+                own_state.COUNT.append(event["isCtrlPressed"])
+                self.count = len(own_state.COUNT)
+        root.addObject(Own())
+    """
+    tree = loaded(tmp_path, create, "import Sofa.Core", files={"own_state.py": "COUNT = []"})
+    for _ in range(3):
+        tree.key_pressed("+")
+    assert tree.root.Own.count == 3
+    assert tree.root.Own.name.value == "Own"
+
+
+def test_an_error_in_a_library_names_the_line_of_the_scene_too(tmp_path: Path, library: Path) -> None:
+    written(tmp_path, {"scene.py": "from stlib3.parts import Cube\ndef createScene(root):\n    Cube(None)\n"})
+    with pytest.raises(
+        SceneError, match=r"scene.py, line 3, in .*/stlib3/parts.py, line 5: AttributeError: 'NoneType'"
+    ):
+        load_tree(tmp_path / "scene.py", [library])
+
+
+def test_a_library_in_python_2_is_converted_wherever_it_is_found(
+    tmp_path: Path, library: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    written(library / "stlib3", {"old.py": "print 'a'\nX = 7 / 2\n"})
+    with monkeypatch.context() as changed:
+        changed.setattr(sys, "path", [*sys.path, str(library)])
+        tree = loaded(tmp_path, "from stlib3.old import X\nroot.dt = X")
+    assert tree.root.getDt() == 3

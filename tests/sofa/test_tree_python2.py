@@ -13,7 +13,7 @@ from taichisoft_sofa.tree.python2 import compiled
 def values(folder: Path, text: str) -> dict[str, object]:
     """The global variables of a module in Python 2 that a scene imports."""
     create = "import own\nroot.found = {name: getattr(own, name) for name in dir(own)}"
-    return dict(loaded(folder, create, own_py=text).root.found)
+    return dict(loaded(folder, create, files={"own.py": text}).root.found)
 
 
 @pytest.mark.parametrize(
@@ -72,7 +72,7 @@ def test_a_package_of_python_2_imports_what_is_beside_it(tmp_path: Path) -> None
 
 def test_python_3_stays_as_it_is(tmp_path: Path) -> None:
     text = "import math\n\ndef f(xrange):\n    return [math.pi / x for x in xrange]\n\nprint(f([2]), 1 / 2)\n"
-    written(tmp_path, own_py=text)
+    written(tmp_path, {"own.py": text})
     assert not compiled(tmp_path / "own.py").python2
     assert not compiled(tmp_path / "own.py").older
 
@@ -82,7 +82,7 @@ def test_python_3_stays_as_it_is(tmp_path: Path) -> None:
     ["print 'a'", "class A(Sofa.PythonScriptController): pass", "root.createObject('A')", "x = xrange(3)"],
 )
 def test_what_only_the_older_generation_has_is_known(tmp_path: Path, text: str) -> None:
-    written(tmp_path, own_py=text)
+    written(tmp_path, {"own.py": text})
     assert compiled(tmp_path / "own.py").older
 
 

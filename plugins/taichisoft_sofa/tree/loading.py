@@ -20,6 +20,8 @@ SOURCES = {
     **dict.fromkeys(("stlib3", "splib3", "stlib", "splib"), "github.com/SofaDefrost/STLIB, its folder python3/src"),
     "softrobots": "github.com/SofaDefrost/SoftRobots, its folder python3/src",
 }
+# What a controller is told of a key besides its character.
+MODIFIERS = {"isShiftPressed": False, "isCtrlPressed": False}
 
 
 class SceneTree:
@@ -73,7 +75,7 @@ class SceneTree:
             ControllerFailed: One of them failed.
         """
         if (known := character(key)) is not None:
-            self._tell("KeypressedEvent", {"key": known})
+            self._tell("KeypressedEvent", {"key": known, **MODIFIERS})
 
     def key_released(self, key: str) -> None:
         """Tell the controllers of a key that was let go.
@@ -82,7 +84,7 @@ class SceneTree:
             ControllerFailed: One of them failed.
         """
         if (known := character(key)) is not None:
-            self._tell("KeyreleasedEvent", {"key": known})
+            self._tell("KeyreleasedEvent", {"key": known, **MODIFIERS})
 
     def animate_begin(self, dt: float) -> None:
         """Tell the controllers of a step that begins; `dt` is its length [s].
@@ -160,15 +162,16 @@ def _line(error: BaseException, path: Path) -> str:
     return f"{_place(error, path)}: {type(error).__name__}{': ' if said else ''}{said}"
 
 
-def _place(error: BaseException, path: Path) -> Place | Path:
-    """The innermost line of the scene's own files that led to an error; the innermost of a library without one."""
-    of_scene = of_library = None
+def _place(error: BaseException, path: Path) -> str:
+    """The innermost line of the scene's own files that led to an error, and the line of a library that it called."""
+    of_scene: Place | Path = path
+    of_library = None
     traceback: TracebackType | None = error.__traceback__
     while traceback is not None:
         frame = traceback.tb_frame
         origin = frame.f_globals.get(ORIGIN)
         if isinstance(origin, Origin):
             place = Place(frame.f_code.co_filename, traceback.tb_lineno)
-            of_scene, of_library = (place, of_library) if origin.of_scene else (of_scene, place)
+            of_scene, of_library = (place, None) if origin.of_scene else (of_scene, place)
         traceback = traceback.tb_next
-    return of_scene or of_library or path
+    return f"{of_scene}" if of_library is None else f"{of_scene}, in {of_library}"
