@@ -25,8 +25,9 @@ def known_types(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @pytest.fixture(autouse=True)
-def same_python() -> Iterator[None]:
+def same_python(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Every test leaves this Python as it was."""
+    monkeypatch.setattr(sys, "dont_write_bytecode", False)
     modules, path, hooks, folder = dict(sys.modules), list(sys.path), list(sys.meta_path), Path.cwd()
     yield
     assert not [name for name in modules if sys.modules.get(name) is not modules[name]]
@@ -36,6 +37,7 @@ def same_python() -> Iterator[None]:
         if name.startswith(("Sofa", "stlib", "splib", "softrobots", "__sofa", "own_"))
     ]
     assert (sys.path, sys.meta_path, Path.cwd()) == (path, hooks, folder)
+    assert not sys.dont_write_bytecode
     assert not [entry for entry in sys.path_importer_cache if entry not in path and "pytest-of" in entry]
 
 
@@ -251,6 +253,32 @@ def test_an_older_controller_sees_vectors_as_lists_of_rows(tmp_path: Path) -> No
     assert tree.root.cable.pullPoint.value.tolist() == [2, 3, 4]
     assert tree.root.dofs.rest_position.value.tolist() == [[2, 0, 0], [5, 0, 0]]
     assert np.array_equal(tree.root.dofs.rest_position.take(), [[2, 0, 0], [5, 0, 0]])
+
+
+def test_what_a_run_provides_is_asked_for_once_each_time_that_a_controller_is_told(tmp_path: Path) -> None:
+    create = """
+        class Own(Sofa.Core.Controller):
+            def onAnimateBeginEvent(self, event):
+                dofs = root.dofs
+                self.height = sum(dofs.rest_position[i][1] for i in range(len(dofs.rest_position)))
+        root.addObject("MechanicalObject", name="dofs", rest_position=[[0, 0, 0]])
+        root.addObject(Own())
+    """
+    tree = loaded(tmp_path, create, "import Sofa.Core")
+    asked: list[float] = []
+
+    def provided() -> np.ndarray:
+        asked.append(1.0)
+        return np.full((10, 3), sum(asked))
+
+    rest = tree.root.dofs.rest_position
+    rest.take()
+    rest.provider = provided
+    tree.animate_begin(0.01)
+    tree.animate_begin(0.01)
+    assert len(asked) == 2
+    assert tree.root.Own.height == 20
+    assert rest[0][0] == 3
 
 
 def test_an_older_controller_attaches_itself_to_its_node(tmp_path: Path) -> None:

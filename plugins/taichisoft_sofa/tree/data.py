@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from taichisoft.errors import SceneError
 from taichisoft_sofa.tree.arithmetic import Arithmetic
 from taichisoft_sofa.tree.kinds import ANY, LINK, TEXT, Declared, Kind, WrongValue, numbers
+from taichisoft_sofa.tree.moment import now
 from taichisoft_sofa.tree.place import Place, asked_by_older_code, here
 
 
@@ -71,6 +72,7 @@ class Data(Arithmetic):
         self._taken = 0
         self._computed: tuple[int, Any] | None = None
         self._computing = False
+        self._provided: tuple[object, Any] | None = None
 
     # What it is.
 
@@ -123,7 +125,7 @@ class Data(Arithmetic):
             SceneError: A link leads nowhere, or a value is not of the kind.
         """
         if self.provider is not None and self.revision == self._taken:
-            return self.provider()
+            return self._provide(self.provider)
         if not self._overrides and not self._computing:
             compute = self.owner.computed_by(self)
             if compute is not None:
@@ -359,6 +361,15 @@ class Data(Arithmetic):
             return self.kind.convert(value)
         except (WrongValue, ValueError, TypeError, OverflowError) as error:
             raise SceneError(f"{self.place}: {self.described()}: {error}") from error
+
+    def _provide(self, provider: Callable[[], Any]) -> Any:
+        """What a run gives, asked for once in a moment: scenes loop over the nodes of a mesh."""
+        moment = now()
+        if moment is None:
+            return provider()
+        if self._provided is None or self._provided[0] is not moment:
+            self._provided = moment, provider()
+        return self._provided[1]
 
     def _compute(self, compute: Callable[[], Any]) -> Any:
         """What follows from other data, kept until some data of the owner is written to."""

@@ -11,6 +11,7 @@ from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.controller import PythonComponent
 from taichisoft_sofa.tree.keys import character
 from taichisoft_sofa.tree.modules import SceneModules
+from taichisoft_sofa.tree.moment import one_moment
 from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.place import ORIGIN, Origin, Place
 from taichisoft_sofa.tree.scene_modules import LIBRARIES
@@ -113,7 +114,7 @@ class SceneTree:
     def _running(self, failure: type[TaichisoftError]) -> Iterator[SceneModules]:
         """Where the scene's code can run; what it raises is an error of one line."""
         try:
-            with self._modules:
+            with self._modules, one_moment():
                 yield self._modules
         except TaichisoftError as error:
             raise failure(str(error)) from error
