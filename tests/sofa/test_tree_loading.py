@@ -388,6 +388,14 @@ def test_a_library_that_is_not_there_is_one_line_that_says_what_to_get(tmp_path:
         loaded(tmp_path, f"import {name}")
 
 
+def test_a_library_of_another_version_is_said_to_be_one(tmp_path: Path, library: Path) -> None:
+    written(tmp_path, {"scene.py": "import stlib3.primitives\n"})
+    with pytest.raises(
+        SceneError, match=r"scene.py, line 1: there is no 'stlib3.primitives' in the stlib3 that was found"
+    ):
+        load_tree(tmp_path / "scene.py", [library])
+
+
 @pytest.mark.parametrize("way", ["python_path", "PYTHONPATH"])
 def test_a_library_runs_on_our_modules(
     tmp_path: Path, library: Path, way: str, monkeypatch: pytest.MonkeyPatch

@@ -19,7 +19,7 @@ from taichisoft_sofa.tree.scene_modules import LIBRARIES
 # Where to get what scenes import and do not bring along.
 SOURCES = {
     **dict.fromkeys(("stlib3", "splib3", "stlib", "splib"), "github.com/SofaDefrost/STLIB, its folder python3/src"),
-    "softrobots": "github.com/SofaDefrost/SoftRobots, its folder python3/src",
+    "softrobots": "github.com/SofaDefrost/SoftRobots, its folder python3",
 }
 # What a controller is told of a key besides its character.
 MODIFIERS = {"isShiftPressed": False, "isCtrlPressed": False}
@@ -152,11 +152,16 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
 
 def _line(error: BaseException, path: Path) -> str:
     """One line about what a scene's code raised, with the line of the scene that did."""
-    if isinstance(error, ModuleNotFoundError) and (library := str(error.name).partition(".")[0]) in LIBRARIES:
-        return (
-            f"{_place(error, path)}: there is no '{error.name}'; it comes from {SOURCES[library]}: "
-            "give the folder that has it with --python-path DIR"
-        )
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        library, _, inside = error.name.partition(".")
+        if library in LIBRARIES and inside:
+            found = f"the {library} that was found; another version has it"
+            return f"{_place(error, path)}: there is no '{error.name}' in {found}"
+        if library in LIBRARIES:
+            return (
+                f"{_place(error, path)}: there is no '{library}'; it comes from {SOURCES[library]}: "
+                "give the folder that has it with --python-path DIR"
+            )
     if isinstance(error, SyntaxError) and error.filename:
         return f"{error.filename}, line {error.lineno}: {error.msg}"
     said = " ".join(str(error).split())
