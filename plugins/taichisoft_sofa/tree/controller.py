@@ -54,7 +54,9 @@ class Controller(PythonComponent):
 
     def handle_event(self, event: str, content: dict[str, Any]) -> None:
         """Tell it of an event, if it has a method for that."""
-        method = getattr(self, f"on{event}" if hasattr(type(self), f"on{event}") else "onEvent", None)
+        method = getattr(self, f"on{event}", None)
+        if not callable(method):
+            method = getattr(self, "onEvent", None)
         if method is not None and self.findData("listening"):
             method({"type": event, **content})
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from taichisoft.errors import SceneError
 from taichisoft_sofa.tree.arithmetic import Arithmetic
 from taichisoft_sofa.tree.kinds import ANY, LINK, TEXT, Declared, Kind, WrongValue, numbers
+from taichisoft_sofa.tree.moment import now
 from taichisoft_sofa.tree.place import Place, asked_by_older_code, here
 
 
@@ -64,13 +65,15 @@ class Data(Arithmetic):
         self.provider: Callable[[], Any] | None = None
         self._own = Declared(kind, default) if kind is not None else None
         self._written: Any = None
-        self._converted: tuple[Kind, Any] | None = None
+        self._converted: tuple[Kind, Any, Any] | None = None  # a kind, what was converted to it, and the result
+        self._rows: tuple[NDArray[Any], list[Any]] | None = None
         self._parent: Data | None = None
         self._path: str | None = None
         self._overrides = False
         self._taken = 0
         self._computed: tuple[int, Any] | None = None
         self._computing = False
+        self._provided: tuple[object, Any] | None = None
 
     # What it is.
 
@@ -97,11 +100,9 @@ class Data(Arithmetic):
     def value(self) -> Any:
         """Its value: a number, a text, or an array, which is a copy; for older code a list of rows in its place."""
         value = self.read_value()
-        if not isinstance(value, np.ndarray):
-            return value
-        if asked_by_older_code() and (width := self.kind.row):
-            return value.reshape(-1, width).tolist()
-        return value.copy()
+        if (rows := self._older_rows(value)) is not None:
+            return [list(row) for row in rows]
+        return value.copy() if isinstance(value, np.ndarray) else value
 
     @value.setter
     def value(self, value: Any) -> None:
@@ -123,7 +124,7 @@ class Data(Arithmetic):
             SceneError: A link leads nowhere, or a value is not of the kind.
         """
         if self.provider is not None and self.revision == self._taken:
-            return self.provider()
+            return self._provide(self.provider)
         if not self._overrides and not self._computing:
             compute = self.owner.computed_by(self)
             if compute is not None:
@@ -140,7 +141,7 @@ class Data(Arithmetic):
         if self._parent is not None:
             return self._convert(self._parent.read_value())
         if self.is_set():
-            return self._own_value()
+            return self._convert(self._written)
         known = self._declared()
         if known is None or known.default is None:
             return self.kind.empty()
@@ -181,7 +182,7 @@ class Data(Arithmetic):
             self._path = value if self._parent is None else None
         else:
             self._written = value.copy() if isinstance(value, np.ndarray | list) else value
-            self._own_value()
+            self._convert(self._written)
         self._overrides = self.owner.initialised
         self.revision += 1
         self.owner.data_revision += 1
@@ -209,18 +210,14 @@ class Data(Arithmetic):
     def __getitem__(self, index: Any) -> Any:
         # Without a copy of all: scenes loop over the nodes of a mesh.
         value = self.read_value()
-        if not isinstance(value, np.ndarray):
-            return value[index]
-        if asked_by_older_code() and (width := self.kind.row):
-            return value.reshape(-1, width)[index].tolist()
-        item = value[index]
-        return item.copy() if isinstance(item, np.ndarray) else item
+        rows = self._older_rows(value)
+        item = value[index] if rows is None else rows[index]
+        return item.copy() if isinstance(item, np.ndarray | list) else item
 
     def __len__(self) -> int:
         value = self.read_value()
-        if isinstance(value, np.ndarray) and asked_by_older_code() and (width := self.kind.row):
-            return value.size // width
-        return len(value)
+        rows = self._older_rows(value)
+        return len(value if rows is None else rows)
 
     # SOFA's own names.
 
@@ -347,18 +344,34 @@ class Data(Arithmetic):
         kind = self.kind
         return kind not in (LINK, TEXT) and (kind is not ANY or "." in value.rpartition("/")[2].strip("."))
 
-    def _own_value(self) -> Any:
-        """What was written to it as a value of its kind, which may have changed since with other data."""
-        kind = self.kind
-        if self._converted is None or self._converted[0] is not kind:
-            self._converted = kind, self._convert(self._written)
-        return self._converted[1]
-
     def _convert(self, value: Any) -> Any:
-        try:
-            return self.kind.convert(value)
-        except (WrongValue, ValueError, TypeError, OverflowError) as error:
-            raise SceneError(f"{self.place}: {self.described()}: {error}") from error
+        """Something as a value of its kind, which changes with other data; the same again is not converted again."""
+        kind = self.kind
+        if kind is ANY:
+            return value
+        if self._converted is None or self._converted[0] is not kind or self._converted[1] is not value:
+            try:
+                self._converted = kind, value, kind.convert(value)
+            except (WrongValue, ValueError, TypeError, OverflowError) as error:
+                raise SceneError(f"{self.place}: {self.described()}: {error}") from error
+        return self._converted[2]
+
+    def _older_rows(self, value: Any) -> list[Any] | None:
+        """The rows of an array as the older generation gives them, if it is older code that asks."""
+        if not isinstance(value, np.ndarray) or not (width := self.kind.row) or not asked_by_older_code():
+            return None
+        if self._rows is None or self._rows[0] is not value:
+            self._rows = value, value.reshape(-1, width).tolist()
+        return self._rows[1]
+
+    def _provide(self, provider: Callable[[], Any]) -> Any:
+        """What a run gives, asked for once in a moment: scenes loop over the nodes of a mesh."""
+        moment = now()
+        if moment is None:
+            return provider()
+        if self._provided is None or self._provided[0] is not moment:
+            self._provided = moment, provider()
+        return self._provided[1]
 
     def _compute(self, compute: Callable[[], Any]) -> Any:
         """What follows from other data, kept until some data of the owner is written to."""

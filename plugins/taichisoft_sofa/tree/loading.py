@@ -11,6 +11,7 @@ from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.controller import PythonComponent
 from taichisoft_sofa.tree.keys import character
 from taichisoft_sofa.tree.modules import SceneModules
+from taichisoft_sofa.tree.moment import one_moment
 from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.place import ORIGIN, Origin, Place
 from taichisoft_sofa.tree.scene_modules import LIBRARIES
@@ -18,8 +19,10 @@ from taichisoft_sofa.tree.scene_modules import LIBRARIES
 # Where to get what scenes import and do not bring along.
 SOURCES = {
     **dict.fromkeys(("stlib3", "splib3", "stlib", "splib"), "github.com/SofaDefrost/STLIB, its folder python3/src"),
-    "softrobots": "github.com/SofaDefrost/SoftRobots, its folder python3/src",
+    "softrobots": "github.com/SofaDefrost/SoftRobots, its folder python3",
 }
+# What a controller is told of a key besides its character.
+MODIFIERS = {"isShiftPressed": False, "isCtrlPressed": False}
 
 
 class SceneTree:
@@ -73,7 +76,7 @@ class SceneTree:
             ControllerFailed: One of them failed.
         """
         if (known := character(key)) is not None:
-            self._tell("KeypressedEvent", {"key": known})
+            self._tell("KeypressedEvent", {"key": known, **MODIFIERS})
 
     def key_released(self, key: str) -> None:
         """Tell the controllers of a key that was let go.
@@ -82,7 +85,7 @@ class SceneTree:
             ControllerFailed: One of them failed.
         """
         if (known := character(key)) is not None:
-            self._tell("KeyreleasedEvent", {"key": known})
+            self._tell("KeyreleasedEvent", {"key": known, **MODIFIERS})
 
     def animate_begin(self, dt: float) -> None:
         """Tell the controllers of a step that begins; `dt` is its length [s].
@@ -111,7 +114,7 @@ class SceneTree:
     def _running(self, failure: type[TaichisoftError]) -> Iterator[SceneModules]:
         """Where the scene's code can run; what it raises is an error of one line."""
         try:
-            with self._modules:
+            with self._modules, one_moment():
                 yield self._modules
         except TaichisoftError as error:
             raise failure(str(error)) from error
@@ -131,10 +134,10 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
     Raises:
         SceneError: The scene cannot be read, or fails.
     """
-    path = Path(path).resolve()
+    path = Path(path).absolute()
     if not path.is_file():
         raise SceneError(f"{path}: no such file")
-    folders = [Path(folder).resolve() for folder in python_path]
+    folders = [Path(folder).absolute() for folder in python_path]
     for folder in folders:
         if not folder.is_dir():
             raise SceneError(f"{folder}: no such folder to find a scene's libraries in")
@@ -149,26 +152,32 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
 
 def _line(error: BaseException, path: Path) -> str:
     """One line about what a scene's code raised, with the line of the scene that did."""
-    if isinstance(error, ModuleNotFoundError) and (library := str(error.name).partition(".")[0]) in LIBRARIES:
-        return (
-            f"{_place(error, path)}: there is no '{error.name}'; it comes from {SOURCES[library]}: "
-            "give the folder that has it with --python-path DIR"
-        )
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        library, _, inside = error.name.partition(".")
+        if library in LIBRARIES and inside:
+            found = f"the {library} that was found; another version has it"
+            return f"{_place(error, path)}: there is no '{error.name}' in {found}"
+        if library in LIBRARIES:
+            return (
+                f"{_place(error, path)}: there is no '{library}'; it comes from {SOURCES[library]}: "
+                "give the folder that has it with --python-path DIR"
+            )
     if isinstance(error, SyntaxError) and error.filename:
         return f"{error.filename}, line {error.lineno}: {error.msg}"
     said = " ".join(str(error).split())
     return f"{_place(error, path)}: {type(error).__name__}{': ' if said else ''}{said}"
 
 
-def _place(error: BaseException, path: Path) -> Place | Path:
-    """The innermost line of the scene's own files that led to an error; the innermost of a library without one."""
-    of_scene = of_library = None
+def _place(error: BaseException, path: Path) -> str:
+    """The innermost line of the scene's own files that led to an error, and the line of a library that it called."""
+    of_scene: Place | Path = path
+    of_library = None
     traceback: TracebackType | None = error.__traceback__
     while traceback is not None:
         frame = traceback.tb_frame
         origin = frame.f_globals.get(ORIGIN)
         if isinstance(origin, Origin):
             place = Place(frame.f_code.co_filename, traceback.tb_lineno)
-            of_scene, of_library = (place, of_library) if origin.of_scene else (of_scene, place)
+            of_scene, of_library = (place, None) if origin.of_scene else (of_scene, place)
         traceback = traceback.tb_next
-    return of_scene or of_library or path
+    return f"{of_scene}" if of_library is None else f"{of_scene}, in {of_library}"

@@ -50,7 +50,9 @@ def here() -> Place | None:
 
 def asked_by_older_code() -> bool:
     """Whether the code that called us is written for SofaPython, the generation before SofaPython3."""
-    frame = next(_frames_outside(), None)
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and _is_ours(frame):
+        frame = frame.f_back
     origin = frame.f_globals.get(ORIGIN) if frame else None
     return isinstance(origin, Origin) and origin.older
 
@@ -63,6 +65,10 @@ def _frames_outside() -> Iterator[FrameType]:
     """The frames of the callers that are not ours, innermost first."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None:
-        if str(frame.f_globals.get("__name__", "")).partition(".")[0] != PACKAGE:
+        if not _is_ours(frame):
             yield frame
         frame = frame.f_back
+
+
+def _is_ours(frame: FrameType) -> bool:
+    return str(frame.f_globals.get("__name__", "")).startswith(f"{PACKAGE}.")

@@ -15,8 +15,10 @@ from taichisoft.errors import SceneError
 
 # What Python 2 had without an import; a module that uses one of these and does not define it is in Python 2.
 GONE = {"xrange", "unicode", "basestring", "raw_input", "unichr", "long", "execfile", "reduce", "reload", "cmp"}
-# Fixers of fissix's that only tidy up, or that add a line for an import, which `names_for` makes needless.
-LEFT_OUT = {"idioms", "set_literal", "ws_comma", "asserts", "intern", "reduce", "reload", "operator", "types", "buffer"}
+# Fixers of fissix's that only tidy up, that add a line for an import, which `names_for` makes needless, or that take
+# away what decides over division.
+TIDY = {"idioms", "set_literal", "ws_comma", "asserts"}
+LEFT_OUT = TIDY | {"intern", "reduce", "reload", "operator", "types", "buffer", "future"}
 DIVIDE = "__python2_divide__"
 
 

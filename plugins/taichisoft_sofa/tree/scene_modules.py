@@ -49,12 +49,14 @@ class SceneFinder(MetaPathFinder):
     def __init__(self, folder: Path, python_path: Sequence[Path]) -> None:
         self.folder = folder
         self.folders = [folder, *python_path]
+        self._python_path = python_path
 
     def find_spec(self, name: str, path: Sequence[str] | None, _target: Any = None) -> ModuleSpec | None:
         """Where a module is; None if it is none of ours to find."""
         above, _, last = name.rpartition(".")
         if above:
-            if not is_ours(sys.modules.get(above)):
+            # Not the one above alone, which may be a folder without an __init__.py.
+            if not is_ours(sys.modules.get(name.partition(".")[0])):
                 return None
             folders = [Path(entry) for entry in path or ()]
         else:
@@ -62,17 +64,18 @@ class SceneFinder(MetaPathFinder):
         for folder in folders:
             for file, inside in ((folder / last / "__init__.py", [str(folder / last)]), (folder / f"{last}.py", None)):
                 if file.is_file():
-                    loader = SceneLoader(file, self.is_of_scene(file))
+                    loader = SceneLoader(file, self._is_of_scene(name, file))
                     return importlib.util.spec_from_file_location(
                         name, file, loader=loader, submodule_search_locations=inside
                     )
         return None
 
-    def is_of_scene(self, file: Path) -> bool:
-        """Whether a file lies in the scene's folder."""
-        return file.is_relative_to(self.folder) and not any(
-            file.is_relative_to(folder) and folder.is_relative_to(self.folder) for folder in self.folders[1:]
+    def _is_of_scene(self, name: str, file: Path) -> bool:
+        """Whether a module is one of the scene's own: not of a library, even if that lies in the scene's folder."""
+        of_library = name.partition(".")[0] in LIBRARIES or any(
+            file.is_relative_to(folder) and folder.is_relative_to(self.folder) for folder in self._python_path
         )
+        return file.is_relative_to(self.folder) and not of_library
 
 
 def is_ours(module: ModuleType | None) -> bool:

@@ -42,11 +42,11 @@ class Repository:
 
     def addFirstPath(self, folder: str) -> None:
         """Look in a folder before all others."""
-        self._folders.insert(0, Path(folder).resolve())
+        self._folders.insert(0, Path(folder).absolute())
 
     def addLastPath(self, folder: str) -> None:
         """Look in a folder after all others."""
-        self._folders.append(Path(folder).resolve())
+        self._folders.append(Path(folder).absolute())
 
     def getFile(self, name: str) -> str:
         """The path of a file; its name if there is none."""
