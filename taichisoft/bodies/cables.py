@@ -136,10 +136,11 @@ class Cables:
 
     def pulls(self, length: np.ndarray, tension: np.ndarray, tension_loss: np.ndarray) -> np.ndarray:
         """How far the cables are pulled in [mm], shape (cable_count,), by the fields of a state."""
-        pulls = self.rest_length - length
-        losses = np.split(tension_loss, (self.coordinate_start[1:] - np.arange(1, len(pulls) + 1))[:-1])
-        for cable, (stretch, loss) in enumerate(zip(self.stretch, losses, strict=True)):
+        pulls, first = self.rest_length - length, 0
+        for cable, stretch in enumerate(self.stretch):
+            loss = tension_loss[first : first + len(stretch) - 1]
             pulls[cable] += stretch[0] @ [tension[cable], *loss]
+            first += len(loss)
         return pulls
 
     def _lay_out(self) -> None:

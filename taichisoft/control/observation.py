@@ -40,8 +40,8 @@ class Observation:
         normal_forces: sum of the normal forces in the last step [mN], by pair.
         friction_forces: sum of the magnitudes of the friction forces in the last step [mN], by pair.
         slip_speeds: fastest sliding of a contact that presses [mm/s], by pair.
-        clipped: parts of the last request that the scene's limits held back: names of cavities and cables, "base_translation"
-            and "base_rotation".
+        clipped: parts of the last request that the scene's limits held back: names of cavities and cables,
+            "base_translation" and "base_rotation".
         state: the complete state that all the above was worked out from, read-only, for controllers that need every
             node or every contact; None in an observation that was made up without one.
     """
