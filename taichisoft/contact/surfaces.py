@@ -78,8 +78,6 @@ class ContactSurfaces:
         for part in parts:
             if part.owner != STATIC:
                 self.body_size[part.body] = np.ptp(part.vertices, axis=0).min()
-        for array in (*self.topology, *self.carriers, *self.planes, *self.trees):
-            array.setflags(write=False)
 
     @property
     def count(self) -> int:
