@@ -11,6 +11,7 @@ from taichisoft.errors import StateError, TaichisoftError
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_toml
 from taichisoft.scenes.scene import Scene
+from taichisoft_plugins.base_motion import last_at_rest
 from taichisoft_plugins.recording.reader import Recording
 
 SAME_PLACE = 1e-6
@@ -73,7 +74,7 @@ def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
 def base_has_moved(recording: Recording, frame: int) -> bool:
     """Whether the base has moved since the last start; the goal of a scene is judged from the moment before it does."""
     base = recording.column("base_translation")
-    return bool((base[recording.last_start : frame + 1] != base[recording.last_start]).any())
+    return last_at_rest(base[recording.last_start : frame + 1]) is not None
 
 
 def _names(scene: Scene) -> dict[str, list[str]]:

@@ -10,6 +10,7 @@ import numpy as np
 from taichisoft.atomic_file import atomic_file, named_os_errors
 from taichisoft.errors import TaichisoftError
 from taichisoft.running.interruption import deferred_signals
+from taichisoft_plugins.base_motion import last_at_rest
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.frame_process import FrameProcess
@@ -69,11 +70,9 @@ def key_moments(recording: Recording) -> dict[str, float]:
     Where the base does not move there are only before and after.
     """
     times = recording.times[recording.last_start :]
-    base = recording.column("base_translation")[recording.last_start :]
-    moved = np.any(base != base[0], axis=1)
-    if not moved.any():
+    grasped = last_at_rest(recording.column("base_translation")[recording.last_start :])
+    if grasped is None:
         return {"before": float(times[0]), "after": float(times[-1])}
-    grasped = max(int(np.argmax(moved)) - 1, 0)
     return {"before": float(times[0]), "grasped": float(times[grasped]), "lifted": float(times[-1])}
 
 
