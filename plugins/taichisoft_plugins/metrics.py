@@ -50,8 +50,8 @@ class MetricsOutput(Output):
         """Write metrics.json.
 
         Raises:
-            GoalMissed: The run was completed, but its goal was not reached.
-            TaichisoftError: The file cannot be written.
+            GoalMissed: the run was completed, but its goal was not reached.
+            TaichisoftError: the file cannot be written.
         """
         self.metrics = {"outcome": outcome, **self._step_metrics(), **self._goal_metrics()}
         goal = self._scene.goal

@@ -22,9 +22,9 @@ class Plots:
     """The plots of a run.
 
     Attributes:
-        picture: Content of the file, in the format that was asked for.
-        shown: Names of the panels in it.
-        left_out: Names of the panels for which there is nothing to draw in this run.
+        picture: content of the file, in the format that was asked for.
+        shown: names of the panels in it.
+        left_out: names of the panels for which there is nothing to draw in this run.
     """
 
     picture: bytes
@@ -36,7 +36,7 @@ def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = N
     """Draw the panels called `only`, or all that there is something for.
 
     Raises:
-        PlotError: There is no such format or panel, or nothing to draw.
+        PlotError: there is no such format or panel, or nothing to draw.
     """
     if format not in FORMATS:
         raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")

@@ -22,8 +22,8 @@ class Quantity:
     """A dataset.
 
     Attributes:
-        unit: Unit of its numbers.
-        state_field: The field of `State` that it holds; "" for what a state does not have.
+        unit: unit of its numbers.
+        state_field: the field of `State` that it holds; "" for what a state does not have.
     """
 
     unit: str

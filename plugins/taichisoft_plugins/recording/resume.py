@@ -26,7 +26,7 @@ def recorded_scene(recording: Recording, overrides: Sequence[str], controller: s
     """The scene of the recording, with changes as in `taichisoft run`.
 
     Raises:
-        SceneError: Something is not valid; the message begins with the recording's path.
+        SceneError: something is not valid; the message begins with the recording's path.
     """
     source = " with --set ".join([str(recording.path), *overrides])
     return scene_from_toml(recording.scene_text, source, overrides, controller)
@@ -36,8 +36,8 @@ def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simula
     """A simulation in the recorded state, with the recorded meshes; surfaces are read from the files of the scene.
 
     Raises:
-        ResumeError: A body is not the one that was recorded, or the time step is another.
-        TaichisoftError: The model cannot be made.
+        ResumeError: a body is not the one that was recorded, or the time step is another.
+        TaichisoftError: the model cannot be made.
     """
     path, now = recording.path, _names(scene)
     for kind, recorded in _names(recording.scene).items():
@@ -60,7 +60,7 @@ def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
     """Time from a frame to the end that the scene gives a run [s].
 
     Raises:
-        ResumeError: No time is left.
+        ResumeError: no time is left.
     """
     time, end = float(recording.row("time", frame)), scene.time.duration
     if end - time < 0.5 * scene.time.step:

@@ -57,11 +57,11 @@ def report_page(contents: ReportContents, folder: Path) -> str:
     """The page.
 
     Args:
-        contents: What the page shows.
-        folder: Folder in which the page will lie, for links to what is too large to embed.
+        contents: what the page shows.
+        folder: folder in which the page will lie, for links to what is too large to embed.
 
     Raises:
-        OSError: A picture or video cannot be read.
+        OSError: a picture or video cannot be read.
     """
     recording = contents.recording
     title = escape(recording.scene.title or recording.path.parent.resolve().name)

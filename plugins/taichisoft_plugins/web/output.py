@@ -20,7 +20,7 @@ class WebOutput(Output):
     What viewers do becomes keys of the run.
 
     Attributes:
-        url: Address of the page, once it is served.
+        url: address of the page, once it is served.
     """
 
     gives_keys = True
@@ -29,11 +29,11 @@ class WebOutput(Output):
         """Find a place for the page.
 
         Args:
-            folder: Folder of the run; nothing is written there.
+            folder: folder of the run; nothing is written there.
             address: "HOST:PORT"; 127.0.0.1 and a free port from 8080 on where it is not given.
 
         Raises:
-            WebError: Viser is not installed, or nothing can listen at the address.
+            WebError: viser is not installed, or nothing can listen at the address.
         """
         require_viser()
         self._address = find_address(address)
@@ -44,7 +44,7 @@ class WebOutput(Output):
         """Serve the page, and print where.
 
         Raises:
-            WebError: The page cannot be served.
+            WebError: the page cannot be served.
         """
         from taichisoft_plugins.web.page_link import PageLink
 

@@ -42,15 +42,15 @@ class PageLink:
     """A page beside a run. The run itself only sets `newest`; two threads do the rest.
 
     Attributes:
-        newest: What the page shall show: a state, and the report of the step that led to it.
-        port: Port at which the page listens.
+        newest: what the page shall show: a state, and the report of the step that led to it.
+        port: port at which the page listens.
     """
 
     def __init__(self, session: "Session", address: Address):
         """Start the process and wait until it serves.
 
         Raises:
-            WebError: It does not.
+            WebError: it does not.
         """
         self._session = session
         self.newest: tuple[State, StepReport | None] = session.simulation.state, None
