@@ -46,11 +46,9 @@ def chosen_frames(recording: Recording, every: int | None, times: Sequence[float
     """Frames to export, in the order of time: those nearest to `times` [s], or every so many since the last start.
 
     Raises:
-        ExportError: both are given, `every` is not positive, or the run was killed before its first frame was written.
+        ExportError: both are given, or `every` is not positive.
         RecordingError: a time was not recorded.
     """
-    if recording.frame_count == 0:
-        raise ExportError(f"{recording.path}: has no frame; the run ended before the first one was written")
     if times:
         if every is not None:
             raise ExportError("--every and --time choose frames in two ways; give one of them")

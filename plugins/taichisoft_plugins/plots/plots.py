@@ -43,8 +43,6 @@ def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = N
     for name in only or ():
         if name not in PANELS:
             raise PlotError(f"--only {name}: there are: {', '.join(PANELS)}")
-    if recording.frame_count == 0:
-        raise PlotError(f"{recording.path}: has no frame; the run ended before the first one was written")
     run = RunCurves(recording)
     panels = {name: _with_something_in_it(PANELS[name](run)) for name in only or PANELS}
     left_out = tuple(name for name, panel in panels.items() if not panel.curves)

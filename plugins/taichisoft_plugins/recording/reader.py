@@ -34,7 +34,7 @@ class Recording:
         outcome: how the run ended; "unfinished" while it runs and when it was killed.
         step_size: time step [s].
         every: steps from frame to frame.
-        frame_count: frames that were written whole; frame 0 is the state before the first step.
+        frame_count: frames that were written whole, 1 or more; frame 0 is the state before the first step.
         cavities: names of the columns of `column("pressure")` and `column("volume")`.
         pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
         base_pivot: the point about which the base turns [mm], shape (3,).
@@ -140,8 +140,8 @@ class Recording:
         """
         first = self.last_start
         times = self.times[first:]
-        if not len(times) or not times[0] - self.step_size <= time <= times[-1] + self.step_size:
-            reach = f"from {times[0]:g} s to {times[-1]:g} s" if len(times) else "no frame"
+        if not times[0] - self.step_size <= time <= times[-1] + self.step_size:
+            reach = f"from {times[0]:g} s to {times[-1]:g} s"
             raise RecordingError(f"{self.path}: nothing at {time:g} s; the recording has {reach}")
         return first + int(np.argmin(np.abs(times - time)))
 
@@ -187,7 +187,7 @@ def read_recording(path: str | Path) -> Recording:
     """Open a recording; use it in a `with` statement. That of a killed or running simulation opens too.
 
     Raises:
-        RecordingError: the file is missing, is no recording, or has another layout than this version reads.
+        RecordingError: the file is missing, is no recording, has another layout than this version reads, or no frame.
     """
     import h5py
 
@@ -200,7 +200,10 @@ def read_recording(path: str | Path) -> Recording:
         raise RecordingError(f"{path}: not readable as HDF5: {error}") from error
     try:
         _check_layout(path, file.attrs)
-        return Recording(path, file)
+        recording = Recording(path, file)
+        if recording.frame_count == 0:
+            raise RecordingError(f"{path}: has no frame; the run ended before the first one was written")
+        return recording
     except RecordingError:
         file.close()
         raise

@@ -39,7 +39,7 @@ def render_video(
         on_frame: is called with the number of frames that are written, and of all frames.
 
     Raises:
-        RecordingError: the recording is missing, unreadable or empty.
+        RecordingError: the recording is missing or unreadable.
         StyleError: the style does not fit the recording.
         RenderError: the name, the rate or the slow motion is impossible; drawing failed twice, and the message says
             what to install; or the file cannot be written.
@@ -88,14 +88,9 @@ def video_frames(recording: Recording, rate: float) -> np.ndarray:
 
     Returns:
         Frame indices that never fall, shape (moment_count,).
-
-    Raises:
-        RenderError: nothing was recorded.
     """
     first = recording.last_start
     times = recording.times[first:]
-    if not len(times):
-        raise RenderError(f"{recording.path}: has no frame to draw")
     count = math.ceil((times[-1] - times[0]) * rate - 1e-6) + 1
     moments = np.minimum(times[0] + np.arange(count) / rate, times[-1])
     after = np.searchsorted(times, moments).clip(1, max(len(times) - 1, 1))

@@ -98,7 +98,7 @@ def _status(recording: Recording, held: bool | None) -> str:
         pills.insert(0, ("good", "held") if held else ("bad", "not held"))
     times = recording.times
     restarts = int((times[1:] < times[:-1]).sum())
-    texts = [f"{times[-1] if len(times) else 0.0:g} s simulated"]
+    texts = [f"{times[-1]:g} s simulated"]
     if restarts:
         often = "once" if restarts == 1 else f"{restarts} times"
         texts.append(f"started anew {often}; shown is what came after the last start")

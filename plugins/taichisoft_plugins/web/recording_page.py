@@ -78,12 +78,10 @@ class RecordingPage:
         """Serve the first frame.
 
         Raises:
-            RecordingError: the file is no recording, or has no frame yet.
+            RecordingError: the file is no recording.
             WebError: nothing can listen at the address.
         """
         self._recording = recording = _opened(path)
-        if recording.frame_count == 0:
-            raise RecordingError(f"{path}: has no frame yet")
         self.playback = Playback(recording.times)
         self._shown = -1
         self._last_look = time.monotonic()
