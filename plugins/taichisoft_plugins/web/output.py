@@ -60,12 +60,12 @@ class WebOutput(Output):
     def record(self, state: "State", report: "StepReport") -> None:
         """Leave the step for the page, which looks at the newest one when it has time."""
         if self._link is not None:
-            self._link.newest = state, report
+            self._link.newest = state
 
     def restart(self, state: "State") -> None:
         """Show the first state again."""
         if self._link is not None:
-            self._link.newest = state, None
+            self._link.newest = state
 
     def end(self, outcome: str) -> None:
         """Tell the viewers, and close the page."""
