@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from taichisoft.bodies.rotations import right_of
+
 VERTICAL_ANGLE = 28.0
 """Field of view [degrees]: narrow, so that parallel fingers look parallel."""
 
@@ -40,13 +42,8 @@ class Camera:
 
 
 def scene_axes(up: np.ndarray) -> np.ndarray:
-    """Orthonormal rows right, front and up of a scene with the unit vector `up` against gravity, shape (3, 3).
-
-    Right is the next coordinate axis after up (z up: x, x up: y), so that the view of a scene stands firm.
-    """
-    right = np.roll(np.eye(3)[np.argmax(np.abs(up))], 1)
-    right = right - up * (right @ up)
-    right /= np.linalg.norm(right)
+    """Orthonormal rows right, front and up of a scene with the unit vector `up` against gravity, shape (3, 3)."""
+    right = right_of(up)
     return np.array([right, np.cross(right, up), up])
 
 
