@@ -25,10 +25,6 @@ SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 PATIENCE = 300.0
 """What a test waits for may take so long [s] on a busy machine; usually it is there at once."""
 
-# Tables are cut to the terminal, also in the processes that tests start: no test depends on how wide that is, nor on
-# the length of the paths in them.
-os.environ["COLUMNS"] = "1000"
-
 THOROUGH = 5000
 settings.register_profile("usual", settings(), deadline=None)  # no property depends on speed
 settings.register_profile("thorough", settings(), deadline=None, max_examples=THOROUGH)
@@ -38,6 +34,12 @@ settings.load_profile("usual")
 def examples(count: int, **others: Any) -> settings:
     """Try `count` examples instead of 100; `pytest --hypothesis-profile=thorough` tries its 5000 here, too."""
     return settings(max_examples=THOROUGH if settings().max_examples == THOROUGH else count, **others)
+
+
+@pytest.fixture(autouse=True)
+def _wide_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables are cut to the terminal: no test depends on how wide that is, nor on the length of the paths in them."""
+    monkeypatch.setenv("COLUMNS", "1000")
 
 
 @pytest.fixture
