@@ -1,6 +1,7 @@
 """Triangulated surfaces: those that move with nodes, and whether a surface is closed and which way it faces."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,13 @@ class MappedSurface:
     def positions(self, node_positions: np.ndarray) -> np.ndarray:
         """Vertex positions [mm], shape (vertex_count, 3), for node positions of shape (node_count, 3)."""
         return np.einsum("vk,vkd->vd", self.weights, node_positions[self.nodes])
+
+
+def stacked(tables: Sequence[np.ndarray]) -> np.ndarray:
+    """Nodes or weights of several surfaces under each other; narrower tables are filled up with node 0 of weight 0."""
+    columns = max((table.shape[1] for table in tables), default=1)
+    padded = [np.pad(table, ((0, 0), (0, columns - table.shape[1]))) for table in tables]
+    return np.concatenate([np.zeros((0, columns)), *padded])
 
 
 def enclosed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
