@@ -13,8 +13,8 @@ class ChildResult:
     """How a child process ended.
 
     Attributes:
-        problem: One line that says what went wrong; empty when the process ended well.
-        output: What the process wrote to standard output.
+        problem: one line that says what went wrong; empty when the process ended well.
+        output: what the process wrote to standard output.
     """
 
     problem: str
@@ -30,10 +30,10 @@ def run_python(
     """Run this Python in a child process, and kill it when it takes too long.
 
     Args:
-        arguments: What Python is started with.
-        time_limit: Longest duration [s].
-        environment: Its environment variables; ours when they are not given.
-        folder: Where it runs; our current folder when it is not given.
+        arguments: what Python is started with.
+        time_limit: longest duration [s].
+        environment: its environment variables; ours when they are not given.
+        folder: where it runs; our current folder when it is not given.
     """
     try:
         child = subprocess.run(

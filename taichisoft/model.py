@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 
@@ -22,7 +23,7 @@ from taichisoft.state import State
 
 
 class Model:
-    """Everything about a scene that never changes during a run: bodies, arrays, elements, surfaces.
+    """Everything about a scene that never changes during a run: bodies, elements, surfaces, all in read-only arrays.
 
     Bodies are numbered: soft bodies, then rigid bodies, then obstacles, each in the scene's order.
 
@@ -51,7 +52,7 @@ class Model:
 
         Args:
             scene: scene to simulate.
-            meshes: meshes of the soft bodies by name; `taichisoft.make_model` finds them.
+            meshes: meshes of the soft bodies by name, read-only from then on; `taichisoft.make_model` finds them.
 
         Raises:
             MeshError: a surface is not fit to simulate.
@@ -85,6 +86,7 @@ class Model:
         moving = MovingSurfaces(self.surfaces)
         moving.update(self.rest_position, position, matrices_from_quaternions(rotation))
         refuse_overlap(self.surfaces, moving, self.body_names)
+        _make_read_only(self)
 
     def initial_state(self) -> State:
         """The state that the scene describes."""
@@ -175,3 +177,14 @@ class Model:
         if not len(self.anchored_nodes):
             return np.zeros(3)
         return self.rest_position[self.anchored_nodes].mean(axis=0)
+
+
+def _make_read_only(part: Any) -> None:
+    """Make every array in a part of a model read-only: simulations share it, and what was made of it stays true."""
+    if isinstance(part, np.ndarray):
+        part.setflags(write=False)
+    elif isinstance(part, tuple | Mapping):
+        for inner in part.values() if isinstance(part, Mapping) else part:
+            _make_read_only(inner)
+    elif hasattr(part, "__dict__"):
+        _make_read_only(vars(part))

@@ -36,6 +36,12 @@ def examples(count: int, **others: Any) -> settings:
     return settings(max_examples=THOROUGH if settings().max_examples == THOROUGH else count, **others)
 
 
+@pytest.fixture(autouse=True)
+def _wide_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables are cut to the terminal: no test depends on how wide that is, nor on the length of the paths in them."""
+    monkeypatch.setenv("COLUMNS", "1000")
+
+
 @pytest.fixture
 def block(tmp_path: Path) -> Callable[..., str]:
     """Writes a mesh of `make_block` and returns its file."""

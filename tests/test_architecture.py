@@ -82,6 +82,7 @@ LAYERS = {
         "drawing",
         "stress",
         "recording",
+        "base_motion",
         "system_libraries",
     ],
     "taichisoft_sofa": [

@@ -179,10 +179,10 @@ class NamedCase:
     """A case to run.
 
     Attributes:
-        name: Unique name, such as "growth_nodes_400".
-        group: Table of the file that the case comes from, such as "growth_nodes".
-        parameter: Keys and values that distinguish it in its group; empty without a sweep.
-        case: What to do.
+        name: unique name, such as "growth_nodes_400".
+        group: table of the file that the case comes from, such as "growth_nodes".
+        parameter: keys and values that distinguish it in its group; empty without a sweep.
+        case: what to do.
     """
 
     name: str
@@ -195,7 +195,7 @@ def read_cases(path: Path = SHIPPED) -> list[NamedCase]:
     """All cases of a file, in its order.
 
     Raises:
-        BenchmarkError: The file is missing or no TOML, or something in it is not valid.
+        BenchmarkError: the file is missing or no TOML, or something in it is not valid.
     """
     try:
         document = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -208,7 +208,7 @@ def cases_from_dict(document: dict[str, Any], source: str = "cases") -> list[Nam
     """Cases from plain tables, as TOML gives them; `source` begins every error.
 
     Raises:
-        BenchmarkError: Something is not valid, with its key, value and what would be; or two cases have one name.
+        BenchmarkError: something is not valid, with its key, value and what would be; or two cases have one name.
     """
     cases = [case for group, table in document.items() for case in _expand(group, table, source)]
     names = [case.name for case in cases]
@@ -222,7 +222,7 @@ def choose(cases: Sequence[NamedCase], patterns: Sequence[str]) -> list[NamedCas
     """The cases whose name or group fits one of the patterns (finger_*); all without patterns.
 
     Raises:
-        BenchmarkError: A pattern fits none.
+        BenchmarkError: a pattern fits none.
     """
     for pattern in patterns:
         if not any(_fits(case, pattern) for case in cases):

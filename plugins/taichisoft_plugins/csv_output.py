@@ -45,7 +45,7 @@ class CsvOutput(Output):
         """Open the file, and take the names of the columns.
 
         Raises:
-            TaichisoftError: The file cannot be made.
+            TaichisoftError: the file cannot be made.
         """
         self._up = model.scene.up
         self._start = state.rigid_position.copy()
@@ -61,7 +61,7 @@ class CsvOutput(Output):
         """Write a row.
 
         Raises:
-            TaichisoftError: The disk is full, or the like.
+            TaichisoftError: the disk is full, or the like.
         """
         assert self._file is not None
         with named_os_errors(self.path):
@@ -87,7 +87,7 @@ class CsvOutput(Output):
         """Close the file; without any step it has the names of the columns only.
 
         Raises:
-            TaichisoftError: The disk is full, or the like.
+            TaichisoftError: the disk is full, or the like.
         """
         if self._file is None:
             return

@@ -10,6 +10,7 @@ import numpy as np
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import GoalMissed
 from taichisoft.session.output import Output
+from taichisoft_plugins.base_motion import last_at_rest
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -49,8 +50,8 @@ class MetricsOutput(Output):
         """Write metrics.json.
 
         Raises:
-            GoalMissed: The run was completed, but its goal was not reached.
-            TaichisoftError: The file cannot be written.
+            GoalMissed: the run was completed, but its goal was not reached.
+            TaichisoftError: the file cannot be written.
         """
         self.metrics = {"outcome": outcome, **self._step_metrics(), **self._goal_metrics()}
         goal = self._scene.goal
@@ -115,8 +116,7 @@ class MetricsOutput(Output):
         if goal is None or not self._reports:
             return {}
         base, position = np.array(self._base_positions), np.array(self._object_positions)
-        moves = np.any(base != base[0], axis=1)
-        before = max(0, int(np.argmax(moves)) - 1) if moves.any() else 0
+        before = last_at_rest(base) or 0
         base_lift = float((base[-1] - base[before]) @ self._scene.up)
         object_lift = float((position[-1] - position[before]) @ self._scene.up)
         hold_steps = max(1, round(goal.hold / self._scene.time.step))

@@ -30,11 +30,11 @@ class StressLaw:
         """Compute what does not change with the positions.
 
         Args:
-            rest_position: Nodes at rest [mm], shape (node_count, 3).
-            elements: Node indices, shape (element_count, 4).
+            rest_position: nodes at rest [mm], shape (node_count, 3).
+            elements: node indices, shape (element_count, 4).
             young_modulus: Young's modulus of each element [kPa], shape (element_count,).
             poisson_ratio: Poisson's ratio of each element, shape (element_count,).
-            polar: Whether rotations come from the polar decomposition (`corotation = "polar"` in a scene) and not from
+            polar: whether rotations come from the polar decomposition (`corotation = "polar"` in a scene) and not from
                 the first two edges.
         """
         self._elements = elements
@@ -46,7 +46,7 @@ class StressLaw:
         """Corotational stress of each element, in the axes of the world.
 
         Args:
-            position: Nodes [mm], shape (node_count, 3).
+            position: nodes [mm], shape (node_count, 3).
 
         Returns:
             Stress [kPa], positive in tension, shape (element_count, 3, 3).
@@ -90,9 +90,9 @@ def nodal_mean(values: np.ndarray, elements: np.ndarray, rest_position: np.ndarr
     """Mean of the elements around each node, weighted with their volumes at rest.
 
     Args:
-        values: Values of the elements, shape (element_count,).
-        elements: Node indices, shape (element_count, 4); every node belongs to one.
-        rest_position: Nodes at rest [mm], shape (node_count, 3).
+        values: values of the elements, shape (element_count,).
+        elements: node indices, shape (element_count, 4); every node belongs to one.
+        rest_position: nodes at rest [mm], shape (node_count, 3).
 
     Returns:
         Means in the unit of `values`, shape (node_count,).

@@ -9,9 +9,9 @@ class SystemLibrary:
     """A package of the system.
 
     Attributes:
-        package: Its name for apt-get.
-        file: The shared library that is loaded from it; empty for a driver, which is found by other ways.
-        needed_by: Import names of the Python packages that need it.
+        package: its name for apt-get.
+        file: the shared library that is loaded from it; empty for a driver, which is found by other ways.
+        needed_by: import names of the Python packages that need it.
     """
 
     package: str

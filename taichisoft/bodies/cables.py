@@ -136,10 +136,11 @@ class Cables:
 
     def pulls(self, length: np.ndarray, tension: np.ndarray, tension_loss: np.ndarray) -> np.ndarray:
         """How far the cables are pulled in [mm], shape (cable_count,), by the fields of a state."""
-        pulls = self.rest_length - length
-        losses = np.split(tension_loss, (self.coordinate_start[1:] - np.arange(1, len(pulls) + 1))[:-1])
-        for cable, (stretch, loss) in enumerate(zip(self.stretch, losses, strict=True)):
+        pulls, first = self.rest_length - length, 0
+        for cable, stretch in enumerate(self.stretch):
+            loss = tension_loss[first : first + len(stretch) - 1]
             pulls[cable] += stretch[0] @ [tension[cable], *loss]
+            first += len(loss)
         return pulls
 
     def _lay_out(self) -> None:
@@ -183,62 +184,55 @@ def _make_cable(
     obstacles: Mapping[str, Obstacle],
 ) -> Cable:
     key = f"soft_bodies.{body.name}.cables.{name}"
-    turn, shift = rotation_from_degrees(body.settings.rotation), np.asarray(body.settings.translation)
-    points = read_points(cable.points) if isinstance(cable.points, str) else cable.points
-    owner, nodes, weights, place, rest = [], [], [], [], []
-    if cable.pull_point is not None:
-        pull_point = turn @ np.asarray(cable.pull_point) + shift
-        owner, nodes, weights = [STATIC], [np.zeros(4, dtype=np.int64)], [np.zeros(4)]
-        place, rest = [pull_point], [pull_point]
-    for index, point in enumerate(points):
-        where = f"{key}.points.{index}"
-        on = point.body if isinstance(point, settings.CablePoint) else body.name
-        at = np.array(point.point if isinstance(point, settings.CablePoint) else point, dtype=np.float64)
-        nodes.append(np.zeros(4, dtype=np.int64))
-        weights.append(np.zeros(4))
-        if on in soft:
-            own = soft[on]
-            nodes[-1], weights[-1] = _embedded(own, at, where)
-            owner.append(SOFT)
-            place.append(np.zeros(3))
-            rest.append(weights[-1] @ own.rest_position[nodes[-1] - own.nodes.start])
-        elif on in rigid:
-            number, carrier = rigid[on]
-            owner.append(number)
-            place.append(at - carrier.centre_of_mass)
-            (turned,) = matrices_from_quaternions(carrier.start_rotation[None]) @ place[-1]
-            rest.append(carrier.start_position + turned)
+    listed = read_points(cable.points) if isinstance(cable.points, str) else cable.points
+    others = [point.body if isinstance(point, settings.CablePoint) else body.name for point in listed]
+    own = [point.point if isinstance(point, settings.CablePoint) else point for point in listed]
+    count = len(others)
+    points, carriers = np.array(own, dtype=np.float64).reshape(-1, 3), np.array(others)
+    owner = np.full(count, STATIC, dtype=np.int32)
+    nodes, weights = np.zeros((count, 4), dtype=np.int32), np.zeros((count, 4))
+    place, rest_point = np.zeros((count, 3)), np.zeros((count, 3))
+    for carrier in dict.fromkeys(others):
+        on = carriers == carrier
+        if carrier in soft:
+            owner[on] = SOFT
+            nodes[on], weights[on] = _embedded(soft[carrier], points, on, f"{key}.points")
+            positions = soft[carrier].rest_position[nodes[on] - soft[carrier].nodes.start]
+            rest_point[on] = np.einsum("pk,pkd->pd", weights[on], positions)
+        elif carrier in rigid:
+            owner[on], solid = rigid[carrier]
+            place[on] = points[on] - solid.centre_of_mass
+            (turn,) = matrices_from_quaternions(solid.start_rotation[None])
+            rest_point[on] = place[on] @ turn.T + solid.start_position
         else:
-            owner.append(STATIC)
-            place.append(obstacles[on].turn @ at + obstacles[on].shift)
-            rest.append(place[-1])
-    too_near = np.linalg.norm(np.diff(rest, axis=0), axis=1) < SHORTEST_SEGMENT
+            place[on] = rest_point[on] = points[on] @ obstacles[carrier].turn.T + obstacles[carrier].shift
+    if cable.pull_point is not None:
+        turn, shift = rotation_from_degrees(body.settings.rotation), np.asarray(body.settings.translation)
+        pull_point = turn @ np.asarray(cable.pull_point) + shift
+        owner = np.insert(owner, 0, STATIC)
+        nodes, weights = np.insert(nodes, 0, 0, axis=0), np.insert(weights, 0, 0.0, axis=0)
+        place, rest_point = (np.insert(table, 0, pull_point, axis=0) for table in (place, rest_point))
+    too_near = np.linalg.norm(np.diff(rest_point, axis=0), axis=1) < SHORTEST_SEGMENT
     if too_near.any():
         first = int(np.argmax(too_near)) - (cable.pull_point is not None)
         names = "pull_point and points.0" if first < 0 else f"points.{first} and points.{first + 1}"
         raise SceneError(f"{key}: {names} are the same place; a cable needs a direction between its points")
-    return Cable(
-        name=f"{body.name}.{name}",
-        settings=cable,
-        owner=np.array(owner, dtype=np.int32),
-        nodes=np.array(nodes, dtype=np.int32),
-        weights=np.array(weights),
-        place=np.array(place),
-        rest_point=np.array(rest),
-    )
+    return Cable(f"{body.name}.{name}", cable, owner, nodes, weights, place, rest_point)
 
 
-def _embedded(body: SoftBody, point: np.ndarray, where: str) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the model and weights of a point in the body's mesh coordinates."""
+def _embedded(body: SoftBody, points: np.ndarray, on: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of the model, and their weights, of those points in the body's mesh coordinates that are on it."""
     lower, upper = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
     margin = EMBEDDING_MARGIN * (upper - lower).max()
-    if ((point < lower - margin) | (point > upper + margin)).any():
+    outside = on & ((points < lower - margin) | (points > upper + margin)).any(axis=1)
+    if outside.any():
+        first = int(np.argmax(outside))
         raise SceneError(
-            f"{where} = {point.tolist()}: lies outside the mesh of '{body.name}' ({np.round(lower, 3).tolist()} to "
-            f"{np.round(upper, 3).tolist()} mm, before it is placed)"
+            f"{key}.{first} = {points[first].tolist()}: lies outside the mesh of '{body.name}' "
+            f"({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm, before it is placed)"
         )
-    nodes, weights = embed(point[None], body.mesh.nodes, body.mesh.elements)
-    return nodes[0] + body.nodes.start, weights[0]
+    nodes, weights = embed(points[on], body.mesh.nodes, body.mesh.elements, body.settings.embedding)
+    return nodes + body.nodes.start, weights
 
 
 def _joined(tables: Sequence[np.ndarray], empty: tuple[int, ...], kind: type) -> np.ndarray:

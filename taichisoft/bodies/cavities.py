@@ -6,6 +6,7 @@ import numpy as np
 
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.kernels import cavities as kernels
+from taichisoft.meshes.surface import stacked
 
 
 class Cavities:
@@ -33,17 +34,16 @@ class Cavities:
             parts.append(np.column_stack([place.reshape(-1) + entry_start[-1], vertex]))
             entries.append(used)
             entry_start.append(entry_start[-1] + len(used))
-        most = max((nodes.shape[1] for nodes, _ in tables), default=1)
         all_parts = np.vstack([np.zeros((0, 2), dtype=np.int64), *parts])
         by_entry = np.argsort(all_parts[:, 0], kind="stable")
         shifted = [part + first for part, first in zip(triangles, vertex_start[:-1], strict=True)]
         part_start = np.searchsorted(all_parts[by_entry, 0], np.arange(entry_start[-1] + 1))
         part_weight = np.concatenate([np.zeros(0), *(weights.reshape(-1) for _, weights in tables)])[by_entry]
         self.surfaces = kernels.CavitySurfaces(
-            vertex_nodes=_stacked([_padded(nodes, most) for nodes, _ in tables], most, np.int32),
-            vertex_weights=_stacked([_padded(weights, most) for _, weights in tables], most, np.float64),
+            vertex_nodes=stacked([nodes for nodes, _ in tables]).astype(np.int32),
+            vertex_weights=stacked([weights for _, weights in tables]),
             triangle_start=np.cumsum([0, *(len(part) for part in triangles)]).astype(np.int32),
-            triangles=_stacked(shifted, 3, np.int32),
+            triangles=np.vstack([np.zeros((0, 3)), *shifted]).astype(np.int32),
             entry_start=np.array(entry_start, dtype=np.int32),
             entry_node=np.concatenate([*entries, np.zeros(0)]).astype(np.int32),
             part_start=part_start.astype(np.int32),
@@ -94,13 +94,3 @@ class CavityVolumes:
             self._node_velocity[:] = node_velocity
             kernels.flows(self._node_velocity, self._surfaces, self._volumes)
         return self._volumes.flow.copy()
-
-
-def _padded(table: np.ndarray, columns: int) -> np.ndarray:
-    """Fill up with node 0 of weight 0."""
-    return np.pad(table, ((0, 0), (0, columns - table.shape[1])))
-
-
-def _stacked(tables: list[np.ndarray], columns: int, kind: type) -> np.ndarray:
-    """The tables under each other; without any an empty one."""
-    return np.vstack([np.zeros((0, columns)), *tables]).astype(kind)

@@ -1,4 +1,4 @@
-"""Rotations and shifts that place bodies, with the conventions of scenes and states.
+"""Rotations that place bodies, and directions, with the conventions of scenes and states.
 
 SciPy refuses read-only arrays, such as those of a state: it gets copies.
 """
@@ -40,6 +40,16 @@ def matrices_from_quaternions(quaternions: np.ndarray) -> np.ndarray:
 def compose_rotation_vectors(second: np.ndarray, first: np.ndarray) -> np.ndarray:
     """The rotation vector [rad], shape (3,), of turning by `first` and then by `second`."""
     return (Rotation.from_rotvec(second.copy()) * Rotation.from_rotvec(first.copy())).as_rotvec()
+
+
+def right_of(up: np.ndarray) -> np.ndarray:
+    """The unit vector to the right, as keys and pictures have it, for a unit vector upwards; both of shape (3,).
+
+    It is the next coordinate axis after up (z up: x, x up: y), made perpendicular to it, so that it stands firm.
+    """
+    axis = np.roll(np.eye(3)[np.argmax(np.abs(up))], 1)
+    right = axis - up * (axis @ up)
+    return right / np.linalg.norm(right)
 
 
 def turn_towards(start: np.ndarray, end: np.ndarray, furthest: float) -> np.ndarray:

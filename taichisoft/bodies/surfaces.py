@@ -32,9 +32,9 @@ class Surface:
     """A surface of a body; two kinds of it know where its vertices are, in a state and in a frame of a recording.
 
     Attributes:
-        name: Name of the body, or of the cavity ("finger1.cavity").
-        kind: What the surface belongs to.
-        triangles: Vertex indices, outward, shape (triangle_count, 3).
+        name: name of the body, or of the cavity ("finger1.cavity").
+        kind: what the surface belongs to.
+        triangles: vertex indices, outward, shape (triangle_count, 3).
     """
 
     name: str
@@ -47,9 +47,9 @@ class BodySurface(Surface):
     """A surface and what carries it: soft nodes, a rigid body, or nothing that moves.
 
     Attributes:
-        shape: A map from all soft nodes to the vertices, or the vertices [mm], shape (vertex_count, 3): those of a
+        shape: a map from all soft nodes to the vertices, or the vertices [mm], shape (vertex_count, 3): those of a
             rigid body in its own frame, those of an obstacle in the world.
-        rigid_body: Index of the rigid body that carries the vertices; None for other surfaces.
+        rigid_body: index of the rigid body that carries the vertices; None for other surfaces.
     """
 
     shape: MappedSurface | np.ndarray
@@ -70,9 +70,9 @@ class Plane:
     """An infinite obstacle.
 
     Attributes:
-        name: Name of the obstacle.
-        point: A point of the plane [mm], shape (3,).
-        normal: Unit normal, shape (3,).
+        name: name of the obstacle.
+        point: a point of the plane [mm], shape (3,).
+        normal: unit normal, shape (3,).
     """
 
     name: str

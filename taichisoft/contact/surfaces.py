@@ -11,6 +11,7 @@ from taichisoft.contact import bounding_volumes
 from taichisoft.contact.features import find_features
 from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.kernels.surfaces import Carriers, Planes, Surfaces
+from taichisoft.meshes.surface import stacked
 
 
 @dataclass(frozen=True)
@@ -62,12 +63,11 @@ class ContactSurfaces:
             point=np.array([point for _, point, _ in planes]).reshape(-1, 3),
             normal=np.array([normal for _, _, normal in planes]).reshape(-1, 3),
         )
-        most = max(part.nodes.shape[1] for part in parts)
         self.carriers = Carriers(
             owner=np.concatenate([np.full(len(part.vertices), part.owner) for part in parts]).astype(np.int32),
             local=np.vstack([part.vertices for part in parts]),
-            nodes=np.vstack([_padded(part.nodes, most) for part in parts]).astype(np.int32),
-            weights=np.vstack([_padded(part.weights, most) for part in parts]),
+            nodes=stacked([part.nodes for part in parts]).astype(np.int32),
+            weights=stacked([part.weights for part in parts]),
         )
         self.topology = _join(parts)
         self.vertex_range = _ranges([len(part.vertices) for part in parts])
@@ -82,8 +82,6 @@ class ContactSurfaces:
         for body in {part.body for part in parts if part.owner != STATIC}:
             vertices = np.vstack([part.vertices for part in parts if part.body == body])
             self.body_size[body] = np.ptp(vertices, axis=0).min()
-        for array in (*self.topology, *self.carriers, *self.planes, *self.trees):
-            array.setflags(write=False)
 
     @property
     def count(self) -> int:
@@ -109,11 +107,6 @@ def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequ
                 _Part(number, owner, other.vertices, other.triangles, no_node, no_node, other.groups, collides)
             )
     return parts
-
-
-def _padded(table: np.ndarray, columns: int) -> np.ndarray:
-    """Fill up with node 0 of weight 0."""
-    return np.pad(table, ((0, 0), (0, columns - table.shape[1])))
 
 
 def _ranges(counts: Sequence[int] | np.ndarray) -> np.ndarray:

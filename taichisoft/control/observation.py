@@ -24,6 +24,9 @@ class Observation:
         pressures: pressures in the last step [kPa], by cavity name.
         volumes: volumes of the cavities [mm^3], by cavity name.
         flows: rates of change of the volumes [mm^3/s], by cavity name.
+        cable_tensions: tensions at the pulled ends in the last step [mN], by cable name.
+        cable_lengths: lengths of the cables [mm], by cable name.
+        cable_pulls: how far the cables are pulled in [mm], by cable name.
         tip_positions: mean position of the tip's nodes [mm], shape (3,), by finger.
         tip_velocities: mean velocity of the tip's nodes [mm/s], shape (3,), by finger.
         bending_angles: turn of the tip against the base [rad], from 0 to pi, by finger.
@@ -37,8 +40,8 @@ class Observation:
         normal_forces: sum of the normal forces in the last step [mN], by pair.
         friction_forces: sum of the magnitudes of the friction forces in the last step [mN], by pair.
         slip_speeds: fastest sliding of a contact that presses [mm/s], by pair.
-        clipped: parts of the last request that the scene's limits held back: names of cavities, "base_translation"
-            and "base_rotation".
+        clipped: parts of the last request that the scene's limits held back: names of cavities and cables,
+            "base_translation" and "base_rotation".
         state: the complete state that all the above was worked out from, read-only, for controllers that need every
             node or every contact; None in an observation that was made up without one.
     """
@@ -48,6 +51,9 @@ class Observation:
     pressures: Mapping[str, float] = field(default_factory=dict)
     volumes: Mapping[str, float] = field(default_factory=dict)
     flows: Mapping[str, float] = field(default_factory=dict)
+    cable_tensions: Mapping[str, float] = field(default_factory=dict)
+    cable_lengths: Mapping[str, float] = field(default_factory=dict)
+    cable_pulls: Mapping[str, float] = field(default_factory=dict)
     tip_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
     tip_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)
     bending_angles: Mapping[str, float] = field(default_factory=dict)

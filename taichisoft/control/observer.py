@@ -44,7 +44,8 @@ class Observer:
 
     def _work_out(self, state: State) -> Observation:
         model, tips, contacts = self._model, self._fingertips, summarise_contacts(self._model, state)
-        cavities = model.cavities
+        cavities, cables = model.cavities, model.cables
+        pulls = cables.pulls(state.cable_length, state.cable_tension, state.cable_tension_loss)
         tip_positions, tip_velocities, bending_angles = tips.observe(state)
         return Observation(
             time=state.time,
@@ -52,6 +53,9 @@ class Observer:
             pressures=_numbers(cavities.names, state.cavity_pressure),
             volumes=_numbers(cavities.names, state.cavity_volume),
             flows=_numbers(cavities.names, self._volumes.flows(state.position, state.velocity)),
+            cable_tensions=_numbers(cables.names, state.cable_tension),
+            cable_lengths=_numbers(cables.names, state.cable_length),
+            cable_pulls=_numbers(cables.names, pulls),
             tip_positions=_by_name(tips.names, tip_positions),
             tip_velocities=_by_name(tips.names, tip_velocities),
             bending_angles=_numbers(tips.names, bending_angles),

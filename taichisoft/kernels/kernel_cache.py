@@ -38,6 +38,7 @@ def _open_lock() -> IO[str]:
 
 
 _LOCK = _open_lock()
+atexit.register(_LOCK.close)  # what is registered later, such as Taichi's own end, comes before it
 
 
 @contextlib.contextmanager

@@ -145,19 +145,20 @@ class _Launch:
 
 @contextmanager
 def timed_launches(add: Callable[[float], None]) -> Iterator[None]:
-    """Within it, `add` gets the seconds of every launch; outside nothing is measured, and nothing costs."""
-    launch = Kernel.__call__
+    """Within it, `add` gets the seconds of every launch, without the Python around it; outside nothing costs."""
+    program = type(ti.lang.impl.get_runtime().prog)
+    launch_kernel = vars(program)["launch_kernel"]  # not program.launch_kernel, which would take no self when put back
 
-    def timed(self: Kernel, *arguments: Any) -> None:
+    def timed(*arguments: Any) -> None:
         started = time.perf_counter()
-        launch(self, *arguments)
+        launch_kernel(*arguments)
         add(time.perf_counter() - started)
 
-    Kernel.__call__ = timed  # type: ignore[method-assign]
+    program.launch_kernel = timed
     try:
         yield
     finally:
-        Kernel.__call__ = launch  # type: ignore[method-assign]
+        program.launch_kernel = launch_kernel
 
 
 def _picker(indices: list[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:

@@ -13,7 +13,7 @@ class Anchors(NamedTuple):
     Attributes:
         node: the anchored nodes, shape (anchor_count,).
         stiffness: [mN/mm], shape (node_count,).
-        lag: h + b [s], shape (node_count,).
+        lag: h + b [s], 0 in first order dynamics, shape (node_count,).
         position: where they are held before the base moves them [mm], shape (anchor_count, 3).
     """
 

@@ -55,6 +55,13 @@ class MappedSurface:
         return np.einsum("vk,vkd->vd", self.weights, node_positions[self.nodes])
 
 
+def stacked(tables: Sequence[np.ndarray]) -> np.ndarray:
+    """Nodes or weights of several surfaces under each other; narrower tables are filled up with node 0 of weight 0."""
+    columns = max((table.shape[1] for table in tables), default=1)
+    padded = [np.pad(table, ((0, 0), (0, columns - table.shape[1]))) for table in tables]
+    return np.concatenate([np.zeros((0, columns)), *padded])
+
+
 def enclosed_volume(vertices: np.ndarray, triangles: np.ndarray) -> float:
     """Signed volume [mm^3] inside a closed surface, positive when it faces outward (divergence theorem)."""
     a, b, c = np.moveaxis(vertices[triangles] - vertices.mean(axis=0), 1, 0)

@@ -1,7 +1,6 @@
 """What `taichisoft run` does: scene, controller, outputs, session, and what is shown of them."""
 
 import math
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from dataclasses import dataclass
@@ -18,16 +17,10 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import SceneError, TaichisoftError
 from taichisoft.plugin_system.hooks import find
-from taichisoft.running.display import (
-    logged_to,
-    print_profile,
-    print_summary,
-    print_warning,
-    progress_bar,
-    warn_if_slow,
-)
+from taichisoft.running.display import print_profile, print_summary, progress_bar, warn_if_slow
 from taichisoft.running.live_status import live_status
 from taichisoft.running.loop import INTERRUPTED, run_session
+from taichisoft.running.messages import logged_to, warnings_printed_to
 from taichisoft.running.profile import Profile, profiled
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft.scenes.scene import Scene
@@ -102,8 +95,7 @@ def run_simulation(
     if speed is not None and not 0.0 < speed < math.inf:
         raise TaichisoftError(f"--speed {speed:g}: must be a positive, finite number; 1 is real time")
     console = rich.get_console()  # an output that takes long at the end shows its progress there too
-    with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *_, **__: print_warning(console, str(message))
+    with warnings_printed_to(console):
         with _errors_in(name):
             controller = make_controller(scene)
         if controller.interactive and request.replay is None:

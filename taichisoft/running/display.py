@@ -1,6 +1,5 @@
-"""What `taichisoft run` shows: progress, messages of a log, warnings, the closing tables."""
+"""What `taichisoft run` shows beside its messages: progress, and the closing tables."""
 
-import logging
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,13 +12,12 @@ from rich.text import Text
 
 from taichisoft.control.controller import Controller
 from taichisoft.plugin_system.failure import plugin_failure
+from taichisoft.running.messages import print_warning
 from taichisoft.running.profile import REST, TOTAL, Profile
 from taichisoft.session.output import Output
 from taichisoft.session.pace import KEEPING_UP
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
-
-PROJECT_LOGGER = "taichisoft"
 
 
 @contextmanager
@@ -39,25 +37,6 @@ def progress_bar(console: Console, session: Session, title: str) -> Iterator[Cal
             progress.update(task, advance=1, state=f"{report.time:.2f} s  {report.contact_count} contacts")
 
         yield show
-
-
-@contextmanager
-def logged_to(console: Console) -> Iterator[None]:
-    """Print each message of the logger "taichisoft" and those below it as one line, as long as it lasts."""
-    logger, handler = logging.getLogger(PROJECT_LOGGER), _ConsoleHandler(console)
-    level_before = logger.level
-    logger.addHandler(handler)
-    logger.setLevel(logging.INFO)
-    try:
-        yield
-    finally:
-        logger.setLevel(level_before)
-        logger.removeHandler(handler)
-
-
-def print_warning(console: Console, message: str) -> None:
-    """One line, without markup."""
-    console.print(Text.assemble(("warning: ", "yellow"), message), soft_wrap=True)
 
 
 def warn_if_slow(console: Console, session: Session) -> None:
@@ -95,12 +74,3 @@ def print_summary(console: Console, parts: Sequence[Controller | Output], folder
     if table.row_count:
         console.print(table)
     console.print(Text(f"results in {folder}"), soft_wrap=True)
-
-
-class _ConsoleHandler(logging.Handler):
-    def __init__(self, console: Console):
-        super().__init__()
-        self._console = console
-
-    def emit(self, record: logging.LogRecord) -> None:
-        self._console.print(Text(record.getMessage()), soft_wrap=True)

@@ -19,14 +19,13 @@ def deferred_signals() -> Iterator[Callable[[], None]]:
     """
     came: list[int] = []
 
-    def note(number: int, _frame: Any) -> None:
-        if came:
-            raise KeyboardInterrupt
-        came.append(number)
-
     def stop_if_asked() -> None:
         if came:
             raise KeyboardInterrupt
+
+    def note(number: int, _frame: Any) -> None:
+        stop_if_asked()
+        came.append(number)
 
     before = {}
     if threading.current_thread() is threading.main_thread():

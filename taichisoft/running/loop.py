@@ -7,7 +7,6 @@ from typing import Any, TypeVar
 
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
-from taichisoft.control.keys import KeyEvent
 from taichisoft.errors import GoalMissed, PluginError, TaichisoftError
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import notify
@@ -95,7 +94,10 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
 
 def _advance(session: Session, on_step: Callable[[StepReport], None] | None, stop_if_asked: Callable[[], None]) -> str:
     """Make the steps; returns how they ended."""
-    key_handling = KeyHandling(session, lambda event: _press(session.controller, event), lambda: _start_anew(session))
+    controller = session.controller
+    key_handling = KeyHandling(
+        session, lambda event: _call(controller, controller.key, event), lambda: _start_anew(session)
+    )
     warned = False
     session.pace.restart()
     try:
@@ -147,10 +149,6 @@ def _next_control(session: Session) -> Control:
             f"{simulation.state.step}; controller.time_limit is {limit:g} s"
         ) from error
     return asked
-
-
-def _press(controller: Controller, event: KeyEvent) -> None:
-    _call(controller, controller.key, event)
 
 
 def _start_anew(session: Session) -> None:

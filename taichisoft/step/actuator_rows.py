@@ -86,7 +86,8 @@ class ActuatorRows:
         last = np.insert(
             state.cable_tension_loss, cables.coordinate_start[:-1] - np.arange(len(pull)), state.cable_tension
         )
-        coordinates, rates, bounds = [], [], []
+        coordinates, rates, bounds = [self.coordinates], [self.target_rate], [self.bounds]
+        row = len(self.coordinates)
         for cable, target in enumerate(state.cable_target.tolist()):
             own = np.arange(*cables.coordinate_start[cable : cable + 2])
             by_pull = bool(state.cable_pull_imposed[cable])
@@ -107,11 +108,12 @@ class ActuatorRows:
             rate = cables.stretch[cable] @ last[own] / step
             rate[0] = (reference - pull[cable]) / step
             if cables.stretch[cable].any():
-                self.stretch.append((len(self.coordinates) + sum(map(len, rates)), cables.stretch[cable] / step**2))
+                self.stretch.append((row, cables.stretch[cable] / step**2))
             rates.append(rate)
             bounds.append(rows)
-        self.coordinates = np.concatenate([self.coordinates, *coordinates])
-        self.target_rate = np.concatenate([self.target_rate, *rates])
-        self.bounds = np.vstack([self.bounds, *bounds])
+            row += len(own)
+        self.coordinates = np.concatenate(coordinates)
+        self.target_rate = np.concatenate(rates)
+        self.bounds = np.vstack(bounds)
         own = self.coordinates[len(self.first_impulse) :] - self._cavity_count
         self.first_impulse = np.concatenate([self.first_impulse, last[own] * step])

@@ -49,7 +49,7 @@ class SoftMotion:
     def solve_free_motion(self, state: State, load: np.ndarray) -> None:
         """Implicit Euler with the rotations of the start of the step and known efforts p of coordinates q.
 
-        v + A^-1 h (f + M g + p dq/dx - a M v - (h + b) K v)
+        v + A^-1 h (f + M g + p dq/dx - a M v - (h + b) K v), in first order dynamics A^-1 h (f + M g + p dq/dx).
 
         Args:
             state: at the start of the step.
@@ -70,7 +70,10 @@ class SoftMotion:
         self._force += self.system.force
         self._add_anchors_and_actuators(state, load)
         self._force *= self._model.scene.time.step
-        np.add(self.response(self._force), state.velocity, out=self.free_velocity)
+        if self._model.scene.time.dynamics == "first order":
+            self.free_velocity[:] = self.response(self._force)
+        else:
+            np.add(self.response(self._force), state.velocity, out=self.free_velocity)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], (node_count, 3), by impulses on the nodes [mN s], (node_count, 3)."""

@@ -2,7 +2,7 @@
 
 import pytest
 from conftest import examples
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from toy_grasp import FRICTION, STIFFNESS, STRONGEST, ToyGrasp, failure, run_toy
 
@@ -17,10 +17,12 @@ AT_FIRST = FRICTION * TUNING.set_point
 
 @examples(15)
 @given(weight=st.floats(1.0, 0.9 * STRONGEST), period=st.sampled_from([0.01, 0.02, 0.05]))
+@example(weight=763.5, period=0.05)
 def test_one_tuning_holds_whatever_friction_can_hold(weight: float, period: float) -> None:
-    """An object that slipped is held with the margin, less what the force grows by in a period.
+    """An object that slipped is held with the margin, less what the force grows by in two periods.
 
-    And a little less: while the lift waits, slip slower than `slip_speed` is not seen.
+    The object sticks some time within a period after slip was last seen, and in the one before that slip may have been
+    slower than `slip_speed`, as while the lift waits, so that it was not seen.
     """
     toy = ToyGrasp(weight)
     sequence = run_toy(toy, TUNING, 12.0, period)
@@ -32,7 +34,7 @@ def test_one_tuning_holds_whatever_friction_can_hold(weight: float, period: floa
         assert sequence.set_point.raised_count == 0
     if weight > 1.1 * AT_FIRST and TUNING.margin * weight < 0.9 * STRONGEST:
         grown = TUNING.pressure_rate * STIFFNESS * period
-        assert FRICTION * sequence.set_point.force >= 0.9 * TUNING.margin * (weight - FRICTION * grown)
+        assert FRICTION * sequence.set_point.force >= TUNING.margin * (weight - 2.0 * FRICTION * grown)
 
 
 @pytest.mark.parametrize("direction", [-1.0, 1.0])

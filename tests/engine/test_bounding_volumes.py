@@ -105,10 +105,8 @@ def test_the_room_for_contacts_grows(models: dict[int, Model], monkeypatch: pyte
 
 
 def test_what_moves_in_one_simulation_stays_where_it_is_in_another(models: dict[int, Model]) -> None:
-    """What two simulations share cannot be written to, and contacts found in turns are those found alone."""
+    """Contacts found in turns are those found alone."""
     surfaces = models[LEAF_TRIANGLES].surfaces
-    shared = (*surfaces.topology, *surfaces.carriers, *surfaces.planes, *surfaces.trees)
-    assert not any(array.flags.writeable for array in shared)
     places = [place(models[LEAF_TRIANGLES], seed, 5.0) for seed in (3, 4)]
     detections = [ContactDetection(surfaces, moving) for moving in places]
     found = [one.find(5.0, 5.0) for one in detections]

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels import launch
+from taichisoft.kernels.launch import func, kernel, timed_launches
 from taichisoft.kernels.runtime import Scalars, Vectors, ti, vec3
 
 
@@ -102,3 +103,20 @@ def test_something_else_than_the_bundle_is_refused() -> None:
 def test_an_array_of_another_kind_in_a_bundle_is_refused() -> None:
     with pytest.raises(TypeError, match="double, result_mass: must be a contiguous float64 array of 1 dimensions"):
         double(1.0, particles(4), particles(4)._replace(mass=np.ones(4, dtype=np.int32)), np.ones(4))
+
+
+def test_only_the_launch_itself_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The clock stands still but for the Python around the launch; outside nobody is told of launches."""
+    clock, prepare, seconds = [0.0], launch.Kernel._prepare, list[float]()
+
+    def slow_prepare(*arguments: object) -> object:
+        clock[0] += 1.0
+        return prepare(*arguments)
+
+    monkeypatch.setattr(launch.Kernel, "_prepare", slow_prepare)
+    monkeypatch.setattr(launch.time, "perf_counter", lambda: clock[0])
+    result = np.zeros(4)
+    with timed_launches(seconds.append):
+        add_up(np.ones((4, 3)), 1.0, 0, result)
+    add_up(np.ones((4, 3)), 2.0, 0, result)
+    assert (clock, seconds, result[0]) == ([2.0], [0.0], 6.0)

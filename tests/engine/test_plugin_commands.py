@@ -42,7 +42,6 @@ def taichisoft_commands(application):
 def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Any:
     """Runs the command in a folder of its own with wave.py; returns exit code, output and errors."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
     (tmp_path / "wave.py").write_text(WAVE)
 
     def run(*arguments: str) -> tuple[int, str, str]:

@@ -62,7 +62,6 @@ def taichisoft_run_options():
 def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path) -> Any:
     """Runs the command with the plug-in above in a folder of its own; returns exit code, output and errors."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
     (tmp_path / "counter.py").write_text(COUNTER)
 
     def run(*arguments: str) -> tuple[int, str, str]:

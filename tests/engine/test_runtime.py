@@ -89,3 +89,10 @@ def test_without_a_place_for_kernels_a_run_is_slow_to_start_and_says_so(tmp_path
     assert f"compiled kernels cannot be kept in {folder} (Not a directory) and every start takes" in done.stderr
     assert "ticache.lock" not in done.stderr
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "program.py"]
+
+
+def test_at_the_end_no_file_is_left_open(tmp_path: Path) -> None:
+    environment = {**os.environ, "TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path)}
+    command = [sys.executable, "-W", "always::ResourceWarning", "-c", "import taichisoft.kernels.kernel_cache"]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

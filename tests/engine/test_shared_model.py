@@ -1,5 +1,7 @@
 """A model never changes: simulations share it, one after the other and from threads at once."""
 
+import io
+import pickle
 from collections.abc import Callable
 from dataclasses import replace
 from threading import Event, Thread
@@ -87,6 +89,22 @@ def test_who_observes_from_another_thread_changes_no_bit(model: Model) -> None:
     over.set()
     watcher.join()
     assert simulation.state == expected
+
+
+def test_all_arrays_of_a_model_are_read_only(model: Model) -> None:
+    """Whatever a model has in it, as pickle finds it: a simulation that wrote to it would change all the others."""
+    found: list[np.ndarray] = []
+
+    class Collector(pickle.Pickler):
+        def persistent_id(self, part: object) -> None:
+            if isinstance(part, np.ndarray):
+                found.append(part)
+
+    Collector(io.BytesIO()).dump(model)
+    assert model.elasticity is not None
+    parts = (model.friction, model.elasticity.lame, model.cavities.rest_volume, model.surfaces.edge_range)
+    assert {id(array) for array in parts} <= {id(array) for array in found}
+    assert not any(array.flags.writeable for array in found)
 
 
 def test_a_state_is_read_only(model: Model) -> None:

@@ -25,13 +25,15 @@ def simulation(block: Callable[..., str]) -> Simulation:
         "translation": [0, 0, 11],
         "anchors": [{"box": [[-10, -10, 10], [10, 10, 10]], "stiffness": 1.0}],
         "cavities": {"air": {"group": "cavity"}},
+        "cables": {"tendon": {"points": [[-8, 9, -9], [0, 9, -8], [8, 9, -9]], "friction": 0.1}},
     }
     box = {"box": [10, 10, 10], "mass": 0.01, "position": [0, 0, 27]}
     floor = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
     scene = {"soft_bodies": {"block": body}, "rigid_bodies": {"box": box}, "obstacles": {"floor": floor}}
     simulation = Simulation(scene_from_dict(scene))
     for _ in range(2):
-        simulation.step(Control(pressure={"block.air": 5.0}, base_rotation=np.array([0.1, 0.2, 0.3])))
+        turn = np.array([0.1, 0.2, 0.3])
+        simulation.step(Control(pressure={"block.air": 5.0}, cable_pull={"block.tendon": 0.1}, base_rotation=turn))
     assert len(simulation.state.contact_body_pair)
     return simulation
 
@@ -48,7 +50,7 @@ def test_a_copy_is_equal_and_shares_nothing(simulation: Simulation) -> None:
 @pytest.mark.parametrize("name", [field.name for field in fields(State)])
 def test_states_differ_when_any_bit_does(simulation: Simulation, name: str) -> None:
     value = getattr(simulation.state, name)
-    if name == "cavity_volume_imposed":
+    if name in ("cavity_volume_imposed", "cable_pull_imposed"):
         other = ~value
     else:
         other = np.nextafter(value, np.inf) if np.asarray(value).dtype == float else value + 1

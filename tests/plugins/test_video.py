@@ -150,11 +150,6 @@ def test_a_video_shows_the_recorded_frames_nearest_to_its_own(times, first, rate
     assert video_frames(recording_of(times, first), rate).tolist() == frames
 
 
-def test_nothing_recorded_is_nothing_to_show() -> None:
-    with pytest.raises(RenderError, match=r"run\.h5: has no frame"):
-        video_frames(recording_of([]), 30.0)
-
-
 def test_a_run_that_was_started_anew_is_shown_from_its_last_start(tmp_path, worker) -> None:
     worker()
     recording = RecordingOutput(tmp_path)

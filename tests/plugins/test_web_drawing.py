@@ -11,6 +11,7 @@ from taichisoft.control.control import Control
 from taichisoft.scenes.scene import Scene
 from taichisoft.session.session import Session
 from taichisoft_controllers.keyboard.controller import KeyboardController
+from taichisoft_plugins.drawing.overlay import caption_parts
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.web.address import find_address
@@ -94,10 +95,18 @@ def test_a_recording_has_the_frames_that_the_run_showed(taichisoft_scene: Scene,
         report = simulation.step(Control(pressure={"left.cavity": 9.0, "right.cavity": 9.0}))
         recording.record(simulation.state, report)
     recording.end("completed")
-    setup = page_setup(session, find_address("127.0.0.1:0"), snapshot(session, simulation.state, report))
+    recording = RecordingOutput(tmp_path / "rest")  # of a run that goes on from there, and begins with forces
+    recording.begin(simulation.model, simulation.state)
+    recording.end("completed")
+    setup = page_setup(session, find_address("127.0.0.1:0"), snapshot(session, simulation.state))
     live = live_frame(setup, setup.first)
+    with read_recording(tmp_path / "rest" / "recording.h5") as rest:
+        first = recorded_frame(rest, 0)
+        assert caption_parts(rest, 0)[1] == "pressure 9.0 kPa"
     with read_recording(tmp_path / "recording.h5") as read:
         recorded = recorded_frame(read, 30)
+        np.testing.assert_array_equal(first.plotted, recorded.plotted)
+        np.testing.assert_array_equal(first.contact_forces, recorded.contact_forces)
         for shown, surface in zip(setup.surfaces, read.surfaces, strict=True):
             assert (shown.name, shown.kind) == (surface.name, surface.kind)
             np.testing.assert_array_equal(shown.triangles, surface.triangles)
@@ -108,6 +117,7 @@ def test_a_recording_has_the_frames_that_the_run_showed(taichisoft_scene: Scene,
     np.testing.assert_allclose(recorded.plotted, live.plotted)
     assert live.plotted[:2] == pytest.approx(9.0) and live.plotted[2] > 0.0, "there is something to see"
     assert len(recorded.contact_forces) == report.contact_count > 0
+    np.testing.assert_array_equal(recorded.contact_forces, live.contact_forces)
     np.testing.assert_allclose(recorded.contact_forces, live.contact_forces, atol=1e-9)
 
 

@@ -46,11 +46,11 @@ class Point:
     """The finger's bend on one mesh.
 
     Attributes:
-        name: Name of the mesh in the table.
-        nodes, elements: Numbers of nodes and tetrahedra.
-        across: Elements across the walls of the cavity, where it was measured.
-        bend: Displacement of the node that moves farthest [mm], mass by volume.
-        even_bend: The same displacement with the mass spread evenly over the nodes [mm].
+        name: name of the mesh in the table.
+        nodes, elements: numbers of nodes and tetrahedra.
+        across: elements across the walls of the cavity, where it was measured.
+        bend: displacement of the node that moves farthest [mm], mass by volume.
+        even_bend: the same displacement with the mass spread evenly over the nodes [mm].
     """
 
     name: str
@@ -66,12 +66,12 @@ class Study:
     """The measurements of all meshes.
 
     Attributes:
-        graded: Meshes as `taichisoft mesh` makes them.
-        even: Meshes of one size all over.
-        tutorial: Meshes of SOFA's tutorial, where they are at hand.
-        quadratic: Displacement with quadratic elements on graded meshes [mm], by their number of corners.
-        limit: Limit of the quadratic elements [mm].
-        linear_limit: Limit of the linear elements [mm], from meshes with two elements across walls.
+        graded: meshes as `taichisoft mesh` makes them.
+        even: meshes of one size all over.
+        tutorial: meshes of SOFA's tutorial, where they are at hand.
+        quadratic: displacement with quadratic elements on graded meshes [mm], by their number of corners.
+        limit: limit of the quadratic elements [mm].
+        linear_limit: limit of the linear elements [mm], from meshes with two elements across walls.
     """
 
     graded: Sequence[Point]
@@ -86,7 +86,7 @@ def measure_all(sizes: Sequence[float], even_sizes: Sequence[float], tutorial_me
     """Mesh, bend, extrapolate.
 
     Raises:
-        TaichisoftError: A mesh or a simulation failed, or the meshes do not converge.
+        TaichisoftError: a mesh or a simulation failed, or the meshes do not converge.
     """
     file = find_file(FINGER, "fingers", ())
     presets = {size: name for name, size in read_geometry(file).presets.items()}

@@ -19,9 +19,9 @@ class Limit:
     """The curve value - factor * nodes ** (-ORDER / 3): errors fall with the element size to the power of the order.
 
     Attributes:
-        value: Displacement on an infinitely fine mesh [mm].
-        factor: Displacement that a mesh of a single node would lack [mm].
-        doubt: Largest change of the value when one of the meshes is left out [mm].
+        value: displacement on an infinitely fine mesh [mm].
+        factor: displacement that a mesh of a single node would lack [mm].
+        doubt: largest change of the value when one of the meshes is left out [mm].
     """
 
     value: float
@@ -37,11 +37,11 @@ def limit_of(nodes: Sequence[float], values: Sequence[float]) -> Limit:
     """Richardson's extrapolation, fitted to all meshes by least squares.
 
     Args:
-        nodes: Number of nodes of each mesh.
-        values: Displacement with each mesh [mm].
+        nodes: number of nodes of each mesh.
+        values: displacement with each mesh [mm].
 
     Raises:
-        BenchmarkError: There are fewer than three meshes.
+        BenchmarkError: there are fewer than three meshes.
     """
     if len(nodes) < 3:
         raise BenchmarkError(f"a limit with its doubt needs three meshes; there are {len(nodes)}")

@@ -39,17 +39,17 @@ def bend(
     """Inflate a finger until it rests; the answer does not depend on `step` and `damping`.
 
     Args:
-        mesh: Value of `soft_bodies.NAME.mesh` in a scene; the cavity is the mesh's group "cavity".
-        even_mass: Whether every node has the same mass, as in SOFA's tutorial, instead of each element by its volume.
-        step: Time step [s].
+        mesh: value of `soft_bodies.NAME.mesh` in a scene; the cavity is the mesh's group "cavity".
+        even_mass: whether every node has the same mass, as in SOFA's tutorial, instead of each element by its volume.
+        step: time step [s].
         damping: Rayleigh's factor of the stiffness [s].
-        body: Other keys of the soft body, which win over those of this module.
+        body: other keys of the soft body, which win over those of this module.
 
     Returns:
         Number of nodes, number of tetrahedra, and displacement of the node that moved farthest [mm].
 
     Raises:
-        TaichisoftError: The mesh or the simulation failed, or the finger does not come to rest.
+        TaichisoftError: the mesh or the simulation failed, or the finger does not come to rest.
     """
     from taichisoft.building.simulation import Simulation
     from taichisoft.control.control import Control

@@ -50,13 +50,13 @@ class Elements:
     """Tetrahedra of one order.
 
     Attributes:
-        nodes: Positions at rest [mm], shape (node_count, 3); nodes in the middle of an edge come last.
-        corners: Nodes of each element, shape (element_count, nodes_per_element).
-        shapes: Shape functions at the integration points [-], shape (point_count, nodes_per_element).
-        gradients: Their gradients [1/mm], shape (element_count, point_count, nodes_per_element, 3).
-        places: Integration points [mm], shape (element_count, point_count, 3).
-        weights: Volume that each integration point stands for [mm^3], shape (element_count, point_count).
-        middles: Index of the node in the middle of an edge, by the ends of the edge; empty for linear elements.
+        nodes: positions at rest [mm], shape (node_count, 3); nodes in the middle of an edge come last.
+        corners: nodes of each element, shape (element_count, nodes_per_element).
+        shapes: shape functions at the integration points [-], shape (point_count, nodes_per_element).
+        gradients: their gradients [1/mm], shape (element_count, point_count, nodes_per_element, 3).
+        places: integration points [mm], shape (element_count, point_count, 3).
+        weights: volume that each integration point stands for [mm^3], shape (element_count, point_count).
+        middles: index of the node in the middle of an edge, by the ends of the edge; empty for linear elements.
     """
 
     nodes: np.ndarray
@@ -97,9 +97,9 @@ def shape_functions(points: np.ndarray, sides: np.ndarray, quadratic: bool) -> t
     """Shape functions of a triangle or tetrahedron at some points, and their slopes along barycentric coordinates.
 
     Args:
-        points: Barycentric coordinates, shape (point_count, corner_count).
-        sides: Corners at both ends of each side, shape (side_count, 2).
-        quadratic: Whether there is a node in the middle of each side, after those at the corners.
+        points: barycentric coordinates, shape (point_count, corner_count).
+        sides: corners at both ends of each side, shape (side_count, 2).
+        quadratic: whether there is a node in the middle of each side, after those at the corners.
 
     Returns:
         Values, shape (point_count, node_count), and slopes, shape (point_count, node_count, corner_count).
@@ -121,8 +121,8 @@ class DeformedCavity:
         """Find the nodes of all triangles.
 
         Args:
-            elements: Elements that the triangles are sides of.
-            triangles: Corners, shape (triangle_count, 3); on quadratic elements the triangles are curved.
+            elements: elements that the triangles are sides of.
+            triangles: corners, shape (triangle_count, 3); on quadratic elements the triangles are curved.
         """
         self._nodes = triangles
         if elements.middles:
@@ -136,7 +136,7 @@ class DeformedCavity:
         """Change of the cavity's volume with the nodes, which is the force of 1 kPa on them [mN].
 
         Args:
-            position: Positions of all nodes [mm], shape (node_count, 3).
+            position: positions of all nodes [mm], shape (node_count, 3).
 
         Returns:
             Forces, shape (node_count, 3).
@@ -170,16 +170,16 @@ def elastic_forces(
     """Rotations at the integration points, and elastic forces on the nodes [mN].
 
     Args:
-        elements: Elements at rest.
+        elements: elements at rest.
         young_modulus: Young's modulus at each integration point [kPa], shape (element_count, point_count).
         poisson_ratio: Poisson's ratio [-].
-        position: Positions of all nodes [mm], shape (node_count, 3).
+        position: positions of all nodes [mm], shape (node_count, 3).
 
     Returns:
         Rotations, shape (element_count, point_count, 3, 3), and forces, shape (node_count, 3).
 
     Raises:
-        TaichisoftError: An element has turned inside out.
+        TaichisoftError: an element has turned inside out.
     """
     deformation = np.einsum("eai,eqaj->eqij", position[elements.corners], elements.gradients)
     if (np.linalg.det(deformation) <= 0).any():
@@ -200,13 +200,13 @@ def quadratic_bend(mesh: VolumeMesh, quadratic: bool = True, pressure: float = P
     """Displacement of the node that moves farthest until the finger rests [mm].
 
     Args:
-        mesh: Mesh of the finger, whose group "cavity" is the cavity.
-        quadratic: Whether the elements are quadratic instead of linear.
-        pressure: Pressure in the cavity [kPa].
+        mesh: mesh of the finger, whose group "cavity" is the cavity.
+        quadratic: whether the elements are quadratic instead of linear.
+        pressure: pressure in the cavity [kPa].
 
     Raises:
         PeerMissing: cvxopt, which has CHOLMOD, is not installed.
-        TaichisoftError: No state of rest was found.
+        TaichisoftError: no state of rest was found.
     """
     elements = make_elements(mesh.nodes, mesh.elements, quadratic)
     cavity = DeformedCavity(elements, mesh.surface_groups["cavity"])

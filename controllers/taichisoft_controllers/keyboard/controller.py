@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.bodies.rotations import right_of
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller, Slider
 from taichisoft.control.keys import KeyEvent
@@ -86,7 +87,7 @@ class KeyboardController(Controller):
         self._fingers = list(dict.fromkeys(finger_of(name) for name in model.cavities.names))
         self._select(None)
         self._up = model.scene.up
-        self._right = _right(self._up)
+        self._right = right_of(self._up)
         self._translation = np.zeros(3)
         self._turns = 0
 
@@ -139,10 +140,3 @@ class KeyboardController(Controller):
 def _moved(slider: Slider, value: float) -> Slider:
     """The slider at another value, or as near as its ends allow."""
     return replace(slider, value=min(max(value, slider.lowest), slider.highest))
-
-
-def _right(up: np.ndarray) -> np.ndarray:
-    """The unit vector to the right, perpendicular to the unit vector upwards; both of shape (3,)."""
-    axis = np.roll(np.eye(3)[np.argmax(np.abs(up))], 1)
-    right = axis - up * (axis @ up)
-    return right / np.linalg.norm(right)

@@ -1,6 +1,7 @@
 """The geometry kinds `step` and `surfaces`: bodies between closed surfaces, which files describe."""
 
 import warnings
+from abc import abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -82,10 +83,10 @@ class _BodyFromFiles(Geometry):
         """The tables, checked: an instance of `table_type`."""
         return checked(self.table_type, self.tables, self.file)
 
-    @cached_property
+    @property
+    @abstractmethod
     def body(self) -> Any:
         """The body that the files describe, checked; it has a `volume` [mm^3] and an `extent` [mm], shape (3,)."""
-        raise NotImplementedError
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -106,9 +107,9 @@ class _BodyFromFiles(Geometry):
             raise MeshError(f"{self.file}: {error}") from error
         return with_base(with_elements_across(self._fill(sizes), sizes), self.table.base)
 
+    @abstractmethod
     def _fill(self, sizes: FittedSizes) -> VolumeMesh:
         """Fill the body with tetrahedra."""
-        raise NotImplementedError
 
     def _check_cavities(self, found: int, place: Path, where: str, hint: str = "") -> None:
         """Raise MeshError when the files have another number of cavities than the tables; warn when there is none."""

@@ -44,9 +44,10 @@ def mesh(
     from rich.console import Console  # --help need not wait for any of these
     from rich.text import Text
 
+    from taichisoft.running.messages import print_warning
     from taichisoft_meshing.mesh_job import make_mesh, require_fit
     from taichisoft_meshing.mesh_set import prepare, write_output
-    from taichisoft_meshing.quality.table import mesh_tables, print_warning
+    from taichisoft_meshing.quality.table import mesh_tables
 
     if step and surfaces:
         raise MeshError("--step and --surfaces: only one of them can be given")

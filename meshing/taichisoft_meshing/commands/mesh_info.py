@@ -55,11 +55,12 @@ def _show_mesh(console: "Console", path: Path, output: Path | None) -> list[str]
     """Print and write the figures of a mesh; returns what speaks against it."""
     from taichisoft.errors import MeshError
     from taichisoft.meshes.files import read_unchecked_mesh
+    from taichisoft.running.messages import print_warning
     from taichisoft_meshing.mesh_record import mesh_figures, write_record
     from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits
     from taichisoft_meshing.quality.mesh_quality import measure
     from taichisoft_meshing.quality.picture import draw_report
-    from taichisoft_meshing.quality.table import mesh_tables, print_warning
+    from taichisoft_meshing.quality.table import mesh_tables
 
     mesh = read_unchecked_mesh(path)
     refused = []

@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
-from rich.console import Console, Group
+from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
@@ -46,11 +46,6 @@ def surface_table(title: str, surface: SurfaceQuality, pieces: int, extent: np.n
     ):
         table.add_row(*map(Text, row))
     return table
-
-
-def print_warning(console: Console, warning: str) -> None:
-    """Print one line that warns, without markup."""
-    console.print(Text.assemble(("warning: ", "yellow"), warning), soft_wrap=True)
 
 
 def _table(title: str | None, *headings: str) -> Table:

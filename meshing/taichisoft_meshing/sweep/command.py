@@ -43,8 +43,8 @@ def mesh_sweep(
     """Mesh every variant of a geometry; one that fails is reported, the others go on, and the exit code is 1."""
     from rich.console import Console  # --help need not wait for any of these
 
+    from taichisoft.running.messages import print_warning
     from taichisoft_meshing.mesh_set import prepare_folder
-    from taichisoft_meshing.quality.table import print_warning
     from taichisoft_meshing.sweep.plan import plan
     from taichisoft_meshing.sweep.runner import available_cpus, run_sweep
     from taichisoft_meshing.sweep.summary import summary_rows, summary_table, write_summary

@@ -1,10 +1,9 @@
 """The variants of a sweep: every combination of the values that keys of a geometry file are given."""
 
 import itertools
-import tomllib
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 from taichisoft.errors import MeshError
 from taichisoft_meshing.commands.options import overridden
@@ -43,9 +42,7 @@ def plan(job: MeshJob, varied: Sequence[str]) -> list[Variant]:
     twice = next((name for name in names if names.count(name) > 1), None)
     if twice is not None:
         raise MeshError(f"--vary {twice}: is given twice; put its values into one list")
-    count = 1
-    for _, values in keys:
-        count *= len(values)
+    count = math.prod(len(values) for _, values in keys)
     if count > MOST:
         raise MeshError(f"--vary: {count} combinations are more than the {MOST} that a sweep may have")
     variants = []
@@ -71,17 +68,7 @@ def _key_and_values(text: str) -> tuple[str, list[str]]:
 
 
 def _split(values: str) -> list[str]:
-    """Split values at commas, but not at those inside the brackets of a TOML value."""
-    try:
-        parsed: list[Any] = tomllib.loads(f"values = [{values}]")["values"]
-    except tomllib.TOMLDecodeError:
-        return [value.strip() for value in values.split(",")]
-    if any(isinstance(value, list | dict | str) for value in parsed):
-        return [part.strip() for part in _top_level_parts(values)]
-    return [value.strip() for value in values.split(",")]
-
-
-def _top_level_parts(values: str) -> list[str]:
+    """Split values at commas, but not at those inside the brackets or quotes of a TOML value."""
     parts, depth, quoted = [""], 0, False
     for letter in values:
         quoted ^= letter == '"'
@@ -90,7 +77,7 @@ def _top_level_parts(values: str) -> list[str]:
             parts.append("")
         else:
             parts[-1] += letter
-    return parts
+    return [part.strip() for part in parts]
 
 
 def _for_a_file(value: str) -> str:

@@ -46,11 +46,11 @@ class Finding:
     """One row of the answer.
 
     Attributes:
-        subject: What was looked at.
-        found: A version, or what is wrong.
-        ok: Whether it will do.
-        packages: What apt-get should install; empty when that would not help.
-        needed: Whether taichisoft cannot do without it.
+        subject: what was looked at.
+        found: a version, or what is wrong.
+        ok: whether it will do.
+        packages: what apt-get should install; empty when that would not help.
+        needed: whether taichisoft cannot do without it.
     """
 
     subject: str

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from taichisoft.bodies.rotations import right_of
+
 VERTICAL_ANGLE = 28.0
 """Field of view [degrees]: narrow, so that parallel fingers look parallel."""
 
@@ -23,9 +25,9 @@ class Camera:
     """A perspective camera.
 
     Attributes:
-        eye: Position of the camera [mm], shape (3,).
-        target: Point that it looks at [mm], shape (3,).
-        up: Direction that is up in the picture [-], shape (3,).
+        eye: position of the camera [mm], shape (3,).
+        target: point that it looks at [mm], shape (3,).
+        up: direction that is up in the picture [-], shape (3,).
     """
 
     eye: np.ndarray
@@ -40,13 +42,8 @@ class Camera:
 
 
 def scene_axes(up: np.ndarray) -> np.ndarray:
-    """Orthonormal rows right, front and up of a scene with the unit vector `up` against gravity, shape (3, 3).
-
-    Right is the next coordinate axis after up (z up: x, x up: y), so that the view of a scene stands firm.
-    """
-    right = np.roll(np.eye(3)[np.argmax(np.abs(up))], 1)
-    right = right - up * (right @ up)
-    right /= np.linalg.norm(right)
+    """Orthonormal rows right, front and up of a scene with the unit vector `up` against gravity, shape (3, 3)."""
+    right = right_of(up)
     return np.array([right, np.cross(right, up), up])
 
 
@@ -59,10 +56,10 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
     """The nearest camera of a named view that has all points in the picture, with its margins free.
 
     Args:
-        points: Points to be seen [mm], shape (point_count, 3).
-        up: Unit vector against gravity, shape (3,).
-        view: A key of VIEW_DIRECTIONS.
-        aspect: Width / height of the picture.
+        points: points to be seen [mm], shape (point_count, 3).
+        up: unit vector against gravity, shape (3,).
+        view: a key of VIEW_DIRECTIONS.
+        aspect: width / height of the picture.
     """
     backward, up_in_picture = view_direction(up, view)
     axes = _picture_axes(backward, up_in_picture)
@@ -85,9 +82,9 @@ def distance_to_see(points: np.ndarray, camera: Camera, aspect: float) -> float:
     """Distance from its target [mm] at which a camera that looks in the same direction has all points in the picture.
 
     Args:
-        points: Points to be seen [mm], shape (point_count, 3).
-        camera: The camera whose target and direction are kept.
-        aspect: Width / height of the picture.
+        points: points to be seen [mm], shape (point_count, 3).
+        camera: the camera whose target and direction are kept.
+        aspect: width / height of the picture.
     """
     x, y, depth = ((points - camera.target) @ camera.axes.T).T
     slope_x, slope_y = _slopes(aspect)
@@ -99,9 +96,9 @@ def view_direction(up: np.ndarray, view: str, turned: float = 0.0) -> tuple[np.n
     """The unit vector from the scene to the camera, and the direction that is up in the picture.
 
     Args:
-        up: Unit vector against gravity, shape (3,).
-        view: A key of VIEW_DIRECTIONS.
-        turned: Angle about `up`, counterclockwise as seen from above [rad].
+        up: unit vector against gravity, shape (3,).
+        view: a key of VIEW_DIRECTIONS.
+        turned: angle about `up`, counterclockwise as seen from above [rad].
     """
     x, y, z = VIEW_DIRECTIONS[view]
     # From above, front is a quarter of a turn clockwise from right.
@@ -115,8 +112,8 @@ def picture_up(backward: np.ndarray, up: np.ndarray) -> np.ndarray:
     """The direction that is up in a picture, shape (3,): against gravity, unless one looks along it.
 
     Args:
-        backward: Unit vector from the scene to the camera, shape (3,).
-        up: Unit vector against gravity, shape (3,).
+        backward: unit vector from the scene to the camera, shape (3,).
+        up: unit vector against gravity, shape (3,).
     """
     # Seen from the top, what is in front lies at the bottom of the picture.
     return up if abs(backward @ up) < 0.999 else -scene_axes(up)[1]
@@ -132,10 +129,10 @@ def pixel_matrix(camera: Camera, origin: np.ndarray, directions: np.ndarray, siz
     """The projection from coordinates on a plane, or in space, to pixels.
 
     Args:
-        camera: The camera that sees them.
-        origin: Point where the coordinates are 0 [mm], shape (3,).
-        directions: Directions of the coordinates, shape (count, 3).
-        size: Width and height of the picture [pixels].
+        camera: the camera that sees them.
+        origin: point where the coordinates are 0 [mm], shape (3,).
+        directions: directions of the coordinates, shape (count, 3).
+        size: width and height of the picture [pixels].
 
     Returns:
         Shape (3, count + 1): times (coordinates..., 1) it gives (w x, w y, w) with the pixel (x, y), to the right of
@@ -151,9 +148,9 @@ def project(camera: Camera, points: np.ndarray, size: tuple[int, int]) -> tuple[
     """Where the camera sees points.
 
     Args:
-        camera: The camera that sees them.
-        points: Points [mm], shape (point_count, 3).
-        size: Width and height of the picture [pixels].
+        camera: the camera that sees them.
+        points: points [mm], shape (point_count, 3).
+        size: width and height of the picture [pixels].
 
     Returns:
         Pixels to the right of the left edge and below the upper edge, shape (point_count, 2), and distances in front of

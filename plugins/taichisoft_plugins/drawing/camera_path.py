@@ -28,12 +28,12 @@ def camera_path(
     """The path that a style asks for.
 
     Args:
-        style: What the user chose; a body that it follows is there.
-        surfaces: Surfaces of the recording.
-        frames: All frames that will be drawn, in order.
+        style: what the user chose; a body that it follows is there.
+        surfaces: surfaces of the recording.
+        frames: all frames that will be drawn, in order.
         points: `outermost_points` of these [mm], shape (point_count, 3).
-        up: Unit vector against gravity, shape (3,).
-        aspect: Width / height of the part of the picture that things are fitted into.
+        up: unit vector against gravity, shape (3,).
+        aspect: width / height of the part of the picture that things are fitted into.
     """
     if style.followed is not None:
         return _following(style.followed, surfaces, frames, up, aspect)
@@ -49,12 +49,12 @@ def outermost_points(
     """The corners of the convex hull of all that moves, over all frames [mm], shape (point_count, 3).
 
     Args:
-        surfaces: Surfaces of a recording; obstacles may be large and are left out, unless there is nothing else.
-        frames: All frames that will be drawn.
-        origin: Gives the origin of the coordinates in a frame [mm], shape (3,); None for that of the scene.
+        surfaces: surfaces of a recording; obstacles may be large and are left out, unless there is nothing else.
+        frames: all frames that will be drawn.
+        origin: gives the origin of the coordinates in a frame [mm], shape (3,); None for that of the scene.
 
     Raises:
-        StyleError: A position is not a finite number; the message says in which frame and of what.
+        StyleError: a position is not a finite number; the message says in which frame and of what.
     """
     surfaces = list(surfaces)
     moving = [surface for surface in surfaces if surface.kind in ("soft", "rigid")] or surfaces

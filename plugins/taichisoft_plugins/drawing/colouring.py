@@ -34,13 +34,13 @@ class Colouring:
     """Gives every surface its colours.
 
     Args:
-        recording: The recording, which stays open.
-        style: What the user chose.
-        frames: All frames that will be drawn.
-        surfaces: All surfaces that will be drawn.
+        recording: the recording, which stays open.
+        style: what the user chose.
+        frames: all frames that will be drawn.
+        surfaces: all surfaces that will be drawn.
 
     Attributes:
-        scales: What the colours mean.
+        scales: what the colours mean.
     """
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int], surfaces: Sequence[RecordedSurface]):

@@ -25,13 +25,13 @@ class Drawer:
     """Draws frames of a recording as its style says; a process can have only one.
 
     Args:
-        recording: The recording, which stays open as long as frames are drawn.
-        style: What the user chose.
-        frames: All frames that will be drawn, in order: the camera and the ranges of the colours suit them all.
+        recording: the recording, which stays open as long as frames are drawn.
+        style: what the user chose.
+        frames: all frames that will be drawn, in order: the camera and the ranges of the colours suit them all.
 
     Raises:
-        StyleError: The style does not fit the recording.
-        MeshError: The style's surface file is missing or unreadable.
+        StyleError: the style does not fit the recording.
+        MeshError: the style's surface file is missing or unreadable.
     """
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int]):

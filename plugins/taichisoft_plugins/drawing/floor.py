@@ -27,9 +27,9 @@ class Floor:
     """A horizontal plane under the scene.
 
     Args:
-        plane: The plane, whose normal points up.
-        points: What stands on it [mm], shape (point_count, 3).
-        background: Red, green and blue of the background [-], shape (3,).
+        plane: the plane, whose normal points up.
+        points: what stands on it [mm], shape (point_count, 3).
+        background: red, green and blue of the background [-], shape (3,).
     """
 
     def __init__(self, plane: Plane, points: np.ndarray, background: np.ndarray):
@@ -47,9 +47,9 @@ class Floor:
         """The picture with the floor over it, as far as the camera stands above the floor.
 
         Args:
-            picture: The background, shape (height, width, 3), dtype uint8.
-            camera: The camera that sees the floor.
-            casters: What casts shadows.
+            picture: the background, shape (height, width, 3), dtype uint8.
+            camera: the camera that sees the floor.
+            casters: what casts shadows.
         """
         from PIL import Image
 

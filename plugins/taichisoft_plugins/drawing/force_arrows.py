@@ -23,9 +23,9 @@ class ForceArrows:
     """Arrows of one scale over all frames: twice the force is twice the length.
 
     Args:
-        recording: The recording, which stays open.
-        frames: All frames that will be drawn.
-        radius: Radius of the scene [mm].
+        recording: the recording, which stays open.
+        frames: all frames that will be drawn.
+        radius: radius of the scene [mm].
     """
 
     def __init__(self, recording: Recording, frames: Sequence[int], radius: float):

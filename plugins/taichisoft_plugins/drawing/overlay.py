@@ -33,11 +33,11 @@ class Overlay:
     """Paints all that a style wants over a picture.
 
     Args:
-        recording: The recording, which stays open.
-        style: What the user chose.
-        frames: All frames that will be drawn.
-        scales: What the colours of the surfaces mean.
-        radius: Radius of the scene [mm].
+        recording: the recording, which stays open.
+        style: what the user chose.
+        frames: all frames that will be drawn.
+        scales: what the colours of the surfaces mean.
+        radius: radius of the scene [mm].
     """
 
     def __init__(

@@ -19,9 +19,9 @@ def paint_polygon(picture: Any, corners: Sequence[Sequence[float]] | np.ndarray,
     """Paint a filled polygon with smooth edges.
 
     Args:
-        picture: A Pillow image in RGB, which is changed.
-        corners: Pixels to the right of the left edge and below the upper edge, shape (count, 2).
-        colour: Colour of the polygon.
+        picture: a Pillow image in RGB, which is changed.
+        corners: pixels to the right of the left edge and below the upper edge, shape (count, 2).
+        colour: colour of the polygon.
     """
     from PIL import Image, ImageDraw
 
@@ -39,8 +39,8 @@ def arrow_outline(tail: np.ndarray, tip: np.ndarray, width: float) -> np.ndarray
     """Corners of an arrow [pixels], shape (7, 2); one shorter than its head is all head, and narrower.
 
     Args:
-        tail, tip: Where the arrow begins and ends [pixels], shape (2,).
-        width: Width of the shaft [pixels].
+        tail, tip: where the arrow begins and ends [pixels], shape (2,).
+        width: width of the shaft [pixels].
     """
     length = max(float(np.linalg.norm(tip - tail)), 1e-9)
     along = (tip - tail) / length
@@ -70,11 +70,11 @@ def paint_text(picture: Any, place: tuple[float, float], text: str, height: floa
     """Write text into a picture.
 
     Args:
-        picture: A Pillow image in RGB, which is changed.
-        place: Place of the anchor [pixels].
-        text: What to write.
-        height: Height of the letters [pixels].
-        colour: Colour of the letters.
+        picture: a Pillow image in RGB, which is changed.
+        place: place of the anchor [pixels].
+        text: what to write.
+        height: height of the letters [pixels].
+        colour: colour of the letters.
         anchor: Pillow's two letters for the anchor: "la" left and top, "mm" the middle, "ls" left on the line.
     """
     from PIL import ImageDraw

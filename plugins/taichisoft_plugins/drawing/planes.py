@@ -35,10 +35,10 @@ def square_of_plane(
     """The part of a plane that is drawn.
 
     Args:
-        plane: The plane.
-        points: What stands before the plane [mm], shape (point_count, 3).
-        floors: Planes; what is under them is left out.
-        half: Half the width of the square, in radii of the points [-].
+        plane: the plane.
+        points: what stands before the plane [mm], shape (point_count, 3).
+        floors: planes; what is under them is left out.
+        half: half the width of the square, in radii of the points [-].
 
     Returns:
         Vertices [mm], (vertex_count, 3), and triangles, counterclockwise as seen from where the normal points.

@@ -17,9 +17,9 @@ class ColourScale:
     """Colours that run linearly from the lowest to the highest value.
 
     Attributes:
-        title: What the values are, with their unit.
-        low, high: Values of the first and the last colour; `low` < `high`.
-        steps: Red, green and blue [-] of evenly spaced values.
+        title: what the values are, with their unit.
+        low, high: values of the first and the last colour; `low` < `high`.
+        steps: red, green and blue [-] of evenly spaced values.
     """
 
     title: str

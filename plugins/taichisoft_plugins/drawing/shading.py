@@ -23,7 +23,7 @@ class SmoothNormals:
     CREASE_ANGLE against its own triangle: curved faces are smooth, and edges stay sharp.
 
     Args:
-        triangles: Vertex indices, outward, shape (triangle_count, 3).
+        triangles: vertex indices, outward, shape (triangle_count, 3).
     """
 
     def __init__(self, triangles: np.ndarray):
@@ -52,8 +52,8 @@ def face_alike(areas: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndar
     """Whether triangles `one` and `other`, shape (count,), are turned against each other by less than CREASE_ANGLE.
 
     Args:
-        areas: A vector along the normal of each triangle, of any length, shape (triangle_count, 3).
-        one, other: Indices of triangles, shape (count,).
+        areas: a vector along the normal of each triangle, of any length, shape (triangle_count, 3).
+        one, other: indices of triangles, shape (count,).
     """
     units = areas / np.maximum(np.linalg.norm(areas, axis=1, keepdims=True), 1e-30)
     return np.einsum("ij,ij->i", units[one], units[other]) > np.cos(np.radians(CREASE_ANGLE))
@@ -74,9 +74,9 @@ def shade(colours: np.ndarray, normals: np.ndarray, axes: np.ndarray) -> np.ndar
     """Colours as they appear in the light, shape (count, 3).
 
     Args:
-        colours: Red, green and blue [-], shape (3,) or (count, 3).
-        normals: Unit normals, shape (count, 3).
-        axes: Rows right, front and up of the scene, see `camera.scene_axes`.
+        colours: red, green and blue [-], shape (3,) or (count, 3).
+        normals: unit normals, shape (count, 3).
+        axes: rows right, front and up of the scene, see `camera.scene_axes`.
     """
     key = np.array(KEY_LIGHT) @ axes
     # Half of the light reaches around what it falls on, so that no side that is turned away looks flat.

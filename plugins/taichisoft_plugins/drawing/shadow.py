@@ -27,11 +27,11 @@ def shadow(
     """The hidden part of the sun over a square of a plane.
 
     Args:
-        casters: What stands before the plane; a later one covers an earlier one.
-        centre: Centre of the square [mm], shape (3,).
-        first, second: Unit vectors along its sides, shape (3,); first x second points to where things stand.
-        sun: Direction to the sun, shape (3,).
-        half: Half the width of the square [mm].
+        casters: what stands before the plane; a later one covers an earlier one.
+        centre: centre of the square [mm], shape (3,).
+        first, second: unit vectors along its sides, shape (3,); first x second points to where things stand.
+        sun: direction to the sun, shape (3,).
+        half: half the width of the square [mm].
 
     Returns:
         From 0 (light) to 1 (dark), shape (PIXELS, PIXELS); columns run along `first` and rows along

@@ -19,7 +19,7 @@ class Stage:
     second a picture, and this takes a tenth of it.
 
     Args:
-        size: Width and height of the pictures [pixels].
+        size: width and height of the pictures [pixels].
     """
 
     def __init__(self, size: tuple[int, int]):
@@ -48,10 +48,10 @@ class Stage:
         single pixels would show along the outlines of a body.
 
         Args:
-            name: Name of what is drawn.
-            vertices: Vertices [mm], shape (vertex_count, 3).
-            triangles: Vertex indices, counterclockwise as seen from the front, shape (triangle_count, 3).
-            colours: Red, green and blue of every vertex as they shall appear [-], shape (vertex_count, 3).
+            name: name of what is drawn.
+            vertices: vertices [mm], shape (vertex_count, 3).
+            triangles: vertex indices, counterclockwise as seen from the front, shape (triangle_count, 3).
+            colours: red, green and blue of every vertex as they shall appear [-], shape (vertex_count, 3).
         """
         utility = self._open3d.utility
         mesh = self._open3d.geometry.TriangleMesh(

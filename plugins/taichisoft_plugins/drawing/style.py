@@ -26,23 +26,23 @@ class Style:
     """How frames are drawn.
 
     Attributes:
-        size: Width and height [pixels].
+        size: width and height [pixels].
         view: "iso", "front" or "top" (the camera stands still), "orbit" (from iso once around the scene, over all
             frames), or "follow:BODY" (from iso, moving with that body).
-        eye: Position of the camera [mm], which takes the place of `view`.
-        target: Point that a camera at `eye` looks at [mm]; None for the middle of the scene.
-        opacity: Opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden.
-        background: Red, green and blue [-], each from 0 to 1; or "#rrggbb".
-        colour_by: What the colours of soft bodies mean: "none", "displacement" [mm] or "stress" (von Mises) [kPa].
-        cavity_pressure: Whether cavities have the colour of their pressure.
-        arrows: Whether contact forces are drawn as arrows.
-        axes: Whether the scene's axes stand in a corner of the picture.
-        caption: Whether time, pressures and the height of the rigid bodies are written in the picture.
-        surface: File of a surface, usually a finer one, that is drawn for every soft body instead of its mesh's own:
+        eye: position of the camera [mm], which takes the place of `view`.
+        target: point that a camera at `eye` looks at [mm]; None for the middle of the scene.
+        opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden.
+        background: red, green and blue [-], each from 0 to 1; or "#rrggbb".
+        colour_by: what the colours of soft bodies mean: "none", "displacement" [mm] or "stress" (von Mises) [kPa].
+        cavity_pressure: whether cavities have the colour of their pressure.
+        arrows: whether contact forces are drawn as arrows.
+        axes: whether the scene's axes stand in a corner of the picture.
+        caption: whether time, pressures and the height of the rigid bodies are written in the picture.
+        surface: file of a surface, usually a finer one, that is drawn for every soft body instead of its mesh's own:
             STL, OBJ or PLY, in the coordinates of the body's mesh file [mm].
 
     Raises:
-        StyleError: A value is impossible; the message says what would be valid.
+        StyleError: a value is impossible; the message says what would be valid.
     """
 
     size: tuple[int, int] = (1280, 720)
@@ -98,7 +98,7 @@ class Style:
         """Check that the body to follow is in a scene, before anything is computed or drawn.
 
         Raises:
-            StyleError: It is not; the message says which bodies there are.
+            StyleError: it is not; the message says which bodies there are.
         """
         bodies = [*scene.soft_bodies, *scene.rigid_bodies]
         if self.followed is not None and self.followed not in bodies:
@@ -112,7 +112,7 @@ def parse_size(text: str) -> tuple[int, int]:
     """Width and height [pixels] from "1280x720".
 
     Raises:
-        StyleError: The text is written otherwise.
+        StyleError: the text is written otherwise.
     """
     size = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text.strip().lower())
     if size is None:
@@ -124,7 +124,7 @@ def parse_point(name: str, text: str | None) -> tuple[float, float, float] | Non
     """A point [mm] from "300,-200,150", or None from None.
 
     Raises:
-        StyleError: The text is written otherwise; the message begins with `name`.
+        StyleError: the text is written otherwise; the message begins with `name`.
     """
     if text is None:
         return None

@@ -16,11 +16,11 @@ class SurfacePainter:
     """Paints surfaces that deform; a process can have only one.
 
     Args:
-        size: Width and height of the pictures [pixels].
-        triangles: Vertex indices of all surfaces by their names, outward, (triangle_count, 3).
-        translucent: Names of the surfaces that can be seen through.
-        opacity: Opacity of the translucent surfaces [-].
-        axes: Rows right, front and up of the scene, from which the light comes.
+        size: width and height of the pictures [pixels].
+        triangles: vertex indices of all surfaces by their names, outward, (triangle_count, 3).
+        translucent: names of the surfaces that can be seen through.
+        opacity: opacity of the translucent surfaces [-].
+        axes: rows right, front and up of the scene, from which the light comes.
     """
 
     def __init__(
@@ -43,9 +43,9 @@ class SurfacePainter:
         """Let nothing be seen behind triangles that are painted elsewhere.
 
         Args:
-            name: Name of the triangles.
-            vertices: Vertices [mm], shape (vertex_count, 3).
-            triangles: Vertex indices, shape (triangle_count, 3).
+            name: name of the triangles.
+            vertices: vertices [mm], shape (vertex_count, 3).
+            triangles: vertex indices, shape (triangle_count, 3).
         """
         self._put_holdout(name + HOLDOUT, vertices, triangles)
         self._always.append(name + HOLDOUT)
@@ -56,10 +56,10 @@ class SurfacePainter:
         """The picture with all surfaces over it.
 
         Args:
-            picture: The background, shape (height, width, 3), dtype uint8.
-            camera: The camera that sees the surfaces.
-            vertices: Vertices of every surface [mm], shape (vertex_count, 3).
-            colours: Red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3).
+            picture: the background, shape (height, width, 3), dtype uint8.
+            camera: the camera that sees the surfaces.
+            vertices: vertices of every surface [mm], shape (vertex_count, 3).
+            colours: red, green and blue [-] of every surface, shape (3,), or of its vertices, (vertex_count, 3).
         """
         for name, where in vertices.items():
             self._put(name, camera, where, colours[name])
@@ -91,9 +91,9 @@ def depth_layers(bodies: Sequence[np.ndarray], camera: Camera, size: tuple[int, 
     Two bodies may share a layer where their rectangles in the picture do not touch, so mostly few layers are needed.
 
     Args:
-        bodies: Vertices [mm] of each body, shape (vertex_count, 3).
-        camera: The camera that sees the bodies.
-        size: Width and height of the picture [pixels].
+        bodies: vertices [mm] of each body, shape (vertex_count, 3).
+        camera: the camera that sees the bodies.
+        size: width and height of the picture [pixels].
     """
     rectangles, distances = [], []
     for vertices in bodies:
@@ -120,9 +120,9 @@ def lay_over(below: np.ndarray, layer: np.ndarray, opacity: float) -> np.ndarray
     """A picture with a layer over it, where that shows something.
 
     Args:
-        below: Picture of all that is behind the layer, shape (height, width, 3), dtype uint8.
-        layer: Picture of the layer, EMPTY where there is nothing in it.
-        opacity: Opacity of the layer [-].
+        below: picture of all that is behind the layer, shape (height, width, 3), dtype uint8.
+        layer: picture of the layer, EMPTY where there is nothing in it.
+        opacity: opacity of the layer [-].
     """
     from PIL import Image
 

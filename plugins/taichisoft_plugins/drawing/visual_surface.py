@@ -17,12 +17,12 @@ def with_visual_surfaces(recording: Recording, path: Path | None) -> list[Record
     """The surfaces of a recording, those of soft bodies replaced with that of the file where one is given.
 
     Args:
-        recording: The recording, which stays open.
-        path: File of a surface in the coordinates of the bodies' mesh files [mm]; None leaves all as they are.
+        recording: the recording, which stays open.
+        path: file of a surface in the coordinates of the bodies' mesh files [mm]; None leaves all as they are.
 
     Raises:
-        MeshError: The file is missing or unreadable.
-        StyleError: The surface does not fit one of the soft bodies; the message says which.
+        MeshError: the file is missing or unreadable.
+        StyleError: the surface does not fit one of the soft bodies; the message says which.
     """
     if path is None:
         return list(recording.surfaces)

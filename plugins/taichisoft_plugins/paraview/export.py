@@ -17,15 +17,15 @@ def export_vtu(recording: Recording, frames: Iterable[int], folder: Path) -> lis
     """Write a .vtu file per frame and grid, and for each grid the .pvd file that ParaView opens.
 
     Args:
-        recording: The recording that has the frames.
-        frames: Indices in the order of time; an iterator may show progress.
-        folder: Gets "soft_bodies.pvd", "soft_bodies/00000.vtu" and so on.
+        recording: the recording that has the frames.
+        frames: indices in the order of time; an iterator may show progress.
+        folder: gets "soft_bodies.pvd", "soft_bodies/00000.vtu" and so on.
 
     Returns:
         The .pvd files.
 
     Raises:
-        TaichisoftError: A file cannot be written.
+        TaichisoftError: a file cannot be written.
     """
     makers = grid_makers(recording)
     times = recording.times
@@ -46,11 +46,9 @@ def chosen_frames(recording: Recording, every: int | None, times: Sequence[float
     """Frames to export, in the order of time: those nearest to `times` [s], or every so many since the last start.
 
     Raises:
-        ExportError: Both are given, `every` is not positive, or the run was killed before its first frame was written.
-        RecordingError: A time was not recorded.
+        ExportError: both are given, or `every` is not positive.
+        RecordingError: a time was not recorded.
     """
-    if recording.frame_count == 0:
-        raise ExportError(f"{recording.path}: has no frame; the run ended before the first one was written")
     if times:
         if every is not None:
             raise ExportError("--every and --time choose frames in two ways; give one of them")

@@ -51,10 +51,10 @@ class SurfaceGrid:
         """Put together the triangles.
 
         Args:
-            surfaces: The surfaces of which the grid is made.
-            number_name: Name of the cell data that tell to which surface a triangle belongs.
-            numbered: Names of surfaces; the place of a name in this list is its number.
-            values: Further cell data by name; each function gives a value for every entry of `numbered` in a frame.
+            surfaces: the surfaces of which the grid is made.
+            number_name: name of the cell data that tell to which surface a triangle belongs.
+            numbered: names of surfaces; the place of a name in this list is its number.
+            values: further cell data by name; each function gives a value for every entry of `numbered` in a frame.
         """
         self._surfaces = surfaces
         numbers = np.array([numbered.index(surface.name) for surface in surfaces], dtype=np.int32)

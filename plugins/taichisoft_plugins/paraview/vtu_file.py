@@ -29,11 +29,11 @@ class Grid:
     """Points and cells of one type with data on them.
 
     Attributes:
-        points: Positions, shape (point_count, 3).
-        cells: Point indices, shape (cell_count, points_per_cell).
+        points: positions, shape (point_count, 3).
+        cells: point indices, shape (cell_count, points_per_cell).
         cell_type: VTK's number of the type of the cells.
-        point_data: Arrays by name, each (point_count,) or (point_count, components).
-        cell_data: Arrays by name, each (cell_count,) or (cell_count, components).
+        point_data: arrays by name, each (point_count,) or (point_count, components).
+        cell_data: arrays by name, each (cell_count,) or (cell_count, components).
     """
 
     points: np.ndarray
@@ -47,7 +47,7 @@ def write_vtu(path: Path, grid: Grid) -> None:
     """Write a grid; real numbers get single precision, all others keep their type. The file's folder is made.
 
     Raises:
-        TaichisoftError: The file cannot be written.
+        TaichisoftError: the file cannot be written.
     """
     appended = _AppendedArrays()
     offsets = grid.cells.shape[1] * np.arange(1, len(grid.cells) + 1, dtype=np.int64)
@@ -78,7 +78,7 @@ def write_pvd(path: Path, files: Sequence[tuple[float, Path]]) -> None:
     """Write the list that ParaView opens: times [s] and files, which are named relative to the list's folder.
 
     Raises:
-        TaichisoftError: The file cannot be written.
+        TaichisoftError: the file cannot be written.
     """
     lines = ['<?xml version="1.0"?>', '<VTKFile type="Collection" version="1.0" byte_order="LittleEndian">']
     lines.append("<Collection>")

@@ -32,10 +32,10 @@ class Curve:
     """A line.
 
     Attributes:
-        label: Name of the line in the legend.
-        body: Name of the body whose colour it has; "" for a line of no body.
-        x, y: Points, each of shape (count,); NaN leaves a gap.
-        time: Time of each point [s]; where it goes back, the run was started anew.
+        label: name of the line in the legend.
+        body: name of the body whose colour it has; "" for a line of no body.
+        x, y: points, each of shape (count,); NaN leaves a gap.
+        time: time of each point [s]; where it goes back, the run was started anew.
     """
 
     label: str
@@ -50,11 +50,11 @@ class Panel:
     """Axes with curves.
 
     Attributes:
-        x_axis, y_axis: Names of the axes, with units.
-        curves: The lines.
-        equal_scales: Whether both axes have the same scale, as paths need it.
-        logarithmic: Whether the vertical axis is logarithmic.
-        level: Height and label of a horizontal line; None for no such line.
+        x_axis, y_axis: names of the axes, with units.
+        curves: the lines.
+        equal_scales: whether both axes have the same scale, as paths need it.
+        logarithmic: whether the vertical axis is logarithmic.
+        level: height and label of a horizontal line; None for no such line.
     """
 
     x_axis: str

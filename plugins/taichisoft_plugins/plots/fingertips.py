@@ -18,10 +18,10 @@ class TipMotion:
     """The tips in some frames.
 
     Attributes:
-        frames: Indices of the frames, shape (count,).
-        names: Names of the fingers.
-        positions: Positions of the tips [mm], shape (count, finger_count, 3).
-        bending_angles: Bending angles [rad], shape (count, finger_count).
+        frames: indices of the frames, shape (count,).
+        names: names of the fingers.
+        positions: positions of the tips [mm], shape (count, finger_count, 3).
+        bending_angles: bending angles [rad], shape (count, finger_count).
     """
 
     frames: np.ndarray

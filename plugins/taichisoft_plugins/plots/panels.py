@@ -5,6 +5,7 @@ from functools import cached_property
 
 import numpy as np
 
+from taichisoft_plugins.base_motion import last_at_rest
 from taichisoft_plugins.plots.figure import Curve, Panel, pieces
 from taichisoft_plugins.plots.fingertips import TipMotion, tip_motion
 from taichisoft_plugins.recording.reader import Recording
@@ -79,12 +80,11 @@ def slip(run: RunCurves) -> Panel:
     base, names = run.recording.column("base_translation"), _objects(run.recording)
     behind = np.full((len(run.times), len(names)), np.nan)
     for start, end in pieces(run.times):
-        moved = np.any(base[start:end] != base[start], axis=1)
-        if moved.any():
-            before = start + max(int(np.argmax(moved)) - 1, 0)
-            for body in range(len(names)):
-                motion = base[before:end] - run.recording.column("rigid_position")[before:end, body]
-                behind[before:end, body] = (motion - motion[0]) @ run.recording.scene.up
+        rest = last_at_rest(base[start:end])
+        if rest is not None:
+            before = start + rest
+            motion = base[before:end, None] - run.recording.column("rigid_position")[before:end]
+            behind[before:end] = (motion - motion[0]) @ run.recording.scene.up
     return run.over_time("slip against the base [mm]", behind, names, names)
 
 

@@ -22,9 +22,9 @@ class Plots:
     """The plots of a run.
 
     Attributes:
-        picture: Content of the file, in the format that was asked for.
-        shown: Names of the panels in it.
-        left_out: Names of the panels for which there is nothing to draw in this run.
+        picture: content of the file, in the format that was asked for.
+        shown: names of the panels in it.
+        left_out: names of the panels for which there is nothing to draw in this run.
     """
 
     picture: bytes
@@ -36,15 +36,13 @@ def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = N
     """Draw the panels called `only`, or all that there is something for.
 
     Raises:
-        PlotError: There is no such format or panel, or nothing to draw.
+        PlotError: there is no such format or panel, or nothing to draw.
     """
     if format not in FORMATS:
         raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
     for name in only or ():
         if name not in PANELS:
             raise PlotError(f"--only {name}: there are: {', '.join(PANELS)}")
-    if recording.frame_count == 0:
-        raise PlotError(f"{recording.path}: has no frame; the run ended before the first one was written")
     run = RunCurves(recording)
     panels = {name: _with_something_in_it(PANELS[name](run)) for name in only or PANELS}
     left_out = tuple(name for name, panel in panels.items() if not panel.curves)

@@ -30,8 +30,8 @@ class RecordedSurface(Surface):
     """A surface in the frames of a recording.
 
     Attributes:
-        vertices: Gives the positions of the vertices [mm], shape (vertex_count, 3), in a frame.
-        mapping: The map from all soft nodes to the vertices; None for surfaces that keep their shape.
+        vertices: gives the positions of the vertices [mm], shape (vertex_count, 3), in a frame.
+        mapping: the map from all soft nodes to the vertices; None for surfaces that keep their shape.
     """
 
     vertices: Callable[[int], np.ndarray]
@@ -43,15 +43,15 @@ class RecordedSoftBody:
     """A soft body; node indices count within it.
 
     Attributes:
-        name: Name of the body.
-        nodes: Where its nodes stand in `row("position", frame)` and the other arrays of all nodes.
-        rest_position: Placed nodes [mm], shape (node_count, 3).
-        elements: Node indices of each element, shape (element_count, nodes_per_element).
+        name: name of the body.
+        nodes: where its nodes stand in `row("position", frame)` and the other arrays of all nodes.
+        rest_position: placed nodes [mm], shape (node_count, 3).
+        elements: node indices of each element, shape (element_count, nodes_per_element).
         young_modulus: Young's modulus of each element [kPa], shape (element_count,).
         poisson_ratio: Poisson's ratio of each element, shape (element_count,).
-        element_groups: Element indices by the group names of the mesh.
-        surface_groups: Triangles (count, 3) of node indices by the group names of the mesh.
-        mesh_nodes: Nodes as they were in the mesh, before they were placed [mm], shape (node_count, 3).
+        element_groups: element indices by the group names of the mesh.
+        surface_groups: triangles (count, 3) of node indices by the group names of the mesh.
+        mesh_nodes: nodes as they were in the mesh, before they were placed [mm], shape (node_count, 3).
     """
 
     name: str
@@ -73,10 +73,10 @@ def write_constants(file: Any, model: "Model", every: int, cavities: list[str], 
     """Write everything but frames; until the run has ended its outcome is "unfinished".
 
     Args:
-        file: The open HDF5 file.
-        model: The model of the run.
-        every: Steps from frame to frame.
-        cavities, pairs: Names of the columns of quantities by cavity and by pair of bodies.
+        file: the open HDF5 file.
+        model: the model of the run.
+        every: steps from frame to frame.
+        cavities, pairs: names of the columns of quantities by cavity and by pair of bodies.
     """
     import h5py
 

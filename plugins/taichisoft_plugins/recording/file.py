@@ -31,8 +31,8 @@ class RecordingFile:
     written; it can be read while it is written.
 
     Attributes:
-        path: Place of the file.
-        frame_count, contact_count: Rows that were written.
+        path: place of the file.
+        frame_count, contact_count: rows that were written.
     """
 
     def __init__(
@@ -45,13 +45,13 @@ class RecordingFile:
         """Make a new file, or replace the one that is there.
 
         Args:
-            path: Place of the file; its folder is made when it does not exist.
-            describe: Writes into the open HDF5 file what does not change.
-            rows: An array like those that will be added for each of `layout.QUANTITIES`, shape (any, ...).
-            compress: Whether large datasets are packed.
+            path: place of the file; its folder is made when it does not exist.
+            describe: writes into the open HDF5 file what does not change.
+            rows: an array like those that will be added for each of `layout.QUANTITIES`, shape (any, ...).
+            compress: whether large datasets are packed.
 
         Raises:
-            RecordingError: The file cannot be made.
+            RecordingError: the file cannot be made.
         """
         import h5py
 
@@ -72,7 +72,7 @@ class RecordingFile:
         """Add frames, by paths of datasets; they count when everything about them is in the file.
 
         Raises:
-            RecordingError: The frames cannot be written; those before them stay.
+            RecordingError: the frames cannot be written; those before them stay.
         """
         length = sum(values.nbytes for values in rows.values()) + self._one_chunk + METADATA
         with named_os_errors(self.path, RecordingError):
@@ -155,7 +155,7 @@ class _ReservedRoom:
         """Make the file at least `end` bytes long; what is in it stays.
 
         Raises:
-            OSError: There is no room.
+            OSError: there is no room.
         """
         if end <= self._end:
             return

@@ -22,8 +22,8 @@ class Quantity:
     """A dataset.
 
     Attributes:
-        unit: Unit of its numbers.
-        state_field: The field of `State` that it holds; "" for what a state does not have.
+        unit: unit of its numbers.
+        state_field: the field of `State` that it holds; "" for what a state does not have.
     """
 
     unit: str
@@ -50,6 +50,13 @@ QUANTITIES = {
     "steps/cavity_target": Quantity("kPa or mm^3", "cavity_target"),
     "steps/volume": Quantity("mm^3", "cavity_volume"),
     "steps/pressure": Quantity("kPa", "cavity_pressure"),
+    "steps/pull_imposed": Quantity("1", "cable_pull_imposed"),
+    "steps/cable_request": Quantity("mN or mm", "cable_request"),
+    "steps/cable_target": Quantity("mN or mm", "cable_target"),
+    "steps/tension": Quantity("mN", "cable_tension"),
+    "steps/tension_loss": Quantity("mN", "cable_tension_loss"),
+    "steps/cable_length": Quantity("mm", "cable_length"),
+    "steps/pull_point": Quantity("mm", "pull_point"),
     "steps/normal_force": Quantity("mN"),
     "steps/friction_force": Quantity("mN"),
     "steps/slip_speed": Quantity("mm/s"),

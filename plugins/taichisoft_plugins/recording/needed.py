@@ -14,7 +14,7 @@ class NeededRecording:
     """The recording of a run, for an output that reads it at the end.
 
     Attributes:
-        path: Place of the file.
+        path: place of the file.
     """
 
     def __init__(self, folder: Path):
@@ -26,7 +26,7 @@ class NeededRecording:
         """See that the recording is being written; to be called when the output begins.
 
         Raises:
-            RecordingNeeded: No output has begun to write it.
+            RecordingNeeded: no output has begun to write it.
         """
         if self._stamp() in (None, self._before):
             raise RecordingNeeded(f"output '{output}' needs the output 'recording' before it: recording,{output}")

@@ -28,9 +28,9 @@ class RecordingOutput(Output):
         """Prepare a recording.
 
         Args:
-            folder: Folder of the run.
-            every: Steps from frame to frame; the last step before the run ends or starts anew is a frame in any case.
-            compress: Pack what has a number for every node: a quarter smaller, at thirty times the time.
+            folder: folder of the run.
+            every: steps from frame to frame; the last step before the run ends or starts anew is a frame in any case.
+            compress: pack what has a number for every node: a quarter smaller, at thirty times the time.
 
         Raises:
             RecordingError: `every` is less than 1.
@@ -48,7 +48,7 @@ class RecordingOutput(Output):
         """Write scene and bodies; the state before the first step becomes frame 0.
 
         Raises:
-            RecordingError: The file cannot be written.
+            RecordingError: the file cannot be written.
         """
         self._model = model
         self._rows = RowMaker(model)
@@ -60,7 +60,7 @@ class RecordingOutput(Output):
         """Keep the step if it is to be a frame, and write when enough are kept.
 
         Raises:
-            RecordingError: The file cannot be written.
+            RecordingError: the file cannot be written.
         """
         self._solver.add(report)
         frame = Frame(state, report, self._solver)
@@ -80,7 +80,7 @@ class RecordingOutput(Output):
         """Write what is still in memory and how the run ended; the file is closed whatever happens.
 
         Raises:
-            RecordingError: The file cannot be written.
+            RecordingError: the file cannot be written.
         """
         if self._file is None:
             return

@@ -28,18 +28,18 @@ class Recording:
     """An open recording; steps are read when they are asked for.
 
     Attributes:
-        path: The file.
-        scene_text: The resolved scene as TOML.
-        versions: Versions of taichisoft and of what it computed with, by name.
-        outcome: How the run ended; "unfinished" while it runs and when it was killed.
-        step_size: Time step [s].
-        every: Steps from frame to frame.
-        frame_count: Frames that were written whole; frame 0 is the state before the first step.
-        cavities: Names of the columns of `column("pressure")` and `column("volume")`.
-        pairs: Names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
-        base_pivot: The point about which the base turns [mm], shape (3,).
-        surfaces: Everything with triangles: soft bodies with their cavities, rigid bodies, obstacles.
-        planes: The infinite obstacles.
+        path: the file.
+        scene_text: the resolved scene as TOML.
+        versions: versions of taichisoft and of what it computed with, by name.
+        outcome: how the run ended; "unfinished" while it runs and when it was killed.
+        step_size: time step [s].
+        every: steps from frame to frame.
+        frame_count: frames that were written whole, 1 or more; frame 0 is the state before the first step.
+        cavities: names of the columns of `column("pressure")` and `column("volume")`.
+        pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
+        base_pivot: the point about which the base turns [mm], shape (3,).
+        surfaces: everything with triangles: soft bodies with their cavities, rigid bodies, obstacles.
+        planes: the infinite obstacles.
     """
 
     def __init__(self, path: Path, file: Any):
@@ -74,7 +74,7 @@ class Recording:
         """The resolved scene.
 
         Raises:
-            SceneError: This version does not understand it; the message begins with the path.
+            SceneError: this version does not understand it; the message begins with the path.
         """
         return scene_from_toml(self.scene_text, str(self.path))
 
@@ -97,7 +97,7 @@ class Recording:
         """One quantity in all frames, shape (frame_count, ...); `layout.QUANTITIES` has names and units.
 
         Raises:
-            RecordingError: There is no such quantity.
+            RecordingError: there is no such quantity.
         """
         return self._quantity(name)[: self.frame_count]
 
@@ -105,7 +105,7 @@ class Recording:
         """One quantity in one frame.
 
         Raises:
-            RecordingError: There is no such quantity.
+            RecordingError: there is no such quantity.
         """
         return self._quantity(name)[range(self.frame_count)[frame]]
 
@@ -136,12 +136,12 @@ class Recording:
         """Index of the frame nearest to `time` [s] since the last start.
 
         Raises:
-            RecordingError: The time was not recorded.
+            RecordingError: the time was not recorded.
         """
         first = self.last_start
         times = self.times[first:]
-        if not len(times) or not times[0] - self.step_size <= time <= times[-1] + self.step_size:
-            reach = f"from {times[0]:g} s to {times[-1]:g} s" if len(times) else "no frame"
+        if not times[0] - self.step_size <= time <= times[-1] + self.step_size:
+            reach = f"from {times[0]:g} s to {times[-1]:g} s"
             raise RecordingError(f"{self.path}: nothing at {time:g} s; the recording has {reach}")
         return first + int(np.argmin(np.abs(times - time)))
 
@@ -187,7 +187,7 @@ def read_recording(path: str | Path) -> Recording:
     """Open a recording; use it in a `with` statement. That of a killed or running simulation opens too.
 
     Raises:
-        RecordingError: The file is missing, is no recording, or has another layout than this version reads.
+        RecordingError: the file is missing, is no recording, has another layout than this version reads, or no frame.
     """
     import h5py
 
@@ -200,7 +200,10 @@ def read_recording(path: str | Path) -> Recording:
         raise RecordingError(f"{path}: not readable as HDF5: {error}") from error
     try:
         _check_layout(path, file.attrs)
-        return Recording(path, file)
+        recording = Recording(path, file)
+        if recording.frame_count == 0:
+            raise RecordingError(f"{path}: has no frame; the run ended before the first one was written")
+        return recording
     except RecordingError:
         file.close()
         raise

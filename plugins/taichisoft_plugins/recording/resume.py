@@ -13,6 +13,7 @@ from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_toml
 from taichisoft.scenes.scene import Scene
 from taichisoft.state import State
+from taichisoft_plugins.base_motion import last_at_rest
 from taichisoft_plugins.recording.reader import Recording
 
 SAME_PLACE = 1e-6
@@ -27,7 +28,7 @@ def recorded_scene(recording: Recording, overrides: Sequence[str], controller: s
     """The scene of the recording, with changes as in `taichisoft run`.
 
     Raises:
-        SceneError: Something is not valid; the message begins with the recording's path.
+        SceneError: something is not valid; the message begins with the recording's path.
     """
     source = " with --set ".join([str(recording.path), *overrides])
     return scene_from_toml(recording.scene_text, source, overrides, controller)
@@ -37,8 +38,8 @@ def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simula
     """A simulation in the recorded state, with the recorded meshes; surfaces are read from the files of the scene.
 
     Raises:
-        ResumeError: A body is not the one that was recorded, or the time step is another.
-        TaichisoftError: The model cannot be made.
+        ResumeError: a body is not the one that was recorded, or the time step is another.
+        TaichisoftError: the model cannot be made.
     """
     path, now = recording.path, _names(scene)
     for kind, recorded in _names(recording.scene).items():
@@ -61,7 +62,7 @@ def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
     """Time from a frame to the end that the scene gives a run [s].
 
     Raises:
-        ResumeError: No time is left.
+        ResumeError: no time is left.
     """
     time, end = float(recording.row("time", frame)), scene.time.duration
     if end - time < 0.5 * scene.time.step:
@@ -75,7 +76,7 @@ def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
 def base_has_moved(recording: Recording, frame: int) -> bool:
     """Whether the base has moved since the last start; the goal of a scene is judged from the moment before it does."""
     base = recording.column("base_translation")
-    return bool((base[recording.last_start : frame + 1] != base[recording.last_start]).any())
+    return last_at_rest(base[recording.last_start : frame + 1]) is not None
 
 
 def _as_changed(state: State, before: Scene, model: Model) -> State:
@@ -99,6 +100,7 @@ def _names(scene: Scene) -> dict[str, list[str]]:
     return {
         "soft body": list(scene.soft_bodies),
         "cavity": [f"{name}.{cavity}" for name, body in scene.soft_bodies.items() for cavity in body.cavities],
+        "cable": [f"{name}.{cable}" for name, body in scene.soft_bodies.items() for cable in body.cables],
         "rigid body": list(scene.rigid_bodies),
         "obstacle": list(scene.obstacles),
     }

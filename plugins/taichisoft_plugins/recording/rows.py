@@ -22,10 +22,10 @@ class SolverFigures:
     """How the solver fared in all steps since the last frame.
 
     Attributes:
-        steps: Number of these steps.
-        iterations, residual, max_penetration: The largest of these steps, see `StepReport`.
-        converged: Whether all of them converged.
-        seconds: Time of all of them together [s].
+        steps: number of these steps.
+        iterations, residual, max_penetration: the largest of these steps, see `StepReport`.
+        converged: whether all of them converged.
+        seconds: time of all of them together [s].
     """
 
     steps: int = 0
@@ -50,9 +50,9 @@ class Frame:
     """A state and how it came about; states never change, so nothing is copied.
 
     Attributes:
-        state: The state at the end of the step.
-        report: The report of the step; None for the state before the first one.
-        solver: Figures of the steps since the last frame.
+        state: the state at the end of the step.
+        report: the report of the step; None for the state before the first one.
+        solver: figures of the steps since the last frame.
     """
 
     state: "State"
@@ -64,8 +64,8 @@ class RowMaker:
     """Makes the rows of frames.
 
     Attributes:
-        cavities: Names of the columns of `pressure` and `volume`.
-        pairs: Bodies of the columns of `normal_force`, `friction_force` and `slip_speed`: all that could touch.
+        cavities: names of the columns of `pressure` and `volume`.
+        pairs: bodies of the columns of `normal_force`, `friction_force` and `slip_speed`: all that could touch.
     """
 
     def __init__(self, model: "Model"):
@@ -80,8 +80,8 @@ class RowMaker:
         """The rows of every dataset of `layout.QUANTITIES`, by its path.
 
         Args:
-            frames: The frames; datasets of `steps` get a row for each, shape (frame_count, ...).
-            first_contact: Number of contacts that were written before those of these frames.
+            frames: the frames; datasets of `steps` get a row for each, shape (frame_count, ...).
+            first_contact: number of contacts that were written before those of these frames.
         """
         numbers = [self._numbers(frame) for frame in frames]
         count = np.array([len(frame.state.contact_point) for frame in frames])

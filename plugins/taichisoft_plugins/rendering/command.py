@@ -1,6 +1,5 @@
 """The command `taichisoft render`."""
 
-import warnings
 from pathlib import Path
 from typing import Annotated
 
@@ -8,6 +7,7 @@ import rich
 import typer
 
 from taichisoft.errors import TaichisoftError
+from taichisoft.running.messages import warnings_printed_to
 from taichisoft_plugins.drawing.style import COLOURINGS, VIEWS, Style, parse_point, parse_size
 from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.rendering.render import key_moments, render_pictures
@@ -61,8 +61,6 @@ def render(
 
     A run that its user started anew is drawn from its last start.
     """
-    from taichisoft.running.display import print_warning  # starts Taichi, which --help need not wait for
-
     if eye is not None and view:
         raise TaichisoftError("--eye takes the place of a view; give either --eye or --view")
     views = list(dict.fromkeys(view or [STYLE.view]))
@@ -88,8 +86,7 @@ def render(
         check_video(video, fps)
     with read_recording(run) as recording:
         moments = {f"at_{moment:.2f}s": moment for moment in time} if time else key_moments(recording)
-    with warnings.catch_warnings():
-        warnings.showwarning = lambda message, *_, **__: print_warning(rich.get_console(), str(message))
+    with warnings_printed_to(rich.get_console()):
         for one, style in styles.items():
             ending = f"_{one.replace(':', '_')}" if len(styles) > 1 else ""
             if image or time or video is None:

@@ -29,12 +29,12 @@ class FrameProcess:
     One frame is read ahead. The process does not hear the terminal's Ctrl and c: who reads decides.
 
     Attributes:
-        problem: One line that says why there was no further frame; empty before.
-        refused: Whether that would be the same in a new process.
+        problem: one line that says why there was no further frame; empty before.
+        refused: whether that would be the same in a new process.
 
     Args:
-        job: What `render_process` reads; paths may be among its values.
-        shape: Shape of a frame: height, width, 3.
+        job: what `render_process` reads; paths may be among its values.
+        shape: shape of a frame: height, width, 3.
     """
 
     def __init__(self, job: dict[str, Any], shape: tuple[int, int, int]):
@@ -71,8 +71,8 @@ class FrameProcess:
         """The next frame, shape (height, width, 3), dtype uint8; None when there is none, see `problem`.
 
         Args:
-            time_limit: Duration after which the process is taken to hang [s].
-            stop_if_asked: Is called while we wait, and may raise.
+            time_limit: duration after which the process is taken to hang [s].
+            stop_if_asked: is called while we wait, and may raise.
         """
         latest = time.monotonic() + time_limit
         stop_if_asked()

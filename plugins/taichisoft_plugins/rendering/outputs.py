@@ -22,8 +22,8 @@ class DrawnAtEnd(Output):
     """An output that does nothing while the simulation runs, and cannot harm what was computed.
 
     Attributes:
-        name: Name of the output.
-        folder: Folder of the run, where the recording is.
+        name: name of the output.
+        folder: folder of the run, where the recording is.
     """
 
     name = ""
@@ -37,7 +37,7 @@ class DrawnAtEnd(Output):
         """Check that there will be something to draw from.
 
         Raises:
-            RecordingNeeded: This run has no recording.
+            RecordingNeeded: this run has no recording.
         """
         self._recording.require(self.name)
 
@@ -49,7 +49,7 @@ class DrawnAtEnd(Output):
         """Draw, unless the run was interrupted, when nobody wants to wait, or no step was made.
 
         Raises:
-            RenderError: Drawing is not possible on this machine, or somebody ended it.
+            RenderError: drawing is not possible on this machine, or somebody ended it.
         """
         if outcome == "interrupted" or not self._moved:
             return
@@ -81,15 +81,15 @@ class VideoOutput(DrawnAtEnd):
     """Draws the whole run into a video.
 
     Args:
-        folder: Folder of the run, where the recording is.
+        folder: folder of the run, where the recording is.
         file: "NAME.mp4", "NAME.gif", or a folder for PNG files; None for video.mp4 in the run's folder.
-        fps: Frames per second.
-        size: Width and height [pixels], "1280x720".
-        slow_motion: Factor by which things move slower than in reality.
-        view: Where the camera stands, see `Style`.
+        fps: frames per second.
+        size: width and height [pixels], "1280x720".
+        slow_motion: factor by which things move slower than in reality.
+        view: where the camera stands, see `Style`.
 
     Raises:
-        RenderError, StyleError: One of these is impossible.
+        RenderError, StyleError: one of these is impossible.
     """
 
     name = "video"
@@ -115,8 +115,8 @@ class VideoOutput(DrawnAtEnd):
         """Check that there will be something to draw from, and the body to follow.
 
         Raises:
-            RecordingNeeded: This run has no recording.
-            StyleError: The view follows a body that is not there.
+            RecordingNeeded: this run has no recording.
+            StyleError: the view follows a body that is not there.
         """
         super().begin(model, state)
         self.style.check(model.scene)

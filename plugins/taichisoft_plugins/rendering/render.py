@@ -10,6 +10,7 @@ import numpy as np
 from taichisoft.atomic_file import atomic_file, named_os_errors
 from taichisoft.errors import TaichisoftError
 from taichisoft.running.interruption import deferred_signals
+from taichisoft_plugins.base_motion import last_at_rest
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.frame_process import FrameProcess
@@ -32,16 +33,16 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
     """Draw the frames nearest to the times and return the paths `folder/NAME.png`.
 
     Args:
-        recording: Path of the recording.
-        times: Times since the last start [s] by the name of the picture.
-        folder: Folder of the pictures, which is made when it does not exist.
-        style: How the frames are drawn; one camera suits them all.
+        recording: path of the recording.
+        times: times since the last start [s] by the name of the picture.
+        folder: folder of the pictures, which is made when it does not exist.
+        style: how the frames are drawn; one camera suits them all.
 
     Raises:
-        RecordingError: The recording is missing or unreadable, or ends before one of the times.
-        StyleError: The style does not fit the recording.
-        RenderError: Drawing failed twice, and the message says what to install; or a picture cannot be written.
-        KeyboardInterrupt: Somebody pressed Ctrl and c, or sent SIGTERM.
+        RecordingError: the recording is missing or unreadable, or ends before one of the times.
+        StyleError: the style does not fit the recording.
+        RenderError: drawing failed twice, and the message says what to install; or a picture cannot be written.
+        KeyboardInterrupt: somebody pressed Ctrl and c, or sent SIGTERM.
     """
     style = style or Style()
     with read_recording(recording) as opened:
@@ -69,11 +70,9 @@ def key_moments(recording: Recording) -> dict[str, float]:
     Where the base does not move there are only before and after.
     """
     times = recording.times[recording.last_start :]
-    base = recording.column("base_translation")[recording.last_start :]
-    moved = np.any(base != base[0], axis=1)
-    if not moved.any():
+    grasped = last_at_rest(recording.column("base_translation")[recording.last_start :])
+    if grasped is None:
         return {"before": float(times[0]), "after": float(times[-1])}
-    grasped = max(int(np.argmax(moved)) - 1, 0)
     return {"before": float(times[0]), "grasped": float(times[grasped]), "lifted": float(times[-1])}
 
 
@@ -87,14 +86,14 @@ def draw_frames(
     """Draw frames one after the other; a process that hangs or crashes is replaced once, and the new one goes on.
 
     Args:
-        recording: Path of the recording.
-        style: How the frames are drawn.
-        frames: Frame indices without repetitions.
-        take: Is called with each image, shape (height, width, 3), dtype uint8.
-        stop_if_asked: Is called at least every tenth of a second, and may raise.
+        recording: path of the recording.
+        style: how the frames are drawn.
+        frames: frame indices without repetitions.
+        take: is called with each image, shape (height, width, 3), dtype uint8.
+        stop_if_asked: is called at least every tenth of a second, and may raise.
 
     Raises:
-        RenderError: Drawing failed again, or cannot succeed; the message says what to install if that could help.
+        RenderError: drawing failed again, or cannot succeed; the message says what to install if that could help.
     """
     width, height = style.size
     job = {"recording": str(recording), "style": asdict(style), "frames": [int(frame) for frame in frames]}
@@ -128,7 +127,7 @@ def write_png(image: np.ndarray, path: Path) -> None:
     """Write an image, shape (height, width, 3), dtype uint8.
 
     Raises:
-        RenderError: The file cannot be written.
+        RenderError: the file cannot be written.
     """
     from PIL import Image
 

@@ -36,8 +36,8 @@ def draw(job: dict, to: BinaryIO) -> None:
     """Write the frames of a job.
 
     Raises:
-        TaichisoftError: There is no such recording or frame, or it cannot be drawn in this style.
-        OSError: Nobody reads the frames any more, or Open3D finds no way to draw.
+        TaichisoftError: there is no such recording or frame, or it cannot be drawn in this style.
+        OSError: nobody reads the frames any more, or Open3D finds no way to draw.
         RuntimeError: Open3D failed.
     """
     style = Style(**job["style"])

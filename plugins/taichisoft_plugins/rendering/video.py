@@ -31,19 +31,19 @@ def render_video(
     A frame that is shown several times, because fewer were recorded, is drawn once.
 
     Args:
-        recording: Path of the recording.
+        recording: path of the recording.
         file: "NAME.mp4", "NAME.gif", or a folder for PNG files.
-        style: How frames are drawn.
-        fps: Frames per second.
-        slow_motion: Factor by which things move slower than in reality [-]; below 1 they are faster.
-        on_frame: Is called with the number of frames that are written, and of all frames.
+        style: how frames are drawn.
+        fps: frames per second.
+        slow_motion: factor by which things move slower than in reality [-]; below 1 they are faster.
+        on_frame: is called with the number of frames that are written, and of all frames.
 
     Raises:
-        RecordingError: The recording is missing, unreadable or empty.
-        StyleError: The style does not fit the recording.
-        RenderError: The name, the rate or the slow motion is impossible; drawing failed twice, and the message says
+        RecordingError: the recording is missing or unreadable.
+        StyleError: the style does not fit the recording.
+        RenderError: the name, the rate or the slow motion is impossible; drawing failed twice, and the message says
             what to install; or the file cannot be written.
-        KeyboardInterrupt: Somebody pressed Ctrl and c, or sent SIGTERM.
+        KeyboardInterrupt: somebody pressed Ctrl and c, or sent SIGTERM.
     """
     style = style or Style()
     check_video(file, fps)
@@ -73,7 +73,7 @@ def check_slow_motion(factor: float) -> None:
     """Check that things can be shown so many times slower.
 
     Raises:
-        RenderError: They cannot.
+        RenderError: they cannot.
     """
     if not 0.0 < factor < math.inf:
         raise RenderError(f"slow motion {factor:g}: must be positive; 4 is four times slower than in reality")
@@ -83,19 +83,14 @@ def video_frames(recording: Recording, rate: float) -> np.ndarray:
     """The recorded frames nearest to the moments that a video shows, from the last start to the very end.
 
     Args:
-        recording: An open recording.
-        rate: Number of moments per simulated second [1/s].
+        recording: an open recording.
+        rate: number of moments per simulated second [1/s].
 
     Returns:
         Frame indices that never fall, shape (moment_count,).
-
-    Raises:
-        RenderError: Nothing was recorded.
     """
     first = recording.last_start
     times = recording.times[first:]
-    if not len(times):
-        raise RenderError(f"{recording.path}: has no frame to draw")
     count = math.ceil((times[-1] - times[0]) * rate - 1e-6) + 1
     moments = np.minimum(times[0] + np.arange(count) / rate, times[-1])
     after = np.searchsorted(times, moments).clip(1, max(len(times) - 1, 1))

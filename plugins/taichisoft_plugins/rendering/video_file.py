@@ -40,7 +40,7 @@ def check_video(path: Path, fps: float) -> None:
     """Check that a video can have this name and rate, before anything is computed for it.
 
     Raises:
-        RenderError: It cannot; the message says what would be valid.
+        RenderError: it cannot; the message says what would be valid.
     """
     fastest = FASTEST.get(path.suffix.lower())
     if fastest is None:
@@ -60,11 +60,11 @@ def open_video(path: Path, size: tuple[int, int], fps: float) -> Iterator[AddFra
 
     Args:
         path: "NAME.mp4", "NAME.gif", or a folder that gets `frame_00000.png` and so on.
-        size: Width and height of the frames [pixels].
-        fps: Frames per second.
+        size: width and height of the frames [pixels].
+        fps: frames per second.
 
     Raises:
-        RenderError: The video cannot be written.
+        RenderError: the video cannot be written.
     """
     check_video(path, fps)
     with named_os_errors(path, RenderError):
@@ -81,7 +81,7 @@ def ffmpeg_program() -> str:
     """Path of ffmpeg: that of $IMAGEIO_FFMPEG_EXE, the one that imageio-ffmpeg brings, or the system's.
 
     Raises:
-        RenderError: There is none; the message says how to get it.
+        RenderError: there is none; the message says how to get it.
     """
     try:
         from imageio_ffmpeg import get_ffmpeg_exe

@@ -23,8 +23,8 @@ class MediaFile:
     """A picture or video.
 
     Attributes:
-        path: The file.
-        older_than_run: Whether it was there before this run, so that it may show another one.
+        path: the file.
+        older_than_run: whether it was there before this run, so that it may show another one.
     """
 
     path: Path
@@ -36,11 +36,11 @@ class ReportContents:
     """Everything that a report shows.
 
     Attributes:
-        recording: The recording, which stays open.
-        pictures, videos: Files in the order in which they are shown.
-        metrics: Figures of metrics.json by name.
-        plots: Content of an SVG file; empty if there is none.
-        missing: Sentences that say what the report has to do without.
+        recording: the recording, which stays open.
+        pictures, videos: files in the order in which they are shown.
+        metrics: figures of metrics.json by name.
+        plots: content of an SVG file; empty if there is none.
+        missing: sentences that say what the report has to do without.
     """
 
     recording: Recording
@@ -55,8 +55,8 @@ def collect(recording: Recording, began: float | None = None) -> ReportContents:
     """Draw the plots of a recording, and look for what lies beside it.
 
     Args:
-        recording: The recording, which stays open.
-        began: Time at which its run began [s since the epoch], to tell pictures of an earlier run in the same folder.
+        recording: the recording, which stays open.
+        began: time at which its run began [s since the epoch], to tell pictures of an earlier run in the same folder.
             Later that cannot be told: to copy a folder changes the times of its files.
     """
     contents = ReportContents(recording)

@@ -35,7 +35,7 @@ class ReportOutput(Output):
         """Note the time: what is older in the folder belongs to another run.
 
         Raises:
-            RecordingNeeded: This run has no recording.
+            RecordingNeeded: this run has no recording.
         """
         self._recording.require("report")
         self._began = time.time()
@@ -49,7 +49,7 @@ class ReportOutput(Output):
         Nor is one written where there was no recording: that of an earlier run may lie there.
 
         Raises:
-            ReportError: The page cannot be written.
+            ReportError: the page cannot be written.
         """
         if self._began is not None and outcome != "interrupted":
             write_report(self._recording.path, began=self._began)
@@ -59,13 +59,13 @@ def write_report(recording: Path, path: Path | None = None, began: float | None 
     """Write the report of a recording, and return its path.
 
     Args:
-        recording: File of the recording.
-        path: File of the report; report.html beside the recording when it is not given.
-        began: Time at which the run began, see `collect`.
+        recording: file of the recording.
+        path: file of the report; report.html beside the recording when it is not given.
+        began: time at which the run began, see `collect`.
 
     Raises:
-        RecordingError: There is no such recording.
-        ReportError: The page cannot be written, or a picture cannot be read.
+        RecordingError: there is no such recording.
+        ReportError: the page cannot be written, or a picture cannot be read.
     """
     path = path or recording.with_name(FILE_NAME)
     with read_recording(recording) as opened:

@@ -57,11 +57,11 @@ def report_page(contents: ReportContents, folder: Path) -> str:
     """The page.
 
     Args:
-        contents: What the page shows.
-        folder: Folder in which the page will lie, for links to what is too large to embed.
+        contents: what the page shows.
+        folder: folder in which the page will lie, for links to what is too large to embed.
 
     Raises:
-        OSError: A picture or video cannot be read.
+        OSError: a picture or video cannot be read.
     """
     recording = contents.recording
     title = escape(recording.scene.title or recording.path.parent.resolve().name)
@@ -98,7 +98,7 @@ def _status(recording: Recording, held: bool | None) -> str:
         pills.insert(0, ("good", "held") if held else ("bad", "not held"))
     times = recording.times
     restarts = int((times[1:] < times[:-1]).sum())
-    texts = [f"{times[-1] if len(times) else 0.0:g} s simulated"]
+    texts = [f"{times[-1]:g} s simulated"]
     if restarts:
         often = "once" if restarts == 1 else f"{restarts} times"
         texts.append(f"started anew {often}; shown is what came after the last start")

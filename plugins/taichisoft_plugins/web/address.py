@@ -29,9 +29,9 @@ class Address:
     """A place to listen at.
 
     Attributes:
-        host: Name or number of a network interface of this machine.
-        port: A port that was free when the address was found.
-        token: What a viewer must enter to control a run; empty where only this machine reaches the page.
+        host: name or number of a network interface of this machine.
+        port: a port that was free when the address was found.
+        token: what a viewer must enter to control a run; empty where only this machine reaches the page.
     """
 
     host: str
@@ -53,7 +53,7 @@ def find_address(text: str | None) -> Address:
     """The address of a command line; without one, a free port that only this machine reaches.
 
     Raises:
-        WebError: The text is no address, or nothing can listen there.
+        WebError: the text is no address, or nothing can listen there.
     """
     if text is None:
         for port in range(PORT, PORT + PORTS_TRIED):

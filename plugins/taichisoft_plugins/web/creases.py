@@ -11,8 +11,8 @@ def split_creases(vertices: np.ndarray, triangles: np.ndarray) -> tuple[np.ndarr
     A surface that deforms is split once; copy i is then always where vertex `source[i]` is.
 
     Args:
-        vertices: Positions [mm], shape (vertex_count, 3).
-        triangles: Vertex indices, shape (triangle_count, 3).
+        vertices: positions [mm], shape (vertex_count, 3).
+        triangles: vertex indices, shape (triangle_count, 3).
 
     Returns:
         `source`, vertex of each copy, shape (copy_count,), and triangles of copies, shape (triangle_count, 3).

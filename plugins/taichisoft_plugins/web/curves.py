@@ -22,10 +22,10 @@ def plotted_row(
     """The figures that are plotted at one time, in a row.
 
     Args:
-        scene: The scene of the run.
-        pressures: Pressure of each cavity [kPa].
-        normal_forces: Normal force of each pair of bodies [mN].
-        rigid_position: Centres of mass [mm], shape (rigid_count, 3).
+        scene: the scene of the run.
+        pressures: pressure of each cavity [kPa].
+        normal_forces: normal force of each pair of bodies [mN].
+        rigid_position: centres of mass [mm], shape (rigid_count, 3).
 
     Returns:
         Pressures [kPa], force of each soft body on the main object [mN], and the height of that [mm].
@@ -42,8 +42,8 @@ class History:
     """What the plots show of the frames since the last start.
 
     Attributes:
-        times: Times of the frames that are kept [s].
-        rows: Their rows of `plotted_row`, with heights over that of the first frame of all.
+        times: times of the frames that are kept [s].
+        rows: their rows of `plotted_row`, with heights over that of the first frame of all.
     """
 
     def __init__(self, first: Frame):

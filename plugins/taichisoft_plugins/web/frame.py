@@ -14,10 +14,10 @@ class PageScene:
     """What stays the same while a page shows one frame after the other.
 
     Attributes:
-        scene: The scene that was or is simulated.
-        surfaces: Surfaces in the order of `Frame.vertices`.
-        planes: Infinite obstacles.
-        cavities: Names of the cavities.
+        scene: the scene that was or is simulated.
+        surfaces: surfaces in the order of `Frame.vertices`.
+        planes: infinite obstacles.
+        cavities: names of the cavities.
     """
 
     scene: Scene
@@ -31,11 +31,11 @@ class Frame:
     """What a page shows at one time of a run.
 
     Attributes:
-        time: Time of the run [s].
-        vertices: Positions [mm] of each surface's vertices, each of shape (vertex_count, 3).
-        contact_points: Points of contact [mm], shape (contact_count, 3).
-        contact_forces: Forces on the second body of each contact [mN], shape (contact_count, 3).
-        plotted: A row of `curves.plotted_row`.
+        time: time of the run [s].
+        vertices: positions [mm] of each surface's vertices, each of shape (vertex_count, 3).
+        contact_points: points of contact [mm], shape (contact_count, 3).
+        contact_forces: forces on the second body of each contact [mN], shape (contact_count, 3).
+        plotted: a row of `curves.plotted_row`.
     """
 
     time: float

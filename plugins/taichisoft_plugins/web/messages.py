@@ -17,18 +17,18 @@ class Snapshot:
     """A run between two steps; sent by the run. The arrays of poses are those of `State`.
 
     Attributes:
-        time: Time of the run [s].
-        position: Soft nodes [mm], shape (node_count, 3).
-        rigid_position: Centres of mass [mm], shape (rigid_count, 3).
-        rigid_rotation: Unit quaternions (w, x, y, z), shape (rigid_count, 4).
-        contact_points: Points of contact [mm], shape (contact_count, 3).
-        contact_forces: Forces on the second bodies [mN], shape (contact_count, 3).
-        plotted: A row of `curves.plotted_row`.
-        sliders: Sliders of the page by name.
-        paused: Whether the run waits.
-        speed: Simulated over wall-clock time that is wanted; None for as fast as it goes.
-        real_time_factor: Simulated over wall-clock time that is reached; NaN where it is not known.
-        status: What the controller says of itself.
+        time: time of the run [s].
+        position: soft nodes [mm], shape (node_count, 3).
+        rigid_position: centres of mass [mm], shape (rigid_count, 3).
+        rigid_rotation: unit quaternions (w, x, y, z), shape (rigid_count, 4).
+        contact_points: points of contact [mm], shape (contact_count, 3).
+        contact_forces: forces on the second bodies [mN], shape (contact_count, 3).
+        plotted: a row of `curves.plotted_row`.
+        sliders: sliders of the page by name.
+        paused: whether the run waits.
+        speed: simulated over wall-clock time that is wanted; None for as fast as it goes.
+        real_time_factor: simulated over wall-clock time that is reached; NaN where it is not known.
+        status: what the controller says of itself.
     """
 
     time: float
@@ -50,14 +50,14 @@ class PageSetup:
     """All that a page begins with; the first message that the run sends.
 
     Attributes:
-        host, port: Where the page listens.
-        token: What a viewer must enter to control the run; empty where all viewers may.
-        content: What stays the same on the page.
-        surfaces: The surfaces of `content`, which know where they are in a snapshot.
-        first: The state before the first step.
-        run_bindings: What keys of the run itself do.
-        controller_bindings: What keys of the controller do; empty where it heeds none.
-        sliders_move: Whether viewers may move the sliders.
+        host, port: where the page listens.
+        token: what a viewer must enter to control the run; empty where all viewers may.
+        content: what stays the same on the page.
+        surfaces: the surfaces of `content`, which know where they are in a snapshot.
+        first: the state before the first step.
+        run_bindings: what keys of the run itself do.
+        controller_bindings: what keys of the controller do; empty where it heeds none.
+        sliders_move: whether viewers may move the sliders.
     """
 
     host: str
@@ -76,7 +76,7 @@ class RunEnded:
     """The run has ended; the last message that it sends.
 
     Attributes:
-        outcome: How it ended, as outputs are told.
+        outcome: how it ended, as outputs are told.
     """
 
     outcome: str
@@ -87,7 +87,7 @@ class Ready:
     """The page is served; the first message that its process sends.
 
     Attributes:
-        port: Port at which the page listens.
+        port: port at which the page listens.
     """
 
     port: int
@@ -98,7 +98,7 @@ class SpeedWanted:
     """A viewer wants the run to go faster or slower; the page sends nothing else but `KeyEvent`.
 
     Attributes:
-        speed: Simulated over wall-clock time; None for as fast as it goes.
+        speed: simulated over wall-clock time; None for as fast as it goes.
     """
 
     speed: float | None
@@ -108,7 +108,7 @@ def send(stream: IO[bytes], message: Any) -> None:
     """Write a message; waits for a reader who is slow.
 
     Raises:
-        OSError: Nobody reads any more.
+        OSError: nobody reads any more.
     """
     pickle.dump(message, stream, protocol=pickle.HIGHEST_PROTOCOL)
     stream.flush()
@@ -118,7 +118,7 @@ def receive(stream: IO[bytes]) -> Any:
     """Wait for the next message.
 
     Raises:
-        EOFError: There will be no further message.
+        EOFError: there will be no further message.
     """
     try:
         return pickle.load(stream)

@@ -20,7 +20,7 @@ class WebOutput(Output):
     What viewers do becomes keys of the run.
 
     Attributes:
-        url: Address of the page, once it is served.
+        url: address of the page, once it is served.
     """
 
     gives_keys = True
@@ -29,11 +29,11 @@ class WebOutput(Output):
         """Find a place for the page.
 
         Args:
-            folder: Folder of the run; nothing is written there.
+            folder: folder of the run; nothing is written there.
             address: "HOST:PORT"; 127.0.0.1 and a free port from 8080 on where it is not given.
 
         Raises:
-            WebError: Viser is not installed, or nothing can listen at the address.
+            WebError: viser is not installed, or nothing can listen at the address.
         """
         require_viser()
         self._address = find_address(address)
@@ -44,7 +44,7 @@ class WebOutput(Output):
         """Serve the page, and print where.
 
         Raises:
-            WebError: The page cannot be served.
+            WebError: the page cannot be served.
         """
         from taichisoft_plugins.web.page_link import PageLink
 
@@ -60,12 +60,12 @@ class WebOutput(Output):
     def record(self, state: "State", report: "StepReport") -> None:
         """Leave the step for the page, which looks at the newest one when it has time."""
         if self._link is not None:
-            self._link.newest = state, report
+            self._link.newest = state
 
     def restart(self, state: "State") -> None:
         """Show the first state again."""
         if self._link is not None:
-            self._link.newest = state, None
+            self._link.newest = state
 
     def end(self, outcome: str) -> None:
         """Tell the viewers, and close the page."""

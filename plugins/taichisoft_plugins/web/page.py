@@ -22,17 +22,17 @@ class Page:
     """A server with the scene, a line of text and the plots.
 
     Attributes:
-        server: Server of viser, to which controls can be added.
-        port: Port at which it listens.
-        view: The scene.
-        curves: The plots.
+        server: server of viser, to which controls can be added.
+        port: port at which it listens.
+        view: the scene.
+        curves: the plots.
     """
 
     def __init__(self, host: str, port: int, content: PageScene, first: Frame):
         """Serve at an address that `find_address` gave.
 
         Raises:
-            WebError: The port was taken in the meantime.
+            WebError: the port was taken in the meantime.
         """
         self.server = make_server(host, port)
         self.port = self.server.get_port()

@@ -14,6 +14,7 @@ import numpy as np
 
 from taichisoft.bodies.surfaces import body_surfaces, planes_of
 from taichisoft.child_process import how_it_ended
+from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.session.session import BINDINGS
@@ -25,7 +26,6 @@ from taichisoft_plugins.web.messages import PageSetup, Ready, RunEnded, Snapshot
 if TYPE_CHECKING:
     from taichisoft.session.session import Session
     from taichisoft.state import State
-    from taichisoft.step.report import StepReport
 
 SNAPSHOTS_PER_SECOND = 30.0
 SECONDS_BETWEEN_UNCHANGED = 0.2
@@ -42,18 +42,18 @@ class PageLink:
     """A page beside a run. The run itself only sets `newest`; two threads do the rest.
 
     Attributes:
-        newest: What the page shall show: a state, and the report of the step that led to it.
-        port: Port at which the page listens.
+        newest: state that the page shall show.
+        port: port at which the page listens.
     """
 
     def __init__(self, session: "Session", address: Address):
         """Start the process and wait until it serves.
 
         Raises:
-            WebError: It does not.
+            WebError: it does not.
         """
         self._session = session
-        self.newest: tuple[State, StepReport | None] = session.simulation.state, None
+        self.newest: State = session.simulation.state
         self._ended = threading.Event()
         self._errors: IO[bytes] = TemporaryFile()  # noqa: SIM115 - needed as long as the process
         self._process = subprocess.Popen(
@@ -83,7 +83,7 @@ class PageLink:
         watchdog = threading.Timer(START_LIMIT, self._process.kill)
         watchdog.start()
         try:
-            send(self._to_page, page_setup(self._session, address, snapshot(self._session, *self.newest)))
+            send(self._to_page, page_setup(self._session, address, snapshot(self._session, self.newest)))
             answer = receive(self._from_page)
             assert isinstance(answer, Ready)
             return answer.port
@@ -108,10 +108,10 @@ class PageLink:
             if newest is sent and time.monotonic() - last < SECONDS_BETWEEN_UNCHANGED:
                 continue
             sent, last = newest, time.monotonic()
-            if not self._tell(snapshot(self._session, *self.newest)):
+            if not self._tell(snapshot(self._session, newest)):
                 warnings.warn(f"the web page is gone; the run goes on: {self._end_process()}", stacklevel=1)
                 return
-        self._tell(snapshot(self._session, *self.newest))
+        self._tell(snapshot(self._session, self.newest))
 
     def _heed_viewers(self) -> None:
         while True:
@@ -160,20 +160,19 @@ def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSet
     )
 
 
-def snapshot(session: "Session", state: "State", report: "StepReport | None") -> Snapshot:
-    """A run as it is now, in one of its states; `report` is that of the step that led to it."""
-    model, nothing = session.simulation.model, np.zeros((0, 3))
-    pressures = report.observation.pressures if report is not None else dict.fromkeys(model.cavities.names, 0.0)
-    forces = report.observation.normal_forces if report is not None else {}
+def snapshot(session: "Session", state: "State") -> Snapshot:
+    """A run as it is now, in one of its states."""
+    model, pressures = session.simulation.model, state.cavity_pressure.tolist()
+    forces = summarise_contacts(model, state).normal_forces
     return Snapshot(
         time=state.time,
         position=state.position.astype(np.float32),
         rigid_position=state.rigid_position,
         rigid_rotation=state.rigid_rotation,
-        contact_points=report.contact_points if report is not None else nothing,
-        contact_forces=report.contact_forces if report is not None else nothing,
-        plotted=plotted_row(model.scene, list(pressures.values()), forces, state.rigid_position),
-        sliders=_sliders(session, pressures),
+        contact_points=state.contact_point,
+        contact_forces=state.contact_impulse / model.scene.time.step,
+        plotted=plotted_row(model.scene, pressures, forces, state.rigid_position),
+        sliders=_sliders(session, dict(zip(model.cavities.names, pressures, strict=True))),
         paused=session.paused,
         speed=session.pace.speed,
         real_time_factor=session.pace.real_time_factor,

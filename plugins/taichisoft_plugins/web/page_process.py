@@ -3,6 +3,7 @@
 The page has a process of its own so that neither its work nor a viewer can slow the run; only `page_link` starts it.
 """
 
+import math
 import os
 import sys
 import threading
@@ -114,10 +115,10 @@ def status_line(snapshot: Snapshot) -> str:
     """One line of Markdown with the time, the speed and the status of the controller."""
     if snapshot.paused:
         speed = "paused"
-    elif snapshot.real_time_factor == snapshot.real_time_factor:
-        speed = f"{snapshot.real_time_factor:.2f} x real time"
-    else:
+    elif math.isnan(snapshot.real_time_factor):
         speed = "not begun"
+    else:
+        speed = f"{snapshot.real_time_factor:.2f} x real time"
     return " · ".join(filter(None, (f"**{snapshot.time:.2f} s**", speed, snapshot.status)))
 
 

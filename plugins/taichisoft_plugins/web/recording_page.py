@@ -27,10 +27,10 @@ class Playback:
     """A position in the frames of a recording.
 
     Attributes:
-        clock: Time at which each frame is shown [s], from 0; a new start of the run takes none, shape (frame_count,).
-        position: Time of the viewers on that clock [s].
-        playing: Whether it moves on.
-        speed: Recorded over wall-clock time.
+        clock: time at which each frame is shown [s], from 0; a new start of the run takes none, shape (frame_count,).
+        position: time of the viewers on that clock [s].
+        playing: whether it moves on.
+        speed: recorded over wall-clock time.
     """
 
     def __init__(self, times: np.ndarray):
@@ -70,20 +70,18 @@ class RecordingPage:
     """Serves a recording; all viewers see the same moment, and each may choose it.
 
     Attributes:
-        playback: Where the viewers are.
-        page: What they see.
+        playback: where the viewers are.
+        page: what they see.
     """
 
     def __init__(self, path: Path, address: Address):
         """Serve the first frame.
 
         Raises:
-            RecordingError: The file is no recording, or has no frame yet.
-            WebError: Nothing can listen at the address.
+            RecordingError: the file is no recording.
+            WebError: nothing can listen at the address.
         """
         self._recording = recording = _opened(path)
-        if recording.frame_count == 0:
-            raise RecordingError(f"{path}: has no frame yet")
         self.playback = Playback(recording.times)
         self._shown = -1
         self._last_look = time.monotonic()
@@ -180,7 +178,7 @@ def _opened(path: Path, patience: float = 0.0) -> Recording:
     """A recording with all its frames, also those that were written while it was opened.
 
     Raises:
-        RecordingError: It cannot be read, not even after `patience` [s].
+        RecordingError: it cannot be read, not even after `patience` [s].
     """
     deadline = time.monotonic() + patience
     while True:

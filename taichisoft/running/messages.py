@@ -1,0 +1,47 @@
+"""Warnings and messages of a log on a console, each one line; this starts no Taichi."""
+
+import logging
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from rich.console import Console
+from rich.text import Text
+
+PROJECT_LOGGER = "taichisoft"
+
+
+def print_warning(console: Console, message: str) -> None:
+    """One line, without markup."""
+    console.print(Text.assemble(("warning: ", "yellow"), message), soft_wrap=True)
+
+
+@contextmanager
+def warnings_printed_to(console: Console) -> Iterator[None]:
+    """Print Python's warnings in this way, as long as it lasts."""
+    with warnings.catch_warnings():
+        warnings.showwarning = lambda message, *_, **__: print_warning(console, str(message))
+        yield
+
+
+@contextmanager
+def logged_to(console: Console) -> Iterator[None]:
+    """Print each message of the logger "taichisoft" and those below it as one line, as long as it lasts."""
+    logger, handler = logging.getLogger(PROJECT_LOGGER), _ConsoleHandler(console)
+    level_before = logger.level
+    logger.addHandler(handler)
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.setLevel(level_before)
+        logger.removeHandler(handler)
+
+
+class _ConsoleHandler(logging.Handler):
+    def __init__(self, console: Console):
+        super().__init__()
+        self._console = console
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self._console.print(Text(record.getMessage()), soft_wrap=True)
