@@ -143,7 +143,8 @@ class SceneDraft:
 
     Attributes:
         exact: whether SOFA's reading is kept where the usual one departs from it.
-        effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so, an impulse, except in first order.
+        effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so: an impulse, or in first order
+            the same.
         bodies: one for each independent mechanical object, by the identity of that component.
         solvers: time integration by node.
         linear_solvers: linear solvers by node.
@@ -187,7 +188,7 @@ class SceneDraft:
         return self.bodies[id(state)]
 
     def points_of(self, component: "Component") -> np.ndarray:
-        """Points of the mechanical object in a component's node, which may follow that of its body, shape (count, 3)."""
+        """Points of the mechanical object in a component's node, which may follow its body's, shape (count, 3)."""
         state = in_node(node_of(component), {STATE})
         if state is None:
             state = independent_state(node_of(component))

@@ -1,8 +1,9 @@
 """Which points and cells lie in the boxes and spheres of SOFA's ROI engines."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 Inside = Callable[[np.ndarray], np.ndarray]
 """Says of points (count, 3) which ones lie in a region."""
@@ -11,7 +12,7 @@ Inside = Callable[[np.ndarray], np.ndarray]
 FACE_TOLERANCE = 1e-9
 
 
-def in_boxes(boxes: Sequence[Sequence[float]], tolerance: float) -> Inside:
+def in_boxes(boxes: ArrayLike, tolerance: float) -> Inside:
     """Boxes of six numbers, two opposite corners; the faces belong to them, and `tolerance` beyond."""
     corners = np.asarray(boxes, dtype=np.float64).reshape(-1, 2, 3)
     lower, upper = corners.min(axis=1) - tolerance, corners.max(axis=1) + tolerance
@@ -23,7 +24,7 @@ def in_boxes(boxes: Sequence[Sequence[float]], tolerance: float) -> Inside:
     return inside
 
 
-def in_oriented_boxes(boxes: Sequence[Sequence[float]], tolerance: float) -> Inside:
+def in_oriented_boxes(boxes: ArrayLike, tolerance: float) -> Inside:
     """Boxes of ten numbers: three corners of a rectangle in turn, and the depth by which it extends to both sides.
 
     The first and third corner are opposite; the depth counts along the rectangle's normal, half of it on each side.
@@ -46,7 +47,7 @@ def in_oriented_boxes(boxes: Sequence[Sequence[float]], tolerance: float) -> Ins
     return inside
 
 
-def in_spheres(centres: Sequence[Sequence[float]], radii: Sequence[float], tolerance: float) -> Inside:
+def in_spheres(centres: ArrayLike, radii: ArrayLike, tolerance: float) -> Inside:
     """Spheres with their surfaces; one radius stands for all."""
     middle = np.asarray(centres, dtype=np.float64).reshape(-1, 3)
     reach = np.broadcast_to(np.asarray(radii, dtype=np.float64).reshape(-1), len(middle)) + tolerance

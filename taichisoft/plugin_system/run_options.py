@@ -1,4 +1,4 @@
-"""Options of `taichisoft run` that plug-ins add: each brings an output into the run, or a setting of one or of a reader."""
+"""Options of `taichisoft run` that plug-ins add: each brings an output, or sets something of one or of a reader."""
 
 import inspect
 from collections.abc import Callable, Mapping

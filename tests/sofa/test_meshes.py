@@ -99,7 +99,9 @@ def test_a_stock_mesh_is_found_only_where_the_scene_has_none(tmp_path: Path) -> 
     (tmp_path / "mesh").mkdir()
     (tmp_path / "mesh" / "floorFlat.obj").write_text("v 1 2 3\n")
     assert read_mesh(find_mesh("mesh/floorFlat.obj", find)).points.tolist() == [[1.0, 2.0, 3.0]]
-    with pytest.raises(MeshError, match=r"^mesh/liver.obj: no such file beside .*; SOFA's own that are known: mesh/smCube"):
+    with pytest.raises(
+        MeshError, match=r"^mesh/liver.obj: no such file beside .*; SOFA's own that are known: mesh/smCube"
+    ):
         find_mesh("mesh/liver.obj", find)
 
 

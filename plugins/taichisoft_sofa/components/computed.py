@@ -48,7 +48,7 @@ def _declare(type_name: str, computed: dict[str, tuple[Any, Callable[[Component]
     declare(type_name, **{name: kind for name, (kind, _) in computed.items()})
 
 
-def _cells(function: Callable[[Component, str], np.ndarray]) -> dict[str, tuple[Any, Callable[[Component], Any]]]:
+def _cells(function: Callable[..., np.ndarray]) -> dict[str, tuple[Any, Callable[[Component], Any]]]:
     """The data for every kind of cell, under all names of it."""
     return {
         name: (index_rows(corners), partial(function, kind=kind))

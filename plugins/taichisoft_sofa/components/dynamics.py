@@ -165,6 +165,6 @@ def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> N
     source = parent.owner if parent is not None else None
     if isinstance(source, Component) and canonical(source.type_name) in ENGINES and flag(source, "doUpdate", True):
         draft.depart(
-            f"{node_of(component).getPathName()}: {source.getName()} selects its points once, at the start; SOFA selects "
-            "them anew whenever rest positions change (doUpdate)"
+            f"{node_of(component).getPathName()}: {source.getName()} selects its points once, at the start; SOFA does so "
+            "anew whenever rest positions change (doUpdate)"
         )

@@ -43,7 +43,7 @@ def loaded(loader: "Component") -> LoadedMesh:
 
 
 def file_finder(component: "Component") -> Callable[[str], Path | None]:
-    """What finds the files that a scene names: that of its tree, or, while the scene is still building it, of the run."""
+    """What finds the files that a scene names: its tree, or, while the scene still builds that, the scene that runs."""
     root = node_of(component).getRoot()
     find: Callable[[str], Path | None] = getattr(root, "_find_file", None) or running().find_file
     return find

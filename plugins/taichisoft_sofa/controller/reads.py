@@ -83,11 +83,11 @@ class RunValues:
         if name in translation.soft:
             part, nodes = translation.soft[name], soft[name].nodes
             carriers, weights = _carriers(state, part)
-            fixed = start_position(state)
+            fixed, carried = start_position(state), np.any(weights, axis=1, keepdims=True)
 
             def points(values: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
                 moved = np.einsum("pk,pkd->pd", weights, values[nodes][carriers])
-                return np.where(weights.any(axis=1)[:, None], moved, otherwise)
+                return np.where(carried, moved, otherwise)
 
             self._provide(state.findData("position"), lambda: points(self._state.position, fixed))
             self._provide(state.findData("velocity"), lambda: points(self._state.velocity, np.zeros_like(fixed)))

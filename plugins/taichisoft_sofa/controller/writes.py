@@ -11,6 +11,7 @@ from taichisoft_sofa.components.actuators import VOLUME, value_by
 from taichisoft_sofa.components.reading import described, flag, number, text
 from taichisoft_sofa.components.table import IGNORED
 from taichisoft_sofa.translation.parts import SoftPart, Translation
+from taichisoft_sofa.tree.base import Base
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
 from taichisoft_sofa.tree.kinds import canonical, numbers
@@ -64,8 +65,8 @@ class SceneWrites:
             name: number(cable, "cableInitialLength", default=lengths[name]) - lengths[name]
             for cable, name in self._cables
         }
-        self._rest = {name: part.body.state.findData("rest_position") for name, part in translation.soft.items()}
-        self._gravity = tree.root.findData("gravity")
+        self._rest = {name: known_data(part.body.state, "rest_position") for name, part in translation.soft.items()}
+        self._gravity = known_data(tree.root, "gravity")
         self._watched: list[tuple[Data, str]] = []
         self._revisions: list[int] = []
 
@@ -139,6 +140,13 @@ class SceneWrites:
                     yield data, line
 
 
+def known_data(owner: Base, name: str) -> Data:
+    """A data that every owner of its type has."""
+    data = owner.findData(name)
+    assert data is not None
+    return data
+
+
 def _present(component: Component) -> float:
     """The present value of an actuator."""
     data = component.findData("value")
@@ -158,7 +166,7 @@ def _within(component: Component, value: float, quantity: str) -> float:
 def _targets(part: SoftPart, rest: np.ndarray, data: Data) -> np.ndarray:
     """Where the anchored nodes are held: at the new rest positions, those of fixed points where they were."""
     if len(rest) != len(part.body.position):
-        raise SceneError(f"{data.describe()}: has {len(rest)} points; {len(part.body.position)} are needed")
+        raise SceneError(f"{data.linkpath}: has {len(rest)} points; {len(part.body.position)} are needed")
     held = part.points[part.anchored]
     targets: np.ndarray = np.where(part.anchored_follows[:, None], rest[held], part.body.position[held])
     return targets

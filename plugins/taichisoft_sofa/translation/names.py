@@ -47,4 +47,4 @@ def unique(names: list[str]) -> list[str]:
 
 def clean(name: str) -> str:
     """A name without the signs that join names in a native scene."""
-    return name.translate(str.maketrans({".": "_", "|": "_", "/": "_"})) or "unnamed"
+    return name.translate(str.maketrans("./|", "___")) or "unnamed"
