@@ -5,13 +5,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft_sofa.components.contacts import surface_triangles
+from taichisoft_sofa.components.draft import Cable, Cavity
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import flag, numbers, text
-from taichisoft_sofa.draft import Cable, Cavity
 from taichisoft_sofa.meshes.loaded_mesh import split_quads
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.draft import SceneDraft
+    from taichisoft_sofa.components.draft import SceneDraft
     from taichisoft_sofa.tree.component import Component
 
 PRESSURE, VOLUME = "pressure", "volumeGrowth"

@@ -5,15 +5,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichisoft_sofa.components.draft import Surface
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, number, numbers, text
-from taichisoft_sofa.draft import Surface
 from taichisoft_sofa.meshes.loaded_mesh import split_quads
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from taichisoft_sofa.draft import SceneDraft
+    from taichisoft_sofa.components.draft import SceneDraft
     from taichisoft_sofa.tree.component import Component
 
 DEFAULT_FRICTION = 0.8

@@ -4,14 +4,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichisoft_sofa.components.draft import Anchor, Mass, Material
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, is_given, number, numbers, text
-from taichisoft_sofa.draft import Anchor, Mass, Material
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import canonical
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.draft import SceneDraft
+    from taichisoft_sofa.components.draft import SceneDraft
 
 HELD = 1e12
 """Stiffness [mN/mm] that holds a point where a constraint fixes it."""
@@ -165,6 +165,6 @@ def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> N
     source = parent.owner if parent is not None else None
     if isinstance(source, Component) and canonical(source.type_name) in ENGINES and flag(source, "doUpdate", True):
         draft.depart(
-            f"{node_of(component).getPathName()}: {source.getName()} selects its points once, at the start; SOFA does so "
-            "anew whenever rest positions change (doUpdate)"
+            f"{source.getPathName()}: selects its points once, at the start; SOFA does so anew whenever rest positions "
+            "change (doUpdate)"
         )

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from taichisoft_sofa.components import actuators, contacts, dynamics, visuals
-from taichisoft_sofa.draft import SceneDraft
+from taichisoft_sofa.components.draft import SceneDraft
 from taichisoft_sofa.tree.component import Component
 
 Contribution = Callable[[Component, SceneDraft], None]

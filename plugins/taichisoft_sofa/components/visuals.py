@@ -6,7 +6,7 @@ from taichisoft_sofa.components.graph import independent_state, node_of
 from taichisoft_sofa.components.reading import numbers
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.draft import SceneDraft
+    from taichisoft_sofa.components.draft import SceneDraft
     from taichisoft_sofa.tree.component import Component
 
 

@@ -3,7 +3,7 @@
 from typing import Any
 
 from taichisoft_sofa.components.contacts import distances_of, friction_of
-from taichisoft_sofa.draft import SceneDraft
+from taichisoft_sofa.components.draft import SceneDraft
 
 NEEDED = ("pipeline", "broad phase", "response")
 SPACING = 0.8

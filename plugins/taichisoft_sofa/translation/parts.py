@@ -13,7 +13,7 @@ from taichisoft.meshes.surface_files import write_stl
 from taichisoft.meshes.volume_mesh import VolumeMesh
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.draft import Body
+    from taichisoft_sofa.components.draft import Body
     from taichisoft_sofa.tree.component import Component
 
 

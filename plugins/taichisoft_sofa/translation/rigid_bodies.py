@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from taichisoft_sofa.components.draft import Body, SceneDraft
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.reading import number
-from taichisoft_sofa.draft import Body, SceneDraft
 from taichisoft_sofa.translation.contact import collides
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.tree.kinds import canonical

@@ -8,9 +8,9 @@ import numpy as np
 from taichisoft.bodies.elements import lame_parameters
 from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft_sofa.components.draft import Anchor, Body, Mass, Material, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
-from taichisoft_sofa.draft import Anchor, Body, Mass, Material, SceneDraft
 from taichisoft_sofa.translation.contact import collides
 from taichisoft_sofa.translation.names import clean, unique
 from taichisoft_sofa.translation.parts import SoftPart, Translation

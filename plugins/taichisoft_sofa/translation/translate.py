@@ -5,10 +5,10 @@ from typing import TYPE_CHECKING
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # the tree computes data from here on
+from taichisoft_sofa.components.draft import Body, SceneDraft
 from taichisoft_sofa.components.graph import upwards
 from taichisoft_sofa.components.reading import described, flag
 from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD, purpose
-from taichisoft_sofa.draft import Body, SceneDraft
 from taichisoft_sofa.translation.contact import contact_table
 from taichisoft_sofa.translation.names import body_names
 from taichisoft_sofa.translation.parts import Translation
