@@ -11,7 +11,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINE = ROOT / "taichisoft"
-FORBIDDEN = {"taichisoft_controllers", "taichisoft_meshing", "taichisoft_plugins"} | {
+FORBIDDEN = {"taichisoft_controllers", "taichisoft_meshing", "taichisoft_plugins", "taichisoft_sofa"} | {
     "open3d",
     "gmsh",
     "viser",
@@ -85,6 +85,10 @@ LAYERS = {
         "base_motion",
         "system_libraries",
     ],
+    "taichisoft_sofa": [
+        "__init__",
+        "tree",
+    ],
     "taichisoft_meshing": [
         "__init__",
         "sweep",
@@ -106,6 +110,7 @@ LAYERS = {
 PACKAGES = [
     ENGINE,
     *(ROOT / folder / f"taichisoft_{folder}" for folder in ("benchmarks", "controllers", "meshing", "plugins")),
+    ROOT / "plugins/taichisoft_sofa",
 ]
 
 

@@ -23,6 +23,7 @@ FOLDERS = {
     "taichisoft_controllers": "controllers/taichisoft_controllers",
     "taichisoft_meshing": "meshing/taichisoft_meshing",
     "taichisoft_plugins": "plugins/taichisoft_plugins",
+    "taichisoft_sofa": "plugins/taichisoft_sofa",
     "taichisoft/plugin_system/plugin_template": "taichisoft/plugin_system/plugin_template",
     "taichisoft/tiny_gripper": "taichisoft/tiny_gripper",
     "taichisoft/data/fingers": "data/fingers",

@@ -1,0 +1,1 @@
+"""What a SOFA scene builds: nodes, components and their data."""

@@ -1,0 +1,183 @@
+"""Reading a SOFA scene: its file is executed, and what it builds is kept as a tree."""
+
+import contextlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+from taichisoft.errors import ControllerFailed, SceneError, TaichisoftError
+from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.controller import PythonComponent
+from taichisoft_sofa.tree.keys import character
+from taichisoft_sofa.tree.modules import SceneModules
+from taichisoft_sofa.tree.moment import one_moment
+from taichisoft_sofa.tree.node import Node
+from taichisoft_sofa.tree.place import ORIGIN, Origin, Place
+from taichisoft_sofa.tree.scene_modules import LIBRARIES
+
+# Where to get what scenes import and do not bring along.
+SOURCES = {
+    **dict.fromkeys(("stlib3", "splib3", "stlib", "splib"), "github.com/SofaDefrost/STLIB, its folder python3/src"),
+    "softrobots": "github.com/SofaDefrost/SoftRobots, its folder python3",
+}
+# What a controller is told of a key besides its character.
+MODIFIERS = {"isShiftPressed": False, "isCtrlPressed": False}
+
+
+class SceneTree:
+    """What a scene built.
+
+    Attributes:
+        path: File of the scene.
+        root: The node above all.
+    """
+
+    def __init__(self, path: Path, python_path: Sequence[Path]) -> None:
+        self.path = path
+        self.root = Node("root")
+        self._modules = SceneModules(path.parent, python_path)
+
+    def nodes(self) -> Iterator[Node]:
+        """All nodes, each once, from above to below."""
+        return self.root.walk()
+
+    def components(self) -> Iterator[Component]:
+        """All components, node by node, in the order in which they were added."""
+        for node in self.nodes():
+            yield from node.objects
+
+    @property
+    def controllers(self) -> list[PythonComponent]:
+        """The controllers that the scene defines, in the order in which they were made."""
+        found = (component for component in self.components() if isinstance(component, PythonComponent))
+        return sorted(found, key=lambda controller: controller._order)
+
+    def find_file(self, name: str) -> Path | None:
+        """A file that the scene names: beside the scene, or in a folder that it registered; None if there is none."""
+        return self._modules.find_file(name)
+
+    def initialise(self) -> None:
+        """Do what SOFA does once the scene is complete: tell its controllers, of which older ones get their node.
+
+        Raises:
+            SceneError: One of them failed.
+        """
+        for item in (*self.nodes(), *self.components()):
+            item.initialised = True
+        with self._running(SceneError):
+            for controller in self.controllers:
+                controller.scene_is_complete()
+
+    def key_pressed(self, key: str) -> None:
+        """Tell the controllers of a key, as `keys.character` takes it.
+
+        Raises:
+            ControllerFailed: One of them failed.
+        """
+        if (known := character(key)) is not None:
+            self._tell("KeypressedEvent", {"key": known, **MODIFIERS})
+
+    def key_released(self, key: str) -> None:
+        """Tell the controllers of a key that was let go.
+
+        Raises:
+            ControllerFailed: One of them failed.
+        """
+        if (known := character(key)) is not None:
+            self._tell("KeyreleasedEvent", {"key": known, **MODIFIERS})
+
+    def animate_begin(self, dt: float) -> None:
+        """Tell the controllers of a step that begins; `dt` is its length [s].
+
+        Raises:
+            ControllerFailed: One of them failed.
+        """
+        self._tell("AnimateBeginEvent", {"dt": dt})
+
+    def animate_end(self, dt: float) -> None:
+        """Tell the controllers of a step that has ended; `dt` was its length [s].
+
+        Raises:
+            ControllerFailed: One of them failed.
+        """
+        self._tell("AnimateEndEvent", {"dt": dt})
+
+    def _tell(self, event: str, content: dict[str, Any]) -> None:
+        told = [controller for controller in self.controllers if controller.handles_event(event)]
+        if told:
+            with self._running(ControllerFailed):
+                for controller in told:
+                    controller.handle_event(event, content)
+
+    @contextlib.contextmanager
+    def _running(self, failure: type[TaichisoftError]) -> Iterator[SceneModules]:
+        """Where the scene's code can run; what it raises is an error of one line."""
+        try:
+            with self._modules, one_moment():
+                yield self._modules
+        except TaichisoftError as error:
+            raise failure(str(error)) from error
+        except (Exception, SystemExit) as error:
+            raise failure(_line(error, self.path)) from error
+
+
+def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> SceneTree:
+    """Execute a scene's `createScene`.
+
+    A scene is a program, which runs with the rights of who loads it.
+
+    Args:
+        path: File of the scene: .py or .pyscn.
+        python_path: Folders of libraries that the scene imports, such as STLIB's.
+
+    Raises:
+        SceneError: The scene cannot be read, or fails.
+    """
+    path = Path(path).absolute()
+    if not path.is_file():
+        raise SceneError(f"{path}: no such file")
+    folders = [Path(folder).absolute() for folder in python_path]
+    for folder in folders:
+        if not folder.is_dir():
+            raise SceneError(f"{folder}: no such folder to find a scene's libraries in")
+    tree = SceneTree(path, folders)
+    with tree._running(SceneError) as modules, contextlib.chdir(path.parent):
+        create = getattr(modules.run_file(path, "__sofa_scene__"), "createScene", None)
+        if not callable(create):
+            raise SceneError(f"{path}: has no function createScene(root)")
+        create(tree.root)
+    return tree
+
+
+def _line(error: BaseException, path: Path) -> str:
+    """One line about what a scene's code raised, with the line of the scene that did."""
+    if isinstance(error, ModuleNotFoundError) and error.name:
+        library, _, inside = error.name.partition(".")
+        if library in LIBRARIES and inside:
+            found = f"the {library} that was found; another version has it"
+            return f"{_place(error, path)}: there is no '{error.name}' in {found}"
+        if library in LIBRARIES:
+            return (
+                f"{_place(error, path)}: there is no '{library}'; it comes from {SOURCES[library]}: "
+                "give the folder that has it with --python-path DIR"
+            )
+    if isinstance(error, SyntaxError) and error.filename:
+        return f"{error.filename}, line {error.lineno}: {error.msg}"
+    said = " ".join(str(error).split())
+    return f"{_place(error, path)}: {type(error).__name__}{': ' if said else ''}{said}"
+
+
+def _place(error: BaseException, path: Path) -> str:
+    """The innermost line of the scene's own files that led to an error, and the line of a library that it called."""
+    of_scene: Place | Path = path
+    of_library = None
+    traceback: TracebackType | None = error.__traceback__
+    while traceback is not None:
+        frame = traceback.tb_frame
+        origin = frame.f_globals.get(ORIGIN)
+        if isinstance(origin, Origin):
+            place = Place(frame.f_code.co_filename, traceback.tb_lineno)
+            of_scene, of_library = (place, None) if origin.of_scene else (of_scene, place)
+        traceback = traceback.tb_next
+    return f"{of_scene}" if of_library is None else f"{of_scene}, in {of_library}"

@@ -1,0 +1,331 @@
+"""A node of the tree: its components and the nodes below it."""
+
+import logging
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from taichisoft_sofa.tree.base import COMMON, Base
+from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.kinds import BOOL, INTEGER, SCALAR, Declared, canonical, fixed
+from taichisoft_sofa.tree.links import follow
+
+LOG = logging.getLogger(__name__)
+OF_NODES = {
+    **COMMON,
+    "gravity": Declared(fixed(3), (0.0, -9.81, 0.0)),
+    "dt": Declared(SCALAR, 0.01),
+    "time": Declared(SCALAR, 0.0),
+    "animate": Declared(BOOL),
+    "activated": Declared(BOOL, True),
+    "nbMortalNodes": Declared(INTEGER),
+}
+# What makes components of a type that are more than their data: functions of the node and the data.
+MAKERS: dict[str, Callable[["Node", dict[str, Any]], Component]] = {}
+
+
+class Members(list[Any]):
+    """The children, parents or components of a node, also by their names."""
+
+    def __contains__(self, item: object) -> bool:
+        return any(item is member or item == member.getName() for member in self)
+
+    def __getitem__(self, key: Any) -> Any:
+        if isinstance(key, str):
+            return next(member for member in self if member.getName() == key)
+        return super().__getitem__(key)
+
+    def at(self, index: int) -> Any:
+        """The member at a place."""
+        return self[index]
+
+
+class Node(Base):
+    """A node.
+
+    Its children and components are attributes by their names, and so are its data.
+    """
+
+    _children: list["Node"]
+    _parents: list["Node"]
+    _objects: list[Component]
+
+    def __new__(cls, *arguments: Any, **named: Any) -> "Node":
+        made = super().__new__(cls, *arguments, **named)
+        made._children, made._parents, made._objects = [], [], []
+        return made
+
+    def __init__(self, name: str = "unnamed", **data: Any) -> None:
+        self.type_name = "Node"
+        self.set_all({"name": name, **data})
+
+    # Building.
+
+    def addObject(self, kind: Any, **data: Any) -> Any:
+        """Add a component: by its type and data, or one that is made already, such as a controller."""
+        if isinstance(kind, Node):
+            return self.addChild(kind)
+        if isinstance(kind, Component):
+            return self._adopt(kind)
+        if not isinstance(kind, str):
+            raise TypeError(f"{self.described()}.addObject: {kind!r} is neither the name of a type nor a component")
+        if maker := MAKERS.get(canonical(kind)):
+            return maker(self, data)
+        added = Component(kind, self)
+        data = {"name": self._free_name(kind), **{name: value for name, value in data.items() if value is not None}}
+        added.set_all(data)
+        self._objects.append(added)
+        return added
+
+    def createObject(self, kind: str, **data: Any) -> Any:
+        """Add a component, in the older generation."""
+        return self.addObject(kind, **data)
+
+    def addChild(self, child: Any, **data: Any) -> "Node":
+        """Add a node below: a new one by its name, or one that is made already, which may have other parents too."""
+        if isinstance(child, str):
+            child = Node(child, **data)
+        child = getattr(child, "node", child) if not isinstance(child, Node) else child
+        if not isinstance(child, Node):
+            raise TypeError(f"{self.described()}.addChild: {child!r} is neither a name nor a node")
+        if child is self or child in self._above():
+            raise ValueError(f"{self.described()}.addChild: '{child.getName()}' is above it already")
+        if not any(child is known for known in self._children):
+            self._children.append(child)
+            child._parents.append(self)
+        return child
+
+    def createChild(self, name: str, **data: Any) -> "Node":
+        """Add a new node below this one, in the older generation."""
+        return self.addChild(name, **data)
+
+    def add(self, made: Any, **data: Any) -> Any:
+        """Add what a function of this node makes, or what addObject and addChild take."""
+        if isinstance(made, str | Base):
+            return self.addObject(made, **data)
+        return made(self, **data)
+
+    def removeChild(self, child: Any) -> Any:
+        """Take a node away, given itself or its name."""
+        found: Any = self.getChild(child, warning=False) if isinstance(child, str) else child
+        if not any(found is known for known in self._children):
+            raise ValueError(f"{self.described()}.removeChild: has no child '{child}'")
+        self._children = [known for known in self._children if known is not found]
+        found._parents = [known for known in found._parents if known is not self]
+        return found
+
+    def removeObject(self, component: Any) -> None:
+        """Take a component away, given itself or its name."""
+        found: Any = self.own_object(component) if isinstance(component, str) else component
+        if not any(found is known for known in self._objects):
+            raise ValueError(f"{self.described()}.removeObject: has no object '{component}'")
+        self._objects = [known for known in self._objects if known is not found]
+        found._context = None
+
+    def moveChild(self, child: "Node", former: "Node | None" = None) -> None:
+        """Take a node over from another parent, or from all."""
+        for parent in [former] if former is not None else child.parents:
+            parent.removeChild(child)
+        self.addChild(child)
+
+    def detachFromGraph(self) -> None:
+        """Take it away from all nodes above it."""
+        for parent in self.parents:
+            parent.removeChild(self)
+
+    def _adopt(self, component: Component) -> Component:
+        if component._context is not None and component._context is not self:
+            component._context.removeObject(component)
+        if not any(component is known for known in self._objects):
+            component._context = self
+            self._objects.append(component)
+        return component
+
+    def _free_name(self, name: str) -> str:
+        taken = {item.getName() for item in self._objects}
+        return next(
+            free for free in (name, *(f"{name}{number}" for number in range(1, len(taken) + 2))) if free not in taken
+        )
+
+    # Finding.
+
+    @property
+    def children(self) -> Members:
+        """The nodes below it, in the order in which they were added."""
+        return Members(self._children)
+
+    @property
+    def parents(self) -> Members:
+        """The nodes above it."""
+        return Members(self._parents)
+
+    @property
+    def objects(self) -> Members:
+        """Its components, in the order in which they were added."""
+        return Members(self._objects)
+
+    def getChildren(self) -> Members:
+        """The nodes below it."""
+        return self.children
+
+    def getParents(self) -> Members:
+        """The nodes above it."""
+        return self.parents
+
+    def getObjects(self) -> Members:
+        """Its components."""
+        return self.objects
+
+    def getChild(self, name: str, warning: bool = True) -> "Node | None":
+        """A node below it, by its name or a path such as finger/cavity; None if there is none."""
+        first, _, rest = str(name).partition("/")
+        found = next((child for child in self._children if child.getName() == first), None)
+        if found is not None and rest:
+            return found.getChild(rest, warning)
+        if found is None and warning:
+            LOG.info("%s has no child '%s'", self.described(), name)
+        return found
+
+    def own_object(self, name: str) -> Component | None:
+        """One of its components by its name; None if there is none."""
+        return next((item for item in self._objects if item.getName() == name), None)
+
+    def getObject(self, name: str, warning: bool = True) -> Any:
+        """A component, by its name or a path such as cavity/loader; None if there is none."""
+        found = self.own_object(str(name))
+        if found is None and ("/" in name or name.startswith("@")):
+            found = follow(str(name), self)
+        if not isinstance(found, Component):
+            if warning:
+                LOG.info("%s has no object '%s'", self.described(), name)
+            return None
+        return found
+
+    def hasObject(self, name: str) -> bool:
+        """Whether one of its components has a name."""
+        return self.own_object(name) is not None
+
+    def _first(self, ending: str, index: int = 0) -> Component | None:
+        found = [item for item in self._objects if canonical(item.type_name).endswith(ending)]
+        return found[index] if index < len(found) else None
+
+    def getMechanicalState(self) -> Component | None:
+        """Its MechanicalObject."""
+        return self._first("MechanicalObject")
+
+    def getMass(self) -> Component | None:
+        """Its mass."""
+        return self._first("Mass")
+
+    def getForceField(self, index: int = 0) -> Component | None:
+        """One of its force fields."""
+        return self._first("ForceField", index)
+
+    def getMechanicalMapping(self) -> Component | None:
+        """Its mapping."""
+        return self._first("Mapping")
+
+    def getRoot(self) -> "Node":
+        """The node above all."""
+        return self._parents[0].getRoot() if self._parents else self
+
+    @property
+    def root(self) -> "Node":
+        """The node above all."""
+        return self.getRoot()
+
+    def getRootContext(self) -> "Node":
+        """The node above all."""
+        return self.getRoot()
+
+    def getContext(self) -> "Node":
+        """Itself."""
+        return self
+
+    def walk(self) -> Iterator["Node"]:
+        """It and all nodes below it, each once, from above to below."""
+        seen: set[int] = set()
+        waiting = [self]
+        while waiting:
+            node = waiting.pop()
+            if id(node) not in seen:
+                seen.add(id(node))
+                yield node
+                waiting.extend(reversed(node._children))
+
+    def _above(self) -> list["Node"]:
+        return [node for parent in self._parents for node in (parent, *parent._above())]
+
+    def __getitem__(self, path: str) -> Any:
+        place: Any = self
+        for name in filter(None, path.split(".")):
+            place = getattr(place, name)
+        return place
+
+    # What it is.
+
+    def declared_data(self, name: str) -> Declared | None:
+        """What is known of a data of nodes."""
+        return OF_NODES.get(name)
+
+    def has_known_data(self) -> bool:
+        """Always: SOFA's nodes all have the same data."""
+        return True
+
+    def link_start(self) -> "Node":
+        """Itself."""
+        return self
+
+    def known_names(self) -> list[str]:
+        """The names of its children, its components, and the data of nodes."""
+        return [*(item.getName() for item in (*self._objects, *self._children)), *OF_NODES]
+
+    def getPathName(self) -> str:
+        """The path from the root to it, such as /finger; that of the root is /."""
+        return f"{self._parents[0].getPathName().rstrip('/')}/{self.getName()}" if self._parents else "/"
+
+    def getRootPath(self) -> str:
+        """The path from it to the root, such as ../../."""
+        return "../" * (self.getPathName().count("/") if self._parents else 0)
+
+    def described(self) -> str:
+        """What errors call it."""
+        return f"node '{self.getPathName() if self._parents else self.getName()}'"
+
+    def __getattr__(self, name: str) -> Any:
+        if not name.startswith("_"):
+            found = self.own_object(name) or self.getChild(name, warning=False)
+            if found is not None:
+                return found
+        return super().__getattr__(name)
+
+    def __hash__(self) -> int:
+        return id(self)
+
+    # What scenes ask of a node that simulates.
+
+    def getGravity(self) -> Any:
+        """Its gravity."""
+        return self.gravity.value
+
+    def setGravity(self, gravity: Any) -> None:
+        """Write to its gravity."""
+        self.gravity = gravity
+
+    def getDt(self) -> float:
+        """Its time step."""
+        return float(self.dt)
+
+    def getTime(self) -> float:
+        """The time that has passed."""
+        return float(self.time)
+
+    def getRootDt(self) -> float:
+        """The time step of the root."""
+        return self.getRoot().getDt()
+
+    def isInitialized(self) -> bool:
+        """Whether the scene is complete."""
+        return self.initialised
+
+    def init(self) -> None:
+        """Nothing: components are made ready when they are read."""

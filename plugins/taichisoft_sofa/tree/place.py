@@ -1,0 +1,74 @@
+"""Where in a scene something was written, and by which generation of SOFA's Python."""
+
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import FrameType
+from typing import NamedTuple
+
+PACKAGE = __name__.partition(".")[0]
+# The global variable of a module that says where it comes from.
+ORIGIN = "__sofa_origin__"
+
+
+class Place(NamedTuple):
+    """A line of a file."""
+
+    file: str
+    line: int
+
+    def __str__(self) -> str:
+        return f"{self.file}, line {self.line}"
+
+
+@dataclass(frozen=True)
+class Origin:
+    """Where a module comes from that was loaded for a scene.
+
+    Attributes:
+        of_scene: Whether it lies in the scene's own folder, and is not one of a library.
+        older: Whether it is written for SofaPython, the generation before SofaPython3.
+    """
+
+    of_scene: bool
+    older: bool
+
+
+def here() -> Place | None:
+    """The line that is being executed: of the scene's own files if one is, else of a library, else outside of us."""
+    library = outside = None
+    for frame in _frames_outside():
+        origin = frame.f_globals.get(ORIGIN)
+        if isinstance(origin, Origin) and origin.of_scene:
+            return _place(frame)
+        if isinstance(origin, Origin) and library is None:
+            library = _place(frame)
+        if outside is None:
+            outside = _place(frame)
+    return library or outside
+
+
+def asked_by_older_code() -> bool:
+    """Whether the code that called us is written for SofaPython, the generation before SofaPython3."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None and _is_ours(frame):
+        frame = frame.f_back
+    origin = frame.f_globals.get(ORIGIN) if frame else None
+    return isinstance(origin, Origin) and origin.older
+
+
+def _place(frame: FrameType) -> Place:
+    return Place(frame.f_code.co_filename, frame.f_lineno)
+
+
+def _frames_outside() -> Iterator[FrameType]:
+    """The frames of the callers that are not ours, innermost first."""
+    frame: FrameType | None = sys._getframe(1)
+    while frame is not None:
+        if not _is_ours(frame):
+            yield frame
+        frame = frame.f_back
+
+
+def _is_ours(frame: FrameType) -> bool:
+    return str(frame.f_globals.get("__name__", "")).startswith(f"{PACKAGE}.")

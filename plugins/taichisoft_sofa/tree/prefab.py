@@ -1,0 +1,42 @@
+"""Prefabs: nodes that fill themselves from parameters, as scenes and SOFA's libraries define them."""
+
+from typing import Any
+
+from taichisoft_sofa.tree.node import Node
+
+
+class RawPrefab(Node):
+    """A node of a class that a scene defines."""
+
+    def __init__(self, *_arguments: Any, **named: Any) -> None:
+        self.type_name = "Node"
+        known = {name: value for name, value in named.items() if self.declared_data(name) is not None}
+        self.set_all({"name": "unnamed", **known})
+
+    def addPrefabParameter(
+        self,
+        name: str,
+        help: str = "",
+        type: str = "",
+        default: Any = None,
+    ) -> None:
+        """Add a data that the prefab is made from."""
+        self.addData(name, default, type=type)
+
+
+class Prefab(RawPrefab):
+    """A node that is filled by its method `init`, from the data that its class lists as its parameters."""
+
+    prefabParameters: list[dict[str, Any]] = []  # noqa: RUF012
+    prefabData: list[dict[str, Any]] = []  # noqa: RUF012
+    properties: list[dict[str, Any]] = []  # noqa: RUF012
+
+    def __init__(self, *arguments: Any, **named: Any) -> None:
+        super().__init__(*arguments, **{"name": type(self).__name__, **named})
+        self.addData("prefabname", type(self).__name__, type="string")
+        for parent in named.get("parents", [named["parent"]] if "parent" in named else []):
+            parent.addChild(self)
+        for listed in (*self.prefabParameters, *self.prefabData, *self.properties):
+            name = listed["name"]
+            self.addData(name, named.get(name, listed.get("default")), type=listed.get("type", ""))
+        self.init()

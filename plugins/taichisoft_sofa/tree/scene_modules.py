@@ -1,0 +1,83 @@
+"""How a scene's own modules and SOFA's libraries are found and executed, without a trace in this Python afterwards."""
+
+import importlib.util
+import sys
+from collections.abc import Sequence
+from importlib.abc import Loader, MetaPathFinder
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from taichisoft_sofa.tree.place import ORIGIN, Origin
+from taichisoft_sofa.tree.python2 import compiled, names_for
+
+# The libraries of scenes: wherever they are found, they are executed with our modules for SOFA's.
+LIBRARIES = ("stlib3", "splib3", "softrobots", "stlib", "splib")
+
+
+class OurLoader(Loader):
+    """Marks the modules that are loaded for a scene."""
+
+    def create_module(self, _spec: ModuleSpec) -> ModuleType | None:
+        """Python's own kind of module."""
+        return None
+
+
+class SceneLoader(OurLoader):
+    """Executes a file, which may be in Python 2, and remembers of the module where it is from."""
+
+    def __init__(self, file: Path, of_scene: bool) -> None:
+        self.file = file
+        self.of_scene = of_scene
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Execute the file."""
+        program = compiled(self.file)
+        vars(module)[ORIGIN] = Origin(self.of_scene, program.older)
+        vars(module).update(names_for(program.python2))
+        exec(program.code, vars(module))
+
+    def get_source(self, _name: str) -> str:
+        """The text of the file, for tracebacks."""
+        return self.file.read_text(encoding="utf-8", errors="replace")
+
+
+class SceneFinder(MetaPathFinder):
+    """Finds the modules in the scene's folder and those of its libraries."""
+
+    def __init__(self, folder: Path, python_path: Sequence[Path]) -> None:
+        self.folder = folder
+        self.folders = [folder, *python_path]
+        self._python_path = python_path
+
+    def find_spec(self, name: str, path: Sequence[str] | None, _target: Any = None) -> ModuleSpec | None:
+        """Where a module is; None if it is none of ours to find."""
+        above, _, last = name.rpartition(".")
+        if above:
+            # Not the one above alone, which may be a folder without an __init__.py.
+            if not is_ours(sys.modules.get(name.partition(".")[0])):
+                return None
+            folders = [Path(entry) for entry in path or ()]
+        else:
+            folders = self.folders + ([Path(entry) for entry in sys.path] if name in LIBRARIES else [])
+        for folder in folders:
+            for file, inside in ((folder / last / "__init__.py", [str(folder / last)]), (folder / f"{last}.py", None)):
+                if file.is_file():
+                    loader = SceneLoader(file, self._is_of_scene(name, file))
+                    return importlib.util.spec_from_file_location(
+                        name, file, loader=loader, submodule_search_locations=inside
+                    )
+        return None
+
+    def _is_of_scene(self, name: str, file: Path) -> bool:
+        """Whether a module is one of the scene's own: not of a library, even if that lies in the scene's folder."""
+        of_library = name.partition(".")[0] in LIBRARIES or any(
+            file.is_relative_to(folder) and folder.is_relative_to(self.folder) for folder in self._python_path
+        )
+        return file.is_relative_to(self.folder) and not of_library
+
+
+def is_ours(module: ModuleType | None) -> bool:
+    """Whether a module was loaded for a scene."""
+    return isinstance(getattr(getattr(module, "__spec__", None), "loader", None), OurLoader)

@@ -1,0 +1,120 @@
+"""The modules that a scene imports as SOFA's: what they have of ours, and one line where something is missing."""
+
+import logging
+from collections.abc import Callable
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from taichisoft_sofa.tree.base import Base
+from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.controller import Controller, PythonScriptController
+from taichisoft_sofa.tree.data import Data, LinkPath
+from taichisoft_sofa.tree.keys import KEYS
+from taichisoft_sofa.tree.node import Node
+from taichisoft_sofa.tree.prefab import Prefab, RawPrefab
+
+LOG = logging.getLogger("taichisoft_sofa.scene")
+
+
+class StandIn(ModuleType):
+    """A module in place of one of SOFA's."""
+
+    def __init__(self, name: str, **contents: Any) -> None:
+        super().__init__(name, "In place of SOFA's module, while a scene is read by taichisoft.")
+        self.__path__: list[str] = []
+        vars(self).update(contents)
+        # What `from Sofa.constants import *` takes.
+        self.__all__ = [key for key in contents if not key.startswith("_")]
+
+    def __getattr__(self, name: str) -> Any:
+        if name.startswith("__"):
+            raise AttributeError(name)
+        known = ", ".join(sorted(self.__all__)) or "nothing"
+        raise AttributeError(f"taichisoft's {self.__name__} has no '{name}'; it has {known}")
+
+
+class Repository:
+    """Folders in which a scene's files are looked for."""
+
+    def __init__(self, folders: list[Path]) -> None:
+        self._folders = folders
+
+    def addFirstPath(self, folder: str) -> None:
+        """Look in a folder before all others."""
+        self._folders.insert(0, Path(folder).absolute())
+
+    def addLastPath(self, folder: str) -> None:
+        """Look in a folder after all others."""
+        self._folders.append(Path(folder).absolute())
+
+    def getFile(self, name: str) -> str:
+        """The path of a file; its name if there is none."""
+        return next((str(folder / name) for folder in self._folders if (folder / name).is_file()), name)
+
+    findFile = getFile
+
+
+def stand_ins(repositories: list[Path]) -> dict[str, ModuleType]:
+    """Our modules in place of SOFA's, by their names; the scene's folders of files are added to `repositories`."""
+    messages = {f"msg_{level}": _message(number) for level, number in LEVELS.items()}
+    core = StandIn(
+        "Sofa.Core",
+        Base=Base,
+        BaseData=Data,
+        BaseObject=Component,
+        Controller=Controller,
+        Data=Data,
+        DataContainer=Data,
+        DataString=Data,
+        LinkPath=LinkPath,
+        Node=Node,
+        Object=Component,
+        Prefab=Prefab,
+        RawPrefab=RawPrefab,
+    )
+    key = StandIn("Sofa.constants.Key", **KEYS)
+    constants = StandIn("Sofa.constants", Key=key)
+    helper = StandIn("Sofa.Helper", **messages)
+    simulation = StandIn("Sofa.Simulation", init=lambda node: node.init())
+    types = StandIn("Sofa.Types")
+    gui = StandIn("Sofa.Gui")
+    sofa = StandIn(
+        "Sofa",
+        Core=core,
+        Gui=gui,
+        Helper=helper,
+        Node=Node,
+        Prefab=Prefab,
+        PythonScriptController=PythonScriptController,
+        Simulation=simulation,
+        Types=types,
+        constants=constants,
+        getAvailableComponents=list,
+        **messages,
+    )
+    repository = Repository(repositories)
+    runtime = StandIn(
+        "SofaRuntime", DataRepository=repository, PluginRepository=Repository([]), importPlugin=lambda name: True
+    )
+    every = (sofa, core, gui, helper, simulation, types, constants, key, runtime, StandIn("SofaTypes"))
+    return {module.__name__: module for module in every}
+
+
+LEVELS = {
+    "deprecated": logging.INFO,
+    "error": logging.ERROR,
+    "fatal": logging.CRITICAL,
+    "info": logging.INFO,
+    "warning": logging.WARNING,
+}
+
+
+def _message(level: int) -> Callable[..., None]:
+    """A function that logs what a scene says: a message, perhaps after what it is about."""
+
+    def message(*said: Any) -> None:
+        about = [item.getPathName() if isinstance(item, Base) else str(item) for item in said]
+        LOG.log(level, ": ".join(about))
+
+    return message

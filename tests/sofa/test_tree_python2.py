@@ -1,0 +1,114 @@
+"""Scenes in Python 2 run as they did there, and errors name their lines."""
+
+from pathlib import Path
+
+import pytest
+from scenes_of_sofa import loaded, written
+
+from taichisoft.errors import SceneError
+from taichisoft_sofa.tree.loading import load_tree
+from taichisoft_sofa.tree.python2 import compiled
+
+
+def values(folder: Path, text: str) -> dict[str, object]:
+    """The global variables of a module in Python 2 that a scene imports."""
+    create = "import own\nroot.found = {name: getattr(own, name) for name in dir(own)}"
+    return dict(loaded(folder, create, files={"own.py": text}).root.found)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("print 'a',\nx = [i for i in xrange(3)]", [0, 1, 2]),
+        ("x = list(xrange(2))", [0, 1]),
+        ("x = unicode('a') + u'b'", "ab"),
+        ("try:\n    raise ValueError, 'a'\nexcept ValueError, e:\n    x = str(e)", "a"),
+        ("print 'a'\nx = sorted({'a': 1}.iteritems())", [("a", 1)]),
+        ("x = {'a': 1}.has_key('a') and long(3)", 3),
+        ("x = reduce(lambda a, b: a + b, [1, 2, 3])", 6),
+        ("def f((a, b)):\n    return a + b\nx = f((1, 2))", 3),
+        ("x = 0777", 511),
+        ("print 'a'\nx = map(str, [1, 2])", ["1", "2"]),
+        ("x = 3 <> 4", True),
+        ("x = `3`", "3"),
+    ],
+)
+def test_python_2_is_converted(tmp_path: Path, text: str, value: object) -> None:
+    assert values(tmp_path, text)["x"] == value
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("print 'a'\nx = 7 / 2", 3),
+        ("print 'a'\nx = -7 / 2", -4),
+        ("print 'a'\nx = 7 / 2.0", 3.5),
+        ("print 'a'\nx = 7\nx /= 2", 3),
+        ("print 'a'\nx = [7]\nx[0] /= 2\nx = x[0]", 3),
+        ("from __future__ import division\nprint 'a'\nx = 7 / 2", 3.5),
+        ("print('a')\nx = 7 / 2", 3.5),
+    ],
+)
+def test_the_quotient_of_integers_is_an_integer_in_python_2_alone(tmp_path: Path, text: str, value: object) -> None:
+    found = values(tmp_path, text)["x"]
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_a_tab_goes_to_the_next_multiple_of_eight(tmp_path: Path) -> None:
+    text = "x = 3\nif x:\n      if x > 5:\n\t  x = 0\n      x = x + 1\ny = '''a\n\tb'''\n"
+    found = values(tmp_path, text)
+    assert found["x"] == 4
+    assert found["y"] == "a\n\tb"
+
+
+def test_a_package_of_python_2_imports_what_is_beside_it(tmp_path: Path) -> None:
+    (tmp_path / "controllers").mkdir()
+    (tmp_path / "controllers/__init__.py").write_text("from own_other import X\n")
+    (tmp_path / "controllers/own_other.py").write_text("X = 3\n")
+    tree = loaded(tmp_path, "from controllers import X\nroot.dt = X")
+    assert tree.root.getDt() == 3
+
+
+def test_python_3_stays_as_it_is(tmp_path: Path) -> None:
+    text = "import math\n\ndef f(xrange):\n    return [math.pi / x for x in xrange]\n\nprint(f([2]), 1 / 2)\n"
+    written(tmp_path, {"own.py": text})
+    assert not compiled(tmp_path / "own.py").python2
+    assert not compiled(tmp_path / "own.py").older
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["print 'a'", "class A(Sofa.PythonScriptController): pass", "root.createObject('A')", "x = xrange(3)"],
+)
+def test_what_only_the_older_generation_has_is_known(tmp_path: Path, text: str) -> None:
+    written(tmp_path, {"own.py": text})
+    assert compiled(tmp_path / "own.py").older
+
+
+def test_a_scene_with_print_statements_loads(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "scene.pyscn").write_text("def createScene(root):\n\tprint 'hello', 1\n\troot.createChild('finger')\n")
+    assert load_tree(tmp_path / "scene.pyscn").root.finger.place.line == 3
+    assert capsys.readouterr().out == "hello 1\n"
+
+
+def test_an_error_in_python_2_names_its_line(tmp_path: Path) -> None:
+    text = (
+        "import Sofa\n\ndef createScene(root):\n    print 'a'\n    x = reduce(max, [1])\n    raise ValueError, 'no'\n"
+    )
+    (tmp_path / "scene.py").write_text(text)
+    with pytest.raises(SceneError, match=r"scene.py, line 6: ValueError: no"):
+        load_tree(tmp_path / "scene.py")
+
+
+def test_what_is_in_neither_python_is_refused_with_its_line(tmp_path: Path) -> None:
+    (tmp_path / "scene.py").write_text("print 'a'\nx = 3 +\n")
+    with pytest.raises(SceneError, match=r"scene.py, line [12]: neither Python 3 nor Python 2: .*; mend the line"):
+        load_tree(tmp_path / "scene.py")
+
+
+def test_a_scene_in_another_encoding(tmp_path: Path) -> None:
+    text = "# -*- coding: latin-1 -*-\nprint 'a'\nx = u'é'\n"
+    (tmp_path / "own.py").write_bytes(text.encode("latin-1"))
+    tree = loaded(tmp_path, "import own\nroot.found = own.x")
+    assert tree.root.found == "é"
