@@ -70,6 +70,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[goal]": scene.Goal,
     "[soft_bodies.NAME]": scene.SoftBody,
     "[soft_bodies.NAME.mesh]": scene.BodyMesh,
+    "[[soft_bodies.NAME.collision_surface]]": scene.CollisionSurface,
     "[[soft_bodies.NAME.regions]]": scene.Region,
     "[[soft_bodies.NAME.anchors]]": scene.Anchor,
     "[soft_bodies.NAME.tip]": scene.Tip,

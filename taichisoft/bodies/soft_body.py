@@ -1,6 +1,7 @@
 """A soft body made ready for computing: placed, its materials, masses, anchors, surfaces and cavities."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -38,6 +39,19 @@ class Cavity:
 
 
 @dataclass(frozen=True)
+class CollisionSurface:
+    """A surface that touches others.
+
+    Attributes:
+        surface: over the body's own nodes.
+        groups: surfaces that have one in common do not touch each other.
+    """
+
+    surface: MappedSurface
+    groups: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True)
 class SoftBody:
     """Arrays of one soft body; node indices count within the body.
 
@@ -52,7 +66,7 @@ class SoftBody:
         node_mass: [kg], shape (node_count,).
         anchor_stiffness: [mN/mm] of the spring at each node, 0 where there is none, shape (node_count,).
         tip_nodes: what the scene's `tip` selects, None where it has none.
-        surface: what touches other bodies.
+        collision_surfaces: what touches other bodies, and each other where they have no group in common.
         cavities: the air chambers.
     """
 
@@ -66,8 +80,13 @@ class SoftBody:
     node_mass: np.ndarray
     anchor_stiffness: np.ndarray
     tip_nodes: np.ndarray | None
-    surface: MappedSurface
+    collision_surfaces: tuple[CollisionSurface, ...]
     cavities: tuple[Cavity, ...]
+
+    @cached_property
+    def surface(self) -> MappedSurface:
+        """All collision surfaces as one, which is what can be seen of the body."""
+        return MappedSurface.joined([one.surface for one in self.collision_surfaces])
 
 
 def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_node: int) -> SoftBody:
@@ -95,7 +114,7 @@ def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_n
         node_mass=_node_masses(mesh, body),
         anchor_stiffness=anchor_stiffness,
         tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
-        surface=_collision_surface(mesh, body),
+        collision_surfaces=_collision_surfaces(mesh, body),
         cavities=tuple(
             _make_cavity(mesh, body, f"{name}.{cavity_name}", cavity, f"{key}.cavities.{cavity_name}")
             for cavity_name, cavity in body.cavities.items()
@@ -123,18 +142,25 @@ def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:
     return np.bincount(mesh.elements.ravel(), np.repeat(share, nodes_per_element), node_count)
 
 
-def _collision_surface(mesh: VolumeMesh, body: settings.SoftBody) -> MappedSurface:
-    """The scene's own surface, else the group "outer", else the mesh's boundary; without the walls of cavities."""
-    if body.collision_surface is not None:
-        vertices, triangles = read_surface(body.collision_surface)
-        used, triangles = np.unique(_outermost(vertices, triangles, body.collision_surface), return_inverse=True)
-        return _follow(mesh, vertices[used], triangles.reshape(-1, 3), body.collision_surface, body)
+def _collision_surfaces(mesh: VolumeMesh, body: settings.SoftBody) -> tuple[CollisionSurface, ...]:
+    """The scene's own surfaces, else the group "outer", else the mesh's boundary; without the walls of cavities."""
+    if body.collision_surface:
+        return tuple(
+            CollisionSurface(_surface_of_file(mesh, one.file, body), frozenset(one.groups))
+            for one in body.collision_surface
+        )
     source = f"{mesh.source}: outer surface"
     if "outer" in mesh.surface_groups:
         triangles = closed_outward(mesh.nodes, mesh.surface_groups["outer"], source)
     else:
         triangles = _outermost(mesh.nodes, boundary_triangles(mesh.elements), source)
-    return MappedSurface.of_nodes(triangles)
+    return (CollisionSurface(MappedSurface.of_nodes(triangles)),)
+
+
+def _surface_of_file(mesh: VolumeMesh, file: str, body: settings.SoftBody) -> MappedSurface:
+    vertices, triangles = read_surface(file)
+    used, triangles = np.unique(_outermost(vertices, triangles, file), return_inverse=True)
+    return _follow(mesh, vertices[used], triangles.reshape(-1, 3), file, body)
 
 
 def _outermost(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:

@@ -34,10 +34,10 @@ def _refuse_points_inside(surfaces: ContactSurfaces, moving: MovingSurfaces, bod
     pairs = ContactDetection(surfaces, moving).find(reach=0.0, depth=largest).trimmed()
     if pairs.count[0] and pairs.distance.min() < 0.0:
         deepest = int(pairs.distance.argmin())
-        first, second = (body_names[body] for body in pairs.bodies[deepest])
+        what, advice = _named(*(body_names[body] for body in pairs.bodies[deepest]))
         raise SceneError(
-            f"bodies '{first}' and '{second}' overlap at the start by {-pairs.distance[deepest]:.3g} mm at "
-            f"{np.round(pairs.points[deepest, 0], 2).tolist()} mm; move one of them away"
+            f"{what} overlap at the start by {-pairs.distance[deepest]:.3g} mm at "
+            f"{np.round(pairs.points[deepest, 0], 2).tolist()} mm; {advice}"
         )
 
 
@@ -57,11 +57,17 @@ def _refuse_crossed_surfaces(surfaces: ContactSurfaces, moving: MovingSurfaces, 
         if place is None:
             place = _first_crossing(shrunk[edges[second]], shifted[triangles[first]])
         if place is not None:
-            names = " and ".join(f"'{body_names[topology.body[surface]]}'" for surface in (first, second))
+            what, advice = _named(*(body_names[topology.body[surface]] for surface in (first, second)))
             raise SceneError(
-                f"bodies {names} overlap at the start: their surfaces cross at {np.round(place, 2).tolist()} mm; "
-                "move one of them away"
+                f"{what} overlap at the start: their surfaces cross at {np.round(place, 2).tolist()} mm; {advice}"
             )
+
+
+def _named(first: str, second: str) -> tuple[str, str]:
+    """What overlaps, and what to do about it."""
+    if first == second:
+        return f"collision surfaces of '{first}'", "give them a group in common, or move one of them away"
+    return f"bodies '{first}' and '{second}'", "move one of them away"
 
 
 def _vertex_normals(triangles: np.ndarray, position: np.ndarray) -> np.ndarray:

@@ -24,6 +24,7 @@ class _Part:
         vertices: positions at rest [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
         nodes, weights: soft nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
+        groups: parts that have one in common do not touch each other.
     """
 
     body: int
@@ -32,6 +33,7 @@ class _Part:
     triangles: np.ndarray
     nodes: np.ndarray
     weights: np.ndarray
+    groups: frozenset[int] = frozenset()
 
 
 class ContactSurfaces:
@@ -75,9 +77,9 @@ class ContactSurfaces:
             self.topology, self.triangle_range, self.carriers.local, self.vertex_is_feature, self.edge_is_feature
         )
         self.body_size = np.full(first_obstacle + len(obstacles), np.inf)
-        for part in parts:
-            if part.owner != STATIC:
-                self.body_size[part.body] = np.ptp(part.vertices, axis=0).min()
+        for body in {part.body for part in parts if part.owner != STATIC}:
+            vertices = np.vstack([part.vertices for part in parts if part.body == body])
+            self.body_size[body] = np.ptp(vertices, axis=0).min()
 
     @property
     def count(self) -> int:
@@ -87,9 +89,11 @@ class ContactSurfaces:
 
 def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]) -> list[_Part]:
     parts: list[_Part] = []
-    for body in soft:
-        vertices, nodes = body.surface.positions(body.rest_position), body.surface.nodes + body.nodes.start
-        parts.append(_Part(len(parts), SOFT, vertices, body.surface.triangles, nodes, body.surface.weights))
+    for number, body in enumerate(soft):
+        for one in body.collision_surfaces:
+            surface, vertices = one.surface, one.surface.positions(body.rest_position)
+            nodes = surface.nodes + body.nodes.start
+            parts.append(_Part(number, SOFT, vertices, surface.triangles, nodes, surface.weights, one.groups))
     others: list[RigidBody | Obstacle] = [*rigid, *obstacles]
     for index, other in enumerate(others):
         if other.vertices is not None and other.triangles is not None:
@@ -113,6 +117,8 @@ def _join(parts: Sequence[_Part]) -> Surfaces:
     edge, end = np.divmod(star, 2)
     moves = np.array([part.owner != STATIC for part in parts])
     first, second = np.triu_indices(len(parts), 1)
+    pairs = zip(first.tolist(), second.tolist(), strict=True)
+    touch = np.array([parts[one].groups.isdisjoint(parts[other].groups) for one, other in pairs], dtype=bool)
     return Surfaces(
         body=np.array([part.body for part in parts], dtype=np.int32),
         triangles=triangles,
@@ -125,7 +131,7 @@ def _join(parts: Sequence[_Part]) -> Surfaces:
         fan_start=fan_start,
         fan=fan,
         moving=np.flatnonzero(moves).astype(np.int32),
-        pairs=np.column_stack([first, second])[moves[first] | moves[second]].astype(np.int32),
+        pairs=np.column_stack([first, second])[touch & (moves[first] | moves[second])].astype(np.int32),
     )
 
 

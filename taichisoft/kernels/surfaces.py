@@ -19,7 +19,7 @@ class Surfaces(NamedTuple):
         first_triangle: the triangle of the lowest number at each vertex, shape (vertex_count,).
         fan_start, fan: corners (3 * triangle + corner) that vertex v is, fan[fan_start[v] : fan_start[v + 1]].
         moving: surfaces that can move, shape (moving_count,).
-        pairs: pairs of surfaces of which at least one can move, shape (pair_count, 2).
+        pairs: pairs of surfaces that can touch: at least one moves, no group in common, shape (pair_count, 2).
     """
 
     body: Integers

@@ -36,6 +36,20 @@ class MappedSurface:
             vertices.reshape(-1, 3).astype(np.int32),
         )
 
+    @classmethod
+    def joined(cls, surfaces: Sequence["MappedSurface"]) -> "MappedSurface":
+        """Surfaces whose vertices have as many nodes each, as one, in their order; a single one remains itself."""
+        if len(surfaces) == 1:
+            return surfaces[0]
+        first_vertex = np.cumsum([0, *(len(surface.nodes) for surface in surfaces)])
+        return cls(
+            np.vstack([surface.nodes for surface in surfaces]),
+            np.vstack([surface.weights for surface in surfaces]),
+            np.vstack(
+                [surface.triangles + first for surface, first in zip(surfaces, first_vertex[:-1], strict=True)]
+            ).astype(np.int32),
+        )
+
     def positions(self, node_positions: np.ndarray) -> np.ndarray:
         """Vertex positions [mm], shape (vertex_count, 3), for node positions of shape (node_count, 3)."""
         return np.einsum("vk,vkd->vd", self.weights, node_positions[self.nodes])

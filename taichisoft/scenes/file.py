@@ -26,6 +26,8 @@ FILE_KEYS = {
     "points": ("meshes", POINT_SUFFIXES),
     "script": ("scripts", (".toml", ".csv")),
 }
+# Keys whose value may also be a table with the key `file`, or a list of such tables.
+FILE_TABLES = ("mesh", "collision_surface")
 
 
 def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: Path | None = None) -> Scene:
@@ -91,13 +93,14 @@ def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:
 
 def _with_files(value: Any, folder: Path, where: str, name: str = "") -> Any:
     """The value of the key `name`, in which every file is found; `where`, the place of the value, begins the error."""
-    if name == "mesh" and isinstance(value, dict):
+    if name in FILE_TABLES and isinstance(value, dict):
         file = _with_files(value.get("file"), folder, f"{where}.file", name)
         return {**value, "file": file} if "file" in value else value
     if isinstance(value, dict):
         return {key: _with_files(item, folder, f"{where}.{key}", key) for key, item in value.items()}
     if isinstance(value, list):
-        return [_with_files(item, folder, f"{where}.{index}") for index, item in enumerate(value)]
+        inner = name if name in FILE_TABLES else ""
+        return [_with_files(item, folder, f"{where}.{index}", inner) for index, item in enumerate(value)]
     if name not in FILE_KEYS or not isinstance(value, str):
         return value
     is_geometry = name == "mesh" and value.lower().endswith(GEOMETRY_SUFFIX)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, model_serializer, model_validator
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_serializer, model_validator
 
 # Strict: no text and no truth value is taken for a number.
 Number = Annotated[float, Field(strict=True)]
@@ -198,6 +198,18 @@ class BodyMesh(Table):
         return {key: value for key, value in given.items() if value not in (None, {})}
 
 
+class CollisionSurface(Table):
+    """A surface that touches other bodies; `collision_surface = "FILE"` is short for a single one without groups.
+
+    Without any it is the mesh's outer boundary.
+    """
+
+    file: str
+    """A closed surface file that follows the mesh."""
+    groups: list[Annotated[int, Field(strict=True)]] = []
+    """Surfaces that have a group in common do not touch each other; all others do, also two of the same body."""
+
+
 class SoftBody(Table):
     """A silicone body of corotational finite elements."""
 
@@ -226,8 +238,9 @@ class SoftBody(Table):
     embedding: Literal["deepest", "grid"] = "deepest"
     """Which element carries a point of a surface file that lies outside the mesh: the one with the nearest centroid of
     all, as SOFA's MeshTopology, or of some near it on a grid, as its TetrahedronSetTopologyContainer."""
-    collision_surface: str | None = None
-    """A closed surface file that follows the mesh; the mesh's outer boundary when it is not given."""
+    collision_surface: list[CollisionSurface] = []
+    """Surfaces that touch other bodies: the name of a closed surface file that follows the mesh, or a list of tables;
+    the mesh's outer boundary when it is not given."""
     tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     regions: list[Region] = []
@@ -242,6 +255,13 @@ class SoftBody(Table):
         if both:
             raise ValueError(f"a cavity and a cable are both called '{both[0]}'; give one another name")
         return self
+
+    @field_validator("collision_surface", mode="before")
+    @classmethod
+    def _read_file(cls, value: Any) -> Any:
+        if not isinstance(value, str | list):
+            raise ValueError(f"{value!r} must be the name of a file, or a list of tables with the key file")
+        return [{"file": value}] if isinstance(value, str) else value
 
 
 class RigidBody(Table):
@@ -336,8 +356,6 @@ class Contact(Table):
         seen: set[frozenset[str]] = set()
         for pair in self.pairs:
             first, second = pair.bodies
-            if first == second:
-                raise ValueError(f"pairs names '{first}' with itself; a body does not touch itself, name two")
             if frozenset(pair.bodies) in seen:
                 raise ValueError(f"pairs names '{first}' and '{second}' twice; keep one of the two")
             seen.add(frozenset(pair.bodies))
@@ -498,6 +516,13 @@ class Scene(Table):
         for name, key in mentioned.items():
             if name not in names:
                 raise ValueError(f"{key} names '{name}', which is no body; there are: {', '.join(names)}")
+        for pair in self.contact.pairs:
+            name, other = pair.bodies
+            if name == other and (name not in self.soft_bodies or len(self.soft_bodies[name].collision_surface) < 2):
+                raise ValueError(
+                    f"contact.pairs names '{name}' with itself; a body touches itself only where it is soft and has "
+                    "several collision surfaces, name two bodies"
+                )
         rigid = {f"external_forces.{index}.body": push.body for index, push in enumerate(self.external_forces)}
         if self.goal is not None:
             rigid["goal.object"] = self.goal.object

@@ -31,7 +31,7 @@ def test_the_tutorials_meshes_come_with_their_surfaces(tmp_path):
         (tmp_path / name).touch()
     made = scene({**FINGER, "mesh": "tutorial-medium"}, tmp_path, tmp_path).soft_bodies["finger"]
     assert Path(made.mesh.file) == tmp_path / "pneunetCut.vtk"
-    assert Path(made.collision_surface) == tmp_path / "pneunetCut.stl"
+    assert Path(made.collision_surface[0].file) == tmp_path / "pneunetCut.stl"
     assert Path(made.cavities["cavity"].surface) == tmp_path / "pneunetCavityCut.stl"
     assert made.cavities["cavity"].group is None
 

@@ -78,7 +78,8 @@ def by_hand(point: np.ndarray, mesh: VolumeMesh) -> tuple[int, str]:
 def test_on_a_grid_only_elements_near_a_point_are_compared() -> None:
     """Own cell, cells around, all: each happens, and now and then an element further away is taken than necessary."""
     mesh = make_block((3, 2, 2), (3.0, 2.4, 2.2))
-    points = np.random.default_rng(3).uniform(-1.0, 1.0, (600, 3)) * [4.0, 3.6, 3.4]
+    some = np.random.default_rng(3).uniform(-1.0, 1.0, (500, 3))
+    points = np.vstack([some[:400] * [2.5, 2.3, 2.2], some[400:] * [5.0, 4.6, 4.4]])
     chosen, weights = embed(points, mesh.nodes, mesh.elements, "grid")
     found = [by_hand(point, mesh) for point in points]
     np.testing.assert_array_equal(chosen, mesh.elements[[element for element, _ in found]])
@@ -87,7 +88,7 @@ def test_on_a_grid_only_elements_near_a_point_are_compared() -> None:
     deepest, _ = embed(points, mesh.nodes, mesh.elements)
     inside = weights.min(axis=1) > 0.0
     np.testing.assert_array_equal(chosen[inside], deepest[inside])
-    assert inside.sum() > 10 and (chosen != deepest).any()
+    assert inside.sum() > 20 and (chosen != deepest).any()
 
 
 def test_a_body_says_how_its_surfaces_are_embedded(block: Callable[..., str], tmp_path: Path) -> None:

@@ -110,7 +110,16 @@ WRONG = [
         with_box(contact={"pairs": [{"bodies": ["cube", "flor"], "friction": 1}]}, obstacles={"floor": PLANE}),
         "contact.pairs names 'flor', which is no body; there are: cube, floor",
     ),
-    (with_pairs(["cube", "cube"]), "contact: pairs names 'cube' with itself; a body does not touch itself, name two"),
+    (
+        with_pairs(["cube", "cube"]),
+        "contact.pairs names 'cube' with itself; a body touches itself only where it is",
+    ),
+    (
+        soft(collision_surface=5),
+        "soft_bodies.finger.collision_surface: 5 must be the name of a file, or a list",
+    ),
+    (soft(collision_surface=[{"groups": [1]}]), "soft_bodies.finger.collision_surface.0.file: this key is missing"),
+    (soft(collision_surface=[{"file": "none.stl"}]), "soft_bodies.finger.collision_surface.0.file: none.stl: no such"),
     (with_pairs(["cube", "floor"], ["floor", "cube"]), "contact: pairs names 'floor' and 'cube' twice; keep one"),
     (with_box(goal={"object": "ball"}), "goal.object is 'ball', which is no rigid body; there are: cube"),
     ({"soft_bodies": {"a": {"like": "b"}, "b": SOFT}}, "soft_bodies.a.like = 'b': must be a soft body above it"),

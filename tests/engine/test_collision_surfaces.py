@@ -1,0 +1,112 @@
+"""Several collision surfaces of a soft body: which of them touch, and what the body then does to itself."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from blocks import make_block
+
+from taichisoft.building.simulation import Simulation, make_model
+from taichisoft.errors import SceneError
+from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.model import Model
+from taichisoft.scenes.file import scene_from_dict, scene_from_toml, scene_to_toml
+
+EDGE, GAP = 10.0, 2.0
+WEIGHT = 1e-6 * EDGE**3 * 9810.0
+
+
+def two_cubes(folder: Path, groups: tuple[list[int], list[int]], gap: float = GAP) -> dict[str, Any]:
+    """One soft body of two cubes, one above the other; the lower one is held. Each has a collision surface."""
+    cube, rise = make_block((2, 2, 2), (EDGE, EDGE, EDGE)), np.array([0.0, 0.0, EDGE + gap])
+    nodes, elements = np.vstack([cube.nodes, cube.nodes + rise]), np.vstack([cube.elements, cube.elements + 27])
+    write_volume_mesh(VolumeMesh("", nodes, elements), folder / "cubes.msh")
+    surfaces = []
+    for name, place, some in zip(("lower", "upper"), (0.0 * rise, rise), groups, strict=True):
+        box = trimesh.creation.box([EDGE, EDGE, EDGE])
+        box.apply_translation(place)
+        box.export(folder / f"{name}.stl")
+        surfaces.append({"file": str(folder / f"{name}.stl"), "groups": some})
+    return {
+        "mesh": str(folder / "cubes.msh"),
+        "density": 1e-6,
+        "young_modulus": 500.0,
+        "poisson_ratio": 0.3,
+        "rayleigh_stiffness": 0.01,
+        "anchors": [{"box": [[-EDGE, -EDGE, -EDGE / 2], [EDGE, EDGE, -EDGE / 2]]}],
+        "collision_surface": surfaces,
+    }
+
+
+def test_a_part_of_a_body_rests_on_another_part(tmp_path: Path) -> None:
+    """Surfaces without a common group: the upper cube stays at the contact distance, and its weight is carried."""
+    pair = ("cubes", "cubes")
+    scene = {"soft_bodies": {"cubes": two_cubes(tmp_path, ([1], [2]))}, "contact": {"contact_distance": 0.5}}
+    scene["contact"]["pairs"] = [{"bodies": list(pair), "friction": 0.1}]
+    simulation = Simulation(scene_from_dict(scene))
+    for _ in range(150):
+        report = simulation.step()
+        assert report.converged
+    assert report.observation.normal_forces[pair] == pytest.approx(WEIGHT, rel=1e-6)
+    assert report.observation.contact_counts[pair] >= 4
+    assert simulation.model.friction.tolist() == [[0.1]]
+    lower, upper = simulation.state.position[:27], simulation.state.position[27:]
+    assert upper[:, 2].min() - lower[:, 2].max() == pytest.approx(0.5, abs=0.01)
+    np.testing.assert_allclose(report.contact_forces.sum(axis=0), [0.0, 0.0, WEIGHT], atol=1e-4 * WEIGHT)
+
+
+def test_what_has_a_group_in_common_passes_through(tmp_path: Path) -> None:
+    """Free fall from rest: h^2 g n (n + 1) / 2 after n steps."""
+    simulation = Simulation(scene_from_dict({"soft_bodies": {"cubes": two_cubes(tmp_path, ([1, 3], [2, 3]))}}))
+    for _ in range(6):
+        assert simulation.step().contact_count == 0
+    fallen = (simulation.model.rest_position - simulation.state.position)[27:, 2]
+    np.testing.assert_allclose(fallen, 1e-4 * 9810.0 * 21, rtol=1e-9)
+
+
+def touching(model: Model) -> list[tuple[str, str]]:
+    """Which surfaces can touch: bodies by name, with the numbers of their surfaces."""
+    bodies = model.surfaces.topology.body.tolist()
+    names = [f"{model.body_names[body]}{bodies[:place].count(body)}" for place, body in enumerate(bodies)]
+    return [(names[first], names[second]) for first, second in model.surfaces.topology.pairs.tolist()]
+
+
+def test_surfaces_with_a_common_group_do_not_touch_whosever_they_are(tmp_path: Path) -> None:
+    """Groups count across bodies; what has none touches everything, and nothing touches itself."""
+    left = two_cubes(tmp_path, ([1], [1, 2]))
+    right = {**left, "translation": [100.0, 0.0, 0.0]}
+    lower, upper = (surface["file"] for surface in left["collision_surface"])
+    right["collision_surface"] = [{"file": lower, "groups": [2]}, {"file": upper}]
+    ball = {"box": [5.0, 5.0, 5.0], "mass": 0.01, "position": [50.0, 0.0, 0.0]}
+    made = make_model(scene_from_dict({"soft_bodies": {"left": left, "right": right}, "rigid_bodies": {"ball": ball}}))
+    assert touching(made) == [
+        ("left0", "right0"),
+        ("left0", "right1"),
+        ("left0", "ball0"),
+        ("left1", "right1"),
+        ("left1", "ball0"),
+        ("right0", "right1"),
+        ("right0", "ball0"),
+        ("right1", "ball0"),
+    ]
+
+
+def test_a_body_with_several_surfaces_is_seen_as_one(tmp_path: Path) -> None:
+    """All of them are in pictures and recordings, and the scene comes back equal from its text."""
+    scene = scene_from_dict({"soft_bodies": {"cubes": two_cubes(tmp_path, ([1], [2]))}})
+    assert scene_from_toml(scene_to_toml(scene), "text") == scene
+    (body,) = make_model(scene).soft_bodies
+    vertices = body.surface.positions(body.rest_position)
+    assert vertices[:, 2].min() == -EDGE / 2 and vertices[:, 2].max() == pytest.approx(1.5 * EDGE + GAP)
+    assert len(body.surface.triangles) == 24 and body.surface.triangles.max() == 15
+    parts = [one.surface.positions(body.rest_position) for one in body.collision_surfaces]
+    np.testing.assert_array_equal(vertices, np.vstack(parts))
+
+
+def test_surfaces_of_a_body_that_overlap_are_refused_unless_they_do_not_touch(tmp_path: Path) -> None:
+    with pytest.raises(SceneError, match=r"^collision surfaces of 'cubes' overlap at the start.* a group in common"):
+        make_model(scene_from_dict({"soft_bodies": {"cubes": two_cubes(tmp_path, ([], []), gap=-3.0)}}))
+    make_model(scene_from_dict({"soft_bodies": {"cubes": two_cubes(tmp_path, ([7], [7]), gap=-3.0)}}))
