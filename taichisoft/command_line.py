@@ -11,7 +11,13 @@ from taichisoft.errors import GoalMissed, TaichisoftError
 from taichisoft.plugin_system import plugins, plugins_command
 from taichisoft.plugin_system.commands import load_requested, with_plugin_commands
 from taichisoft.plugin_system.failure import plugin_traceback
-from taichisoft.plugin_system.run_options import OutputsOption, SpeedOption, requested, takes_run_options
+from taichisoft.plugin_system.run_options import (
+    OutputsOption,
+    SpeedOption,
+    requested,
+    takes_reader_options,
+    takes_run_options,
+)
 
 application = typer.Typer(
     name="taichisoft",
@@ -77,9 +83,12 @@ def _options(
 
 @application.command("run")
 @takes_run_options
+@takes_reader_options
 def run_command(
     context: typer.Context,
-    scene: Annotated[str, typer.Argument(help="Scene file (TOML), or the name of a shipped one, such as gripper.")],
+    scene: Annotated[
+        str, typer.Argument(help="Scene file (TOML, SOFA's Python), or the name of a shipped one, such as gripper.")
+    ],
     controller: Annotated[str | None, typer.Option(help="Name of a controller  \\[default: the scene's own]")] = None,
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder for the results  \\[default: out/SCENE]")
@@ -101,4 +110,4 @@ def run_command(
     folder = output or Path("out") / Path(scene).stem
     replay = KeyReplay(keys) if keys is not None else None
     request = RunRequest(folder, asked.outputs, duration, speed, replay, profile)
-    run_scene(scene, set_ or [], controller or asked.controller, request)
+    run_scene(scene, set_ or [], controller or asked.controller, request, asked.reader)

@@ -7,6 +7,7 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
+from importlib import import_module
 from importlib.metadata import EntryPoint
 from pathlib import Path
 from types import ModuleType
@@ -89,6 +90,15 @@ def shared() -> Path:
     if not (SHARED / "reference").is_dir():
         pytest.skip("needs ../shared/reference, which is not part of the project")
     return SHARED
+
+
+@pytest.fixture
+def sofa() -> Iterator[None]:
+    """The plug-in that reads SOFA's scenes, also where the installed distribution is older than it."""
+    with plugins.separate_registry() as registry:
+        if "sofa" not in registry.origins:
+            plugins.register_plugin(import_module("taichisoft_sofa"), "sofa")
+        yield
 
 
 class Figures:

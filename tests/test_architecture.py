@@ -87,6 +87,13 @@ LAYERS = {
     ],
     "taichisoft_sofa": [
         "__init__",
+        "command",
+        "reader",
+        "controller",
+        "translation",
+        "components",
+        "regions",
+        "meshes",
         "tree",
     ],
     "taichisoft_meshing": [

@@ -27,6 +27,8 @@ class RigidBody:
         start_rotation: unit quaternion (w, x, y, z) at the start.
         start_velocity: [mm/s], shape (3,).
         start_angular_velocity: [rad/s], shape (3,).
+        collides: whether it touches other bodies.
+        groups: surfaces that have one in common do not touch each other.
     """
 
     name: str
@@ -39,6 +41,8 @@ class RigidBody:
     start_rotation: np.ndarray
     start_velocity: np.ndarray
     start_angular_velocity: np.ndarray
+    collides: bool = True
+    groups: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True)
@@ -53,6 +57,7 @@ class Obstacle:
     triangles: np.ndarray | None = None
     point: np.ndarray | None = None
     normal: np.ndarray | None = None
+    groups: frozenset[int] = frozenset()
     turn: np.ndarray = field(default_factory=lambda: np.eye(3))
     shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
@@ -89,6 +94,8 @@ def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
         start_rotation=quaternion_from_matrix(turn),
         start_velocity=np.array(body.velocity),
         start_angular_velocity=np.array(body.angular_velocity),
+        collides=body.collides,
+        groups=frozenset(body.groups),
     )
 
 

@@ -10,7 +10,7 @@ from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import MappedSurface, closed_outward, enclosed_volume
+from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.scenes import scene as settings
@@ -146,8 +146,7 @@ def _collision_surfaces(mesh: VolumeMesh, body: settings.SoftBody) -> tuple[Coll
     """The scene's own surfaces, else the group "outer", else the mesh's boundary; without the walls of cavities."""
     if body.collision_surface:
         return tuple(
-            CollisionSurface(_surface_of_file(mesh, one.file, body), frozenset(one.groups))
-            for one in body.collision_surface
+            CollisionSurface(_surface_of_file(mesh, one, body), frozenset(one.groups)) for one in body.collision_surface
         )
     source = f"{mesh.source}: outer surface"
     if "outer" in mesh.surface_groups:
@@ -157,10 +156,12 @@ def _collision_surfaces(mesh: VolumeMesh, body: settings.SoftBody) -> tuple[Coll
     return (CollisionSurface(MappedSurface.of_nodes(triangles)),)
 
 
-def _surface_of_file(mesh: VolumeMesh, file: str, body: settings.SoftBody) -> MappedSurface:
-    vertices, triangles = read_surface(file)
-    used, triangles = np.unique(_outermost(vertices, triangles, file), return_inverse=True)
-    return _follow(mesh, vertices[used], triangles.reshape(-1, 3), file, body)
+def _surface_of_file(mesh: VolumeMesh, one: settings.CollisionSurface, body: settings.SoftBody) -> MappedSurface:
+    vertices, triangles = read_surface(one.file)
+    if one.open and count_open_edges(triangles):
+        return _follow(mesh, vertices, triangles, one.file, body)
+    used, triangles = np.unique(_outermost(vertices, triangles, one.file), return_inverse=True)
+    return _follow(mesh, vertices[used], triangles.reshape(-1, 3), one.file, body)
 
 
 def _outermost(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
@@ -176,6 +177,7 @@ def _outermost(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.n
 def _make_cavity(mesh: VolumeMesh, body: settings.SoftBody, name: str, cavity: settings.Cavity, key: str) -> Cavity:
     if cavity.surface is not None:
         vertices, triangles = read_surface(cavity.surface)
+        triangles = closed_outward(vertices, triangles, cavity.surface)
         surface = _follow(mesh, vertices, triangles, cavity.surface, body)
     else:
         triangles = surface_group(mesh, cavity.group or "", key)
@@ -190,9 +192,8 @@ def _follow(
     """A surface of its own, embedded in the elements as the body's settings say.
 
     Raises:
-        MeshError: it is not closed, or sticks out of the body.
+        MeshError: it sticks out of the body.
     """
-    triangles = closed_outward(vertices, triangles, source)
     lower, upper = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     margin = EMBEDDING_MARGIN * (upper - lower).max()
     nodes, weights = embed(vertices, mesh.nodes, mesh.elements, body.embedding)

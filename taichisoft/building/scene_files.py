@@ -1,12 +1,13 @@
 """Scenes in the formats that plug-ins read; TOML is the engine's own."""
 
 import copy
+import inspect
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from taichisoft.errors import PluginError, SceneError
+from taichisoft.errors import PluginError, SceneError, nearest
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import provided
 from taichisoft.scenes.file import scene_from_dict
@@ -17,7 +18,12 @@ from taichisoft.scenes.shipped import find_file
 TOML = ".toml"
 
 
-def load_scene(name: str | Path, overrides: Sequence[str] = (), controller: str | None = None) -> Scene:
+def load_scene(
+    name: str | Path,
+    overrides: Sequence[str] = (),
+    controller: str | None = None,
+    reader_settings: Mapping[str, Any] | None = None,
+) -> Scene:
     """Read a scene by path or by the name of a shipped one; files that it names become absolute paths.
 
     It is TOML unless a plug-in reads files of its suffix.
@@ -26,13 +32,14 @@ def load_scene(name: str | Path, overrides: Sequence[str] = (), controller: str 
         name: path or name.
         overrides: "key.key=value" with TOML values, applied before anything is inherited or checked.
         controller: name of a controller to take instead of the scene's own, whose settings are then dropped.
+        reader_settings: arguments of the plug-in's reader of this format, by name.
 
     Raises:
-        SceneError: the file is missing or cannot be read, or something in it is not valid.
+        SceneError: the file is missing or cannot be read, or something in it or in the settings is not valid.
         PluginError: the plug-in that reads its format failed.
     """
     path = _find_scene(name)
-    document = _read_tables(path)
+    document = _read_tables(path, reader_settings or {})
     change_scene(document, overrides, controller)
     source = " with --set ".join([str(path), *overrides])  # the error may be in either
     return scene_from_dict(document, source, folder=path.parent)
@@ -48,20 +55,31 @@ def _find_scene(name: str | Path) -> Path:
         return find_file(name, "scenes", (TOML, *suffixes), error=SceneError)
 
 
-def _read_tables(path: Path) -> dict[str, Any]:
+def _read_tables(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     """The tables of a scene: through a plug-in that reads files of its suffix, otherwise it must be TOML."""
     suffix = path.suffix.lower()
     reader = _scene_readers().get(suffix) if suffix != TOML else None
+    _check_settings(path, reader, settings)
     if reader is None:
         try:
             return tomllib.loads(path.read_text(encoding="utf-8"))
         except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
             raise SceneError(f"{path}: not readable as TOML: {error}") from error
     with failures_of(f"{path}: scene reader '{suffix}' failed"):
-        tables = reader(path)
+        tables = reader(path, **settings)
     if not isinstance(tables, Mapping):
         raise PluginError(f"{path}: scene reader '{suffix}' gave {tables!r}; must be a mapping of tables")
     return copy.deepcopy(dict(tables))  # overrides change them
+
+
+def _check_settings(path: Path, reader: Callable[..., Any] | None, settings: Mapping[str, Any]) -> None:
+    """Refuse settings that the reader does not heed; TOML has none."""
+    valid = list(inspect.signature(reader).parameters)[1:] if reader is not None else []
+    for name in settings:
+        if name not in valid:
+            raise SceneError(
+                f"{path}: there is no effect of {name} on a {path.suffix} scene; {nearest(name, valid, 'settings')}"
+            )
 
 
 def _scene_readers() -> dict[str, Any]:

@@ -25,6 +25,7 @@ class _Part:
         triangles: vertex indices, shape (triangle_count, 3).
         nodes, weights: soft nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
         groups: parts that have one in common do not touch each other.
+        collides: whether it touches any other.
     """
 
     body: int
@@ -34,6 +35,7 @@ class _Part:
     nodes: np.ndarray
     weights: np.ndarray
     groups: frozenset[int] = frozenset()
+    collides: bool = True
 
 
 class ContactSurfaces:
@@ -93,12 +95,17 @@ def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequ
         for one in body.collision_surfaces:
             surface, vertices = one.surface, one.surface.positions(body.rest_position)
             nodes = surface.nodes + body.nodes.start
-            parts.append(_Part(number, SOFT, vertices, surface.triangles, nodes, surface.weights, one.groups))
+            collides = body.settings.collides
+            parts.append(_Part(number, SOFT, vertices, surface.triangles, nodes, surface.weights, one.groups, collides))
     others: list[RigidBody | Obstacle] = [*rigid, *obstacles]
     for index, other in enumerate(others):
         if other.vertices is not None and other.triangles is not None:
             owner, no_node = index if index < len(rigid) else STATIC, np.zeros((len(other.vertices), 1))
-            parts.append(_Part(len(soft) + index, owner, other.vertices, other.triangles, no_node, no_node))
+            collides = other.collides if isinstance(other, RigidBody) else True
+            number = len(soft) + index
+            parts.append(
+                _Part(number, owner, other.vertices, other.triangles, no_node, no_node, other.groups, collides)
+            )
     return parts
 
 
@@ -115,10 +122,10 @@ def _join(parts: Sequence[_Part]) -> Surfaces:
     fan_start, fan = _incidence(triangles, sum(vertex_counts))
     star_start, star = _incidence(edges, sum(vertex_counts))
     edge, end = np.divmod(star, 2)
-    moves = np.array([part.owner != STATIC for part in parts])
+    moves = np.array([part.owner != STATIC and part.collides for part in parts])
     first, second = np.triu_indices(len(parts), 1)
     pairs = zip(first.tolist(), second.tolist(), strict=True)
-    touch = np.array([parts[one].groups.isdisjoint(parts[other].groups) for one, other in pairs], dtype=bool)
+    touch = np.array([_may_touch(parts[one], parts[other]) for one, other in pairs], dtype=bool)
     return Surfaces(
         body=np.array([part.body for part in parts], dtype=np.int32),
         triangles=triangles,
@@ -133,6 +140,10 @@ def _join(parts: Sequence[_Part]) -> Surfaces:
         moving=np.flatnonzero(moves).astype(np.int32),
         pairs=np.column_stack([first, second])[touch & (moves[first] | moves[second])].astype(np.int32),
     )
+
+
+def _may_touch(one: _Part, other: _Part) -> bool:
+    return one.collides and other.collides and one.groups.isdisjoint(other.groups)
 
 
 def _find_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

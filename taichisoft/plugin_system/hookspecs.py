@@ -32,16 +32,19 @@ no error; `tryfirst=True` and `trylast=True` change the order in which plug-ins 
 class RunOption:
     """An option of `taichisoft run` that a plug-in adds: it brings an output into the run, or sets something of one.
 
+    Without an output it sets something of the reader of the scene.
+
     Attributes:
-        output: name of the output that takes part in the run when the option is given.
+        output: name of the output that takes part in the run when the option is given; None for one of scene readers.
         help: one line for `taichisoft run --help`.
-        setting: argument of that output's factory which gets the value; without one the option is a flag.
+        setting: argument of that output's factory, or of the scene reader, which gets the value; without one the option
+            is a flag that brings the output.
         type: type of the value: str, int, float, bool (for a flag that is a setting) or pathlib.Path.
         metavar: name of the value in the help.
         controller: name of the controller where the command line names none; None for the scene's own.
     """
 
-    output: str
+    output: str | None
     help: str
     setting: str | None = None
     type: type = str
@@ -72,7 +75,7 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":  # type: ignore[empty
     """Options of `taichisoft run` by name ("--web"); called when the command line is read.
 
     Each value is a `taichisoft.RunOption`: which output takes part in the run when the option is given, and which
-    argument of its factory gets the value.
+    argument of its factory, or of the scene's reader, gets the value.
     """
 
 
@@ -96,11 +99,13 @@ def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":  # ty
 
 
 @hookspec
-def taichisoft_scene_readers() -> "Mapping[str, Callable[[Path], Mapping[str, Any]]]":  # type: ignore[empty-body]
+def taichisoft_scene_readers() -> "Mapping[str, Callable[..., Mapping[str, Any]]]":  # type: ignore[empty-body]
     """Readers of scenes in other formats than TOML, by suffix (".yaml"); called when a scene is not a TOML file.
 
-    Each value reads a file into the tables that the same scene would have in TOML. Overrides, inheritance, file names
-    and checks come after it.
+    Each value reads a file, whose path it is given first, into the tables that the same scene would have in TOML.
+    Overrides, inheritance, file names and checks come after it. Its other arguments, with defaults, are what
+    `taichisoft_run_options` without an output may set, and the `reader_settings` of `load_scene`. What it logs to a
+    logger below "taichisoft" is shown by `taichisoft run`.
     """
 
 

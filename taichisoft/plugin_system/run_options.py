@@ -1,4 +1,4 @@
-"""Options of `taichisoft run` that plug-ins add: each brings an output into the run, or a setting of one."""
+"""Options of `taichisoft run` that plug-ins add: each brings an output, or sets something of one or of a reader."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -26,6 +26,8 @@ SpeedOption = Annotated[
 
 _taking: set[Callable[..., Any]] = set()
 """Functions of the commands that make a run."""
+_reading: set[Callable[..., Any]] = set()
+"""Functions of those that read the scene of their run."""
 
 
 @dataclass(frozen=True)
@@ -35,15 +37,23 @@ class Requested:
     Attributes:
         outputs: settings by the name of the output.
         controller: name of the controller; None where no option names one.
+        reader: settings of the reader of the scene.
     """
 
     outputs: Mapping[str, dict[str, Any]]
     controller: str | None
+    reader: Mapping[str, Any]
 
 
 def takes_run_options(function: CommandFunction) -> CommandFunction:
     """Decorator of a command that makes a run: it takes the options that plug-ins add, see `requested`."""
     _taking.add(function)
+    return function
+
+
+def takes_reader_options(function: CommandFunction) -> CommandFunction:
+    """Decorator of a command that reads the scene of its run: it takes the options of scene readers, too."""
+    _reading.add(function)
     return function
 
 
@@ -55,10 +65,14 @@ def add_run_options(command: Any) -> None:
     """
     if command.callback is None or inspect.unwrap(command.callback) not in _taking:
         return
+    reads = inspect.unwrap(command.callback) in _reading
     own = {name for parameter in command.params for name in parameter.opts}
     for name, option in provided("run option").items():
+        if option.output is None and not reads:
+            continue
         if name in own:
-            raise PluginError(f"option '{name}' of output '{option.output}': `taichisoft run` has one of this name")
+            whose = f"output '{option.output}'" if option.output is not None else "scene readers"
+            raise PluginError(f"option '{name}' of {whose}: `taichisoft run` has one of this name")
         command.params.append(_parsed(name, option))
 
 
@@ -72,13 +86,14 @@ def requested(context: typer.Context, outputs_option: str) -> Requested:
     options: dict[str, RunOption] = provided("run option")
     outputs: dict[str, dict[str, Any]] = {name.strip(): {} for name in outputs_option.split(",") if name.strip()}
     controller = None
+    reader: dict[str, Any] = {}
     for name, value in context.meta.get(GIVEN, {}).items():
         option = options[name]
-        settings = outputs.setdefault(option.output, {})
+        settings = reader if option.output is None else outputs.setdefault(option.output, {})
         if option.setting is not None:
             settings[option.setting] = value
         controller = controller or option.controller
-    return Requested(outputs, controller)
+    return Requested(outputs, controller, reader)
 
 
 def parsed_options(function: Callable[..., Any]) -> list[Any]:
@@ -95,7 +110,7 @@ def _parsed(name: str, option: RunOption) -> Any:
         name,
         help=option.help,
         metavar=None if flag else option.metavar,
-        rich_help_panel="Outputs",
+        rich_help_panel="Outputs" if option.output is not None else "Scenes of other programs",
         expose_value=False,
         callback=_keep(name, Path if option.type is Path else None),
     )

@@ -52,14 +52,21 @@ class RunRequest:
     profile: bool = False
 
 
-def run_scene(name: str, overrides: Sequence[str], controller: str | None, request: RunRequest) -> None:
-    """Run a scene by path or by the name of a shipped one.
+def run_scene(
+    name: str,
+    overrides: Sequence[str],
+    controller: str | None,
+    request: RunRequest,
+    reader_settings: Mapping[str, Any] | None = None,
+) -> None:
+    """Run a scene by path or by the name of a shipped one; `load_scene` describes the first three and the last.
 
     Raises:
         TaichisoftError: anything that is the user's to mend.
         typer.Exit: the run was interrupted.
     """
-    scene = load_scene(name, overrides, controller)
+    with logged_to(rich.get_console()):
+        scene = load_scene(name, overrides, controller, reader_settings)
     run_simulation(name, scene, lambda: Simulation(scene), request)
 
 

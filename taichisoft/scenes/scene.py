@@ -18,6 +18,7 @@ NotNegative = Annotated[float, Field(strict=True, ge=0)]
 PoissonRatio = Annotated[float, Field(strict=True, gt=-1, lt=0.5)]
 Vector = tuple[Number, Number, Number]
 NodeNumber = Annotated[int, Field(strict=True, ge=0)]
+Groups = list[Annotated[int, Field(strict=True)]]
 KeySets = tuple[tuple[str, ...], ...]
 # Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path.
 Name = Annotated[str, Field(pattern=r"^[^.|/]+$")]
@@ -224,7 +225,9 @@ class CollisionSurface(Table):
 
     file: str
     """A closed surface file that follows the mesh."""
-    groups: list[Annotated[int, Field(strict=True)]] = []
+    open: bool = False
+    """Whether the surface may have open edges; it touches what is on the side that it faces."""
+    groups: Groups = []
     """Surfaces that have a group in common do not touch each other; all others do, also two of the same body."""
 
 
@@ -259,6 +262,8 @@ class SoftBody(Table):
     collision_surface: list[CollisionSurface] = []
     """Surfaces that touch other bodies: the name of a closed surface file that follows the mesh, or a list of tables;
     the mesh's outer boundary when it is not given."""
+    collides: bool = True
+    """Whether the body touches others; one that does not goes through them."""
     tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     regions: list[Region] = []
@@ -307,6 +312,10 @@ class RigidBody(Table):
     """Velocity of the centre of mass at the start [mm/s]."""
     angular_velocity: Vector = (0.0, 0.0, 0.0)
     """Angular velocity at the start [rad/s]."""
+    collides: bool = True
+    """Whether the body touches others; one that does not goes through them."""
+    groups: Groups = []
+    """Surfaces that have a group in common do not touch each other."""
     alternatives = (("surface", "box"), ("mass", "density"))
     no_effect_beside: ClassVar = {"box": ("scale",)}
 
@@ -338,8 +347,10 @@ class Obstacle(Table):
     """Turns about the x, y and z axes, in this order [degrees]."""
     translation: Vector = (0.0, 0.0, 0.0)
     """Shift after the rotation [mm]."""
+    groups: Groups = []
+    """Surfaces that have a group in common do not touch each other; a plane touches all."""
     alternatives = (("plane", "surface"),)
-    no_effect_beside: ClassVar = {"plane": ("scale", "rotation", "translation")}
+    no_effect_beside: ClassVar = {"plane": ("scale", "rotation", "translation", "groups")}
 
 
 class PairFriction(Table):

@@ -21,3 +21,45 @@ def loaded(folder: Path, create: str, before: str = "", files: Mapping[str, str]
     body = indent(dedent(create).strip("\n"), "    ")
     written(folder, {**(files or {}), "scene.py": f"{dedent(before)}\ndef createScene(root):\n{body}\n"})
     return load_tree(folder / "scene.py")
+
+
+BODY = """
+import numpy as np
+
+def body(root, name="body", mesh="block.vtk", correction=True, **box):
+    node = root.addChild(name)
+    node.addObject("EulerImplicitSolver", rayleighStiffness=0.1, rayleighMass=0.2)
+    node.addObject("SparseLDLSolver")
+    node.addObject("MeshVTKLoader", name="loader", filename=mesh, **box)
+    node.addObject("MeshTopology", src="@loader", name="container")
+    node.addObject("MechanicalObject", name="dofs", template="Vec3")
+    node.addObject("UniformMass", totalMass=0.05)
+    node.addObject("TetrahedronFEMForceField", youngModulus=500, poissonRatio=0.3, method="large")
+    if correction:
+        node.addObject("LinearSolverConstraintCorrection")
+    return node
+
+def free_motion(root):
+    root.addObject("FreeMotionAnimationLoop")
+    root.addObject("GenericConstraintSolver", tolerance=1e-7, maxIterations=1000)
+
+def collisions(root, mu=0.3):
+    free_motion(root)
+    root.addObject("CollisionPipeline")
+    root.addObject("BruteForceBroadPhase")
+    root.addObject("BVHNarrowPhase")
+    root.addObject("CollisionResponse", response="FrictionContactConstraint", responseParams=f"mu={mu}")
+    root.addObject("LocalMinDistance", alarmDistance=5, contactDistance=1)
+
+def surface(node, mesh, name="Collision", mapping="BarycentricMapping", **models):
+    child = node.addChild(name)
+    loader = "MeshOBJLoader" if mesh.endswith(".obj") else "MeshSTLLoader"
+    child.addObject(loader, name="loader", filename=mesh)
+    child.addObject("MeshTopology", src="@loader")
+    child.addObject("MechanicalObject")
+    for kind in ("Triangle", "Line", "Point"):
+        child.addObject(f"{kind}CollisionModel", **models)
+    child.addObject(mapping)
+    return child
+"""
+"""What scenes of tests are made of: functions that build bodies, contact and surfaces."""

@@ -1,0 +1,84 @@
+"""The commands `taichisoft sofa check` and `taichisoft sofa convert`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.translation.parts import Translation
+
+sofa = typer.Typer(
+    help="Scenes of SOFA: what of them is understood, and native scenes made of them.", no_args_is_help=True
+)
+
+PythonPath = Annotated[
+    str,
+    typer.Option("--python-path", metavar="DIRS", help="Folders of libraries that scenes import, as in PYTHONPATH."),
+]
+Exact = Annotated[bool, typer.Option("--sofa-exact", help="Keep SOFA's reading where the usual one departs from it.")]
+EXIT_REFUSED = 1
+
+
+@sofa.command()
+def check(
+    scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="SOFA scenes (.py, .pyscn).")],
+    python_path: PythonPath = "",
+    sofa_exact: Exact = False,
+) -> None:
+    """List what is understood of scenes, what has no effect, what is done otherwise, and what is refused."""
+    refused = False
+    for scene in scenes:
+        translation = _translated(scene, python_path, sofa_exact)
+        typer.echo(f"{scene}: {'refused' if translation.refused else 'can be run'}")
+        for title, counts in (("understood", translation.understood), ("without effect", translation.ignored)):
+            listed = ", ".join(f"{kind} ({count})" if count > 1 else kind for kind, count in sorted(counts.items()))
+            typer.echo(f"  {title}: {listed or 'nothing'}")
+        for line in translation.departures:
+            typer.echo(f"  otherwise than in SOFA: {line}")
+        for line in translation.refused:
+            typer.echo(f"  refused: {line}")
+        refused = refused or bool(translation.refused)
+    if refused:
+        raise typer.Exit(EXIT_REFUSED)
+
+
+@sofa.command()
+def convert(
+    scene: Annotated[Path, typer.Argument(help="SOFA scene (.py, .pyscn).")],
+    output: Annotated[
+        Path, typer.Option("--output", "-o", help="Native scene (.toml) to write, its meshes beside it.")
+    ],
+    python_path: PythonPath = "",
+    sofa_exact: Exact = False,
+) -> None:
+    """Write a native scene with its meshes; the scene's own controllers stay behind."""
+    import tomli_w
+
+    from taichisoft.atomic_file import atomic_file, named_os_errors
+    from taichisoft.errors import SceneError
+    from taichisoft_sofa.reader import with_files_in
+
+    if output.suffix.lower() != ".toml":
+        raise SceneError(f"--output {output}: '{output.suffix}' is no kind of native scene; valid: .toml")
+    translation = _translated(scene, python_path, sofa_exact)
+    if translation.refused:
+        raise SceneError(f"{translation.refused[0]}; taichisoft sofa check {scene} lists all")
+    for line in translation.departures:
+        typer.echo(f"otherwise than in SOFA: {line}")
+    meshes = output.parent / f"{output.stem}-meshes"
+    with named_os_errors(meshes):
+        meshes.mkdir(parents=True, exist_ok=True)
+    translation.files.write(meshes)
+    tables: dict[str, Any] = with_files_in(Path(meshes.name), translation.tables)
+    with atomic_file(output) as partial:
+        partial.write_text(tomli_w.dumps(tables), encoding="utf-8")
+    typer.echo(f"{output}, with its meshes in {meshes}")
+
+
+def _translated(scene: Path, python_path: str, exact: bool) -> "Translation":
+    from taichisoft_sofa.reader import split_path
+    from taichisoft_sofa.translation.translate import translate
+    from taichisoft_sofa.tree.loading import load_tree
+
+    return translate(load_tree(scene, split_path(python_path)), exact)

@@ -1,0 +1,61 @@
+"""Air chambers and cables."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft_sofa.components.contacts import surface_triangles
+from taichisoft_sofa.components.draft import Cable, Cavity
+from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
+from taichisoft_sofa.components.reading import flag, numbers, text
+from taichisoft_sofa.meshes.loaded_mesh import split_quads
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.components.draft import SceneDraft
+    from taichisoft_sofa.tree.component import Component
+
+PRESSURE, VOLUME = "pressure", "volumeGrowth"
+
+
+def value_by(component: "Component") -> str:
+    """Whether a cavity's value is a pressure or a growth of its volume; scenes may write their numbers."""
+    given = text(component, "valueType", default=PRESSURE)
+    return {"0": PRESSURE, "1": VOLUME}.get(given, given)
+
+
+def cavity(component: "Component", draft: "SceneDraft") -> None:
+    """A closed surface on whose walls a pressure acts."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    if value_by(component) not in (PRESSURE, VOLUME):
+        draft.refuse(component, f"valueType '{value_by(component)}'; valid: {PRESSURE}, {VOLUME}")
+        return
+    triangles = numbers(component, "triangles").astype(np.int64).reshape(-1, 3)
+    quads = numbers(component, "quads").astype(np.int64).reshape(-1, 4)
+    if not len(triangles) and not len(quads):
+        topology = nearest(node_of(component), TOPOLOGIES)
+        triangles = np.zeros((0, 3), dtype=np.int64) if topology is None else surface_triangles(topology)
+    walls = np.vstack([triangles, split_quads(quads)])
+    if not len(walls):
+        draft.refuse(component, "has no triangles, of its own or in a topology container of its node")
+        return
+    if flag(component, "flipNormal", False):
+        walls = walls[:, ::-1]
+    body.cavities.append(Cavity(component, draft.points_of(component), walls))
+
+
+def cable(component: "Component", draft: "SceneDraft") -> None:
+    """A cable through points of a body."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    if text(component, "method", default="point") != "point":
+        draft.refuse(component, f"method '{text(component, 'method')}'; a cable pulls at its points here")
+        return
+    points = draft.points_of(component)
+    indices = numbers(component, "indices", default=[0.0]).astype(np.int64)
+    if not len(indices) or indices.min() < 0 or indices.max() >= len(points):
+        draft.refuse(component, f"indices must be among the {len(points)} points of its MechanicalObject")
+        return
+    body.cables.append(Cable(component, points[indices]))

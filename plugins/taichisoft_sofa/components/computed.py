@@ -1,0 +1,81 @@
+"""Data that follow from other data: importing this module makes the tree compute them."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from taichisoft_sofa.components import declarations as declarations  # what is computed has a kind, too
+from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES
+from taichisoft_sofa.components.loaders import (
+    CORNERS,
+    OTHER_NAMES,
+    container_cells,
+    container_position,
+    loaded,
+    loader_position,
+)
+from taichisoft_sofa.components.selections import (
+    CELLS_IN,
+    INDICES_OF,
+    cell_indices,
+    cells_in,
+    engine_points,
+    point_indices,
+)
+from taichisoft_sofa.components.states import is_rigid, start_position
+from taichisoft_sofa.tree.component import COMPUTED, Component
+from taichisoft_sofa.tree.kinds import ANY, INDICES, declare, index_rows, vectors
+
+ENGINES = ("BoxROI", "SphereROI")
+
+
+def _loader_cells(loader: Component, kind: str) -> np.ndarray:
+    cells: np.ndarray = getattr(loaded(loader), kind)
+    return cells
+
+
+def _rest_position(state: Component) -> np.ndarray:
+    given = state.findData("rest_position")
+    if given is not None and given.is_set():
+        return np.reshape(given.given(), (-1, 7 if is_rigid(state) else 3))
+    return start_position(state)
+
+
+def _declare(type_name: str, computed: dict[str, tuple[Any, Callable[[Component], Any]]]) -> None:
+    COMPUTED.setdefault(type_name, {}).update({name: function for name, (_, function) in computed.items()})
+    declare(type_name, **{name: kind for name, (kind, _) in computed.items()})
+
+
+def _cells(function: Callable[..., np.ndarray]) -> dict[str, tuple[Any, Callable[[Component], Any]]]:
+    """The data for every kind of cell, under all names of it."""
+    return {
+        name: (index_rows(corners), partial(function, kind=kind))
+        for kind, corners in CORNERS.items()
+        for name in (kind, *OTHER_NAMES.get(kind, ()))
+    }
+
+
+for _loader in LOADERS:
+    _declare(_loader, {"position": (vectors(3), loader_position), **_cells(_loader_cells)})
+for _container in TOPOLOGIES:
+    _declare(_container, {"position": (vectors(3), container_position), **_cells(container_cells)})
+for _engine in ENGINES:
+    _declare(
+        _engine,
+        {
+            "indices": (INDICES, point_indices),
+            "pointsInROI": (vectors(3), lambda engine: engine_points(engine)[point_indices(engine)]),
+            "nbIndices": (ANY, lambda engine: len(point_indices(engine))),
+            **{name: (INDICES, partial(cell_indices, kind=kind)) for name, kind in INDICES_OF.items()},
+            **{name: (index_rows(CORNERS[kind]), partial(cells_in, kind=kind)) for name, kind in CELLS_IN.items()},
+        },
+    )
+_declare(
+    STATE,
+    {
+        "position": (lambda state: vectors(7 if is_rigid(state) else 3), start_position),
+        "rest_position": (lambda state: vectors(7 if is_rigid(state) else 3), _rest_position),
+    },
+)

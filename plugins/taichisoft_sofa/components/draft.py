@@ -1,0 +1,204 @@
+"""What the components of a scene say about its bodies, gathered before a native scene is made of it."""
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft_sofa.components.graph import STATE, in_node, independent_state, mapping_of, node_of, upwards
+from taichisoft_sofa.components.reading import described
+from taichisoft_sofa.components.states import is_rigid, start_position
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.tree.component import Component
+    from taichisoft_sofa.tree.node import Node
+
+
+@dataclass(frozen=True)
+class Material:
+    """A force field of tetrahedra; several on the same tetrahedra add up.
+
+    Attributes:
+        component: the force field.
+        tetrahedra: point indices, shape (count, 4).
+        young_modulus: [kPa], shape (count,).
+        poisson_ratio: [-], shape (count,).
+        corotation: "edges" or "polar".
+    """
+
+    component: "Component"
+    tetrahedra: np.ndarray
+    young_modulus: np.ndarray
+    poisson_ratio: np.ndarray
+    corotation: str
+
+
+@dataclass(frozen=True)
+class Mass:
+    """The mass of a body.
+
+    Attributes:
+        component: what gives it.
+        total: mass of the body [kg]; None where it is given by each point or by volume.
+        each: mass of each point [kg].
+        density: mass by volume [kg/mm^3].
+        inertia: inertia of a rigid body by mass [mm^2], shape (3, 3); None where the scene gives none.
+    """
+
+    component: "Component"
+    total: float | None = None
+    each: float | None = None
+    density: float | None = None
+    inertia: np.ndarray | None = None
+
+
+@dataclass(frozen=True)
+class Anchor:
+    """Points held in place.
+
+    Attributes:
+        component: the springs or the constraint.
+        points: indices of the points, shape (count,).
+        stiffness: [mN/mm] of each point.
+        follows_rest: whether the points follow `rest_position`, else they stay where they were at the start.
+    """
+
+    component: "Component"
+    points: np.ndarray
+    stiffness: float
+    follows_rest: bool
+
+
+@dataclass
+class Surface:
+    """Collision models of one node.
+
+    Attributes:
+        component: the first of them.
+        points: positions at the start, of rigid bodies in their own frame [mm], shape (count, 3).
+        triangles: point indices, shape (count, 3).
+        groups: collision groups.
+        self_collision: whether it may touch itself.
+    """
+
+    component: "Component"
+    points: np.ndarray
+    triangles: np.ndarray
+    groups: frozenset[int]
+    self_collision: bool
+
+
+@dataclass(frozen=True)
+class Cavity:
+    """An air chamber: its constraint and its walls, points of shape (count, 3) [mm], triangles of shape (count, 3)."""
+
+    component: "Component"
+    points: np.ndarray
+    triangles: np.ndarray
+
+
+@dataclass(frozen=True)
+class Cable:
+    """A cable: its constraint, and the points through which it runs from the pull point on [mm], shape (count, 3)."""
+
+    component: "Component"
+    points: np.ndarray
+
+
+@dataclass
+class Body:
+    """Everything that hangs on one mechanical object which follows no other.
+
+    Attributes:
+        state: the mechanical object.
+        position: its points or poses at the start, shape (count, 3) or (count, 7).
+        surfaces: collision surfaces by the path of their node.
+        colours: red, green, blue and opacity of what is shown of it.
+    """
+
+    state: "Component"
+    position: np.ndarray
+    mass: Mass | None = None
+    materials: list[Material] = field(default_factory=list)
+    anchors: list[Anchor] = field(default_factory=list)
+    surfaces: dict[str, Surface] = field(default_factory=dict)
+    cavities: list[Cavity] = field(default_factory=list)
+    cables: list[Cable] = field(default_factory=list)
+    colours: list[list[float]] = field(default_factory=list)
+
+    @property
+    def node(self) -> "Node":
+        """The node of the mechanical object."""
+        return node_of(self.state)
+
+    @property
+    def rigid(self) -> bool:
+        """Whether it consists of rigid bodies."""
+        return is_rigid(self.state)
+
+
+@dataclass
+class SceneDraft:
+    """What is known of a scene while its components are gone through, in the order of the tree.
+
+    Attributes:
+        exact: whether SOFA's reading is kept where the usual one departs from it.
+        effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so: an impulse, or in first order
+            the same.
+        bodies: one for each independent mechanical object, by the identity of that component.
+        solvers: time integration by node.
+        linear_solvers: linear solvers by node.
+        corrections: constraint corrections by node.
+        pipeline: what takes part in finding and solving contacts, by role.
+        free_motion: whether the animation loop solves constraints.
+        background: colour behind the scene.
+        departures: what is done otherwise than in SOFA, one line each.
+        refused: what cannot be done, one line each.
+    """
+
+    exact: bool = False
+    effort_of_value: float = 1.0
+    bodies: dict[int, Body] = field(default_factory=dict)
+    solvers: dict[int, "Component"] = field(default_factory=dict)
+    linear_solvers: dict[int, "Component"] = field(default_factory=dict)
+    corrections: dict[int, "Component"] = field(default_factory=dict)
+    pipeline: dict[str, "Component"] = field(default_factory=dict)
+    free_motion: bool = False
+    background: list[float] | None = None
+    departures: list[str] = field(default_factory=list)
+    refused: list[str] = field(default_factory=list)
+
+    def refuse(self, component: "Component", why: str) -> None:
+        """Note that a component cannot be translated, and why."""
+        self.refused.append(f"{described(component)}: {why}")
+
+    def depart(self, line: str) -> None:
+        """Note a departure, once."""
+        if line not in self.departures:
+            self.departures.append(line)
+
+    def body_of(self, component: "Component") -> Body | None:
+        """The body on which a component acts; refused where there is none."""
+        state = independent_state(node_of(component))
+        if state is None:
+            self.refuse(component, "acts on nothing: there is no MechanicalObject in its node or above")
+            return None
+        if id(state) not in self.bodies:
+            self.bodies[id(state)] = Body(state, start_position(state))
+        return self.bodies[id(state)]
+
+    def points_of(self, component: "Component") -> np.ndarray:
+        """Points of the mechanical object in a component's node, which may follow its body's, shape (count, 3)."""
+        state = in_node(node_of(component), {STATE})
+        if state is None:
+            state = independent_state(node_of(component))
+        return np.zeros((0, 3)) if state is None else start_position(state)[:, :3]
+
+    def above(self, node: "Node", by_node: "dict[int, Component]") -> "Component | None":
+        """What a node, or the nearest one above it, has."""
+        return next((by_node[id(above)] for above in upwards(node) if id(above) in by_node), None)
+
+    def is_mapped(self, component: "Component") -> bool:
+        """Whether the mechanical object in a component's node follows another one."""
+        state = in_node(node_of(component), {STATE})
+        return state is not None and mapping_of(state) is not None

@@ -1,0 +1,170 @@
+"""Time integration, solvers, masses, elasticity and supports of bodies."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft_sofa.components.draft import Anchor, Mass, Material
+from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
+from taichisoft_sofa.components.reading import computed, flag, is_given, number, numbers, text
+from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.kinds import canonical
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.components.draft import SceneDraft
+
+HELD = 1e12
+"""Stiffness [mN/mm] that holds a point where a constraint fixes it."""
+ENGINES = {"BoxROI", "SphereROI"}
+COROTATIONS = {"large": "edges", "qr": "edges", "polar": "polar", "polar2": "polar", "svd": "polar"}
+
+
+def animation_loop(component: Component, draft: "SceneDraft") -> None:
+    """FreeMotionAnimationLoop solves constraints; the default loop has none."""
+    draft.free_motion = component.type_name.startswith("FreeMotion")
+
+
+def time_integration(component: Component, draft: "SceneDraft") -> None:
+    """The implicit Euler method with Rayleigh damping, of the bodies in its node and below."""
+    draft.solvers[id(node_of(component))] = component
+    if flag(component, "trapezoidalScheme", False):
+        draft.refuse(component, "trapezoidalScheme; only the implicit Euler method is there")
+
+
+def linear_solver(component: Component, draft: "SceneDraft") -> None:
+    """Any linear solver: the system is solved directly here."""
+    draft.linear_solvers[id(node_of(component))] = component
+
+
+def constraint_correction(component: Component, draft: "SceneDraft") -> None:
+    """Contacts and actuators act on bodies that have one."""
+    draft.corrections[id(node_of(component))] = component
+
+
+def uniform_mass(component: Component, draft: "SceneDraft") -> None:
+    """The same mass at every point, or mass and inertia of a rigid body."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    total = numbers(component, "totalMass")
+    each = numbers(component, "vertexMass", "mass")
+    if len(each) and not (len(total) and total[0] > 0.0):
+        inertia = _inertia(each)
+        if len(each) > 1 and inertia is None:
+            draft.refuse(
+                component, f"vertexMass has {len(each)} numbers; mass, volume and nine of the inertia are known"
+            )
+        body.mass = Mass(component, each=float(each[0]), inertia=inertia)
+    else:
+        body.mass = Mass(component, total=float(total[0]) if len(total) else 1.0)
+
+
+def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
+    """A mass that the volume of each element gives to its corners."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    if is_given(component, "totalMass"):
+        body.mass = Mass(component, total=number(component, "totalMass", default=1.0), density=0.0)
+    else:
+        body.mass = Mass(component, density=number(component, "massDensity", default=1.0))
+    if component.type_name == "MeshMatrixMass" and not flag(component, "lumping", False):
+        draft.depart(
+            f"{node_of(component).getPathName()}: MeshMatrixMass couples neighbours; here each point has its share"
+        )
+
+
+def _inertia(values: np.ndarray) -> np.ndarray | None:
+    """The inertia by mass [mm^2] in "mass volume inertia", whole or its six different numbers; None where none is."""
+    if len(values) in (11, 12):
+        return values[2:11].reshape(3, 3)
+    if len(values) == 10:
+        return values[1:].reshape(3, 3)
+    if len(values) in (7, 8):
+        xx, xy, xz, yy, yz, zz = values[-6:]
+        return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    return None
+
+
+def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
+    """Linear corotational elasticity of the tetrahedra of the nearest topology."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    method = text(component, "method", default="large").lower()
+    if method not in COROTATIONS:
+        draft.refuse(component, f"method '{method}'; valid: {', '.join(COROTATIONS)}")
+        return
+    link = text(component, "topology")
+    topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_tetrahedra)
+    tetrahedra = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
+    if not len(tetrahedra):
+        draft.refuse(component, "finds no tetrahedra in a topology container of its node or above")
+        return
+    young = numbers(component, "youngModulus", default=[5000.0])
+    poisson = numbers(component, "poissonRatio", default=[0.45])
+    for name, values in (("youngModulus", young), ("poissonRatio", poisson)):
+        if len(values) not in (1, len(tetrahedra)):
+            draft.refuse(component, f"{name} has {len(values)} numbers for {len(tetrahedra)} tetrahedra")
+            return
+    count = len(tetrahedra)
+    body.materials.append(
+        Material(
+            component,
+            tetrahedra,
+            np.broadcast_to(young, count),
+            np.broadcast_to(poisson, count),
+            COROTATIONS[method],
+        )
+    )
+
+
+def _has_tetrahedra(topology: Component) -> bool:
+    return len(computed(topology, "tetrahedra", 4)) > 0
+
+
+def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
+    """Springs from points to their rest positions; without points, of all points."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    if text(component, "external_rest_shape"):
+        draft.refuse(component, "external_rest_shape; springs to other bodies are not there")
+        return
+    points = numbers(component, "points", "indices").astype(np.int64)
+    stiffness = numbers(component, "stiffness", default=[100.0])
+    every = np.arange(len(body.position))
+    chosen = points if len(points) else every
+    for value in np.unique(stiffness):
+        same = chosen if len(stiffness) != len(chosen) else chosen[stiffness == value]
+        body.anchors.append(Anchor(component, same, float(value), follows_rest=True))
+        if len(stiffness) != len(chosen):
+            break
+    _note_selection(component, "points", draft)
+
+
+def fixed_points(component: Component, draft: "SceneDraft") -> None:
+    """Points that never move."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    directions = numbers(component, "fixedDirections", default=[1.0, 1.0, 1.0])
+    if not directions.all():
+        draft.refuse(component, f"fixedDirections = {directions.astype(int).tolist()}; points are held in all or none")
+        return
+    all_points = flag(component, "fixAll", False)
+    points = numbers(component, "indices", default=[0.0]).astype(np.int64)
+    chosen = np.arange(len(body.position)) if all_points else points
+    body.anchors.append(Anchor(component, chosen, HELD, follows_rest=False))
+
+
+def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> None:
+    """SOFA selects anew whenever rest positions change, and may hold other points then."""
+    data = component.findData(name)
+    parent = data.getParent() if data is not None else None
+    source = parent.owner if parent is not None else None
+    if isinstance(source, Component) and canonical(source.type_name) in ENGINES and flag(source, "doUpdate", True):
+        draft.depart(
+            f"{source.getPathName()}: selects its points once, at the start; SOFA does so anew whenever rest positions "
+            "change (doUpdate)"
+        )

@@ -1,0 +1,102 @@
+"""Data that loaders and topology containers compute: points and cells, placed."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft.errors import MeshError, SceneError
+from taichisoft.meshes.volume_mesh import boundary_triangles
+from taichisoft_sofa.components.graph import LOADERS, TOPOLOGIES, in_node, nearest, node_of
+from taichisoft_sofa.components.reading import computed, described, is_given, number, numbers, text, vector
+from taichisoft_sofa.meshes.loaded_mesh import LoadedMesh
+from taichisoft_sofa.meshes.placement import placed_by_loader
+from taichisoft_sofa.meshes.reading import read_mesh
+from taichisoft_sofa.meshes.stock import find_mesh
+from taichisoft_sofa.tree.kinds import canonical
+from taichisoft_sofa.tree.modules import running
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.tree.component import Component
+
+CORNERS = {"edges": 2, "triangles": 3, "quads": 4, "tetrahedra": 4, "hexahedra": 8}
+"""Number of corners of each kind of cell that loaders and containers have."""
+
+OTHER_NAMES = {"tetrahedra": ("tetras",), "hexahedra": ("hexas",)}
+"""Older names of the data with them."""
+
+
+def loaded(loader: "Component") -> LoadedMesh:
+    """The mesh of a loader, as it stands in the file.
+
+    Raises:
+        SceneError: it names no file, or the file is missing or unreadable.
+    """
+    name = text(loader, "filename", "fileMesh", "fileTopology")
+    if not name:
+        raise SceneError(f"{described(loader)}: filename is missing; name a mesh")
+    try:
+        return read_mesh(find_mesh(name, file_finder(loader)))
+    except MeshError as error:
+        raise SceneError(f"{described(loader)}: {error}") from error
+
+
+def file_finder(component: "Component") -> Callable[[str], Path | None]:
+    """What finds the files that a scene names: its tree, or, while the scene still builds that, the scene that runs."""
+    root = node_of(component).getRoot()
+    find: Callable[[str], Path | None] = getattr(root, "_find_file", None) or running().find_file
+    return find
+
+
+def loader_position(loader: "Component") -> np.ndarray:
+    """Points of a loader [mm], scaled, turned and shifted, shape (count, 3)."""
+    scale = vector(loader, "scale3d", default=[number(loader, "scale", default=1.0)] * 3)
+    rotation = vector(loader, "rotation", "rotation2", default=(0.0, 0.0, 0.0))
+    translation = vector(loader, "translation", "translation2", default=(0.0, 0.0, 0.0))
+    return placed_by_loader(loaded(loader).points, scale.tolist(), rotation.tolist(), translation.tolist())
+
+
+def source_of(component: "Component") -> "Component | None":
+    """The component that `src` names, else the loader of a container's own node; None where it reads a file itself."""
+    link = text(component, "src")
+    if link:
+        return component.linked("src")
+    if text(component, "filename", "fileTopology"):
+        return None
+    return in_node(node_of(component), LOADERS)
+
+
+def container_position(container: "Component") -> np.ndarray:
+    """Points of a topology container [mm], shape (count, 3)."""
+    if is_given(container, "position"):
+        return numbers(container, "position").reshape(-1, 3)
+    source = source_of(container)
+    if source is not None:
+        return computed(source, "position", 3)
+    return loader_position(container) if text(container, "filename", "fileTopology") else np.zeros((0, 3))
+
+
+def container_cells(container: "Component", kind: str) -> np.ndarray:
+    """Cells of a topology container: those of its source, or, for triangles, the faces of a body that it is to have."""
+    for name in (kind, *OTHER_NAMES.get(kind, ())):
+        if is_given(container, name):
+            return numbers(container, name).astype(np.int64).reshape(-1, CORNERS[kind])
+    mapping = in_node(node_of(container), {"Tetra2TriangleTopologicalMapping"})
+    if mapping is not None and kind == "triangles":
+        return boundary_triangles(computed(_input_of(mapping), "tetrahedra", 4))
+    source = source_of(container)
+    if source is not None:
+        return computed(source, kind, CORNERS[kind])
+    own = text(container, "filename", "fileTopology")
+    return getattr(loaded(container), kind) if own else np.zeros((0, CORNERS[kind]), dtype=np.int64)
+
+
+def _input_of(mapping: "Component") -> "Component":
+    """The container whose tetrahedra a mapping turns into triangles."""
+    link = text(mapping, "input")
+    parent = next(iter(node_of(mapping).parents), None)
+    found = mapping.linked("input") if link else None if parent is None else nearest(parent, TOPOLOGIES)
+    if found is None or canonical(found.type_name) not in TOPOLOGIES:
+        raise SceneError(f"{described(mapping)}: input '{link}' is no container of tetrahedra")
+    return found

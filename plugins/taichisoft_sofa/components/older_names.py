@@ -1,0 +1,25 @@
+"""Names that components had in older versions of SOFA."""
+
+from taichisoft_sofa.tree.kinds import ALIASES
+
+ALIASES.update(
+    {
+        "EulerImplicit": "EulerImplicitSolver",
+        "CollisionResponse": "RuleBasedContactManager",
+        "DefaultContactManager": "RuleBasedContactManager",
+        "DefaultPipeline": "CollisionPipeline",
+        "FixedConstraint": "FixedProjectiveConstraint",
+        "PartialFixedConstraint": "PartialFixedProjectiveConstraint",
+        "Mesh": "MeshTopology",
+        "MeshObjLoader": "MeshOBJLoader",
+        "Triangle": "TriangleCollisionModel",
+        "TriangleModel": "TriangleCollisionModel",
+        "TriangleSet": "TriangleCollisionModel",
+        "Line": "LineCollisionModel",
+        "LineModel": "LineCollisionModel",
+        "LineSet": "LineCollisionModel",
+        "Point": "PointCollisionModel",
+        "PointModel": "PointCollisionModel",
+        "PointSet": "PointCollisionModel",
+    }
+)

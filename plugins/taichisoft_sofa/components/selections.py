@@ -1,0 +1,80 @@
+"""What the ROI engines select: points and cells inside boxes and spheres."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, nearest, node_of
+from taichisoft_sofa.components.loaders import CORNERS
+from taichisoft_sofa.components.reading import computed, flag, is_given, numbers
+from taichisoft_sofa.regions import FACE_TOLERANCE, Inside, cells_inside, in_boxes, in_oriented_boxes, in_spheres
+from taichisoft_sofa.tree.kinds import canonical
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.tree.component import Component
+
+CELLS_IN = {
+    "edgesInROI": "edges",
+    "trianglesInROI": "triangles",
+    "quadInROI": "quads",
+    "tetrahedraInROI": "tetrahedra",
+    "hexahedraInROI": "hexahedra",
+}
+"""Data with the cells that an engine selects, and the kind of each."""
+INDICES_OF = {
+    "edgeIndices": "edges",
+    "triangleIndices": "triangles",
+    "quadIndices": "quads",
+    "tetrahedronIndices": "tetrahedra",
+    "hexahedronIndices": "hexahedra",
+}
+"""Data with the indices of those cells."""
+
+
+def region_of(engine: "Component") -> Inside:
+    """What lies inside the region of an engine; on its faces, too, up to round-off unless the scene is read exactly."""
+    tolerance = 0.0 if getattr(node_of(engine).getRoot(), "_exact", False) else FACE_TOLERANCE
+    if canonical(engine.type_name) == "SphereROI":
+        return in_spheres(numbers(engine, "centers").reshape(-1, 3), numbers(engine, "radii"), tolerance)
+    boxes = in_boxes(numbers(engine, "box").reshape(-1, 6), tolerance)
+    oriented = in_oriented_boxes(numbers(engine, "orientedBox").reshape(-1, 10), tolerance)
+    return lambda points: boxes(points) | oriented(points)
+
+
+def engine_points(engine: "Component") -> np.ndarray:
+    """The points among which an engine selects, shape (count, 3)."""
+    if is_given(engine, "position"):
+        return numbers(engine, "position").reshape(-1, 3)
+    state = in_node(node_of(engine), {STATE})
+    if state is None:
+        loader = in_node(node_of(engine), LOADERS)
+        if loader is not None:
+            return computed(loader, "position", 3)
+        state = nearest(node_of(engine), {STATE})
+    return np.zeros((0, 3)) if state is None else computed(state, "rest_position", 3)
+
+
+def engine_cells(engine: "Component", kind: str) -> np.ndarray:
+    """The cells among which an engine selects: its own data, or those of the topology in its node."""
+    if is_given(engine, kind):
+        return numbers(engine, kind).reshape(-1, CORNERS[kind]).astype(np.int64)
+    topology = in_node(node_of(engine), TOPOLOGIES)
+    if topology is None:
+        return np.zeros((0, CORNERS[kind]), dtype=np.int64)
+    return computed(topology, kind, CORNERS[kind])
+
+
+def point_indices(engine: "Component") -> np.ndarray:
+    """Indices of the points inside, shape (count,)."""
+    return np.flatnonzero(region_of(engine)(engine_points(engine)))
+
+
+def cell_indices(engine: "Component", kind: str) -> np.ndarray:
+    """Indices of the cells inside, shape (count,)."""
+    strict = flag(engine, "strict", True)
+    return cells_inside(engine_points(engine), engine_cells(engine, kind), region_of(engine), strict)
+
+
+def cells_in(engine: "Component", kind: str) -> np.ndarray:
+    """The cells inside, as point indices, shape (count, corners)."""
+    return engine_cells(engine, kind)[cell_indices(engine, kind)]

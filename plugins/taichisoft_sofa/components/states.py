@@ -1,0 +1,68 @@
+"""Where the points of a mechanical object stand at the start."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft.errors import SceneError
+from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, nearest, node_of
+from taichisoft_sofa.components.reading import computed, described, is_given, number, numbers, text, vector
+from taichisoft_sofa.meshes.placement import multiply_quaternions, placed, quaternion
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.tree.component import Component
+
+NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+
+
+def is_rigid(state: "Component") -> bool:
+    """Whether a mechanical object has positions and rotations, of rigid bodies."""
+    return text(state, "template").startswith("Rigid")
+
+
+def start_position(state: "Component") -> np.ndarray:
+    """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7).
+
+    Raises:
+        SceneError: they are no rows of three or seven numbers.
+    """
+    width = 7 if is_rigid(state) else 3
+    found = _source(state, width)
+    if len(found) == 0 and width == 7:
+        found = np.array([NO_POSE])
+    scale = vector(state, "scale3d", default=[number(state, "scale", default=1.0)] * 3)
+    rotation = vector(state, "rotation", "rotation2", default=_axes(state, "r"))
+    translation = vector(state, "translation", "translation2", default=_axes(state, "d"))
+    points = placed(found[:, :3], scale.tolist(), rotation.tolist(), translation.tolist())
+    if (scale == 1.0).all() and not rotation.any() and not translation.any():
+        points = found[:, :3]
+    if width == 3:
+        return points
+    turned = [multiply_quaternions(quaternion(rotation.tolist()), pose) for pose in found[:, 3:]]
+    return np.column_stack([points, turned])
+
+
+def _axes(state: "Component", letter: str) -> list[float]:
+    """The older way to give a translation (dx, dy, dz) or a rotation (rx, ry, rz)."""
+    return [number(state, f"{letter}{axis}", default=0.0) for axis in "xyz"]
+
+
+def _source(state: "Component", width: int) -> np.ndarray:
+    """What a mechanical object begins with: its own data, what it is linked to, or its node's topology or loader."""
+    for name in ("position", "rest_position"):
+        if is_given(state, name):
+            found = numbers(state, name)
+            if found.size % width:
+                raise SceneError(f"{described(state)}: {name} has {found.size} numbers; they are no rows of {width}")
+            return found.reshape(-1, width)
+    if width == 7:
+        return np.zeros((0, 7))
+    link = text(state, "src")
+    source = state.linked("src") if link else in_node(node_of(state), TOPOLOGIES) or in_node(node_of(state), LOADERS)
+    if source is not None and (points := computed(source, "position", 3)).size:
+        return points
+    if in_node(node_of(state), {"IdentityMapping"}) is not None:
+        above = next((nearest(parent, {STATE}) for parent in node_of(state).parents), None)
+        if above is not None:
+            return start_position(above)
+    return np.zeros((0, 3))

@@ -1,0 +1,221 @@
+"""The table of components: what each type contributes, which do not matter, and which cannot be done."""
+
+from collections.abc import Callable
+
+from taichisoft_sofa.components import actuators, contacts, dynamics, visuals
+from taichisoft_sofa.components.draft import SceneDraft
+from taichisoft_sofa.tree.component import Component
+
+Contribution = Callable[[Component, SceneDraft], None]
+
+
+def _is_read(component: Component, draft: SceneDraft) -> None:
+    """Loaders, containers, engines and mappings: other components read them."""
+
+
+def _state(component: Component, draft: SceneDraft) -> None:
+    """A mechanical object that follows no other one is a body."""
+    if not draft.is_mapped(component):
+        draft.body_of(component)
+
+
+UNDERSTOOD: dict[str, Contribution] = {
+    # time and systems of equations
+    "FreeMotionAnimationLoop": dynamics.animation_loop,
+    "DefaultAnimationLoop": dynamics.animation_loop,
+    "EulerImplicitSolver": dynamics.time_integration,
+    **dict.fromkeys(
+        (
+            "SparseLDLSolver",
+            "AsyncSparseLDLSolver",
+            "SparseCholeskySolver",
+            "SparseLUSolver",
+            "EigenSimplicialLDLT",
+            "EigenSimplicialLLT",
+            "EigenSparseLU",
+            "EigenSparseQR",
+            "BTDLinearSolver",
+            "PrecomputedLinearSolver",
+            "CGLinearSolver",
+            "CGLinearSolver2",
+            "ParallelCGLinearSolver",
+            "MinResLinearSolver",
+            "PCGLinearSolver",
+            "ShewchukPCGLinearSolver",
+            "CholeskySolver",
+        ),
+        dynamics.linear_solver,
+    ),
+    **dict.fromkeys(
+        (
+            "LinearSolverConstraintCorrection",
+            "GenericConstraintCorrection",
+            "UncoupledConstraintCorrection",
+            "PrecomputedConstraintCorrection",
+        ),
+        dynamics.constraint_correction,
+    ),
+    **dict.fromkeys(
+        (
+            "GenericConstraintSolver",
+            "BlockGaussSeidelConstraintSolver",
+            "ProjectedGaussSeidelConstraintSolver",
+            "UnbuiltGaussSeidelConstraintSolver",
+            "NNCGConstraintSolver",
+            "ImprovedJacobiConstraintSolver",
+            "LCPConstraintSolver",
+        ),
+        contacts.role("constraint solver"),
+    ),
+    # meshes, topology, selections, mappings
+    **dict.fromkeys(
+        (
+            "MeshVTKLoader",
+            "MeshSTLLoader",
+            "MeshOBJLoader",
+            "MeshGmshLoader",
+            "MeshTopology",
+            "TetrahedronSetTopologyContainer",
+            "TriangleSetTopologyContainer",
+            "QuadSetTopologyContainer",
+            "EdgeSetTopologyContainer",
+            "PointSetTopologyContainer",
+            "Tetra2TriangleTopologicalMapping",
+            "BoxROI",
+            "SphereROI",
+            "BarycentricMapping",
+            "RigidMapping",
+            "IdentityMapping",
+        ),
+        _is_read,
+    ),
+    "MechanicalObject": _state,
+    # masses, elasticity, supports
+    "UniformMass": dynamics.uniform_mass,
+    "MeshMatrixMass": dynamics.mass_by_volume,
+    "DiagonalMass": dynamics.mass_by_volume,
+    "TetrahedronFEMForceField": dynamics.tetrahedron_elasticity,
+    "FastTetrahedralCorotationalForceField": dynamics.tetrahedron_elasticity,
+    "TetrahedralCorotationalFEMForceField": dynamics.tetrahedron_elasticity,
+    "RestShapeSpringsForceField": dynamics.rest_shape_springs,
+    "FixedProjectiveConstraint": dynamics.fixed_points,
+    "PartialFixedProjectiveConstraint": dynamics.fixed_points,
+    # contact
+    "CollisionPipeline": contacts.role("pipeline"),
+    **dict.fromkeys(
+        (
+            "BruteForceBroadPhase",
+            "BruteForceDetection",
+            "IncrSAP",
+            "DirectSAP",
+            "ParallelBruteForceBroadPhase",
+        ),
+        contacts.role("broad phase"),
+    ),
+    **dict.fromkeys(("BVHNarrowPhase", "ParallelBVHNarrowPhase"), contacts.role("narrow phase")),
+    "RuleBasedContactManager": contacts.role("response"),
+    **dict.fromkeys(
+        (
+            "LocalMinDistance",
+            "MinProximityIntersection",
+            "NewProximityIntersection",
+            "DiscreteIntersection",
+        ),
+        contacts.role("distance"),
+    ),
+    **dict.fromkeys(
+        (
+            "TriangleCollisionModel",
+            "LineCollisionModel",
+            "PointCollisionModel",
+        ),
+        contacts.collision_model,
+    ),
+    # actuators
+    "SurfacePressureConstraint": actuators.cavity,
+    "CableConstraint": actuators.cable,
+    # appearance
+    "OglModel": visuals.visual_model,
+    "VisualModel": visuals.visual_model,
+    "BackgroundSetting": visuals.background,
+}
+"""What each type contributes to the draft of a scene."""
+
+IGNORED = {
+    "RequiredPlugin",
+    "AddDataRepository",
+    "AddPluginRepository",
+    "DefaultVisualManagerLoop",
+    "VisualManagerLoop",
+    "VisualStyle",
+    "VisualModelImpl",
+    "OglSceneFrame",
+    "OglGrid",
+    "OglLabel",
+    "OglViewport",
+    "OglShadowShader",
+    "LightManager",
+    "DirectionalLight",
+    "SpotLight",
+    "PositionalLight",
+    "Camera",
+    "InteractiveCamera",
+    "RecordedCamera",
+    "ViewerSetting",
+    "StatsSetting",
+    "MouseButtonSetting",
+    "AttachBodyButtonSetting",
+    "SofaDefaultPathSetting",
+    "APIVersion",
+    "InfoComponent",
+    "MessageHandlerComponent",
+    "FileMessageHandlerComponent",
+    "Monitor",
+    "VTKExporter",
+    "STLExporter",
+    "OBJExporter",
+    "MeshExporter",
+    "VisualModelOBJExporter",
+    "WriteState",
+    "ExtraMonitor",
+    "Visual3DText",
+    "PythonMainScriptController",
+    # what changes meshes while a scene runs, or computes shapes of elements: nothing changes them here
+    "TetrahedronSetTopologyModifier",
+    "TetrahedronSetTopologyAlgorithms",
+    "TetrahedronSetGeometryAlgorithms",
+    "TriangleSetTopologyModifier",
+    "TriangleSetTopologyAlgorithms",
+    "TriangleSetGeometryAlgorithms",
+    "EdgeSetTopologyModifier",
+    "EdgeSetTopologyAlgorithms",
+    "EdgeSetGeometryAlgorithms",
+    "PointSetTopologyModifier",
+    "PointSetTopologyAlgorithms",
+    "PointSetGeometryAlgorithms",
+}
+"""Types without which a scene moves just the same."""
+
+PURPOSES = {
+    "ForceField": "forces on the bodies",
+    "Mass": "the mass of a body",
+    "Solver": "how bodies move in time",
+    "ConstraintCorrection": "how constraints move a body",
+    "Constraint": "what bodies must not do, or an actuator",
+    "CollisionModel": "a surface that touches others",
+    "Intersection": "how contacts are found",
+    "Mapping": "points that follow a body",
+    "Loader": "a mesh",
+    "Container": "the topology of a body",
+    "Topology": "the topology of a body",
+    "ROI": "a selection of points",
+    "Engine": "data that other components read",
+    "Controller": "what happens while the scene runs",
+    "Actuator": "an actuator",
+}
+"""What a type of component whose name ends so is for."""
+
+
+def purpose(type_name: str) -> str:
+    """What an unknown component would be needed for, by its name."""
+    return next((what for ending, what in PURPOSES.items() if type_name.endswith(ending)), "an unknown purpose")

@@ -1,0 +1,149 @@
+"""What a scene's controllers read while a run goes on: positions, velocities, volumes, forces of the present state."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.rotations import matrices_from_quaternions
+from taichisoft.control.observation import Observation
+from taichisoft.errors import SceneError
+from taichisoft.state import State
+from taichisoft_sofa.components.graph import STATE, independent_state, mapping_of, node_of
+from taichisoft_sofa.components.states import start_position
+from taichisoft_sofa.translation.parts import SoftPart, Translation
+from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.data import Data
+from taichisoft_sofa.tree.kinds import canonical
+from taichisoft_sofa.tree.loading import SceneTree
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+
+
+class RunValues:
+    """Gives the data of a scene's components the values that they have in a run."""
+
+    def __init__(self, tree: SceneTree, translation: Translation, model: "Model"):
+        """Let the tree's data ask here.
+
+        Raises:
+            SceneError: the model lacks a soft body of the translation.
+        """
+        self._observation: Observation | None = None
+        self._waiting: list[tuple[Data, Callable[[], Any]]] = []
+        self._effort_of_value = translation.effort_of_value
+        self._names = translation.names
+        soft = {body.name: body for body in model.soft_bodies}
+        rigid = {body.name: number for number, body in enumerate(model.rigid_bodies)}
+        missing = [name for name in translation.soft if name not in soft]
+        if missing:
+            raise SceneError(f"has a body '{missing[0]}' that the run does not have")
+        self._provide(tree.root.findData("time"), lambda: self._seen.time)
+        for component in tree.components():
+            kind = canonical(component.type_name)
+            if kind == STATE:
+                self._provide_state(component, translation, soft, rigid)
+            elif kind == "SurfacePressureConstraint" and component in translation.names:
+                self._provide_cavity(component, model)
+            elif kind == "CableConstraint" and component in translation.names:
+                self._provide_cable(component, model)
+
+    def observe(self, observation: Observation) -> None:
+        """From now on the data have the values of this observation."""
+        self._observation = observation
+        while self._waiting:
+            data, value = self._waiting.pop()
+            data.take()
+            data.provider = value
+
+    @property
+    def _seen(self) -> Observation:
+        assert self._observation is not None  # nothing is asked before the first step
+        return self._observation
+
+    @property
+    def _state(self) -> State:
+        state = self._seen.state
+        if state is None:
+            raise SceneError("the observation has no state, which a SOFA scene needs")
+        return state
+
+    def _provide(self, data: Data | None, value: Callable[[], Any]) -> None:
+        """Let a data have a value once there is an observation."""
+        if data is not None:
+            self._waiting.append((data, value))
+
+    def _provide_state(
+        self, state: Component, translation: Translation, soft: dict[str, Any], rigid: dict[str, int]
+    ) -> None:
+        body = independent_state(node_of(state))
+        name = translation.names.get(body) if body is not None else None
+        if name in translation.soft:
+            part, nodes = translation.soft[name], soft[name].nodes
+            carriers, weights = _carriers(state, part)
+            fixed, carried = start_position(state), np.any(weights, axis=1, keepdims=True)
+
+            def points(values: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
+                moved = np.einsum("pk,pkd->pd", weights, values[nodes][carriers])
+                return np.where(carried, moved, otherwise)
+
+            self._provide(state.findData("position"), lambda: points(self._state.position, fixed))
+            self._provide(state.findData("velocity"), lambda: points(self._state.velocity, np.zeros_like(fixed)))
+        elif name in rigid and name is not None:
+            number = rigid[name]
+            if mapping_of(state) is None:
+                self._provide(state.findData("position"), lambda: _pose(self._state, number))
+                self._provide(state.findData("velocity"), lambda: _twist(self._state, number))
+            else:
+                local = start_position(state)[:, :3]
+                self._provide(state.findData("position"), lambda: _carried(self._state, number, local))
+
+    def _provide_cavity(self, cavity: Component, model: "Model") -> None:
+        name = self._names[cavity]
+        number = model.cavities.names.index(name)
+        rest = float(model.initial_state().cavity_volume[number])
+        for data, value in {
+            "cavityVolume": lambda: self._seen.volumes[name],
+            "initialCavityVolume": lambda: rest,
+            "volumeGrowth": lambda: self._seen.volumes[name] - rest,
+            "pressure": lambda: self._seen.pressures[name] / self._effort_of_value,
+        }.items():
+            self._provide(cavity.findData(data), value)
+
+    def _provide_cable(self, cable: Component, model: "Model") -> None:
+        number = model.cables.names.index(self._names[cable])
+        rest = float(model.cables.rest_length[number])
+        for data, value in {
+            "cableLength": lambda: float(self._state.cable_length[number]),
+            "cableInitialLength": lambda: rest,
+            "displacement": lambda: rest - float(self._state.cable_length[number]),
+            "force": lambda: float(self._state.cable_tension[number]) / self._effort_of_value,
+        }.items():
+            self._provide(cable.findData(data), value)
+
+
+def _carriers(state: Component, part: SoftPart) -> tuple[np.ndarray, np.ndarray]:
+    """Native nodes that carry the points of a mechanical object, and their weights; no weight where none does."""
+    points = start_position(state)
+    if mapping_of(state) is None:
+        place = np.full(len(points), -1)
+        place[part.points] = np.arange(len(part.points))
+        return np.maximum(place, 0)[:, None], (place >= 0).astype(np.float64)[:, None]
+    nodes, weights = embed(points, part.body.position[part.points], part.elements)
+    return nodes, weights
+
+
+def _pose(state: State, number: int) -> np.ndarray:
+    w, x, y, z = state.rigid_rotation[number]
+    return np.array([[*state.rigid_position[number], x, y, z, w]])
+
+
+def _twist(state: State, number: int) -> np.ndarray:
+    return np.array([[*state.rigid_velocity[number], *state.rigid_angular_velocity[number]]])
+
+
+def _carried(state: State, number: int, local: np.ndarray) -> np.ndarray:
+    turn = matrices_from_quaternions(state.rigid_rotation[number : number + 1])[0]
+    return state.rigid_position[number] + local @ turn.T

@@ -1,0 +1,172 @@
+"""What a scene's controllers write while a run goes on, as what the run is asked for."""
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft.control.control import Control
+from taichisoft.errors import SceneError
+from taichisoft_sofa.components.actuators import VOLUME, value_by
+from taichisoft_sofa.components.reading import described, flag, number, text
+from taichisoft_sofa.components.table import IGNORED
+from taichisoft_sofa.translation.parts import SoftPart, Translation
+from taichisoft_sofa.tree.base import Base
+from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.data import Data
+from taichisoft_sofa.tree.kinds import canonical, numbers
+from taichisoft_sofa.tree.loading import SceneTree
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+
+HEEDED = {
+    "SurfacePressureConstraint": {
+        "value",
+        "valueIndex",
+        "minPressure",
+        "maxPressure",
+        "minVolumeGrowth",
+        "maxVolumeGrowth",
+    },
+    "CableConstraint": {"value", "valueIndex", "pullPoint"},
+    "MechanicalObject": {"rest_position"},
+    "Node": {"gravity"},
+}
+"""Data whose changes have an effect, by type of component."""
+APPEARANCE = {"OglModel", "VisualModel", "BackgroundSetting"}
+"""Types whose changes concern pictures alone."""
+
+
+class SceneWrites:
+    """Turns what is written to the tree into what the run is asked for."""
+
+    def __init__(self, tree: SceneTree, translation: Translation, model: "Model"):
+        """Find the data that steer the run.
+
+        Raises:
+            SceneError: the run lacks a cavity or cable of the scene.
+        """
+        self._tree, self._translation = tree, translation
+        self.time_step = model.scene.time.step
+        self._cavities, self._cables = [], []
+        for component, name in translation.names.items():
+            kind = canonical(component.type_name)
+            if kind == "SurfacePressureConstraint":
+                if name not in model.cavities.names:
+                    raise SceneError(f"has a cavity '{name}' that the run does not have")
+                self._cavities.append((component, name))
+            elif kind == "CableConstraint":
+                if name not in model.cables.names:
+                    raise SceneError(f"has a cable '{name}' that the run does not have")
+                self._cables.append((component, name))
+        lengths = dict(zip(model.cables.names, model.cables.rest_length, strict=True))
+        self._paid_out = {
+            name: number(cable, "cableInitialLength", default=lengths[name]) - lengths[name]
+            for cable, name in self._cables
+        }
+        self._rest = {name: known_data(part.body.state, "rest_position") for name, part in translation.soft.items()}
+        self._gravity = known_data(tree.root, "gravity")
+        self._watched: list[tuple[Data, str]] = []
+        self._revisions: list[int] = []
+
+    def begin(self) -> None:
+        """Take what is written up to now for the scene itself; what is written from now on are changes."""
+        for data in self._rest.values():
+            data.take()
+        self._gravity.take()
+        for cable, _ in self._cables:
+            place = cable.findData("pullPoint")
+            if place is not None:
+                place.take()
+        self._told: set[int] = set()
+        self._watched = list(self._changeable())
+        self._revisions = [data.revision for data, _ in self._watched]
+
+    def control(self) -> Control:
+        """What the run is asked for."""
+        pressure, growth = {}, {}
+        for cavity, name in self._cavities:
+            value = _present(cavity)
+            if value_by(cavity) == VOLUME:
+                growth[name] = _within(cavity, value, "VolumeGrowth")
+            else:
+                pressure[name] = (
+                    self._translation.signs[cavity]
+                    * _within(cavity, value, "Pressure")
+                    * self._translation.effort_of_value
+                )
+        tension, pull, pull_points = {}, {}, {}
+        for cable, name in self._cables:
+            value = _present(cable)
+            if text(cable, "valueType", default="displacement") in ("force", "1"):
+                tension[name] = value * self._translation.effort_of_value
+            else:
+                pull[name] = value - self._paid_out[name]
+            place = cable.findData("pullPoint")
+            if place is not None and flag(cable, "hasPullPoint", True) and (moved := place.take()) is not None:
+                pull_points[name] = numbers(moved)
+        anchors = {}
+        for name, data in self._rest.items():
+            part, moved = self._translation.soft[name], data.take()
+            if moved is not None and len(part.anchored):
+                anchors[name] = _targets(part, np.asarray(moved), data)
+        gravity = self._gravity.take()
+        return Control(
+            pressure=pressure,
+            volume_growth=growth,
+            cable_tension=tension,
+            cable_pull=pull,
+            pull_points=pull_points,
+            anchor_positions=anchors,
+            gravity=None if gravity is None else numbers(gravity),
+        )
+
+    def without_effect(self) -> Iterator[str]:
+        """One line for each data that was written to and that nothing heeds; each data is told once."""
+        for index, (data, line) in enumerate(self._watched):
+            if data.revision != self._revisions[index] and index not in self._told:
+                self._told.add(index)
+                yield line
+
+    def _changeable(self) -> Iterator[tuple[Data, str]]:
+        for component in self._tree.components():
+            if type(component) is not Component or component.type_name in IGNORED | APPEARANCE:
+                continue
+            heeded = HEEDED.get(canonical(component.type_name), set())
+            for data in component.data_by_name.values():
+                if data.name not in heeded | {"name", "listening", "printLog"}:
+                    line = f"{described(component)}: the scene writes to '{data.name}', which has no effect in a run"
+                    yield data, line
+
+
+def known_data(owner: Base, name: str) -> Data:
+    """A data that every owner of its type has."""
+    data = owner.findData(name)
+    assert data is not None
+    return data
+
+
+def _present(component: Component) -> float:
+    """The present value of an actuator."""
+    data = component.findData("value")
+    values = numbers(data.read_value()) if data is not None and data.is_set() else np.zeros(1)
+    index = int(number(component, "valueIndex", default=0))
+    if index >= len(values):
+        raise SceneError(f"{described(component)}: value has {len(values)} numbers; number {index} is needed")
+    return float(values[index])
+
+
+def _within(component: Component, value: float, quantity: str) -> float:
+    """The value within the limits of its own quantity that the scene gives."""
+    low = number(component, f"min{quantity}", default=-np.inf)
+    return min(max(value, low), number(component, f"max{quantity}", default=np.inf))
+
+
+def _targets(part: SoftPart, rest: np.ndarray, data: Data) -> np.ndarray:
+    """Where the anchored nodes are held: at the new rest positions, those of fixed points where they were."""
+    if len(rest) != len(part.body.position):
+        raise SceneError(f"{data.linkpath}: has {len(rest)} points; {len(part.body.position)} are needed")
+    held = part.points[part.anchored]
+    targets: np.ndarray = np.where(part.anchored_follows[:, None], rest[held], part.body.position[held])
+    return targets

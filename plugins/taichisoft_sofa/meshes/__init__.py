@@ -1,0 +1,1 @@
+"""Mesh files as SOFA's loaders read and place them."""

@@ -1,0 +1,87 @@
+"""Scale, rotation and translation as SOFA's loaders and mechanical objects apply them, to the last bit.
+
+Rotations are turns about the fixed x, y and z axes, in this order. The last bit matters where a box selects nodes that
+lie on its faces.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+
+def rotation_matrix(degrees: Sequence[float]) -> np.ndarray:
+    """Matrix (3, 3) of turns about the x, y and z axes [degrees], through a quaternion as in SOFA."""
+    x, y, z, w = quaternion(degrees)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - z * w), 2 * (z * x + y * w)],
+            [2 * (x * y + z * w), 1 - 2 * (z * z + x * x), 2 * (y * z - x * w)],
+            [2 * (z * x - y * w), 2 * (y * z + x * w), 1 - 2 * (y * y + x * x)],
+        ]
+    )
+
+
+def quaternion(degrees: Sequence[float]) -> tuple[float, float, float, float]:
+    """Unit quaternion (x, y, z, w) of turns about the x, y and z axes [degrees]."""
+    halves = [angle * math.pi / 180.0 / 2.0 for angle in degrees]
+    (cx, cy, cz), (sx, sy, sz) = map(math.cos, halves), map(math.sin, halves)
+    return (
+        sx * cy * cz - cx * sy * sz,
+        cx * sy * cz + sx * cy * sz,
+        cx * cy * sz - sx * sy * cz,
+        cx * cy * cz + sx * sy * sz,
+    )
+
+
+def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> np.ndarray:
+    """The quaternion (x, y, z, w) of turning by `second` and then by `first`."""
+    a, b = np.array(first[:3]), np.array(second[:3])
+    return np.array([*(first[3] * b + second[3] * a + np.cross(a, b)), first[3] * second[3] - a @ b])
+
+
+def placed(
+    points: np.ndarray, scale: Sequence[float], rotation: Sequence[float], translation: Sequence[float]
+) -> np.ndarray:
+    """Points (count, 3) scaled, then turned [degrees], then shifted."""
+    return _transformed(points, rotation_matrix(rotation) * np.asarray(scale), translation)
+
+
+def placed_by_loader(
+    points: np.ndarray, scale: Sequence[float], rotation: Sequence[float], translation: Sequence[float]
+) -> np.ndarray:
+    """Points as a loader leaves them: it places them when it reads the file, and on its initialisation once more.
+
+    The second time it first takes back the first placement by its inverse, which costs the last digits: a node of a
+    turned mesh that should lie on a plane z = 0 may lie 1e-30 below it, and outside a box that ends there.
+    """
+    matrix = rotation_matrix(rotation) * np.asarray(scale)
+    if (matrix == np.eye(3)).all() and not np.any(translation):
+        return points
+    inverse = _inverse(matrix)
+    back = [-((row[0] * translation[0] + row[1] * translation[1]) + row[2] * translation[2]) for row in inverse]
+    once = _transformed(points, matrix, translation)
+    return _transformed(_transformed(once, inverse, back), matrix, translation)
+
+
+def _transformed(points: np.ndarray, matrix: np.ndarray, shift: Sequence[float]) -> np.ndarray:
+    x, y, z = np.asarray(points, dtype=np.float64).reshape(-1, 3).T
+    return np.column_stack([((row[0] * x + row[1] * y) + row[2] * z) + s for row, s in zip(matrix, shift, strict=True)])
+
+
+def _inverse(m: np.ndarray) -> np.ndarray:
+    """The inverse by cofactors, whose round-off differs from that of a factorisation."""
+    determinant = (
+        m[0, 0] * m[1, 1] * m[2, 2]
+        + m[1, 0] * m[2, 1] * m[0, 2]
+        + m[2, 0] * m[0, 1] * m[1, 2]
+        - m[0, 0] * m[2, 1] * m[1, 2]
+        - m[1, 0] * m[0, 1] * m[2, 2]
+        - m[2, 0] * m[1, 1] * m[0, 2]
+    )
+    inverse = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            a, b, c, d = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
+            inverse[i, j] = (m[a, c] * m[b, d] - m[b, c] * m[a, d]) / determinant
+    return inverse

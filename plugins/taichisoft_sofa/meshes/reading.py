@@ -1,0 +1,109 @@
+"""Files that SOFA's loaders read: VTK, STL, OBJ and Gmsh. Points and cells keep the order of the file."""
+
+import functools
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichisoft.errors import MeshError
+from taichisoft.meshes.file_kind import existing_file, unreadable
+from taichisoft.meshes.msh_reader import is_msh41, read_msh41
+from taichisoft_sofa.meshes.loaded_mesh import LoadedMesh, no_cells
+from taichisoft_sofa.meshes.stock import STOCK_MESHES
+
+# What meshio calls the cells that a loader hands on.
+CELLS = {"edges": "line", "triangles": "triangle", "quads": "quad", "tetrahedra": "tetra", "hexahedra": "hexahedron"}
+
+
+def read_mesh(path: Path) -> LoadedMesh:
+    """Read a mesh that `find_mesh` found, or make the one of SOFA's own that has this name.
+
+    Raises:
+        MeshError: the file is missing or unreadable, or its format is unknown.
+    """
+    if path.as_posix() in STOCK_MESHES:
+        return STOCK_MESHES[path.as_posix()]()
+    path = existing_file(path, "mesh", tuple(READERS))
+    return _read_file(path, path.stat().st_mtime_ns)
+
+
+@functools.lru_cache(maxsize=64)
+def _read_file(path: Path, stamp: int) -> LoadedMesh:
+    """Read a file as it stood at the time `stamp`."""
+    try:
+        mesh = READERS[path.suffix.lower()](path)
+    except (Exception, SystemExit) as error:  # the parsers raise whatever a broken file makes them stumble over
+        raise error if isinstance(error, MeshError) else unreadable(path, error) from error
+    for array in vars(mesh).values():
+        array.flags.writeable = False  # shared by all who read the file
+    return mesh
+
+
+def _read_vtk(path: Path) -> LoadedMesh:
+    import meshio
+
+    return _from_meshio(meshio.read(path))
+
+
+def _read_gmsh(path: Path) -> LoadedMesh:
+    if is_msh41(path):
+        content = read_msh41(path)
+        return LoadedMesh(content.nodes, triangles=content.triangles, tetrahedra=content.tetrahedra)
+    import meshio
+
+    return _from_meshio(meshio.read(path))
+
+
+def _from_meshio(mesh: Any) -> LoadedMesh:
+    cells = {name: mesh.cells_dict[kind].astype(np.int64) for name, kind in CELLS.items() if kind in mesh.cells_dict}
+    points = np.zeros((len(mesh.points), 3))
+    points[:, : mesh.points.shape[1]] = mesh.points
+    return LoadedMesh(points, **cells)
+
+
+def _read_stl(path: Path) -> LoadedMesh:
+    """Triangles, whose equal corners become one point where the first of them stands."""
+    import trimesh
+
+    soup = trimesh.load_mesh(path, process=False)
+    _, first, same = np.unique(np.array(soup.vertices), axis=0, return_index=True, return_inverse=True)
+    kept = np.sort(first)
+    triangles = np.searchsorted(kept, first[same.ravel()])[np.array(soup.faces)]
+    return LoadedMesh(np.array(soup.vertices, dtype=np.float64)[kept], triangles=triangles.astype(np.int64))
+
+
+def _read_obj(path: Path) -> LoadedMesh:
+    """Vertices, also those in no face, and faces; those of more than four corners are cut into triangles."""
+    points: list[list[float]] = []
+    faces: dict[int, list[list[int]]] = {2: [], 3: [], 4: []}
+    for line in path.read_text(encoding="utf-8", errors="replace").splitlines():
+        word, *values = line.split() or [""]
+        if word == "v":
+            points.append([float(value) for value in values[:3]])
+        elif word in ("f", "l"):
+            corners = [int(value.partition("/")[0]) for value in values]
+            corners = [corner - 1 if corner > 0 else len(points) + corner for corner in corners]
+            if word == "l":
+                faces[2] += [list(pair) for pair in itertools.pairwise(corners)]
+            elif len(corners) <= 4:
+                faces[len(corners)].append(corners)
+            else:
+                faces[3] += [[corners[0], *corners[i : i + 2]] for i in range(1, len(corners) - 1)]
+    cells = [np.array(faces[count], dtype=np.int64) if faces[count] else no_cells(count) for count in (2, 3, 4)]
+    for cell in cells:
+        if cell.size and (cell.min() < 0 or cell.max() >= len(points)):
+            raise MeshError(f"{path}: a face names a vertex outside 1..{len(points)}")
+    return LoadedMesh(np.array(points, dtype=np.float64).reshape(-1, 3), *cells)
+
+
+READERS: dict[str, Callable[[Path], LoadedMesh]] = {
+    ".vtk": _read_vtk,
+    ".vtu": _read_vtk,
+    ".stl": _read_stl,
+    ".obj": _read_obj,
+    ".msh": _read_gmsh,
+    ".gmsh": _read_gmsh,
+}

@@ -1,0 +1,72 @@
+"""Which points and cells lie in the boxes and spheres of SOFA's ROI engines."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+Inside = Callable[[np.ndarray], np.ndarray]
+"""Says of points (count, 3) which ones lie in a region."""
+
+# A point on the face of a region belongs to it, whatever the last digit of its coordinate.
+FACE_TOLERANCE = 1e-9
+
+
+def in_boxes(boxes: ArrayLike, tolerance: float) -> Inside:
+    """Boxes of six numbers, two opposite corners; the faces belong to them, and `tolerance` beyond."""
+    corners = np.asarray(boxes, dtype=np.float64).reshape(-1, 2, 3)
+    lower, upper = corners.min(axis=1) - tolerance, corners.max(axis=1) + tolerance
+
+    def inside(points: np.ndarray) -> np.ndarray:
+        apart = points[:, None]
+        return ((apart >= lower) & (apart <= upper)).all(axis=2).any(axis=1)
+
+    return inside
+
+
+def in_oriented_boxes(boxes: ArrayLike, tolerance: float) -> Inside:
+    """Boxes of ten numbers: three corners of a rectangle in turn, and the depth by which it extends to both sides.
+
+    The first and third corner are opposite; the depth counts along the rectangle's normal, half of it on each side.
+    """
+    rows = np.asarray(boxes, dtype=np.float64).reshape(-1, 10)
+
+    def inside(points: np.ndarray) -> np.ndarray:
+        found = np.zeros(len(points), dtype=bool)
+        for row in rows:
+            first, second, third, depth = row[:3], row[3:6], row[6:9], row[9]
+            along, across = second - first, third - second
+            normal = np.cross(along, across)
+            middle = (first + third) / 2.0
+            axes = np.stack([v / np.linalg.norm(v) for v in (along, np.cross(normal, along), normal)])
+            across_length = abs(across @ axes[1])
+            half = np.array([np.linalg.norm(along), across_length, depth]) / 2.0 + tolerance
+            found |= (np.abs((points - middle) @ axes.T) <= half).all(axis=1)
+        return found
+
+    return inside
+
+
+def in_spheres(centres: ArrayLike, radii: ArrayLike, tolerance: float) -> Inside:
+    """Spheres with their surfaces; one radius stands for all."""
+    middle = np.asarray(centres, dtype=np.float64).reshape(-1, 3)
+    reach = np.broadcast_to(np.asarray(radii, dtype=np.float64).reshape(-1), len(middle)) + tolerance
+
+    def inside(points: np.ndarray) -> np.ndarray:
+        apart = points[:, None] - middle
+        return ((apart**2).sum(axis=2) <= reach**2).any(axis=1)
+
+    return inside
+
+
+def cells_inside(points: np.ndarray, cells: np.ndarray, inside: Inside, strict: bool) -> np.ndarray:
+    """Indices of the cells all of whose corners lie in the region, or, if not strict, whose mean of corners does."""
+    if not len(cells):
+        return np.zeros(0, dtype=np.int64)
+    if strict:
+        return np.flatnonzero(inside(points)[cells].all(axis=1))
+    corners = points[cells]
+    total = corners[:, 0]
+    for corner in range(1, cells.shape[1]):
+        total = total + corners[:, corner]
+    return np.flatnonzero(inside(total / cells.shape[1]))

@@ -1,0 +1,50 @@
+"""Names of bodies, cavities and cables: those of their nodes, as short as they can be told apart."""
+
+from collections import Counter
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from taichisoft_sofa.components.graph import upwards
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.tree.node import Node
+
+
+def body_names(nodes: "Sequence[Node]") -> list[str]:
+    """A name for the body of each node: the node's own, else that of a node above, where bodies share theirs.
+
+    Three nodes called "ElasticMaterialObject" below "Finger1", "Finger2" and "Finger3" get the names of these.
+    """
+    paths = [[clean(above.getName()) for above in upwards(node)] for node in nodes]
+    names = [path[0] for path in paths]
+    for name, count in Counter(names).items():
+        if count > 1:
+            same = [index for index, other in enumerate(names) if other == name]
+            for index, better in zip(same, _told_apart([paths[index] for index in same]), strict=True):
+                names[index] = better
+    return unique(names)
+
+
+def _told_apart(paths: list[list[str]]) -> list[str]:
+    """The names at the lowest level above on which the paths all differ, else the whole paths."""
+    for level in range(1, min(map(len, paths))):
+        names = [path[level] for path in paths]
+        if len(set(names)) == len(names):
+            return names
+    return ["-".join(reversed(path)) for path in paths]
+
+
+def unique(names: list[str]) -> list[str]:
+    """The names, of which those that stand there twice get a number."""
+    taken: set[str] = set()
+    found = []
+    for name in names:
+        free = next(free for free in (name, *(f"{name}{n}" for n in range(2, len(names) + 2))) if free not in taken)
+        taken.add(free)
+        found.append(free)
+    return found
+
+
+def clean(name: str) -> str:
+    """A name without the signs that join names in a native scene."""
+    return name.translate(str.maketrans("./|", "___")) or "unnamed"

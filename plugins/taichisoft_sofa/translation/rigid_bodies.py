@@ -1,0 +1,104 @@
+"""Rigid bodies and obstacles: poses, masses, inertias, surfaces."""
+
+import warnings
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from taichisoft_sofa.components.draft import Body, SceneDraft
+from taichisoft_sofa.components.graph import node_of
+from taichisoft_sofa.components.reading import number
+from taichisoft_sofa.translation.contact import collides
+from taichisoft_sofa.translation.parts import Translation
+from taichisoft_sofa.tree.kinds import canonical
+
+UNIT_INERTIA = np.eye(3)
+"""The inertia by mass [mm^2] that SOFA, and STLIB, take where the scene gives none."""
+
+
+def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
+    """Put a rigid body into a translation."""
+    if len(body.position) != 1:
+        draft.refuse(body.state, f"has {len(body.position)} rigid frames; one is known")
+        return
+    if body.mass is None:
+        draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
+        return
+    for anchor in body.anchors:
+        draft.refuse(anchor.component, "holds a rigid body; rigid bodies are free or stand still")
+    points, triangles = joined_surfaces(body)
+    mass = body.mass.total if body.mass.total is not None else body.mass.each or 0.0
+    pose = body.position[0]
+    shape: dict[str, Any] = {"surface": translation.files.surface(name, points, triangles)}
+    if not len(triangles):  # what cannot be seen has no shape, but a native body has one
+        shape = {"box": [1.0, 1.0, 1.0]}
+    table: dict[str, Any] = {
+        **shape,
+        "collides": bool(len(triangles)) and collides(draft),
+        "groups": groups_of(body),
+        "mass": float(mass),
+        "centre_of_mass": [0.0, 0.0, 0.0],
+        "position": pose[:3].tolist(),
+        "rotation": degrees(pose[3:]),
+    }
+    given = body.mass.inertia
+    if given is not None and not (given == UNIT_INERTIA).all():
+        table["inertia"] = (mass * given).tolist()
+    elif draft.exact or not len(triangles):
+        table["inertia"] = (mass * UNIT_INERTIA).tolist()
+    else:
+        draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA takes that of 1 mm^2 by mass")
+    _note_lost_weight(body, float(mass), draft)
+    translation.tables.setdefault("rigid_bodies", {})[name] = table
+    translation.names[body.state] = name
+    translation.rigid[name] = body
+
+
+def add_obstacle(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
+    """Put something that stands still into a translation; without anything to touch it, it is nothing."""
+    points, triangles = joined_surfaces(body)
+    if not len(triangles) or not collides(draft):
+        return
+    if body.rigid:
+        points = points @ Rotation.from_quat(body.position[0, 3:]).as_matrix().T + body.position[0, :3]
+    translation.tables.setdefault("obstacles", {})[name] = {
+        "surface": translation.files.surface(name, points, triangles)
+    }
+    translation.names[body.state] = name
+
+
+def joined_surfaces(body: Body) -> tuple[np.ndarray, np.ndarray]:
+    """The points and triangles of all collision surfaces of a body."""
+    points, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
+    for surface in body.surfaces.values():
+        points.append(surface.points)
+        triangles.append(surface.triangles + count)
+        count += len(surface.points)
+    return np.vstack(points), np.vstack(triangles)
+
+
+def groups_of(body: Body) -> list[int]:
+    """The collision groups of all surfaces of a body."""
+    return sorted({group for surface in body.surfaces.values() for group in surface.groups})
+
+
+def degrees(quaternion: np.ndarray) -> list[float]:
+    """Turns about the x, y and z axes, in this order [degrees], of a quaternion (x, y, z, w)."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # where the middle turn is a right angle, one solution of many is as good
+        turns: list[float] = Rotation.from_quat(quaternion).as_euler("xyz", degrees=True).tolist()
+    return turns
+
+
+def _note_lost_weight(body: Body, mass: float, draft: SceneDraft) -> None:
+    """SOFA's conjugate gradient stops before its first iteration where the load is small: nothing then falls."""
+    solver = draft.above(body.node, draft.linear_solvers)
+    if solver is None or canonical(solver.type_name) != "CGLinearSolver":
+        return
+    root = node_of(body.state).getRoot()
+    load = mass * float(root.dt.read_value()) * float(np.linalg.norm(root.gravity.read_value()))
+    if 0.0 < mass * load**2 < number(solver, "threshold", default=1e-5):
+        draft.depart(
+            f"{body.node.getPathName()}: has its weight, which SOFA loses below the threshold of CGLinearSolver"
+        )

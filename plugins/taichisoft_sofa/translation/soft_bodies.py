@@ -1,0 +1,213 @@
+"""Soft bodies: tetrahedra with materials, masses, anchors, and the surfaces that follow them."""
+
+from collections import Counter
+from typing import Any
+
+import numpy as np
+
+from taichisoft.bodies.elements import lame_parameters
+from taichisoft.meshes.surface import count_open_edges, enclosed_volume
+from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft_sofa.components.draft import Anchor, Body, Mass, Material, SceneDraft
+from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
+from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
+from taichisoft_sofa.translation.contact import collides
+from taichisoft_sofa.translation.names import clean, unique
+from taichisoft_sofa.translation.parts import SoftPart, Translation
+from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.kinds import canonical
+
+STANDING = 1e12
+"""Stiffness [mN/mm] by which every node of a body is held that nothing moves in SOFA."""
+
+LARGEST = 1e30
+"""Beyond any tension [mN] and pull [mm]: scenes write the largest number there is where they want no limit."""
+
+
+def body_tetrahedra(body: Body) -> np.ndarray:
+    """The tetrahedra of a body: those of its topology, then those that only a force field has, shape (count, 4)."""
+    topology = _topology(body)
+    own = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
+    rows = np.vstack([own, *(material.tetrahedra for material in body.materials)])
+    _, first = np.unique(np.sort(rows, axis=1), axis=0, return_index=True)
+    return rows[np.sort(first)]
+
+
+def _topology(body: Body) -> Component | None:
+    return nearest(body.node, TOPOLOGIES, lambda container: len(computed(container, "tetrahedra", 4)) > 0)
+
+
+def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneDraft, translation: Translation) -> None:
+    """Put a soft body into a translation; without a solver it stands still."""
+    moves = solver is not None
+    tetrahedra = body_tetrahedra(body)
+    young, poisson = _materials(tetrahedra, body.materials)
+    if moves and not body.materials:
+        draft.refuse(body.state, "moves, but no force field gives its tetrahedra a stiffness")
+        return
+    if moves and body.mass is None:
+        draft.refuse(body.state, "moves, but has no mass; add a UniformMass")
+        return
+    if moves and (young <= 0.0).any():
+        count = int((young <= 0.0).sum())
+        draft.depart(f"{body.node.getPathName()}: {count} tetrahedra without stiffness are left out")
+        tetrahedra, young, poisson = tetrahedra[young > 0.0], young[young > 0.0], poisson[young > 0.0]
+    points, corners = np.unique(tetrahedra, return_inverse=True)
+    elements = corners.reshape(-1, 4)
+    nodes = body.position[points]
+    if len(points) < len(body.position):
+        unused = len(body.position) - len(points)
+        draft.depart(f"{body.node.getPathName()}: {unused} points that belong to no tetrahedron are left out")
+    inverted = tetrahedron_volumes(nodes, elements) < 0.0
+    # The first edge and the plane of the first two stay what they are: so does the rotation of the element.
+    elements[inverted] = elements[inverted][:, [1, 0, 2, 3]]
+    groups, regions = _regions(young, poisson)
+    table: dict[str, Any] = {
+        "mesh": translation.files.volume(name, VolumeMesh(name, nodes, elements, {}, groups)),
+        **_mass(body.mass if moves else None, len(points), len(body.position)),
+        "young_modulus": regions[0]["young_modulus"],
+        "poisson_ratio": regions[0]["poisson_ratio"],
+        "regions": [{"group": f"material{number}", **region} for number, region in enumerate(regions[1:], 1)],
+    }
+    if solver is not None:
+        table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
+        table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
+    topology = _topology(body)
+    if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
+        table["embedding"] = "grid"
+    kinds = {material.corotation for material in body.materials}
+    if len(kinds) > 1:
+        draft.refuse(body.materials[1].component, "force fields of one body must take the rotation of elements alike")
+    table["corotation"] = next(iter(kinds), "edges")
+    place = np.full(len(body.position), -1)
+    place[points] = np.arange(len(points))
+    anchors = body.anchors if moves else [Anchor(body.state, np.arange(len(body.position)), STANDING, False)]
+    table["anchors"] = _anchors(anchors, place, draft)
+    _add_surfaces(name, body, table, draft, translation)
+    _add_cavities(name, body, table, translation)
+    _add_cables(name, body, table, draft, translation)
+    translation.tables.setdefault("soft_bodies", {})[name] = table
+    translation.names[body.state] = name
+    held, follows = np.zeros(len(points), dtype=bool), np.ones(len(points), dtype=bool)
+    for anchor in anchors:
+        nodes = place[anchor.points]
+        held[nodes[nodes >= 0]] = True
+        follows[nodes[nodes >= 0]] &= anchor.follows_rest
+    translation.soft[name] = SoftPart(body, points, elements, np.flatnonzero(held), follows[held])
+
+
+def _materials(tetrahedra: np.ndarray, materials: list[Material]) -> tuple[np.ndarray, np.ndarray]:
+    """Young's modulus and Poisson's ratio of each tetrahedron whose force fields add up; 0 where there is none."""
+    place = {tuple(sorted(row)): index for index, row in enumerate(tetrahedra.tolist())}
+    lame, young = np.zeros((len(tetrahedra), 2)), np.zeros(len(tetrahedra))
+    poisson, differs = np.full(len(tetrahedra), np.nan), np.zeros(len(tetrahedra), dtype=bool)
+    for material in materials:
+        rows = np.array([place[tuple(sorted(row))] for row in material.tetrahedra.tolist()], dtype=np.int64)
+        np.add.at(lame, rows, lame_parameters(material.young_modulus, material.poisson_ratio))
+        np.add.at(young, rows, material.young_modulus)
+        differs[rows] |= ~np.isnan(poisson[rows]) & (poisson[rows] != material.poisson_ratio)
+        poisson[rows] = material.poisson_ratio
+    first, second = lame[differs].T
+    young[differs] = second * (3 * first + 2 * second) / (first + second)
+    poisson[differs] = first / (2 * (first + second))
+    return young, np.nan_to_num(poisson)
+
+
+def _regions(young: np.ndarray, poisson: np.ndarray) -> tuple[dict[str, np.ndarray], list[dict[str, Any]]]:
+    """The element groups of all materials but the commonest, and all materials, that one first."""
+    kinds, kind_of = np.unique(np.column_stack([young, poisson]), axis=0, return_inverse=True)
+    kind_of = kind_of.reshape(-1)
+    counts = Counter(kind_of.tolist())
+    order = sorted(counts, key=lambda kind: (-counts[kind], kind))
+    groups = {f"material{number}": np.flatnonzero(kind_of == kind) for number, kind in enumerate(order) if number}
+    # A body that stands still needs no stiffness, but a native one has some.
+    found = [{"young_modulus": kinds[kind, 0] or 1.0, "poisson_ratio": kinds[kind, 1]} for kind in order]
+    return groups, [{key: float(value) for key, value in region.items()} for region in found]
+
+
+def merged_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    """Triangles in which vertices at the same place are one, as they will be read from the file."""
+    _, same = np.unique(points, axis=0, return_inverse=True)
+    merged = same.reshape(-1)[triangles]
+    return merged[(merged != np.roll(merged, 1, axis=1)).all(axis=1)]
+
+
+def _mass(mass: Mass | None, kept: int, all_points: int) -> dict[str, float]:
+    """Mass or density; points that are left out take their share of the mass with them."""
+    if mass is None:
+        return {"mass": 1.0}
+    if mass.density:
+        return {"density": mass.density}
+    if mass.density == 0.0 and mass.total is not None:
+        return {"total": mass.total}
+    each = mass.each if mass.each is not None else (mass.total or 0.0) / all_points
+    return {"mass": mass.total if mass.total is not None and kept == all_points else each * kept}
+
+
+def _anchors(anchors: list[Anchor], place: np.ndarray, draft: SceneDraft) -> list[dict[str, Any]]:
+    tables = []
+    for anchor in anchors:
+        outside = anchor.points[(anchor.points < 0) | (anchor.points >= len(place))]
+        if len(outside):
+            draft.refuse(anchor.component, f"names point {int(outside[0])}; its body has {len(place)}")
+            continue
+        nodes = np.unique(place[anchor.points])
+        nodes = nodes[nodes >= 0]
+        if len(nodes) and anchor.stiffness > 0.0:
+            tables.append({"nodes": nodes.tolist(), "stiffness": anchor.stiffness})
+    return tables
+
+
+def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
+    surfaces = [surface for surface in body.surfaces.values() if len(surface.triangles)]
+    for surface in body.surfaces.values():
+        if not len(surface.triangles):
+            draft.refuse(surface.component, "its topology has no triangles; points and lines alone do not collide here")
+        if surface.self_collision:
+            draft.refuse(
+                surface.component, "selfCollision; the surfaces of a body touch each other, none touches itself"
+            )
+    if not surfaces or not collides(draft):
+        table["collides"] = False
+    names = unique([clean(node_of(surface.component).getName()) for surface in surfaces])
+    for surface_name, surface in zip(names, surfaces, strict=True):
+        made: dict[str, Any] = {
+            "file": translation.files.surface(f"{name}-{surface_name}", surface.points, surface.triangles)
+        }
+        if surface.groups:
+            made["groups"] = sorted(surface.groups)
+        if count_open_edges(merged_triangles(surface.points, surface.triangles)):
+            made["open"] = True
+        table.setdefault("collision_surface", []).append(made)
+
+
+def _add_cavities(name: str, body: Body, table: dict[str, Any], translation: Translation) -> None:
+    names = unique([clean(node_of(cavity.component).getName()) for cavity in body.cavities])
+    for cavity_name, cavity in zip(names, body.cavities, strict=True):
+        path = translation.files.surface(f"{name}-{cavity_name}", cavity.points, cavity.triangles)
+        table.setdefault("cavities", {})[cavity_name] = {"surface": path}
+        translation.names[cavity.component] = f"{name}.{cavity_name}"
+        translation.signs[cavity.component] = 1.0 if enclosed_volume(cavity.points, cavity.triangles) > 0.0 else -1.0
+
+
+def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
+    taken = list(table.get("cavities", {}))
+    names = unique([*taken, *(clean(node_of(cable.component).getName()) for cable in body.cables)])[len(taken) :]
+    for cable_name, cable in zip(names, body.cables, strict=True):
+        component = cable.component
+        made: dict[str, Any] = {"points": cable.points.tolist(), "pull_point_moves": False}
+        if flag(component, "hasPullPoint", True):
+            made["pull_point"] = vector(component, "pullPoint", default=(0.0, 0.0, 0.0)).tolist()
+        if not is_given(component, "minForce") or number(component, "minForce", default=0.0) < 0.0:
+            made["rod"] = True
+        for key, data, factor in (
+            ("lowest_tension", "minForce", draft.effort_of_value),
+            ("highest_tension", "maxForce", draft.effort_of_value),
+            ("lowest_pull", "maxNegativeDisp", -1.0),
+            ("highest_pull", "maxPositiveDisp", 1.0),
+        ):
+            if is_given(component, data):
+                limit = factor * number(component, data, default=0.0)
+                made[key] = max(-LARGEST, min(LARGEST, limit))
+        table.setdefault("cables", {})[cable_name] = made
+        translation.names[component] = f"{name}.{cable_name}"

@@ -1,0 +1,127 @@
+"""The whole translation of a scene."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from taichisoft.errors import SceneError
+from taichisoft_sofa.components import computed as computed  # the tree computes data from here on
+from taichisoft_sofa.components.draft import Body, SceneDraft
+from taichisoft_sofa.components.graph import upwards
+from taichisoft_sofa.components.reading import described, flag
+from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD, purpose
+from taichisoft_sofa.translation.contact import contact_table
+from taichisoft_sofa.translation.names import body_names
+from taichisoft_sofa.translation.parts import Translation
+from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body
+from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
+from taichisoft_sofa.tree.kinds import canonical
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.tree.component import Component
+    from taichisoft_sofa.tree.loading import SceneTree
+
+
+def translate(tree: "SceneTree", exact: bool = False) -> Translation:
+    """Make a native scene of a tree.
+
+    Args:
+        tree: what `load_tree` gave.
+        exact: whether to keep SOFA's reading where the usual one departs from it.
+
+    Returns:
+        The translation; its `refused` says what could not be translated.
+    """
+    root = tree.root
+    root._exact, root._find_file = exact, tree.find_file
+    draft, translation = SceneDraft(exact=exact), Translation()
+    for node in root.walk():
+        if not all(bool(above.activated.read_value()) for above in upwards(node)):
+            continue
+        for component in node.objects:
+            _gather(component, draft, translation)
+    time_step = float(root.dt.read_value())
+    first_order = _is_first_order(draft)
+    draft.effort_of_value = translation.effort_of_value = 1.0 if first_order else 1.0 / time_step
+    translation.tables = {
+        "title": Path(tree.path).stem,
+        "gravity": [float(value) for value in root.gravity.read_value()],
+        "time": {"step": time_step, **({"dynamics": "first order"} if first_order else {})},
+    }
+    if contact := contact_table(draft):
+        translation.tables["contact"] = contact
+    _add_bodies(draft, translation)
+    translation.background = draft.background
+    translation.departures += draft.departures
+    translation.refused += draft.refused
+    return translation
+
+
+def _gather(component: "Component", draft: SceneDraft, translation: Translation) -> None:
+    """Let a component contribute to the draft."""
+    kind = component.type_name
+    contribute = UNDERSTOOD.get(kind) or UNDERSTOOD.get(canonical(kind))
+    if kind in IGNORED or canonical(kind) in IGNORED:
+        translation.ignored[kind] = translation.ignored.get(kind, 0) + 1
+    elif contribute is not None:
+        translation.understood[kind] = translation.understood.get(kind, 0) + 1
+        try:
+            contribute(component, draft)
+        except SceneError as error:
+            draft.refused.append(str(error))
+    elif not is_controller(component):
+        draft.refused.append(f"{described(component)}: is not known here; it would be needed for {purpose(kind)}")
+
+
+def _is_first_order(draft: SceneDraft) -> bool:
+    """Whether bodies move without inertia; all must move alike."""
+    moved = [solver for body in draft.bodies.values() if (solver := _moved_by(body, draft)) is not None]
+    kinds = {flag(solver, "firstOrder", False) for solver in moved}
+    if len(kinds) > 1:
+        draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
+    return kinds == {True}
+
+
+def is_controller(component: "Component") -> bool:
+    """Whether a component is the scene's own program."""
+    from taichisoft_sofa.tree.component import Component
+
+    return type(component) is not Component
+
+
+def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
+    bodies = list(draft.bodies.values())
+    for name, body in zip(body_names([body.node for body in bodies]), bodies, strict=True):
+        try:
+            _add_body(name, body, draft, translation)
+        except SceneError as error:
+            draft.refused.append(str(error))
+        if body.colours:
+            translation.colours[name] = body.colours[0]
+
+
+def _add_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
+    """Make a body what it is: rigid, soft, or something that stands still."""
+    solver = _moved_by(body, draft)
+    if not body.rigid and len(body_tetrahedra(body)):
+        add_soft_body(name, body, solver, draft, translation)
+    elif solver is None:
+        add_obstacle(name, body, draft, translation)
+    elif body.rigid:
+        add_rigid_body(name, body, draft, translation)
+    else:
+        draft.refuse(body.state, "moves, but is neither rigid nor made of tetrahedra")
+
+
+def _moved_by(body: Body, draft: SceneDraft) -> "Component | None":
+    """The solver that moves a body; None where it stands still."""
+    solver = draft.above(body.node, draft.solvers)
+    if solver is None or not draft.free_motion or draft.above(body.node, draft.corrections) is not None:
+        return solver
+    path = body.node.getPathName()
+    if draft.exact:
+        draft.depart(f"{path}: stands still, since it has no constraint correction")
+        return None
+    draft.depart(
+        f"{path}: moves and collides, though it has no constraint correction, without which SOFA moves nothing"
+    )
+    return solver

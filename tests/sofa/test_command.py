@@ -1,0 +1,144 @@
+"""SOFA's scenes on the command line: run, check, convert, and the cache of their meshes."""
+
+import os
+import shutil
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from blocks import make_block
+from scenes_of_sofa import BODY, written
+
+from taichisoft.building.scene_files import load_scene
+from taichisoft.command_line import main
+from taichisoft.errors import SceneError
+from taichisoft.meshes.files import write_volume_mesh
+from taichisoft_sofa.reader import read_scene
+
+Command = Callable[..., tuple[int, str, str]]
+
+SCENE = """
+from material import YOUNG
+
+def createScene(root):
+    root.addObject("RequiredPlugin", name="SoftRobots")
+    free_motion(root)
+    node = body(root)
+    node.TetrahedronFEMForceField.youngModulus = YOUNG
+    node.addObject("FixedConstraint", indices=[0, 1, 2])
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sofa: None) -> Path:
+    """A folder with a scene, and a library that it imports in another one."""
+    monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path / "cache"))
+    monkeypatch.chdir(tmp_path)
+    write_volume_mesh(make_block((2, 1, 1), (20.0, 10.0, 10.0)), tmp_path / "block.vtk")
+    written(tmp_path, {"scene.py": BODY + SCENE, "library/material.py": "YOUNG = 700\n"})
+    return tmp_path
+
+
+@pytest.fixture
+def command(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> Command:
+    def run(*arguments: Any) -> tuple[int, str, str]:
+        monkeypatch.setattr(sys, "argv", ["taichisoft", *map(str, arguments)])
+        with pytest.raises(SystemExit) as left:
+            main()
+        shown = capfd.readouterr()
+        return int(left.value.code or 0), shown.out, shown.err
+
+    return run
+
+
+def test_a_scene_runs_with_its_libraries_and_says_what_it_does_otherwise(folder: Path, command: Command) -> None:
+    arguments = ("run", "scene.py", "--duration", "0.02", "--outputs", "csv", "-o", "out")
+    code, _, errors = command(*arguments)
+    assert code == 2
+    assert "there is no 'material'" in errors or "No module named 'material'" in errors
+    code, shown, errors = command(*arguments, "--python-path", "library")
+    assert (code, errors) == (0, "")
+    assert "without effect here: RequiredPlugin" in shown
+    assert "otherwise than in SOFA" not in shown
+    assert "young_modulus = 700.0" in (folder / "out" / "scene.toml").read_text()
+    scene = load_scene("out/scene.toml")
+    assert scene.controller is not None
+    assert scene.controller.settings["python_path"] == [str(folder / "library")]
+
+
+def test_settings_reach_the_reader_alone(folder: Path, command: Command) -> None:
+    text = (folder / "scene.py").read_text().replace("body(root)\n", "body(root, correction=False)\n")
+    (folder / "scene.py").write_text(text)
+    _, shown, _ = command(
+        "run",
+        "scene.py",
+        "--python-path",
+        "library",
+        "--sofa-exact",
+        "--duration",
+        "0.01",
+        "--outputs",
+        "",
+        "-o",
+        "out",
+    )
+    assert "otherwise than in SOFA: /body: stands still" in shown
+    code, _, errors = command("run", "gripper", "--sofa-exact", "-o", "out")
+    assert code == 2
+    assert "there is no effect of sofa_exact on a .toml scene; settings: none" in errors
+    with pytest.raises(SceneError, match=r"there is no effect of exact on a .py scene; did you mean 'sofa_exact'\?"):
+        load_scene("scene.py", reader_settings={"exact": True})
+    with pytest.raises(SceneError, match=r"^--python-path nowhere: no such folder$"):
+        load_scene("scene.py", reader_settings={"python_path": f"library{os.pathsep}nowhere"})
+
+
+def test_check_lists_all_and_fails_if_something_is_refused(folder: Path, command: Command) -> None:
+    text = (folder / "scene.py").read_text()
+    (folder / "other.py").write_text(f"{text}    node.addObject('SphereCollisionModel')\n")
+    code, shown, _ = command("sofa", "check", "scene.py", "--python-path", "library")
+    assert code == 0
+    assert "scene.py: can be run" in shown
+    assert "without effect: RequiredPlugin" in shown
+    code, shown, _ = command("sofa", "check", "scene.py", "other.py", "--python-path", "library")
+    assert code == 1
+    assert "other.py: refused" in shown
+    assert "refused: SphereCollisionModel '/body/SphereCollisionModel' (" in shown
+    assert "a surface that touches others" in shown
+
+
+def test_a_scene_that_is_refused_is_one_line(folder: Path, command: Command) -> None:
+    text = (folder / "scene.py").read_text()
+    (folder / "other.py").write_text(f"{text}    for n in 'ab': node.addObject('SphereCollisionModel', name=n)\n")
+    code, _, errors = command("run", "other.py", "--python-path", "library")
+    assert code == 2
+    assert len(errors.splitlines()) == 1
+    assert "(and 1 more: taichisoft sofa check " in errors
+
+
+def test_a_converted_scene_is_the_same_without_its_program(folder: Path, command: Command) -> None:
+    code, shown, _ = command("sofa", "convert", "scene.py", "-o", "made/native.toml", "--python-path", "library")
+    assert code == 0
+    assert "native.toml, with its meshes in " in shown
+    shutil.move(folder / "made", folder / "moved")
+    native = load_scene("moved/native.toml")
+    whole = load_scene("scene.py", reader_settings={"python_path": "library"})
+    ours, theirs = native.soft_bodies["body"], whole.soft_bodies["body"]
+    assert native.controller is None
+    assert ours.model_copy(update={"mesh": theirs.mesh}) == theirs
+    assert Path(ours.mesh.file).read_bytes() == Path(theirs.mesh.file).read_bytes()
+    code, _, errors = command("sofa", "convert", "scene.py", "-o", "native.yaml")
+    assert code == 2
+    assert "'.yaml' is no kind of native scene; valid: .toml" in errors
+
+
+def test_meshes_are_kept_by_their_content(folder: Path) -> None:
+    first = read_scene(folder / "scene.py", "library")["soft_bodies"]["body"]["mesh"]
+    written_at = Path(first).stat().st_mtime_ns
+    (folder / "library" / "material.py").write_text("YOUNG = 800\n")
+    again = read_scene(folder / "scene.py", "library")["soft_bodies"]["body"]
+    assert (again["mesh"], again["young_modulus"]) == (first, 800.0)
+    assert Path(first).stat().st_mtime_ns == written_at
+    write_volume_mesh(make_block((1, 1, 1), (20.0, 10.0, 10.0)), folder / "block.vtk")
+    assert read_scene(folder / "scene.py", "library")["soft_bodies"]["body"]["mesh"] != first

@@ -1,0 +1,264 @@
+"""A scene's own controllers in a run: what they read is the present state, what they write takes effect as in SOFA."""
+
+from pathlib import Path
+from textwrap import dedent, indent
+from typing import Any
+
+import numpy as np
+import pytest
+from blocks import make_block
+from scenes_of_sofa import BODY, written
+
+from taichisoft.building.run_parts import make_controller
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.control.keys import KeyEvent
+from taichisoft.errors import ControllerFailed
+from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.surface_files import write_stl
+from taichisoft.meshes.volume_mesh import boundary_triangles
+from taichisoft_sofa.controller.controller import SofaController
+
+# A hollow block held at its left end, with a chamber and a cable, and a cube far away from it.
+SCENE = """
+import Sofa.Core
+
+class Mine(Sofa.Core.Controller):
+    def __init__(self, root):
+        super().__init__()
+        self.root = root
+        self.body = root.body
+        self.log = []
+{methods}
+
+def createScene(root):
+    root.gravity = [0, 0, 0]
+    root.dt = 0.01
+    collisions(root)
+    node = body(root)
+    node.addObject("BoxROI", name="roi", box=[-31, -100, -100, -29, 100, 100])
+    node.addObject("RestShapeSpringsForceField", points="@roi.indices", stiffness=1e12)
+    chamber = node.addChild("chamber")
+    chamber.addObject("MeshSTLLoader", name="loader", filename="chamber.stl")
+    chamber.addObject("MeshTopology", src="@loader", name="topo")
+    chamber.addObject("MechanicalObject", name="walls")
+    chamber.addObject("SurfacePressureConstraint", name="air", value=0.01, valueType="{value_type}")
+    chamber.addObject("BarycentricMapping")
+    cable = node.addChild("cable")
+    cable.addObject("MechanicalObject", name="points", position=[[-20, 0, 14], [20, 0, 14]])
+    cable.addObject("CableConstraint", name="tendon", indices=[0, 1], pullPoint=[-40, 0, 14], valueType="{cable_type}")
+    cable.addObject("BarycentricMapping")
+    cube = root.addChild("cube")
+    cube.addObject("EulerImplicitSolver")
+    cube.addObject("CGLinearSolver")
+    cube.addObject("MechanicalObject", name="frame", template="Rigid3", position=[0, 0, 300, 0, 0, 0, 1])
+    cube.addObject("UniformMass", totalMass=0.01)
+    cube.addObject("UncoupledConstraintCorrection")
+    surface(cube, "mesh/cube.obj", mapping="RigidMapping")
+    root.addObject(Mine(root))
+"""
+
+
+class Run:
+    """A run of the scene with these methods of its controller."""
+
+    def __init__(self, folder: Path, methods: str, value_type: str = "pressure", cable_type: str = "displacement"):
+        own = indent(dedent(methods), "    ")
+        scene = SCENE.format(methods=own, value_type=value_type, cable_type=cable_type)
+        written(folder, {"scene.py": BODY + scene})
+        self.scene = load_scene(folder / "scene.py")
+        made = make_controller(self.scene)
+        assert isinstance(made, SofaController)
+        self.controller = made
+        self.simulation = Simulation(self.scene)
+        self.controller.reset(self.simulation.model)
+
+    def steps(self, count: int = 1, *keys: str) -> Control:
+        for number in range(count):
+            for key in keys if number == 0 else ():
+                self.controller.key(KeyEvent(key))
+            control = self.controller.control(self.simulation.observe())
+            self.simulation.step(control)
+        return control
+
+    @property
+    def log(self) -> list[Any]:
+        (mine,) = self.controller._tree.controllers
+        return mine.log
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sofa: None) -> Path:
+    monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path / "cache"))
+    block = make_block((6, 3, 3), (60.0, 30.0, 30.0), hollow=True)
+    write_volume_mesh(block, tmp_path / "block.vtk")
+    write_stl(block.nodes, block.surface_groups["cavity"], tmp_path / "chamber.stl")
+    write_stl(block.nodes, boundary_triangles(block.elements), tmp_path / "block.stl")
+    return tmp_path
+
+
+def test_events_come_in_sofas_order(folder: Path) -> None:
+    run = Run(
+        folder,
+        """
+        def onAnimateBeginEvent(self, event): self.log.append(("begin", event["dt"]))
+        def onAnimateEndEvent(self, event): self.log.append(("end", event["dt"]))
+        def onKeypressedEvent(self, event): self.log.append(event["key"])
+        """,
+    )
+    run.steps(1, "a")
+    run.steps(1, "+", "up")
+    assert run.log == ["A", ("begin", 0.01), ("end", 0.01), "+", chr(19), ("begin", 0.01)]
+
+
+def test_a_value_of_pressure_is_an_impulse_until_it_is_changed(folder: Path) -> None:
+    run = Run(folder, "def onKeypressedEvent(self, event): self.body.chamber.air.value = [0.05]")
+    assert run.steps().pressure == {"body.chamber": pytest.approx(1.0)}
+    assert run.steps(1, "+").pressure == {"body.chamber": pytest.approx(5.0)}
+    assert run.simulation.observe().pressures["body.chamber"] == pytest.approx(5.0)
+
+
+def test_a_value_of_volume_growth_is_a_volume_within_its_limits(folder: Path) -> None:
+    run = Run(
+        folder,
+        """
+        def onKeypressedEvent(self, event):
+            self.body.chamber.air.maxVolumeGrowth = 40
+            self.body.chamber.air.value.value = [50]
+        """,
+        value_type="volumeGrowth",
+    )
+    assert run.steps().volume_growth == {"body.chamber": pytest.approx(0.01)}
+    assert run.steps(1, "+").volume_growth == {"body.chamber": pytest.approx(40.0)}
+
+
+@pytest.mark.parametrize(
+    ("kind", "attribute", "asked"), [("displacement", "cable_pull", 2.0), ("force", "cable_tension", 200.0)]
+)
+def test_a_value_of_a_cable_is_a_pull_or_an_impulse(folder: Path, kind: str, attribute: str, asked: float) -> None:
+    run = Run(folder, "def onKeypressedEvent(self, event): self.body.cable.tendon.value = [2]", cable_type=kind)
+    assert getattr(run.steps(), attribute) == {"body.cable": 0.0}
+    assert getattr(run.steps(1, "+"), attribute) == {"body.cable": pytest.approx(asked)}
+
+
+def test_a_pull_point_is_moved(folder: Path) -> None:
+    run = Run(folder, "def onKeypressedEvent(self, event): self.body.cable.tendon.pullPoint = [-41, 0, 14]")
+    assert not run.steps().pull_points
+    moved = run.steps(1, "+")
+    assert moved.pull_points["body.cable"].tolist() == [-41.0, 0.0, 14.0]
+    assert not run.steps().pull_points
+    # The cable keeps its length, so that the block is drawn to the left.
+    run.steps(60)
+    state = run.simulation.state
+    assert state.cable_length[0] == pytest.approx(run.simulation.model.cables.rest_length[0], abs=1e-6)
+
+
+def test_rest_positions_are_followed_node_by_node(folder: Path) -> None:
+    run = Run(
+        folder,
+        """
+        def onKeypressedEvent(self, event):
+            with self.body.dofs.rest_position.writeable() as rest:
+                rest[:, 0] += 0.5 * rest[:, 1]
+        """,
+    )
+    assert not run.steps().anchor_positions
+    control = run.steps(1, "up")
+    nodes = make_block((6, 3, 3), (60.0, 30.0, 30.0), hollow=True).nodes
+    held = np.flatnonzero(nodes[:, 0] == -30.0)
+    sheared = nodes[held] + np.outer(0.5 * nodes[held, 1], [1.0, 0.0, 0.0])
+    assert control.anchor_positions["body"] == pytest.approx(sheared)
+    run.steps(150)
+    assert run.simulation.state.position[held] == pytest.approx(sheared, abs=1e-3)
+
+
+def test_gravity_is_changed(folder: Path) -> None:
+    run = Run(folder, "def onKeypressedEvent(self, event): self.root.gravity = [0, 0, -1000]")
+    assert run.steps().gravity is None
+    assert run.steps(1, "+").gravity.tolist() == [0.0, 0.0, -1000.0]
+    assert run.simulation.state.rigid_velocity[0] == pytest.approx([0.0, 0.0, -10.0])
+
+
+def test_controllers_read_the_present_state(folder: Path) -> None:
+    run = Run(
+        folder,
+        """
+        def onAnimateBeginEvent(self, event):
+            root, body = self.root, self.body
+            air, tendon = body.chamber.air, body.cable.tendon
+            self.log.append({
+                "position": body.dofs.position.value, "velocity": body.dofs.velocity.value,
+                "walls": body.chamber.walls.position.value, "points": body.cable.points.position.value,
+                "frame": root.cube.frame.position.value, "time": root.time.value,
+                "volume": air.cavityVolume.value, "growth": air.volumeGrowth.value, "pressure": air.pressure.value,
+                "length": tendon.cableLength.value, "force": tendon.force.value,
+                "displacement": tendon.displacement.value,
+            })
+        def onKeypressedEvent(self, event):
+            self.body.cable.tendon.value = [1]
+            self.body.chamber.air.value = [0.1]
+            self.root.gravity = [0, 0, -1000]
+        """,
+    )
+    run.steps(5, "+")
+    state, observation = run.simulation.state, run.simulation.observe()
+    run.steps()
+    seen = run.log[-1]
+    assert (seen["position"] == state.position).all()
+    assert (seen["velocity"] == state.velocity).all()
+    model = run.simulation.model
+    rest = model.rest_position
+    walls = run.controller._tree.root.body.chamber.walls.rest_position.value
+    nearest = ((walls[:, None] - rest) ** 2).sum(axis=2).argmin(axis=1)
+    assert seen["walls"] == pytest.approx(state.position[nearest], abs=1e-9)
+    assert seen["points"].shape == (2, 3)
+    length = np.linalg.norm(np.diff(np.vstack([[[-40, 0, 14]], seen["points"]]), axis=0), axis=1).sum()
+    assert seen["length"] == pytest.approx(length)
+    assert seen["displacement"] == pytest.approx(1.0, abs=1e-3)
+    assert seen["force"] == pytest.approx(0.01 * state.cable_tension[0])
+    assert abs(seen["force"]) > 0.1
+    assert seen["frame"][0, :3] == pytest.approx(state.rigid_position[0])
+    assert seen["frame"][0, 2] < 300.0
+    assert seen["time"] == pytest.approx(0.05)
+    assert seen["volume"] == observation.volumes["body.chamber"]
+    assert seen["growth"] == pytest.approx(seen["volume"] - model.initial_state().cavity_volume[0])
+    assert seen["growth"] > 1.0
+    assert seen["pressure"] == pytest.approx(0.1)
+
+
+def test_what_has_no_effect_is_said_once(folder: Path) -> None:
+    run = Run(folder, "def onKeypressedEvent(self, event): self.body.UniformMass.totalMass = 3")
+    run.steps()
+    with pytest.warns(
+        UserWarning, match=r"UniformMass '/body/UniformMass' .*writes to 'totalMass', which has no effect"
+    ):
+        run.steps(1, "+")
+    import warnings
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run.steps(1, "+")
+
+
+def test_a_new_run_begins_with_the_scene_as_it_was(folder: Path) -> None:
+    run = Run(folder, "def onKeypressedEvent(self, event): self.body.chamber.air.value = [0.05]")
+    run.steps(1, "+")
+    run.controller.reset(run.simulation.model)
+    assert run.steps().pressure == {"body.chamber": pytest.approx(1.0)}
+
+
+def test_a_controller_that_fails_ends_the_run_with_its_line(folder: Path) -> None:
+    run = Run(folder, "def onKeypressedEvent(self, event): return 1 / 0")
+    with pytest.raises(ControllerFailed, match=r"scene.py, line \d+: ZeroDivisionError: division by zero"):
+        run.steps(1, "+")
+
+
+def test_a_scene_whose_keys_matter_is_steered_by_who_has_a_terminal(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    assert Run(folder, "def onKeypressedEvent(self, event): pass").controller.interactive
+    assert not Run(folder, "def onAnimateBeginEvent(self, event): pass").controller.interactive
+    monkeypatch.setattr("sys.stdin.isatty", lambda: False, raising=False)
+    assert not Run(folder, "def onKeypressedEvent(self, event): pass").controller.interactive

@@ -1,0 +1,396 @@
+"""What becomes of a SOFA scene: bodies, materials, masses, supports, contact, and one line for each departure."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blocks import make_block
+from scenes_of_sofa import BODY, loaded
+
+from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
+from taichisoft.meshes.surface_files import write_stl
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
+from taichisoft_sofa.translation.parts import Translation
+from taichisoft_sofa.translation.translate import translate
+
+SIZE = (20.0, 10.0, 10.0)
+UNIT = "FreeMotionAnimationLoop"
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A folder with a block of 2 x 1 x 1 boxes about the origin, and its surface."""
+    block = make_block((2, 1, 1), SIZE)
+    write_volume_mesh(block, tmp_path / "block.vtk")
+    write_stl(block.nodes, boundary_triangles(block.elements), tmp_path / "block.stl")
+    return tmp_path
+
+
+def translated(folder: Path, create: str, exact: bool = False) -> Translation:
+    return translate(loaded(folder, create, BODY), exact)
+
+
+def mesh_of(translation: Translation, folder: Path, body: str) -> VolumeMesh:
+    translation.files.write(folder)
+    return read_volume_mesh(folder / translation.tables["soft_bodies"][body]["mesh"])
+
+
+def test_a_soft_body_has_the_mesh_mass_material_and_damping_of_its_components(folder: Path) -> None:
+    translation = translated(
+        folder,
+        """
+        root.gravity = [0, -9810, 0]
+        root.dt = 0.02
+        finger = body(root, "finger", rotation=[0, 0, 90], translation=[1, 2, 3])
+        finger.addObject("BoxROI", name="roi", box=[-100, -100, -100, 100, -7.9, 100])
+        finger.addObject("RestShapeSpringsForceField", points="@roi.indices", stiffness=1e6)
+        """,
+    )
+    assert not translation.refused
+    table = translation.tables["soft_bodies"]["finger"]
+    expected = {"mass": 0.05, "young_modulus": 500.0, "poisson_ratio": 0.3, "regions": [], "corotation": "edges"}
+    assert expected.items() <= table.items()
+    assert (table["rayleigh_mass"], table["rayleigh_stiffness"]) == (0.2, 0.1)
+    assert translation.tables["gravity"] == [0.0, -9810.0, 0.0]
+    assert translation.tables["time"] == {"step": 0.02}
+    block = make_block((2, 1, 1), SIZE)
+    turned = block.nodes[:, [1, 0, 2]] * [-1, 1, 1] + [1, 2, 3]
+    mesh = mesh_of(translation, folder, "finger")
+    assert mesh.nodes == pytest.approx(turned, abs=1e-13)
+    assert (mesh.elements == block.elements).all()
+    (anchor,) = table["anchors"]
+    assert anchor["nodes"] == np.flatnonzero(block.nodes[:, 0] == -10.0).tolist()
+    assert anchor["stiffness"] == 1e6
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.45])
+def test_force_fields_on_the_same_tetrahedra_add_their_lame_parameters(folder: Path, poisson: float) -> None:
+    translation = translated(
+        folder,
+        f"""
+        finger = body(root)
+        finger.addObject("BoxROI", name="layer", box=[0, -100, -100, 100, 100, 100], strict=False)
+        stiff = finger.addChild("stiff")
+        stiff.addObject("TetrahedronSetTopologyContainer", position="@../loader.position",
+                        tetrahedra="@layer.tetrahedraInROI")
+        stiff.addObject("TetrahedronFEMForceField", youngModulus="1000", poissonRatio={poisson})
+        """,
+    )
+    assert not translation.refused
+    (region,) = translation.tables["soft_bodies"]["body"]["regions"]
+    block = make_block((2, 1, 1), SIZE)
+    right = np.flatnonzero(block.nodes[block.elements].mean(axis=1)[:, 0] > 0.0)
+    assert mesh_of(translation, folder, "body").element_groups[region["group"]].tolist() == right.tolist()
+    young, ratio = region["young_modulus"], region["poisson_ratio"]
+
+    def lame(young: float, ratio: float) -> np.ndarray:
+        return np.array([young * ratio / ((1 + ratio) * (1 - 2 * ratio)), young / (2 * (1 + ratio))])
+
+    assert lame(young, ratio) == pytest.approx(lame(500.0, 0.3) + lame(1000.0, poisson), rel=1e-14)
+    if poisson == 0.3:
+        assert (young, ratio) == (1500.0, 0.3)  # to the last bit, where no arithmetic is needed
+
+
+def test_points_in_no_tetrahedron_take_their_share_of_the_mass_with_them(folder: Path) -> None:
+    block = make_block((2, 1, 1), SIZE)
+    nodes = np.vstack([[[99.0, 0.0, 0.0]], block.nodes])
+    write_volume_mesh(VolumeMesh("more", nodes, block.elements + 1), folder / "more.vtk")
+    translation = translated(
+        folder, 'node = body(root, mesh="more.vtk"); node.addObject("FixedConstraint", indices=[3])'
+    )
+    table = translation.tables["soft_bodies"]["body"]
+    assert table["mass"] == pytest.approx(0.05 * 12 / 13)
+    assert table["anchors"][0]["nodes"] == [2]
+    assert any("1 points that belong to no tetrahedron" in line for line in translation.departures)
+    assert mesh_of(translation, folder, "body").nodes.tolist() == block.nodes.tolist()
+
+
+def test_an_inverted_tetrahedron_keeps_its_first_edge_and_the_plane_of_the_first_two(folder: Path) -> None:
+    block = make_block((2, 1, 1), SIZE)
+    elements = block.elements.copy()
+    elements[3] = elements[3][[0, 1, 3, 2]]
+    write_volume_mesh(VolumeMesh("one turned", block.nodes, elements), folder / "turned.vtk")
+    translation = translated(folder, 'body(root, mesh="turned.vtk")')
+    made = mesh_of(translation, folder, "body").elements
+    assert made[3].tolist() == elements[3][[1, 0, 2, 3]].tolist()
+    assert (np.delete(made, 3, axis=0) == np.delete(elements, 3, axis=0)).all()
+
+
+def test_bodies_of_nodes_with_the_same_name_are_called_like_the_nodes_above(folder: Path) -> None:
+    translation = translated(folder, 'for i in (1, 2): body(root.addChild(f"Finger{i}"), "Elastic")')
+    assert list(translation.tables["soft_bodies"]) == ["Finger1", "Finger2"]
+
+
+def test_without_a_solver_a_body_stands_still(folder: Path) -> None:
+    translation = translated(
+        folder,
+        """
+        node = root.addChild("body")
+        node.addObject("MeshVTKLoader", name="loader", filename="block.vtk")
+        node.addObject("MeshTopology", src="@loader")
+        node.addObject("MechanicalObject")
+        """,
+    )
+    assert not translation.refused
+    assert translation.tables["soft_bodies"]["body"]["anchors"][0]["nodes"] == list(range(12))
+
+
+@pytest.mark.parametrize(("exact", "held"), [(False, 0), (True, 12)])
+def test_without_a_constraint_correction_a_body_moves_unless_sofas_reading_is_kept(
+    folder: Path, exact: bool, held: int
+) -> None:
+    translation = translated(folder, "free_motion(root)\nbody(root, correction=False)", exact)
+    anchors = translation.tables["soft_bodies"]["body"]["anchors"]
+    assert sum(len(anchor["nodes"]) for anchor in anchors) == held
+    (line,) = [line for line in translation.departures if "constraint correction" in line]
+    assert ("stands still" in line) is exact
+
+
+@pytest.mark.parametrize(("exact", "count"), [(False, 6), (True, 2)])
+def test_points_within_round_off_of_a_box_belong_to_it_unless_sofas_reading_is_kept(
+    folder: Path, exact: bool, count: int
+) -> None:
+    """SOFA's loader leaves nodes of the turned block 1e-15 outside the plane y = 0."""
+    translation = translated(
+        folder,
+        """
+        node = body(root)
+        points = [[0, y, 0] for y in (0.0, 1.0, -1e-15, -1e-12, -1e-10, -1e-10)] + [[0, -1e-6, 0]]
+        node.addObject("BoxROI", name="roi", position=points, box=[-1, 0, -1, 1, 1, 1])
+        node.addObject("FixedConstraint", indices="@roi.indices")
+        """,
+        exact,
+    )
+    assert len(translation.tables["soft_bodies"]["body"]["anchors"][0]["nodes"]) == count
+
+
+CUBE = """
+collisions(root)
+cube = root.addChild("cube")
+{solver}
+cube.addObject("MechanicalObject", template="Rigid3", dx=10, ry=90)
+cube.addObject("UniformMass", {mass})
+cube.addObject("UncoupledConstraintCorrection")
+surface(cube, "mesh/cube.obj", mapping="RigidMapping")
+"""
+SOLVER = 'cube.addObject("EulerImplicitSolver"); cube.addObject("CGLinearSolver", threshold=1e-5)'
+
+
+@pytest.mark.parametrize(
+    ("mass", "exact", "total", "inertia"),
+    [
+        ("totalMass=0.002", False, 0.002, None),
+        ("totalMass=0.002", True, 0.002, np.diag([0.002] * 3)),
+        ("vertexMass=[0.03, 20, [1000.0, 0, 0, 0, 900.0, 0, 0, 0, 800.0]]", False, 0.03, np.diag([30.0, 27.0, 24.0])),
+        ("mass='0.03 10 1000 0 0 0 1000 0 0 0 1000'", True, 0.03, np.diag([30.0] * 3)),
+        ("vertexMass=[1.0, 1.0, [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0]]", False, 1.0, None),
+    ],
+)
+def test_a_rigid_body_has_the_inertia_of_its_shape_where_the_scene_gives_none(
+    folder: Path, mass: str, exact: bool, total: float, inertia: np.ndarray | None
+) -> None:
+    translation = translated(folder, CUBE.format(solver=SOLVER, mass=mass), exact)
+    assert not translation.refused
+    table = translation.tables["rigid_bodies"]["cube"]
+    assert table["mass"] == total
+    assert table["position"] == [10.0, 0.0, 0.0]
+    assert table["rotation"] == pytest.approx([0.0, 90.0, 0.0], abs=1e-12)
+    assert ("inertia" in table) == (inertia is not None)
+    if inertia is not None:
+        assert np.array(table["inertia"]) == pytest.approx(inertia)
+    assert any("inertia of its shape" in line for line in translation.departures) == (inertia is None)
+
+
+@pytest.mark.parametrize(("mass", "lost"), [(0.001, True), (0.5, False)])
+def test_a_weight_that_sofa_loses_is_said_to_be_there(folder: Path, mass: float, lost: bool) -> None:
+    """SOFA's conjugate gradient does nothing where m (h m g)^2 is below its threshold."""
+    create = f"root.gravity = [0, 0, -9810]\n{CUBE.format(solver=SOLVER, mass=f'totalMass={mass}')}"
+    assert any("weight" in line for line in translated(folder, create).departures) == lost
+
+
+def test_without_a_solver_a_rigid_body_is_an_obstacle_where_its_pose_puts_it(folder: Path) -> None:
+    translation = translated(folder, CUBE.format(solver="", mass="totalMass=1"))
+    assert "rigid_bodies" not in translation.tables
+    name = translation.tables["obstacles"]["cube"]["surface"]
+    translation.files.write(folder)
+    from taichisoft.meshes.surface_files import read_surface
+
+    points, _ = read_surface(folder / name)
+    assert points.min(axis=0) == pytest.approx([9.0, -1.0, -1.0])
+
+
+def test_contact_has_the_scenes_friction_and_distances(folder: Path) -> None:
+    contact = translated(folder, "collisions(root, mu=0.3)\nsurface(body(root), 'block.stl')").tables["contact"]
+    assert contact == {"friction": 0.3, "alarm_distance": 5.0, "contact_distance": 1.0, "spacing": 4.0}
+
+
+@pytest.mark.parametrize(
+    ("response", "friction"),
+    [
+        ('response="FrictionContact?mu=0.25"', 0.25),
+        ('response="FrictionContact", rules="0 * FrictionContact?mu=0.1"', 0.8),
+        ('response="FrictionContactConstraint", responseParams="mu=1e-1"', 0.1),
+    ],
+)
+def test_friction_is_that_of_the_response_to_all_contacts(folder: Path, response: str, friction: float) -> None:
+    create = (
+        f"collisions(root)\nroot.addObject('RuleBasedContactManager', {response})\nsurface(body(root), 'block.stl')"
+    )
+    assert translated(folder, create).tables["contact"]["friction"] == friction
+
+
+def test_without_a_collision_pipeline_bodies_go_through_each_other(folder: Path) -> None:
+    create = CUBE.format(solver=SOLVER, mass="totalMass=1").replace("collisions", "free_motion")
+    floor = "\nsurface(root.addChild('floor'), 'block.stl', mapping='IdentityMapping')"
+    tables = translated(folder, create + "\nsurface(body(root), 'block.stl')" + floor).tables
+    assert not tables["rigid_bodies"]["cube"]["collides"]
+    assert tables["soft_bodies"]["body"]["collides"] is False
+    assert "obstacles" not in tables
+
+
+def test_collision_surfaces_keep_their_groups_and_may_be_open(folder: Path) -> None:
+    (folder / "open.obj").write_text("v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 2 3 4\n")
+    translation = translated(
+        folder,
+        """
+        collisions(root)
+        node = body(root)
+        surface(node, "block.stl", "outer", group=[1, 2])
+        surface(node, "open.obj", "part", group="1")
+        """,
+    )
+    outer, part = translation.tables["soft_bodies"]["body"]["collision_surface"]
+    assert (outer["groups"], part["groups"]) == ([1, 2], [1])
+    assert "open" not in outer
+    assert part["open"] is True
+
+
+CAVITY = """
+cavity = node.addChild("chamber")
+cavity.addObject("MeshSTLLoader", name="loader", filename="{mesh}")
+cavity.addObject("MeshTopology", src="@loader", name="topo")
+cavity.addObject("MechanicalObject")
+cavity.addObject("SurfacePressureConstraint", triangles="@topo.triangles", value=2, {settings})
+cavity.addObject("BarycentricMapping", mapForces=False, mapMasses=False)
+"""
+
+
+def test_a_cavity_is_called_like_its_node(folder: Path) -> None:
+    create = "free_motion(root)\nnode = body(root)\n" + CAVITY.format(mesh="block.stl", settings="valueType='pressure'")
+    translation = translated(folder, create)
+    assert list(translation.tables["soft_bodies"]["body"]["cavities"]) == ["chamber"]
+    assert [name for c, name in translation.names.items() if "Pressure" in c.type_name] == ["body.chamber"]
+    assert list(translation.signs.values()) == [1.0]
+
+
+def test_a_pressure_on_walls_that_face_inward_shrinks_the_cavity_as_in_sofa(folder: Path) -> None:
+    create = "free_motion(root)\nnode = body(root)\n" + CAVITY.format(mesh="block.stl", settings="flipNormal=True")
+    assert list(translated(folder, create).signs.values()) == [-1.0]
+
+
+@pytest.mark.parametrize(
+    ("settings", "made"),
+    [
+        ("", {"rod": True, "pull_point": [0.0, 0.0, 0.0]}),
+        ("minForce=0, pullPoint='1 2 3'", {"lowest_tension": 0.0, "pull_point": [1.0, 2.0, 3.0]}),
+        ("minForce=-1, maxForce=2.5", {"rod": True, "lowest_tension": -100.0, "highest_tension": 250.0}),
+        ("maxForce=1.7976931348623157e308", {"highest_tension": 1e30}),
+        ("maxPositiveDisp=6, maxNegativeDisp=2", {"highest_pull": 6.0, "lowest_pull": -2.0}),
+        ("hasPullPoint=False", {"rod": True}),
+    ],
+)
+def test_a_cable_runs_through_its_points_and_has_their_limits(
+    folder: Path, settings: str, made: dict[str, Any]
+) -> None:
+    translation = translated(
+        folder,
+        f"""
+        free_motion(root)
+        cable = body(root).addChild("cable")
+        cable.addObject("MechanicalObject", position="9 9 9  5 0 0  -5 0 0", translation=[0, 1, 0])
+        cable.addObject("CableConstraint", indices="1 2", {settings})
+        cable.addObject("BarycentricMapping")
+        """,
+    )
+    assert not translation.refused
+    table = translation.tables["soft_bodies"]["body"]["cables"]["cable"]
+    assert table["points"] == [[5.0, 1.0, 0.0], [-5.0, 1.0, 0.0]]
+    assert table["pull_point_moves"] is False
+    assert made.items() <= table.items()
+    assert ("rod" in table) == ("rod" in made or "minForce" not in settings)
+    assert ("pull_point" in table) == ("False" not in settings)
+
+
+def test_first_order_dynamics_is_that_of_the_whole_scene(folder: Path) -> None:
+    first = "body(root, 'a').EulerImplicitSolver.firstOrder = True"
+    translation = translated(folder, first)
+    assert translation.tables["time"]["dynamics"] == "first order"
+    assert translation.effort_of_value == 1.0
+    mixed = translated(folder, f"{first}\nbody(root, 'b')")
+    assert "all bodies of a scene have inertia, or none has" in mixed.refused[0]
+    assert translated(folder, "body(root)").effort_of_value == pytest.approx(100.0)
+
+
+def test_a_container_of_tetrahedra_carries_points_by_a_grid_as_in_sofa(folder: Path) -> None:
+    tables = translated(folder, "body(root)").tables["soft_bodies"]["body"]
+    assert "embedding" not in tables
+    other = BODY.replace(
+        '"MeshTopology", src="@loader", name', '"TetrahedronSetTopologyContainer", src="@loader", name'
+    )
+    tree = loaded(folder, "body(root)", other)
+    assert translate(tree).tables["soft_bodies"]["body"]["embedding"] == "grid"
+
+
+def test_an_unknown_component_is_one_line_with_its_place_and_purpose(folder: Path) -> None:
+    translation = translated(folder, 'body(root).addObject("MooneyRivlinForceField", name="rubber")')
+    (line,) = translation.refused
+    assert line.startswith("MooneyRivlinForceField '/body/rubber' (")
+    assert "scene.py, line " in line
+    assert line.endswith("is not known here; it would be needed for forces on the bodies")
+
+
+def test_what_does_not_matter_is_counted(folder: Path) -> None:
+    translation = translated(folder, 'for n in "ab": root.addObject("RequiredPlugin", name=n)\nbody(root)')
+    assert translation.ignored == {"RequiredPlugin": 2}
+    assert not translation.refused
+
+
+def test_a_controller_of_the_scene_is_no_component(folder: Path) -> None:
+    tree = loaded(
+        folder,
+        "root.addObject(Mine())\nbody(root)",
+        f"import Sofa.Core\nclass Mine(Sofa.Core.Controller): pass\n{BODY}",
+    )
+    assert not translate(tree).refused
+
+
+NAMES = {
+    "EulerImplicitSolver": "EulerImplicit",
+    "MeshTopology": "Mesh",
+    "MeshOBJLoader": "MeshObjLoader",
+    "CollisionResponse": "DefaultContactManager",
+    "CollisionPipeline": "DefaultPipeline",
+    "BruteForceBroadPhase": "BruteForceDetection",
+    "CollisionModel": "",
+}
+
+
+def test_older_names_of_components_mean_the_same(folder: Path) -> None:
+    create = CUBE.format(solver=SOLVER, mass="totalMass=0.01") + "\nsurface(body(root), 'block.stl')"
+    made = translated(folder, create)
+    older, before = create, BODY
+    for new, old in NAMES.items():
+        older, before = older.replace(new, old), before.replace(new, old)
+    again = translate(loaded(folder, older, before))
+    assert not made.refused
+    assert again.refused == []
+    assert again.tables == made.tables
+    assert again.files.fingerprint() == made.files.fingerprint()
+
+
+def test_a_moving_body_needs_mass_stiffness_and_tetrahedra(folder: Path) -> None:
+    for component, problem in (("UniformMass", "has no mass"), ("TetrahedronFEM", "no force field gives")):
+        before = "\n".join(line for line in BODY.splitlines() if component not in line)
+        (line,) = translate(loaded(folder, "body(root)", before)).refused
+        assert problem in line
