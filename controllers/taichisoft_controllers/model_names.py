@@ -76,7 +76,9 @@ def pairs_called(name: str | None, model: "Model") -> list["Pair"]:
         objects = grasped_objects(model)
         return [(soft, other) for soft in called(None, list(model.scene.soft_bodies), "soft body") for other in objects]
     fixed = {obstacle.name for obstacle in model.obstacles}
-    pairs = {"|".join(pair): pair for pair in combinations(model.body_names, 2) if not fixed.issuperset(pair)}
+    folded = [(body, body) for body, table in model.scene.soft_bodies.items() if len(table.collision_surface) > 1]
+    touching = [*combinations(model.body_names, 2), *folded]
+    pairs = {"|".join(pair): pair for pair in touching if not fixed.issuperset(pair)}
     turned = "|".join(reversed(name.split("|")))
     return [pairs[turned if turned in pairs else called(name, list(pairs), "pair of bodies")[0]]]
 

@@ -4,6 +4,7 @@ import numpy as np
 
 from taichisoft.bodies.cables import Cables, CableShapes
 from taichisoft.bodies.cavities import Cavities, CavityVolumes
+from taichisoft.bodies.limits import UNLIMITED
 from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.bodies.surfaces import Poses
 from taichisoft.kernels.actuators import Coordinates, Gradient
@@ -16,7 +17,13 @@ class Actuators:
         cavities: the cavities of all soft bodies.
         cables: the cables of all soft bodies.
         coordinates: what the coordinates depend on.
-        cable_coordinate: number of each cable's first coordinate, shape (cable_count,).
+        first_coordinate: number of each actuator's first coordinate, cavities before cables, and one past the last,
+            shape (actuator_count + 1,).
+        coordinate_range: volume growth [mm^3] or pull [mm] between an actuator's stops, shape (actuator_count, 2).
+        effort_range: smallest and largest pressure [kPa] or tension [mN], shape (actuator_count, 2).
+        stretch: of each cable, see `Cable`; None for a cavity.
+        always_has_rows: whether an actuator takes part in the constraint problem even where its effort is imposed,
+            since it has stops, rubs, or acts on a rigid body, shape (actuator_count,).
     """
 
     def __init__(self, cavities: Cavities, cables: Cables):
@@ -32,7 +39,15 @@ class Actuators:
             rigid_start=np.cumsum([0, *rigid_counts]).astype(np.int32),
             rigid_body=np.concatenate([np.zeros(0), *cables.rigid_entries]).astype(np.int32),
         )
-        self.cable_coordinate = len(cavities.names) + cables.coordinate_start[:-1]
+        count = len(cavities.names)
+        self.first_coordinate = np.concatenate([np.arange(count), count + cables.coordinate_start])
+        self.coordinate_range = np.vstack([cavities.growth_range, cables.pull_range])
+        self.effort_range = np.vstack([cavities.pressure_range, cables.tension_range])
+        self.stretch = [*[None] * count, *cables.stretch]
+        over_rigid = np.diff(self.coordinates.rigid_start)[self.first_coordinate[:-1]] > 0
+        rubs = np.concatenate([np.zeros(count), cables.paths.friction]) > 0.0
+        stops = (np.abs(self.coordinate_range) < UNLIMITED).any(axis=1)
+        self.always_has_rows = stops | rubs | over_rigid
 
     @property
     def count(self) -> int:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.limits import UNLIMITED, limits
 from taichisoft.bodies.rigid_body import Obstacle, RigidBody
 from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_degrees
 from taichisoft.bodies.soft_body import EMBEDDING_MARGIN, SoftBody
@@ -16,8 +17,6 @@ from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.meshes.point_files import read_points
 from taichisoft.scenes import scene as settings
 
-# What no tension [mN] and no pull [mm] reaches, where a limit is not given: kernels must not get infinities.
-UNLIMITED = 1e30
 # A cable that rubs must stretch a little: where it sticks at some points and slides at others, its tensions would else
 # depend on motions of no size. This is a polyethylene line of 0.5 mm [mN].
 STRETCHING_WHERE_IT_RUBS = 1e7
@@ -72,15 +71,13 @@ class Cable:
     @property
     def tension_range(self) -> tuple[float, float]:
         """Smallest and largest tension [mN]."""
-        low, high = self.settings.lowest_tension, self.settings.highest_tension
         slack = -UNLIMITED if self.settings.rod else 0.0
-        return slack if low is None else low, UNLIMITED if high is None else high
+        return limits(self.settings.lowest_tension, self.settings.highest_tension, slack)
 
     @property
     def pull_range(self) -> tuple[float, float]:
         """How far it is pulled in at least and at most [mm]."""
-        low, high = self.settings.lowest_pull, self.settings.highest_pull
-        return -UNLIMITED if low is None else low, UNLIMITED if high is None else high
+        return limits(self.settings.lowest_pull, self.settings.highest_pull)
 
 
 class Cables:

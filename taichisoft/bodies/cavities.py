@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from taichisoft.bodies.limits import limits
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.kernels import cavities as kernels
 from taichisoft.meshes.surface import stacked
@@ -15,6 +16,7 @@ class Cavities:
     Attributes:
         names: "body.cavity", in order.
         rest_volume: [mm^3], shape (cavity_count,).
+        growth_range, pressure_range: smallest and largest [mm^3] and [kPa], shape (cavity_count, 2).
         surfaces: what the kernels read; without cavities its arrays are empty.
     """
 
@@ -23,6 +25,13 @@ class Cavities:
         found = [(body, cavity) for body in bodies for cavity in body.cavities]
         self.names = tuple(cavity.name for _, cavity in found)
         self.rest_volume = np.array([cavity.rest_volume for _, cavity in found])
+        settings = [body.settings.cavities[cavity.name.partition(".")[2]] for body, cavity in found]
+        self.growth_range, self.pressure_range = (
+            np.array(
+                [limits(getattr(one, f"lowest_{what}"), getattr(one, f"highest_{what}")) for one in settings]
+            ).reshape(-1, 2)
+            for what in ("volume_growth", "pressure")
+        )
         tables = [(cavity.surface.nodes + body.nodes.start, cavity.surface.weights) for body, cavity in found]
         triangles = [cavity.surface.triangles for _, cavity in found]
         entries, parts = [], []

@@ -10,12 +10,13 @@ from taichisoft.scenes.scene import Limits
 from taichisoft.state import State
 
 
-def limit_pressures(
-    limits: Limits, time_step: float, state: State, volume_imposed: np.ndarray, request: np.ndarray
-) -> np.ndarray:
-    """Pressures [kPa] within their range and not too far from the last ones; growths [mm^3] as they were asked for."""
+def limit_cavities(model: Model, state: State, volume_imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
+    """Pressures [kPa] and growths [mm^3] within the cavities' own ranges, pressures not too far from the last ones."""
     if not len(request):
         return request
+    limits, time_step, cavities = model.scene.limits, model.scene.time.step, model.cavities
+    low, high = np.where(volume_imposed, cavities.growth_range.T, cavities.pressure_range.T)
+    request = np.clip(request, low, high)
     lowest = -math.inf if limits.lowest_pressure is None else limits.lowest_pressure
     highest = math.inf if limits.highest_pressure is None else limits.highest_pressure
     allowed = np.clip(request, lowest, highest)

@@ -8,7 +8,7 @@ import numpy as np
 
 from taichisoft.bodies.rotations import compose_rotation_vectors
 from taichisoft.control.control import Control
-from taichisoft.control.limits import limit_base, limit_cables, limit_pressures
+from taichisoft.control.limits import limit_base, limit_cables, limit_cavities
 from taichisoft.errors import ControlError, nearest
 from taichisoft.model import Model
 from taichisoft.state import State
@@ -95,7 +95,7 @@ def _cavity_requests(model: Model, state: State, control: Control) -> dict[str, 
     return {
         "cavity_volume_imposed": imposed,
         "cavity_request": request,
-        "cavity_target": limit_pressures(model.scene.limits, model.scene.time.step, state, imposed, request),
+        "cavity_target": limit_cavities(model, state, imposed, request),
     }
 
 

@@ -10,8 +10,10 @@ are tried, and taken where a sweep from there finds less than half as much to ch
 sweep, and satisfies every inequality exactly.
 
 On some problems (a cylinder on a plane, whose many contacts share its weight in many ways) the conjugate gradients
-restart for ever where plain sweeps converge: whenever the residual has not halved in PATIENCE sweeps, they are switched
-off, or on again.
+restart for ever where plain sweeps converge. On a few others sweeps go to and fro for ever: where the normal direction
+of a contact is much softer than the tangential ones and coupled with them, friction lifts what the normal impulse
+pressed; half the change at each visit then converges. So whenever the residual has not halved in PATIENCE sweeps, the
+next of the three ways is taken.
 """
 
 from typing import NamedTuple
@@ -31,8 +33,9 @@ LONGEST_WAIT = 32
 NEWTON_STEPS = 2
 
 # Entries of `Progress.count`: sweeps in all, since the residual last halved, and since the last Newton steps; how many
-# to wait for the next ones; whether the conjugate gradients are on.
-SWEEPS, SINCE_BEST, SINCE_NEWTON, WAIT, ACCELERATES = range(5)
+# to wait for the next ones; which of the ways below the sweeps take.
+SWEEPS, SINCE_BEST, SINCE_NEWTON, WAIT, WAY = range(5)
+ACCELERATED, PLAIN, HALF = range(3)
 # Entries of `Progress.figure`: the residual; when it last halved; squared length of the last sweep's step.
 RESIDUAL, BEST, LAST_NORM = range(3)
 
@@ -98,11 +101,11 @@ def solve_contact(block: mat3, velocity: vec3, old: vec3, friction: ti.f64) -> v
 
 
 @func
-def sweep(problem: Problem, iterate: Iterate) -> ti.f64:
+def sweep(problem: Problem, iterate: Iterate, way: ti.i32) -> ti.f64:
     """Visit every block once; returns the largest change of a block's own velocity [mm/s, of a volume mm^3/s].
 
     The velocities follow every change of an impulse (W is symmetric: a row is a column), so that an open contact that
-    stays open costs nothing.
+    stays open costs nothing. With the way HALF a contact's impulse changes by half of what it should.
     """
     w, impulse, velocity = ti.static(problem.compliance, iterate.impulse, iterate.velocity)
     residual = 0.0
@@ -122,6 +125,9 @@ def sweep(problem: Problem, iterate: Iterate) -> ti.f64:
             new = solve_contact(block, speed, old, problem.friction[c])
             change = new - old
             own = block @ change
+            if way == HALF:
+                change *= 0.5
+                new = old + change
             for i in ti.static(range(3)):
                 impulse[n + i] = new[i]
                 residual = ti.max(residual, ti.abs(own[i]))
@@ -189,7 +195,7 @@ def try_newton(
         newton_step(problem, point, newton, trial)
         measure_velocity(problem, trial)
         copy_iterate(rows, trial, point)
-        residual = sweep(problem, trial)
+        residual = sweep(problem, trial, PLAIN)
         steps += 1
         progress.count[SWEEPS] += 1
         if residual < 0.5 * progress.figure[RESIDUAL]:
@@ -201,14 +207,14 @@ def try_newton(
 
 
 @func
-def switch_acceleration(progress: Progress) -> ti.i32:
-    """Switch the conjugate gradients when the residual has not halved for long; returns whether."""
+def change_way(progress: Progress) -> ti.i32:
+    """Take the next way when the residual has not halved for long; returns whether."""
     switched = 0
     if progress.figure[RESIDUAL] < 0.5 * progress.figure[BEST]:
         progress.figure[BEST] = progress.figure[RESIDUAL]
         progress.count[SINCE_BEST] = 0
     if progress.count[SINCE_BEST] > PATIENCE:
-        progress.count[ACCELERATES] = 1 - progress.count[ACCELERATES]
+        progress.count[WAY] = (progress.count[WAY] + 1) % 3
         progress.figure[BEST] = progress.figure[RESIDUAL]
         progress.count[SINCE_BEST] = 0
         switched = 1
@@ -252,7 +258,7 @@ def begin(problem: Problem, current: Iterate, search: Search, progress: Progress
     for k in ti.static(range(5)):
         progress.count[k] = 0
     progress.count[WAIT] = FIRST_NEWTON
-    progress.count[ACCELERATES] = 1
+    progress.count[WAY] = ACCELERATED
 
 
 @kernel
@@ -276,7 +282,7 @@ def solve(
             for k in range(rows):
                 search.last_impulse[k] = current.impulse[k]
                 search.last_velocity[k] = current.velocity[k]
-            progress.figure[RESIDUAL] = sweep(problem, current)
+            progress.figure[RESIDUAL] = sweep(problem, current, progress.count[WAY])
             progress.count[SWEEPS] += 1
             progress.count[SINCE_BEST] += 1
             progress.count[SINCE_NEWTON] += 1
@@ -285,9 +291,9 @@ def solve(
             if goes_on and newton_pays(problem, current, newton, progress) != 0:
                 restarts = try_newton(problem, current, point, trial, newton, progress, max_iterations)
                 goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
-            if switch_acceleration(progress) != 0:
+            if change_way(progress) != 0:
                 restarts = 1
             if restarts != 0:
                 restart_search(rows, search, progress)
-            elif goes_on and progress.count[ACCELERATES] != 0:
+            elif goes_on and progress.count[WAY] == ACCELERATED:
                 accelerate(problem, current, search, progress)

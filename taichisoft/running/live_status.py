@@ -99,19 +99,17 @@ class LiveStatus:
 
     def _pressures(self) -> str:
         """One figure where they agree to what is shown."""
-        report = self._session.simulation.report
-        values = report.observation.pressures if report is not None else {}
-        shown = {name: f"{value:.1f} kPa" for name, value in values.items()}
+        pressures = self._session.simulation.observe().pressures
+        shown = {name: f"{value:.1f} kPa" for name, value in pressures.items()}
         if len(set(shown.values())) > 1:
             return ", ".join(f"{name} {value}" for name, value in shown.items())
         return next(iter(shown.values()), "none")
 
     def _object_state(self) -> str:
         """Lift against gravity since the first state, and the sum of the normal forces of soft bodies."""
-        session, report = self._session, self._session.simulation.report
-        index = list(self._scene.rigid_bodies).index(self._object or "")
+        session, index = self._session, list(self._scene.rigid_bodies).index(self._object or "")
         way = session.simulation.state.rigid_position[index] - session.first_state.rigid_position[index]
-        forces = report.observation.normal_forces if report is not None else {}
+        forces = session.simulation.observe().normal_forces
         soft = self._scene.soft_bodies.keys()
         force = sum(forces[pair] for pair in forces if self._object in pair and not soft.isdisjoint(pair))
         return f"lifted by {self._scene.up @ way:z.1f} mm, pressed with {force:.0f} mN"

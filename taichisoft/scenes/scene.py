@@ -47,6 +47,14 @@ class Table(BaseModel):
         return self
 
 
+def check_order(table: Table, *quantities: str) -> None:
+    """Raise ValueError where the lowest value of a quantity exceeds the highest."""
+    for quantity in quantities:
+        low, high = getattr(table, f"lowest_{quantity}"), getattr(table, f"highest_{quantity}")
+        if low is not None and high is not None and low > high:
+            raise ValueError(f"lowest_{quantity} ({low:g}) must not exceed highest_{quantity} ({high:g})")
+
+
 class Selection(Table):
     """Nodes or elements of a soft body, by a box in the mesh's own coordinates or by a group of the mesh."""
 
@@ -106,7 +114,20 @@ class Cavity(Table):
     """Name of a closed surface group of the mesh; either this or surface."""
     surface: str | None = None
     """Closed surface file; either this or group."""
+    lowest_pressure: Number | None = None
+    """Smallest pressure [kPa]: a pump that draws no further."""
+    highest_pressure: Number | None = None
+    """Largest pressure [kPa]: a valve that opens."""
+    lowest_volume_growth: Number | None = None
+    """How far the volume shrinks at most [mm^3], negative, whatever the pressure."""
+    highest_volume_growth: Number | None = None
+    """How far the volume grows at most [mm^3]: there is no more air."""
     alternatives = (("group", "surface"),)
+
+    @model_validator(mode="after")
+    def _check_limits(self) -> Self:
+        check_order(self, "pressure", "volume_growth")
+        return self
 
 
 class CablePoint(Table):
@@ -146,10 +167,7 @@ class Cable(Table):
 
     @model_validator(mode="after")
     def _check_limits(self) -> Self:
-        for quantity in ("tension", "pull"):
-            low, high = getattr(self, f"lowest_{quantity}"), getattr(self, f"highest_{quantity}")
-            if low is not None and high is not None and low > high:
-                raise ValueError(f"lowest_{quantity} ({low:g}) must not exceed highest_{quantity} ({high:g})")
+        check_order(self, "tension", "pull")
         if not self.rod and (self.lowest_tension or 0.0) < 0.0:
             raise ValueError(f"lowest_tension ({self.lowest_tension:g}) must not be negative unless rod = true")
         if not self.rod and (self.highest_tension or 0.0) < 0.0:
@@ -254,19 +272,19 @@ class SoftBody(Table):
     cables: dict[Name, Cable] = {}
     alternatives = (("mass", "density"),)
 
-    @field_validator("collision_surface", mode="before")
-    @classmethod
-    def _read_file(cls, value: Any) -> Any:
-        if not isinstance(value, str | list):
-            raise ValueError(f"{value!r} must be the name of a file, or a list of tables with the key file")
-        return [{"file": value}] if isinstance(value, str) else value
-
     @model_validator(mode="after")
     def _check_actuator_names(self) -> Self:
         both = sorted(self.cavities.keys() & self.cables.keys())
         if both:
             raise ValueError(f"a cavity and a cable are both called '{both[0]}'; give one another name")
         return self
+
+    @field_validator("collision_surface", mode="before")
+    @classmethod
+    def _read_file(cls, value: Any) -> Any:
+        if not isinstance(value, str | list):
+            raise ValueError(f"{value!r} must be the name of a file, or a list of tables with the key file")
+        return [{"file": value}] if isinstance(value, str) else value
 
 
 class RigidBody(Table):
@@ -426,9 +444,7 @@ class Limits(Table):
 
     @model_validator(mode="after")
     def _check_pressures(self) -> Self:
-        low, high = self.lowest_pressure, self.highest_pressure
-        if low is not None and high is not None and low > high:
-            raise ValueError(f"lowest_pressure ({low:g}) must not exceed highest_pressure ({high:g})")
+        check_order(self, "pressure")
         return self
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
-from taichisoft.bodies.cables import UNLIMITED
+from taichisoft.bodies.limits import UNLIMITED
 from taichisoft.kernels.actuator_rows import BOUND_COLUMNS, GRIP, HIGHEST, LOWER_END, LOWEST, PREFERRED, UPPER_END
 from taichisoft.model import Model
 from taichisoft.state import State
@@ -34,27 +34,22 @@ class ActuatorRows:
 
     def __init__(self, model: Model, geometry: ActuatorGeometry):
         """Make room for the actuators of `model`, whose `geometry` is that of the start of a step."""
-        self._model, self._geometry = model, geometry
+        self._model, self._geometry, self._actuators = model, geometry, model.actuators
         self._time_step = model.scene.time.step
         self._cavity_count = len(model.cavities.names)
-        cables = model.cables
-        over_rigid = [len(bodies) > 0 for bodies in cables.rigid_entries]
-        self._always_has_rows = (
-            (np.abs(cables.pull_range) < UNLIMITED).any(axis=1)
-            | (cables.paths.friction > 0.0)
-            | np.array(over_rigid, dtype=bool)[cables.coordinate_start[:-1]]
-        )
         self.load = np.zeros(model.actuators.count)
 
     def begin(self, state: State) -> None:
         """Find out what the state asks for."""
-        np.multiply(state.cavity_target, ~state.cavity_volume_imposed, out=self.load[: self._cavity_count])
+        actuators = self._actuators
+        imposed = np.concatenate([state.cavity_volume_imposed, state.cable_pull_imposed])
+        target = np.concatenate([state.cavity_target, state.cable_target])
+        has_rows = imposed | actuators.always_has_rows
+        self.load[actuators.first_coordinate[:-1]] = np.where(has_rows, 0.0, target)
         self.coordinates, self.target_rate, self.bounds, self.first_impulse = NO_ROWS
         self.stretch: list[tuple[int, np.ndarray]] = []
-        if state.cavity_volume_imposed.any():
-            self._add_cavities(state)
-        if self._model.cables.names:
-            self._add_cables(state)
+        if has_rows.any():
+            self._make_rows(state, has_rows.nonzero()[0].tolist(), imposed, target)
 
     def efforts(self, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pressures [kPa], tensions [mN] and tensions lost to friction [mN] of all actuators, by the rows' impulses."""
@@ -66,54 +61,48 @@ class ActuatorRows:
         first = self._model.cables.coordinate_start[:-1]
         return pressure, of_cables[first], np.delete(of_cables, first)
 
-    def _add_cavities(self, state: State) -> None:
-        """Rows of the cavities whose volumes are imposed."""
-        cavities = state.cavity_volume_imposed.nonzero()[0]
-        missing = self._model.cavities.rest_volume + state.cavity_target - state.cavity_volume
-        self.coordinates = cavities
-        self.target_rate = missing[cavities] / self._time_step
-        self.bounds = np.tile(IMPOSED, (len(cavities), 1))
-        self.first_impulse = state.cavity_pressure[cavities] * self._time_step
-
-    def _add_cables(self, state: State) -> None:
-        """Rows of the cables: how far each is pulled in, then the inner points of one that rubs.
+    def _make_rows(self, state: State, with_rows: list[int], imposed: np.ndarray, target: np.ndarray) -> None:
+        """A row for each actuator's own coordinate, then one for each inner point of a cable that rubs.
 
         How far a cable is pulled in is what the bodies give way and what it stretches by; where it sticks at a point,
         the part beyond grows by its stretch alone.
         """
-        cables, step = self._model.cables, self._time_step
-        pull = cables.rest_length - self._geometry.cables.length
-        last = np.insert(
-            state.cable_tension_loss, cables.coordinate_start[:-1] - np.arange(len(pull)), state.cable_tension
-        )
-        coordinates, rates, bounds = [self.coordinates], [self.target_rate], [self.bounds]
-        row = len(self.coordinates)
-        for cable, target in enumerate(state.cable_target.tolist()):
-            own = np.arange(*cables.coordinate_start[cable : cable + 2])
-            by_pull = bool(state.cable_pull_imposed[cable])
-            self.load[self._cavity_count + own] = 0.0
-            if not by_pull and not self._always_has_rows[cable]:
-                self.load[self._cavity_count + own[0]] = target
-                continue
-            low, high = (target, target) if by_pull else cables.pull_range[cable].tolist()
-            lowest, highest = cables.tension_range[cable].tolist()
-            reference = low if low > -UNLIMITED else high if high < UNLIMITED else float(pull[cable])
-            rows = np.tile(IMPOSED, (len(own), 1))
-            rows[0, PREFERRED] = 0.0 if by_pull else target * step
-            rows[0, LOWER_END], rows[0, UPPER_END] = (low - reference) / step, (high - reference) / step
-            # What holds a cable at a stop is not its motor.
-            rows[0, LOWEST], rows[0, HIGHEST] = lowest * step, (highest if by_pull else UNLIMITED) * step
-            rows[1:, GRIP] = self._geometry.cables.grip[own[1:]]
-            coordinates.append(self._cavity_count + own)
-            rate = cables.stretch[cable] @ last[own] / step
-            rate[0] = (reference - pull[cable]) / step
-            if cables.stretch[cable].any():
-                self.stretch.append((row, cables.stretch[cable] / step**2))
+        actuators, step = self._actuators, self._time_step
+        growth = state.cavity_volume - self._model.cavities.rest_volume
+        now = np.concatenate([growth, self._model.cables.rest_length - self._geometry.cables.length])
+        last = self._last_efforts(state)
+        coordinates: list[np.ndarray] = []
+        rates, bounds = [], []
+        for actuator in with_rows:
+            own = np.arange(*actuators.first_coordinate[actuator : actuator + 2])
+            rate, rows = np.zeros(len(own)), np.tile(IMPOSED, (len(own), 1))
+            stretch = actuators.stretch[actuator]
+            if stretch is not None:
+                rate += stretch @ last[own] / step
+                self.stretch.append((sum(len(before) for before in coordinates), stretch / step**2))
+                rows[1:, GRIP] = self._geometry.cables.grip[own[1:] - self._cavity_count]
+            lowest, highest = actuators.effort_range[actuator].tolist()
+            if imposed[actuator]:
+                reference = target[actuator]
+                rows[0, [LOWEST, HIGHEST]] = lowest * step, highest * step
+            else:
+                low, high = actuators.coordinate_range[actuator].tolist()
+                reference = low if low > -UNLIMITED else high if high < UNLIMITED else now[actuator]
+                rows[0, [LOWER_END, UPPER_END]] = (low - reference) / step, (high - reference) / step
+                rows[0, PREFERRED] = target[actuator] * step
+                # What holds a coordinate at a stop is no pump and no motor; but a cable does not push there, either.
+                rows[0, LOWEST] = lowest * step if stretch is not None else -UNLIMITED
+            rate[0] = (reference - now[actuator]) / step
+            coordinates.append(own)
             rates.append(rate)
             bounds.append(rows)
-            row += len(own)
-        self.coordinates = np.concatenate(coordinates)
-        self.target_rate = np.concatenate(rates)
+        self.coordinates, self.target_rate = np.concatenate(coordinates), np.concatenate(rates)
         self.bounds = np.vstack(bounds)
-        own = self.coordinates[len(self.first_impulse) :] - self._cavity_count
-        self.first_impulse = np.concatenate([self.first_impulse, last[own] * step])
+        self.first_impulse = last[self.coordinates] * step
+
+    def _last_efforts(self, state: State) -> np.ndarray:
+        """Pressures [kPa], and tensions with those lost [mN], in the last step, shape (coordinate_count,)."""
+        cables = self._model.cables
+        places = cables.coordinate_start[:-1] - np.arange(len(cables.names))
+        of_cables = np.insert(state.cable_tension_loss, places, state.cable_tension)
+        return np.concatenate([state.cavity_pressure, of_cables])

@@ -10,6 +10,7 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
+from taichisoft_controllers.model_names import pairs_called
 from taichisoft_controllers.scripted.condition import Quantity
 from taichisoft_controllers.scripted.quantities import QUANTITIES, bind_quantity
 
@@ -94,6 +95,15 @@ def test_without_a_goal_the_force_is_that_on_all_rigid_bodies() -> None:
 
 def test_without_a_goal_the_only_rigid_body_is_the_object() -> None:
     assert measure("lift", goal=False, cubes=("cube",)) == 7.0
+
+
+def test_a_body_with_several_collision_surfaces_presses_on_itself() -> None:
+    folded = {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
+    folded["collision_surface"] = [{"file": "lower.stl"}, {"file": "upper.stl"}]
+    model = made_up_model(soft_bodies={"mat": folded})
+    assert pairs_called("mat|mat", model) == [("mat", "mat")]
+    with pytest.raises(SceneError, match=r"no pair of bodies is called 'mat\|mat'"):
+        pairs_called("mat|mat", made_up_model())
 
 
 @pytest.mark.parametrize(

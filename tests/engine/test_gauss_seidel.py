@@ -162,6 +162,16 @@ def test_the_acceleration_changes_only_the_way(seed: int) -> None:
     np.testing.assert_allclose(impulse, simple_sweeps(problem, 3000), atol=1e-9)
 
 
+def test_half_steps_end_where_friction_lifts_what_the_normal_impulse_presses() -> None:
+    """One contact, soft in its normal direction and coupled: 2000 sweeps go to and fro, and the answer is 0.21."""
+    problem = make_problem(26840, contacts=1, cavities=1, friction=0.6)
+    impulse, outcome = problem.solve()
+    assert outcome[1] < 1e-12
+    assert impulse[0] == pytest.approx(0.21082845, abs=1e-8)
+    assert np.hypot(*impulse[1:3]) == pytest.approx(0.6 * impulse[0])
+    assert abs(simple_sweeps(problem, 2000)[0] - impulse[0]) > 0.1
+
+
 def test_a_newton_step_spares_the_sweeps_that_nearly_equal_contacts_need() -> None:
     """Four contacts in two places a hair apart stick with known impulses: 3000 plain sweeps are off by a tenth."""
     problem = make_problem(7, contacts=4, cavities=0, friction=0.6)

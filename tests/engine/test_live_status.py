@@ -9,10 +9,15 @@ import numpy as np
 import pytest
 from rich.console import Console
 
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 from taichisoft.control.keys import KeyEvent
 from taichisoft.running import live_status as module
 from taichisoft.running.live_status import LiveStatus, live_status
+from taichisoft.scenes.scene import Scene
 from taichisoft.session.pace import Pace
+from taichisoft.session.session import Session
+from taichisoft_controllers.keyboard.controller import KeyboardController
 
 
 def session(**changes: Any) -> Any:
@@ -33,14 +38,14 @@ def session(**changes: Any) -> Any:
             ("left", "right"): 9.0,
         },
     )
-    report = SimpleNamespace(observation=observation)
     pace = Pace(speed=1.0)
     pace.real_time_factor = 0.99
     parts = {
         "simulation": SimpleNamespace(
             model=SimpleNamespace(scene=scene),
             state=SimpleNamespace(time=2.5, rigid_position=np.array([[0.0, 0.0, 0.0], [-70.0, 71.0, 0.0]])),
-            report=report,
+            observe=lambda: observation,
+            report=None,
         ),
         "first_state": SimpleNamespace(rigid_position=np.array([[0.0, 0.0, 0.0], [-100.0, 70.0, 0.0]])),
         "controller": SimpleNamespace(status="finger2 selected"),
@@ -75,7 +80,7 @@ def test_it_says_how_the_run_goes() -> None:
 
 def test_pressures_that_differ_are_named() -> None:
     run = session()
-    run.simulation.report.observation.pressures["right.air"] = 20.0
+    run.simulation.observe().pressures["right.air"] = 20.0
     assert "left.air 50.0 kPa, right.air 20.0 kPa" in picture(run)
 
 
@@ -95,13 +100,22 @@ def test_a_pause_and_the_keys_are_shown() -> None:
     assert "[r]" in shown, "not taken for markup"
 
 
-def test_before_the_first_step_and_without_objects_there_is_less_to_say() -> None:
+def test_without_cavities_contacts_and_objects_there_is_less_to_say() -> None:
     run = session(controller=SimpleNamespace(status=""), recent_keys=deque())
-    run.simulation.report = None
+    run.simulation.observe = lambda: SimpleNamespace(pressures={}, normal_forces={})
     shown = picture(run)
     assert "pressure  none" in shown and "lifted by 30.0 mm, pressed with 0 mN" in shown and "none yet" in shown
     run.simulation.model.scene.main_object = None
     assert "lifted" not in picture(run)
+
+
+def test_what_it_says_is_of_the_present_state_also_of_a_run_that_is_started_anew(taichisoft_scene: Scene) -> None:
+    simulation = Simulation(taichisoft_scene)
+    run = Session(simulation, KeyboardController())
+    simulation.step(Control(pressure={"left.cavity": 2.0, "right.cavity": 2.0}))
+    assert "pressure  2.0 kPa" in picture(run)
+    simulation.restore(run.first_state)
+    assert "pressure  0.0 kPa" in picture(run)
 
 
 def test_on_a_terminal_the_status_replaces_itself_and_leaves_the_cursor_visible() -> None:

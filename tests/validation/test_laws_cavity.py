@@ -96,3 +96,32 @@ def test_volume_and_pressure_are_dual(hollow: Callable[[float], Simulation], fig
     report = advance(by_pressure, 0.5, Control(pressure={CAVITY: pressure}))
     growth = report.observation.volumes[CAVITY] - by_pressure.model.cavities.rest_volume[0]
     figures.close("growth of the volume [mm^3]", growth, 100.0, 1e-7)
+
+
+@pytest.mark.parametrize("unlimited", [True, False])
+def test_a_valve_opens_and_air_runs_out(block: Callable[..., str], unlimited: bool) -> None:
+    """A valve bounds the pressure of an imposed volume, and then the volume is that of the pressure; air that runs out
+    bounds the volume whatever the pressure asked for, and then the pressure is that of the volume."""
+
+    def make(**limits: float) -> Simulation:
+        cavity = {"group": "cavity", **({} if unlimited else limits)}
+        anchor = {"box": [[-15, -10, -10], [-15, 10, 10]]}
+        table = silicone(block((3, 3, 3), SIZE, True), rayleigh_mass=1.0, cavities={"cavity": cavity}, anchors=[anchor])
+        return simulate(soft_bodies={"block": table})
+
+    def growth(simulation: Simulation) -> float:
+        return float(simulation.state.cavity_volume[0] - simulation.model.cavities.rest_volume[0])
+
+    free = make()
+    advance(free, 0.5, Control(pressure={CAVITY: 60.0}))
+    valve, air = make(highest_pressure=60.0), make(highest_volume_growth=0.5 * growth(free))
+    advance(valve, 0.5, Control(volume_growth={CAVITY: 2.0 * growth(free)}))
+    advance(air, 0.5, Control(pressure={CAVITY: 60.0}))
+    if unlimited:
+        assert growth(valve) == pytest.approx(2.0 * growth(free))
+        assert growth(air) == pytest.approx(growth(free))
+    else:
+        assert valve.state.cavity_pressure[0] == pytest.approx(60.0, rel=1e-12)
+        assert growth(valve) == pytest.approx(growth(free), rel=1e-6)
+        assert growth(air) == pytest.approx(0.5 * growth(free), rel=1e-9)
+        assert 20.0 < air.state.cavity_pressure[0] < 40.0
