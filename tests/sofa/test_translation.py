@@ -290,6 +290,21 @@ def test_a_pressure_on_walls_that_face_inward_shrinks_the_cavity_as_in_sofa(fold
 
 
 @pytest.mark.parametrize(
+    ("settings", "limits"),
+    [
+        ("minPressure=-0.5, maxPressure=1.5", {"lowest_pressure": -50.0, "highest_pressure": 150.0}),
+        ("flipNormal=True, maxPressure=1.5", {"lowest_pressure": -150.0}),
+        ("maxVolumeGrowth=40, minVolumeGrowth=-1e308", {"highest_volume_growth": 40.0, "lowest_volume_growth": -1e30}),
+    ],
+)
+def test_limits_of_a_cavity_are_kept(folder: Path, settings: str, limits: dict[str, float]) -> None:
+    create = "free_motion(root)\nnode = body(root)\n" + CAVITY.format(mesh="block.stl", settings=settings)
+    table = dict(translated(folder, create).tables["soft_bodies"]["body"]["cavities"]["chamber"])
+    assert table.pop("surface")
+    assert table == pytest.approx(limits)
+
+
+@pytest.mark.parametrize(
     ("settings", "made"),
     [
         ("", {"rod": True, "pull_point": [0.0, 0.0, 0.0]}),
