@@ -151,7 +151,7 @@ def test_without_a_constraint_correction_a_body_moves_unless_sofas_reading_is_ke
 def test_the_round_off_of_a_zero_is_zero_unless_sofas_reading_is_kept(
     folder: Path, exact: bool, selected: list[int]
 ) -> None:
-    """SOFA's loader leaves a node of a turned block 1e-30 outside the plane y = 0; one at -1e-15 is no zero of the file."""
+    """SOFA's loader leaves nodes of a turned block 1e-30 outside the plane y = 0; what lies 1e-15 outside is no zero."""
     translation = translated(
         folder,
         """
@@ -224,7 +224,7 @@ def test_without_a_solver_a_rigid_body_is_an_obstacle_where_its_pose_puts_it(fol
 
 def test_contact_has_the_scenes_friction_and_distances(folder: Path) -> None:
     contact = translated(folder, "collisions(root, mu=0.3)\nsurface(body(root), 'block.stl')").tables["contact"]
-    assert contact == {"friction": 0.3, "alarm_distance": 5.0, "contact_distance": 1.0, "spacing": 4.0}
+    assert contact == {"friction": 0.3, "alarm_distance": 5.0, "contact_distance": 1.0, "spacing": 2.5}
 
 
 @pytest.mark.parametrize(
