@@ -151,7 +151,7 @@ def test_without_a_constraint_correction_a_body_moves_unless_sofas_reading_is_ke
 def test_the_round_off_of_a_zero_is_zero_unless_sofas_reading_is_kept(
     folder: Path, exact: bool, selected: list[int]
 ) -> None:
-    """SOFA's loader leaves nodes of a turned block 1e-30 outside the plane y = 0; what lies 1e-15 outside is no zero."""
+    """SOFA's loader leaves nodes of a turned block 1e-30 outside the plane y = 0; what is 1e-15 outside is no zero."""
     translation = translated(
         folder,
         """
