@@ -69,6 +69,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     elements[inverted] = elements[inverted][:, [1, 0, 2, 3]]
     groups, regions = _regions(young, poisson)
     table: dict[str, Any] = {
+        "points_outside": "extrapolated",
         "mesh": translation.files.volume(name, VolumeMesh(name, nodes, elements, {}, groups)),
         **_mass(body.mass if moves else None, len(points), len(body.position)),
         "young_modulus": regions[0]["young_modulus"],
