@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from taichisoft.bodies.cable_paths import segment_tensions
+from taichisoft.bodies.cable_paths import CablePath, segment_tensions
 from taichisoft.bodies.surfaces import BodySurface
 from taichisoft.control.observation import Pair
 from taichisoft.meshes.surface import MappedSurface
@@ -121,8 +121,11 @@ class Recording:
 
     def cable_points(self, frame: int) -> list[np.ndarray]:
         """Points of each cable from its pulled end on [mm], each of shape (point_count, 3)."""
-        poses = _RecordedPoses(self, frame)
-        return [path.points(poses, self.base_pivot) for path in self.cable_paths]
+        return [self.points_of_cable(path, frame) for path in self.cable_paths]
+
+    def points_of_cable(self, path: CablePath, frame: int) -> np.ndarray:
+        """Points of one of `cable_paths` from its pulled end on [mm], shape (point_count, 3)."""
+        return path.points(_RecordedPoses(self, frame), self.base_pivot)
 
     def segment_tensions(self, frame: int) -> list[np.ndarray]:
         """Tensions between the points of each cable [mN], each of shape (point_count - 1,)."""
