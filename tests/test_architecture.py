@@ -68,6 +68,7 @@ LAYERS = {
         "scripted",
         "settings",
         "model_names",
+        "drives",
     ],
     "taichisoft_plugins": [
         "__init__",
