@@ -96,6 +96,7 @@ LAYERS = {
         "mesh_cache",
         "mesh_job",
         "fingerprint",
+        "tendon_finger",
         "finger",
         "bodies",
         "size_search",
