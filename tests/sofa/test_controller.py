@@ -138,6 +138,21 @@ def test_a_value_of_a_cable_is_a_pull_or_an_impulse(folder: Path, kind: str, att
     assert getattr(run.steps(1, "+"), attribute) == {"body.cable": pytest.approx(asked)}
 
 
+def test_a_cable_follows_its_value_by_no_more_than_the_scene_allows(folder: Path) -> None:
+    """As in SOFA by the allowed variation every two steps, since it looks at the beginning of the last one."""
+    run = Run(
+        folder,
+        """
+        def onKeypressedEvent(self, event):
+            self.body.cable.tendon.maxDispVariation = 0.5
+            self.body.cable.tendon.value = [2]
+        """,
+    )
+    asked = [run.steps(1, *keys).cable_pull["body.cable"] for keys in (["+"], *[[]] * 8)]
+    assert asked[:2] == [0.5, 0.5]
+    np.testing.assert_allclose(asked[2:], [1.0, 1.0, 1.5, 1.5, 2.0, 2.0, 2.0], atol=0.05)  # of a step linearised
+
+
 def test_a_pull_point_is_moved(folder: Path) -> None:
     run = Run(folder, "def onKeypressedEvent(self, event): self.body.cable.tendon.pullPoint = [-41, 0, 14]")
     assert not run.steps().pull_points

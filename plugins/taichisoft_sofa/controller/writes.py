@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft.control.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.actuators import VOLUME, value_by
-from taichisoft_sofa.components.reading import described, flag, number, text
+from taichisoft_sofa.components.reading import described, flag, is_given, number, text
 from taichisoft_sofa.components.table import IGNORED
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.base import Base
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from taichisoft.model import Model
 
 HEEDED = {
-    "SurfacePressureConstraint": {"value", "valueIndex"},
-    "CableConstraint": {"value", "valueIndex", "pullPoint"},
+    "SurfacePressureConstraint": {"value", "valueIndex", "maxPressureVariation", "maxVolumeGrowthVariation"},
+    "CableConstraint": {"value", "valueIndex", "pullPoint", "maxDispVariation"},
     "MechanicalObject": {"rest_position"},
     "Node": {"gravity"},
 }
@@ -73,6 +73,7 @@ class SceneWrites:
             if place is not None:
                 place.take()
         self._told: set[int] = set()
+        self._before: dict[int, float] = {}
         self._watched = list(self._changeable())
         self._revisions = [data.revision for data, _ in self._watched]
 
@@ -82,8 +83,9 @@ class SceneWrites:
         for cavity, name in self._cavities:
             value = _present(cavity)
             if value_by(cavity) == VOLUME:
-                growth[name] = value
+                growth[name] = self._varied(cavity, value, "maxVolumeGrowthVariation", "volumeGrowth")
             else:
+                value = self._varied(cavity, value, "maxPressureVariation", "pressure")
                 pressure[name] = self._translation.signs[cavity] * value * self._translation.effort_of_value
         tension, pull, pull_points = {}, {}, {}
         for cable, name in self._cables:
@@ -91,7 +93,7 @@ class SceneWrites:
             if text(cable, "valueType", default="displacement") in ("force", "1"):
                 tension[name] = value * self._translation.effort_of_value
             else:
-                pull[name] = value - self._paid_out[name]
+                pull[name] = self._varied(cable, value, "maxDispVariation", "displacement") - self._paid_out[name]
             place = cable.findData("pullPoint")
             if place is not None and flag(cable, "hasPullPoint", True) and (moved := place.take()) is not None:
                 pull_points[name] = numbers(moved)
@@ -110,6 +112,20 @@ class SceneWrites:
             anchor_positions=anchors,
             gravity=None if gravity is None else numbers(gravity),
         )
+
+    def _varied(self, actuator: Component, value: float, limit: str, quantity: str) -> float:
+        """The value, at most so far from the quantity's as the scene allows.
+
+        SOFA compares with what a growth or a displacement was at the beginning of the last step, not of this one: so it
+        changes by the allowed variation every two steps.
+        """
+        if not is_given(actuator, limit):
+            return value
+        now = float(numbers(known_data(actuator, quantity).read_value())[0])
+        before = self._before.get(id(actuator), 0.0)
+        self._before[id(actuator)] = now
+        middle, variation = now if quantity == "pressure" else before, number(actuator, limit, default=np.inf)
+        return min(max(value, middle - variation), middle + variation)
 
     def without_effect(self) -> Iterator[str]:
         """One line for each data that was written to and that nothing heeds; each data is told once."""
