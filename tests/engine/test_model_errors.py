@@ -98,7 +98,7 @@ def test_a_cavity_outside_its_body_is_refused_with_a_vertex(hollow: dict[str, An
 
 
 def test_points_outside_a_body_follow_it_where_the_scene_says_so(hollow: dict[str, Any], tmp_path: Path) -> None:
-    """Extrapolated from the element with the nearest centroid: what lies outside is sheared as the body is."""
+    """Extrapolated from the element with the nearest centroid: as the body is sheared, so is what lies outside."""
     box = trimesh.creation.box(extents=[2, 2, 2])
     box.vertices += [0, 0, 30]
     made = model({**hollow, **cavity_file(tmp_path, box), "points_outside": "extrapolated"})
