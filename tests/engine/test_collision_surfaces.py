@@ -125,6 +125,7 @@ def test_a_body_that_does_not_collide_goes_through_all(tmp_path: Path) -> None:
     assert simulation.state.rigid_position[0, 2] == pytest.approx(fallen, rel=1e-9)
     assert simulation.state.position[:27, 2].mean() == pytest.approx(fallen, rel=1e-9)
     scene["rigid_bodies"]["cube"] = cube
+    assert touching(make_model(scene_from_dict(scene))) == []
     with pytest.raises(SceneError, match=r"^bodies 'cube' and 'floor' overlap at the start"):
         make_model(scene_from_dict({**scene, "obstacles": {"floor": plane}}))
 

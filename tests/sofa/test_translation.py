@@ -360,6 +360,24 @@ def test_a_container_of_tetrahedra_carries_points_by_a_grid_as_in_sofa(folder: P
     assert translate(tree).tables["soft_bodies"]["body"]["embedding"] == "grid"
 
 
+@pytest.mark.parametrize(
+    ("create", "line"),
+    [
+        ("collisions(root)\nsurface(body(root), 'block.stl', selfCollision=True)", "does not touch itself"),
+        ("node = body(root)\n" + CAVITY.format(mesh="block.stl", settings=""), "there is no FreeMotionAnimationLoop"),
+        (
+            "n = body(root)\nn.addObject('BoxROI', name='r', box=[-1]*3+[1]*3)\n"
+            "n.addObject('RestShapeSpringsForceField', points='@r.indices')",
+            "/body/r: selects its points once",
+        ),
+    ],
+)
+def test_a_departure_is_one_line(folder: Path, create: str, line: str) -> None:
+    translation = translated(folder, create)
+    assert not translation.refused
+    assert len([said for said in translation.departures if line in said]) == 1
+
+
 def test_an_unknown_component_is_one_line_with_its_place_and_purpose(folder: Path) -> None:
     translation = translated(folder, 'body(root).addObject("MooneyRivlinForceField", name="rubber")')
     (line,) = translation.refused

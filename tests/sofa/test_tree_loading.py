@@ -120,8 +120,8 @@ def test_a_scene_runs_in_its_folder_and_finds_its_files_and_modules(tmp_path: Pa
         root.addObject("MechanicalObject", rest_position=open("deeper/points.txt").read(), position=position)
     """
     tree = loaded(tmp_path, create, files={"own_parts.py": "position = [[4, 5, 6]]"})
-    assert tree.root.MechanicalObject.rest_position.value.tolist() == [[1, 2, 3]]
-    assert tree.root.MechanicalObject.position.value == [[4, 5, 6]]
+    assert np.array_equal(tree.root.MechanicalObject.rest_position.value, [[1, 2, 3]])
+    assert np.array_equal(tree.root.MechanicalObject.position.value, [[4, 5, 6]])
     assert tree.find_file("deeper/points.txt") == tmp_path / "deeper/points.txt"
     assert tree.find_file("deeper/none.txt") is None
     assert not list(tmp_path.rglob("__pycache__"))

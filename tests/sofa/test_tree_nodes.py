@@ -146,7 +146,7 @@ class Finger(Prefab):
 
     def init(self) -> None:
         self.loader = self.addObject("MeshVTKLoader", name="loader", filename=self.mesh.value)
-        self.box = self.addObject("BoxROI", name="roi", box=self.size)
+        self.box = self.addObject("NewROI", name="roi", box=self.size)
 
 
 def test_a_prefab_fills_itself_from_its_parameters(root: Node) -> None:

@@ -171,8 +171,8 @@ def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
         if not len(surface.triangles):
             draft.refuse(surface.component, "its topology has no triangles; points and lines alone do not collide here")
         if surface.self_collision:
-            draft.refuse(
-                surface.component, "selfCollision; the surfaces of a body touch each other, none touches itself"
+            draft.depart(
+                f"{node_of(surface.component).getPathName()}: does not touch itself, which selfCollision asks for"
             )
     if not surfaces or not collides(draft):
         table["collides"] = False

@@ -47,6 +47,10 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         "gravity": [float(value) for value in root.gravity.read_value()],
         "time": {"step": time_step, **({"dynamics": "first order"} if first_order else {})},
     }
+    if not draft.free_motion and any(body.cavities or body.cables for body in draft.bodies.values()):
+        draft.depart(
+            "pressures and cables act, though there is no FreeMotionAnimationLoop, without which SOFA has none"
+        )
     if contact := contact_table(draft):
         translation.tables["contact"] = contact
     _add_bodies(draft, translation)
