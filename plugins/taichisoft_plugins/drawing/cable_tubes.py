@@ -14,7 +14,7 @@ THICKNESS = 0.01
 """Radius of a tube, in radii of the soft bodies [-]: cables are drawn thicker than they are, so that they are seen."""
 BEAD = 2.0
 """Radius of a bead, in radii of the tube [-]."""
-SIDES = 12
+SIDES = 10
 """Faces around a tube: few enough to draw fast, and enough that they meet at angles that are shaded smoothly."""
 
 _TURN = 2.0 * np.pi * np.arange(SIDES) / SIDES
@@ -119,6 +119,7 @@ def _unit_ball() -> tuple[np.ndarray, np.ndarray]:
     tilts = np.linspace(np.pi, 0.0, SIDES // 2 + 1)  # the poles are rings, too, whose vertices are at one place
     rings = [np.column_stack([np.sin(tilt) * _RING, np.full(SIDES, np.cos(tilt))]) for tilt in tilts]
     bands = [_band(SIDES * ring, SIDES * (ring + 1)) for ring in range(len(tilts) - 1)]
+    bands[0], bands[-1] = bands[0][SIDES:], bands[-1][:SIDES]  # the other triangles there have no area
     return np.concatenate(rings), np.concatenate(bands)
 
 
