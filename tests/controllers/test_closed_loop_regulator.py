@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from taichisoft_controllers.closed_loop.actuation import by_pressure
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 from taichisoft_controllers.closed_loop.grip_force import ForceRegulator
 
@@ -17,7 +18,7 @@ NEVER = 1e9  # [kPa/s] or [kPa]: a limit that is not met
 
 def regulator(proportional: float, integral: float, rate: float = NEVER, highest: float = NEVER) -> ForceRegulator:
     settings = GraspSettings(proportional_gain=proportional, integral_gain=integral, pressure_rate=rate)
-    return ForceRegulator(settings, 0.0, highest)
+    return ForceRegulator(by_pressure(settings, 0.0, highest), settings.tracking_time)
 
 
 def fingers(made: ForceRegulator, set_point: Callable[[float], float], period: float, duration: float, ceiling=NEVER):
@@ -25,7 +26,7 @@ def fingers(made: ForceRegulator, set_point: Callable[[float], float], period: f
     applied, pressures, forces = 0.0, [], []
     for call in range(round(duration / period)):
         force = GAIN * applied
-        applied = min(made.pressure(set_point(call * period) - force, applied, period), ceiling)
+        applied = min(made.command(set_point(call * period) - force, applied, period), ceiling)
         forces.append(force)
         pressures.append(applied)
     return np.array(pressures), np.array(forces)
@@ -50,7 +51,7 @@ def test_the_step_response_is_that_of_the_time_constant_that_was_designed_for() 
     for call in range(2000):
         expected = set_point * (1.0 - math.exp(-call * period / wanted_time))
         largest = max(largest, abs(force - expected))
-        applied = made.pressure(set_point - force, applied, period)
+        applied = made.command(set_point - force, applied, period)
         force += (GAIN * applied - force) * (1.0 - math.exp(-period / plant_time))
     assert largest < 0.01 * set_point
     assert force == pytest.approx(set_point, rel=1e-3)
@@ -74,7 +75,7 @@ def test_it_leaves_a_limit_at_once_however_long_it_was_there(of_scene: bool) -> 
 def test_it_starts_from_the_pressure_that_it_takes_over() -> None:
     made = regulator(0.005, 0.16)
     made.start(30.0, 250.0)
-    assert made.pressure(250.0, 30.0, 1e-6) == pytest.approx(30.0, abs=1e-4)
+    assert made.command(250.0, 30.0, 1e-6) == pytest.approx(30.0, abs=1e-4)
 
 
 @given(
@@ -87,7 +88,7 @@ def test_the_pressure_never_leaves_its_range_nor_changes_faster_than_its_rate(
 ) -> None:
     made, applied = regulator(0.005, 0.16, rate=rate, highest=105.0), 0.0
     for error in errors:
-        asked = made.pressure(error, applied, period)
+        asked = made.command(error, applied, period)
         assert 0.0 <= asked <= 105.0
         assert abs(asked - applied) <= rate * period * (1.0 + 1e-12)
         applied = asked
@@ -103,7 +104,7 @@ def test_the_tuning_settles_for_all_gains_of_the_fingers_and_all_sensible_period
     for _ in range(round(4.0 / period)):
         force = gain * pressed
         highest = max(highest, force)
-        applied = made.pressure(800.0 - force, applied, period)
+        applied = made.command(800.0 - force, applied, period)
         pressed += (applied - pressed) * (1.0 - math.exp(-period / 0.01))
     assert force == pytest.approx(800.0, rel=0.01)
     assert highest < 1.35 * 800.0

@@ -8,6 +8,7 @@ from made_up import made_up_model
 
 from taichisoft.control.observation import Observation
 from taichisoft_controllers.closed_loop.grasp_sensing import Grasp, GraspSensing
+from taichisoft_controllers.drives import PRESSURE, PULL
 
 FINGERS = ("left", "right", "third")
 
@@ -15,7 +16,7 @@ FINGERS = ("left", "right", "third")
 def sensing() -> GraspSensing:
     """Three fingers and a cube in a world whose gravity acts along -y."""
     model = made_up_model([f"{name}.air" for name in FINGERS], goal={"object": "cube"}, gravity=[0.0, -9810.0, 0.0])
-    return GraspSensing(model, touch_force=5.0)
+    return GraspSensing(model, PRESSURE, touch_force=5.0)
 
 
 def sense(made: GraspSensing, normal: list[float], friction: list[float], slip: list[float], **other: Any) -> Grasp:
@@ -33,12 +34,12 @@ def sense(made: GraspSensing, normal: list[float], friction: list[float], slip: 
         **by_pair,
         **other,
     }
-    return made.sense(Observation(2.5, 250, **values))
+    return made.sense(Observation(2.5, 250, **values), asked=7.0)
 
 
 def test_forces_are_those_of_the_fingers_on_the_object() -> None:
     grasp = sense(sensing(), [100.0, 200.0, 4.0], [0.0] * 3, [0.0] * 3)
-    assert (grasp.force, grasp.missing, grasp.pressure, grasp.time) == (304.0, ("third",), 30.0, 2.5)
+    assert (grasp.force, grasp.missing, grasp.applied, grasp.time) == (304.0, ("third",), 30.0, 2.5)
 
 
 def test_heights_are_counted_against_gravity() -> None:
@@ -58,3 +59,12 @@ def test_a_finger_slips_when_it_slides_as_a_whole(friction: float) -> None:
     assert swaying.slip_speed == 0.0
     one_slides = sense(made, normal, [friction * 100.0, 0.5 * friction * 200.0, 0.0], [8.0, 1.0, 1.0])
     assert one_slides.slip_speed == pytest.approx(8.0 * 100.0 / 400.0)  # weighted by force
+
+
+def test_a_slack_cable_counts_as_pulled_in_by_what_was_asked() -> None:
+    """Friction may hold its finger further in: the regulator must not take that for a limit of the motor."""
+    model = made_up_model((), cables={"left.tendon": {}, "right.tendon": {}}, goal={"object": "cube"})
+    pulls, tensions = {"left.tendon": 9.0, "right.tendon": 6.0}, {"left.tendon": 0.0, "right.tendon": 400.0}
+    place = {"object_positions": {"cube": np.zeros(3)}, "object_velocities": {"cube": np.zeros(3)}}
+    seen = Observation(2.5, 250, cable_pulls=pulls, cable_tensions=tensions, **place)
+    assert GraspSensing(model, PULL, touch_force=5.0).sense(seen, asked=7.0).applied == 6.5

@@ -3,6 +3,7 @@
 from dataclasses import dataclass, field
 
 from taichisoft.errors import ControllerFailed
+from taichisoft_controllers.closed_loop.actuation import by_pressure
 from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
 from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
@@ -63,7 +64,7 @@ class ToyGrasp:
         slip = self.slip_speed if self.slip_speed > 1e-6 else 0.0
         return Grasp(
             time=time,
-            pressure=self.pressure,
+            applied=self.pressure,
             force=self.force,
             missing=missing,
             slip_speed=slip,
@@ -75,14 +76,15 @@ class ToyGrasp:
 
 def run_toy(toy: ToyGrasp, settings: GraspSettings, duration: float, period: float = 0.01, pushes=()) -> GraspSequence:
     """Let a grasp go on for some time; `pushes` are (start [s], end [s], force [mN])."""
-    sequence = GraspSequence(settings, "cube", 0.0, min(HIGHEST_PRESSURE, settings.highest_pressure))
+    actuation = by_pressure(settings, 0.0, min(HIGHEST_PRESSURE, settings.highest_pressure))
+    sequence = GraspSequence(settings, "cube", actuation)
     for call in range(round(duration / period)):
         time = call * period
         sequence.advance(toy.sense(time), period if call else 0.0)
         if not toy.phases or toy.phases[-1] is not sequence.phase:
             toy.phases.append(sequence.phase)
         toy.push = sum(force for start, end, force in pushes if start <= time < end)
-        toy.move(sequence.pressure, sequence.height, period)
+        toy.move(sequence.command, sequence.height, period)
     return sequence
 
 

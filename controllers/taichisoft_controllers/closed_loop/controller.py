@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING, Any
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
-from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Limits
+from taichisoft_controllers.closed_loop.actuation import actuation_of
 from taichisoft_controllers.closed_loop.grasp_sensing import GraspSensing
 from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
+from taichisoft_controllers.drives import PRESSURE
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -34,31 +34,36 @@ class ClosedLoopController(Controller):
         """Begin anew.
 
         Raises:
-            SceneError: the model lacks gravity, fingers, cavities, an object to grasp, or pressures to choose from.
+            SceneError: the model lacks gravity, fingers, cavities and cables, an object to grasp, or pressures or pulls
+                to choose from.
         """
-        self._sensing = GraspSensing(model, self._settings.touch_force)
-        lowest, highest = self._pressure_range(model.scene.limits)
-        self._sequence = GraspSequence(self._settings, self._sensing.object, lowest, highest)
+        self._actuation = actuation_of(model, self._settings)
+        self._sensing = GraspSensing(model, self._actuation.drive, self._settings.touch_force)
+        self._sequence = GraspSequence(self._settings, self._sensing.object, self._actuation)
         self._first: Observation | None = None
         self._time = 0.0
         self._held_since: float | None = None
 
     def control(self, observation: Observation) -> Control:
-        """The pressure and the height of the base that the present phase of the grasp asks for.
+        """The pressure or pull and the height of the base that the present phase of the grasp asks for.
 
         Raises:
             ControllerFailed: the object cannot be grasped or lifted, or was dropped.
         """
         if self._first is None:
             self._first, self._time = observation, observation.time
-        grasp, sequence = self._sensing.sense(observation), self._sequence
+        sequence = self._sequence
         assert sequence is not None, "control() before reset()"
+        grasp = self._sensing.sense(observation, sequence.command)
         sequence.advance(grasp, observation.time - self._time)
         self._time = observation.time
         if sequence.phase is Phase.HELD and self._held_since is None:
             self._held_since = observation.time
+        commands = dict.fromkeys(self._sensing.actuators, sequence.command)
+        by_pressure = self._actuation.drive is PRESSURE
         return Control(
-            pressure=dict.fromkeys(self._sensing.cavities, sequence.pressure),
+            pressure=commands if by_pressure else {},
+            cable_pull={} if by_pressure else commands,
             base_translation=self._first.base_translation + sequence.height * self._sensing.up,
             signals={
                 "phase": float(sequence.phase),
@@ -76,22 +81,9 @@ class ClosedLoopController(Controller):
         if sequence is None:
             return {}
         held = f"held since {self._held_since:.2f} s" if self._held_since is not None else "not held"
-        set_point = sequence.set_point
+        set_point, drive = sequence.set_point, self._actuation.drive
         return {
             f"{self._sensing.object}, closed loop": f"{held}; phase {sequence.phase.name.lower()}",
             "set point of the grip": f"{set_point.force:.0f} mN, raised {set_point.raised_count} times on slip",
-            "pressure asked for last": f"{sequence.pressure:.1f} kPa",
+            f"{drive.name} asked for last": f"{sequence.command:.1f} {drive.unit}",
         }
-
-    def _pressure_range(self, limits: Limits) -> tuple[float, float]:
-        """The lowest and the highest pressure that may be asked for [kPa]: the settings' within the scene's limits."""
-        lowest = max(0.0, limits.lowest_pressure or 0.0)
-        highest = self._settings.highest_pressure
-        if limits.highest_pressure is not None:
-            highest = min(highest, limits.highest_pressure)
-        if not lowest < highest:
-            raise SceneError(
-                f"controller.settings.highest_pressure = {self._settings.highest_pressure:g}: within [limits] this "
-                f"leaves pressures from {lowest:g} to {highest:g} kPa; the controller 'closed-loop' needs a range"
-            )
-        return lowest, highest

@@ -7,6 +7,7 @@ import numpy as np
 
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
+from taichisoft_controllers.drives import PULL, Drive
 from taichisoft_controllers.model_names import actuators_called, fingers_called, object_called
 
 if TYPE_CHECKING:
@@ -22,7 +23,7 @@ class Grasp:
 
     Attributes:
         time: time of the observation [s].
-        pressure: mean pressure of the cavities, as it was applied [kPa].
+        applied: mean pressure of the cavities [kPa], or mean pull of the cables [mm], as it was applied.
         force: sum of the normal forces of the fingers on the object [mN].
         missing: fingers that do not touch the object.
         slip_speed: sliding speed of the fingers on the object, mean weighted by their forces [mm/s]; a finger counts
@@ -33,7 +34,7 @@ class Grasp:
     """
 
     time: float
-    pressure: float
+    applied: float
     force: float
     missing: tuple[str, ...]
     slip_speed: float
@@ -47,31 +48,33 @@ class GraspSensing:
 
     Attributes:
         object: name of the rigid body.
-        cavities: names of all cavities.
+        actuators: names of all cavities, or of all cables.
         up: unit vector against gravity, shape (3,).
     """
 
-    def __init__(self, model: "Model", touch_force: float):
+    def __init__(self, model: "Model", drive: Drive, touch_force: float):
         """Look up names and the direction of gravity.
 
         Args:
             model: the model of the run.
+            drive: the way in which its actuators are driven.
             touch_force: normal force from which a finger counts as touching [mN].
 
         Raises:
-            SceneError: the model lacks gravity, fingers, cavities, or an object to grasp.
+            SceneError: the model lacks gravity, fingers, actuators, or an object to grasp.
         """
         if not any(model.scene.gravity):
             raise SceneError("gravity = [0, 0, 0]: the controller 'closed-loop' lifts against it; give it a direction")
         self.object = object_called(None, model)
-        self.cavities = actuators_called(None, model.cavities.names, "cavity")
+        self.actuators = actuators_called(None, drive.actuators(model), drive.kind)
+        self._drive = drive
         self.up = model.scene.up
         self._pairs = {finger: (finger, self.object) for finger in fingers_called(None, model)}
         self._most_used = dict.fromkeys(self._pairs, 0.0)
         self._touch_force = touch_force
 
-    def sense(self, observation: Observation) -> Grasp:
-        """The grasp in an observation."""
+    def sense(self, observation: Observation, asked: float) -> Grasp:
+        """The grasp in an observation; `asked` is what was asked of the actuators before [kPa] or [mm]."""
         # Bodies that are far apart are not in an observation: nothing presses, nothing slides.
         forces = {finger: observation.normal_forces.get(pair, 0.0) for finger, pair in self._pairs.items()}
         touching = [finger for finger, force in forces.items() if force >= self._touch_force]
@@ -79,7 +82,7 @@ class GraspSensing:
         base_height = float(observation.base_translation @ self.up)
         return Grasp(
             time=observation.time,
-            pressure=sum(observation.pressures[name] for name in self.cavities) / len(self.cavities),
+            applied=sum(self._applied(name, observation, asked) for name in self.actuators) / len(self.actuators),
             force=sum(forces.values()),
             missing=tuple(finger for finger in self._pairs if finger not in touching),
             slip_speed=sliding / sum(forces.values()) if touching else 0.0,
@@ -87,6 +90,11 @@ class GraspSensing:
             offset=float(observation.object_positions[self.object] @ self.up) - base_height,
             object_speed=float(np.linalg.norm(observation.object_velocities[self.object])),
         )
+
+    def _applied(self, actuator: str, observation: Observation, asked: float) -> float:
+        """What an actuator was driven with; a slack cable is paid out as was asked, wherever its finger may stick."""
+        is_slack = self._drive is PULL and observation.cable_tensions[actuator] <= 0.0
+        return asked if is_slack else self._drive.read(observation, actuator)
 
     def _slip_speed(self, finger: str, observation: Observation) -> float:
         """Speed of a finger that slides as a whole [mm/s], else 0.

@@ -5,9 +5,10 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from taichisoft.errors import ControllerFailed
+from taichisoft_controllers.closed_loop.actuation import Actuation
 from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
-from taichisoft_controllers.closed_loop.grip_force import ROUND_OFF, ForceRegulator, GripSetPoint
+from taichisoft_controllers.closed_loop.grip_force import ForceRegulator, GripSetPoint
 
 SETTLED = 0.05
 """Share of the set point by which a force that has reached it may differ from it [-]."""
@@ -38,30 +39,29 @@ class GraspSequence:
 
     Attributes:
         phase: the present one.
-        pressure: pressure to apply to all cavities [kPa].
+        command: pressure to apply to all cavities [kPa], or pull to all cables [mm].
         height: where the base shall be, upwards from its start [mm].
         set_point: set point of the sum of the normal forces of the fingers.
         sunk: how far the object is below where the last lift took it up, relative to the base [mm].
     """
 
-    def __init__(self, settings: GraspSettings, object_name: str, lowest_pressure: float, highest_pressure: float):
+    def __init__(self, settings: GraspSettings, object_name: str, actuation: Actuation):
         """Begin with open fingers.
 
         Args:
             settings: the tuning.
             object_name: name of the object in messages.
-            lowest_pressure: pressure of open fingers [kPa].
-            highest_pressure: highest pressure that is asked for [kPa].
+            actuation: what closes the fingers.
         """
         self.phase = Phase.APPROACH
-        self.pressure = lowest_pressure
+        self.command = actuation.lowest
         self.height = 0.0
         self.set_point = GripSetPoint(settings.set_point, settings.margin, settings.slip_speed)
         self.sunk = 0.0
         self._settings = settings
         self._object = object_name
-        self._lowest, self._highest = lowest_pressure, highest_pressure
-        self._regulator = ForceRegulator(settings, lowest_pressure, highest_pressure)
+        self._actuation = actuation
+        self._regulator = ForceRegulator(actuation, settings.tracking_time)
         self._phase_begun = 0.0
         self._true_since: float | None = None
         self._grasps_made = 0
@@ -85,15 +85,16 @@ class GraspSequence:
 
     def _approach(self, grasp: Grasp, elapsed: float) -> None:
         """Close until all fingers touch."""
-        self.pressure = min(grasp.pressure + self._settings.approach_rate * elapsed, self._highest)
+        by = self._actuation
+        self.command = min(grasp.applied + by.approach_rate * elapsed, by.highest)
         if not grasp.missing:
-            self._regulator.start(grasp.pressure, self.set_point.force - grasp.force)
+            self._regulator.start(grasp.applied, self.set_point.force - grasp.force)
             self._enter(Phase.GRIP, grasp)
-        elif self._settled(grasp.pressure >= self._highest - ROUND_OFF, grasp):
-            self._fail(grasp, f"no contact of {', '.join(grasp.missing)} up to {self._highest:g} kPa")
+        elif self._settled(grasp.applied >= by.highest - by.near, grasp):
+            self._fail(grasp, f"no contact of {', '.join(grasp.missing)} up to {by.highest:g} {by.drive.unit}")
 
     def _grip(self, grasp: Grasp, elapsed: float) -> None:
-        """Press until the force is there; of a set point that was raised, as much as the highest pressure gives."""
+        """Press until the force is there; of a set point that was raised, as much as the highest command gives."""
         self._regulate(grasp, elapsed)
         reached = abs(self.set_point.force - grasp.force) < SETTLED * self.set_point.force
         strongest = self._regulator.saturated and grasp.force > self._settings.set_point
@@ -146,12 +147,13 @@ class GraspSequence:
 
     def _release(self, grasp: Grasp, elapsed: float) -> None:
         """Open the fingers."""
-        self.pressure = max(grasp.pressure - self._settings.approach_rate * elapsed, self._lowest)
-        if self._settled(grasp.pressure <= self._lowest + ROUND_OFF, grasp):
+        by = self._actuation
+        self.command = max(grasp.applied - by.approach_rate * elapsed, by.lowest)
+        if self._settled(grasp.applied <= by.lowest + by.near, grasp):
             self._enter(Phase.APPROACH, grasp)
 
     def _regulate(self, grasp: Grasp, elapsed: float) -> None:
-        self.pressure = self._regulator.pressure(self.set_point.force - grasp.force, grasp.pressure, elapsed)
+        self.command = self._regulator.command(self.set_point.force - grasp.force, grasp.applied, elapsed)
 
     def _watch(self, grasp: Grasp) -> bool:
         """Raise the set point if the lifted object slips; returns whether it does."""
@@ -184,7 +186,7 @@ class GraspSequence:
     def _fail(self, grasp: Grasp, reason: str) -> None:
         raise ControllerFailed(
             f"{self.phase.name.lower()} failed at {grasp.time:.2f} s: {reason}; the fingers press with "
-            f"{grasp.force:.0f} of {self.set_point.force:.0f} mN at {grasp.pressure:.1f} kPa"
+            f"{grasp.force:.0f} of {self.set_point.force:.0f} mN at {grasp.applied:.1f} {self._actuation.drive.unit}"
         )
 
 

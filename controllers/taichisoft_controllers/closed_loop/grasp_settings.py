@@ -28,9 +28,19 @@ class GraspSettings(ControllerSettings):
     integral_gain: Positive = 0.16
     """Integral gain of the force regulator [kPa/(mN s)]."""
     tracking_time: Positive = 0.03
-    """Time constant with which the regulator's integral is led back to the pressure that was applied [s]."""
+    """Time constant with which the regulator's integral is led back to what was applied [s]."""
     pressure_rate: Positive = 60.0
     """Fastest change of the pressure that the force regulator asks for, up or down [kPa/s]."""
+    highest_pull: Positive = 15.0
+    """Farthest that cables are pulled in, where there are no cavities, if their stops are not nearer [mm]."""
+    pull_approach_speed: Positive = 4.0
+    """Speed of the cables until all fingers touch, and when they open [mm/s]."""
+    pull_proportional_gain: NotNegative = 0.00012
+    """Proportional gain of the force regulator that pulls cables [mm/mN]."""
+    pull_integral_gain: Positive = 0.004
+    """Integral gain of the force regulator that pulls cables [mm/(mN s)]."""
+    pull_speed: Positive = 1.5
+    """Fastest motion of the cables that the force regulator asks for, in or out [mm/s]."""
     lift: Positive = 30.0
     """Height by which the base rises [mm]."""
     lift_time: Positive = 2.0

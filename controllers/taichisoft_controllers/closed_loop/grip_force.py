@@ -1,13 +1,10 @@
-"""The force of a grip: how hard it shall be, and the pressure that makes it so."""
+"""The force of a grip: how hard it shall be, and the pressure or pull that makes it so."""
 
 import math
 from dataclasses import dataclass
 
+from taichisoft_controllers.closed_loop.actuation import Actuation
 from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
-from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
-
-ROUND_OFF = 1e-9
-"""Pressures this close are the same [kPa]."""
 
 
 @dataclass
@@ -45,7 +42,7 @@ class GripSetPoint:
 
 @dataclass
 class ForceRegulator:
-    """A PI regulator of the grip force, which acts through the pressure, within a range and a rate limit.
+    """A PI regulator of the grip force, which acts through pressure or pull, within a range and a rate limit.
 
     Whenever less is applied than was asked for, because of the range, the rate limit or the limits of a scene, the
     integral is led back to what is applied, with a time constant of its own: back-calculation (Astrom and Murray,
@@ -53,37 +50,37 @@ class ForceRegulator:
     which the error changes its sign.
 
     Attributes:
-        settings: the gains, the time constant and the rate limit.
-        lowest_pressure, highest_pressure: range of the pressure [kPa].
-        saturated: whether the last pressure was the highest one, and more was wanted.
+        actuation: what it acts through, with the gains, the range and the rate limit.
+        tracking_time: the time constant [s].
+        saturated: whether the last command was the highest one, and more was wanted.
     """
 
-    settings: GraspSettings
-    lowest_pressure: float
-    highest_pressure: float
+    actuation: Actuation
+    tracking_time: float
 
     def __post_init__(self) -> None:
-        self.start(self.lowest_pressure, 0.0)
+        self.start(self.actuation.lowest, 0.0)
 
     def start(self, applied: float, error: float) -> None:
-        """Take over from whatever applied the pressure [kPa] at this error [mN], without a jump."""
-        self._integral = applied - self.settings.proportional_gain * error
+        """Take over from whatever applied a pressure [kPa] or pull [mm] at this error [mN], without a jump."""
+        self._integral = applied - self.actuation.proportional_gain * error
         self._wanted = applied
         self.saturated = False
 
-    def pressure(self, error: float, applied: float, elapsed: float) -> float:
-        """The pressure to apply [kPa].
+    def command(self, error: float, applied: float, elapsed: float) -> float:
+        """The pressure [kPa] or pull [mm] to apply.
 
         Args:
             error: set point less force [mN].
-            applied: pressure that was applied since the last call [kPa].
+            applied: what was applied since the last call [kPa] or [mm].
             elapsed: time since the last call [s].
         """
+        by = self.actuation
         # The exact solution over `elapsed`: an Euler step would be unstable where the tracking time is shorter.
-        followed = 1.0 - math.exp(-elapsed / self.settings.tracking_time)
-        self._integral += followed * (applied - self._wanted) + self.settings.integral_gain * error * elapsed
-        self._wanted = self._integral + self.settings.proportional_gain * error
-        self.saturated = self._wanted >= self.highest_pressure and applied >= self.highest_pressure - ROUND_OFF
-        furthest = self.settings.pressure_rate * elapsed
+        followed = 1.0 - math.exp(-elapsed / self.tracking_time)
+        self._integral += followed * (applied - self._wanted) + by.integral_gain * error * elapsed
+        self._wanted = self._integral + by.proportional_gain * error
+        self.saturated = self._wanted >= by.highest and applied >= by.highest - by.near
+        furthest = by.rate * elapsed
         allowed = min(max(self._wanted, applied - furthest), applied + furthest)
-        return min(max(allowed, self.lowest_pressure), self.highest_pressure)
+        return min(max(allowed, by.lowest), by.highest)
