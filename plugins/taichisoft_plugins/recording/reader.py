@@ -37,6 +37,7 @@ class Recording:
         frame_count: frames that were written whole, 1 or more; frame 0 is the state before the first step.
         cavities: names of the columns of `column("pressure")` and `column("volume")`.
         pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
+        materials: names of the columns of `column("young_modulus")`.
         base_pivot: the point about which the base turns [mm], shape (3,).
         surfaces: everything with triangles: soft bodies with their cavities, rigid bodies, obstacles.
         planes: the infinite obstacles.
@@ -55,6 +56,7 @@ class Recording:
         self.frame_count = int(file["frames"][0])
         self.cavities: list[str] = list(self._steps.attrs["cavities"])
         self.pairs: list[Pair] = [tuple(pair.split("|")) for pair in self._steps.attrs["pairs"]]
+        self.materials: list[str] = list(self._steps.attrs["materials"])
         self.base_pivot: np.ndarray = attributes["base_pivot"]
         self.surfaces = tuple(map(self.follow, read_surfaces(file)))
         self.planes = tuple(read_planes(file))
