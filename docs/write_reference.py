@@ -20,6 +20,8 @@ import taichisoft
 from taichisoft.plugin_system import hookspecs
 from taichisoft.plugin_system.registry import hook_names
 from taichisoft.scenes import scene
+from taichisoft_sofa.components.older_names import ALIASES
+from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD
 
 FOLDER = Path(__file__).parent / "reference"
 NOTE = "<!-- Written by `python docs/write_reference.py` from docstrings; a test compares. -->"
@@ -59,6 +61,13 @@ Files are looked for beside the scene, in the current folder, and among what shi
 `like = "other"` to take over everything that it does not set itself from a soft body above it. `taichisoft run`
 writes the resolved scene, with every default filled in, to `scene.toml` in its output folder.
 """
+SOFA = f"""# Components of SOFA
+
+{NOTE}
+
+What becomes of the components of a SOFA scene; [sofa.md](../sofa.md) tells the rest. Names that components had in older
+versions are understood as well.
+"""
 TABLES: dict[str, type[BaseModel]] = {
     "(top level)": scene.Scene,
     "[time]": scene.Time,
@@ -87,7 +96,12 @@ def pages() -> dict[str, str]:
     Raises:
         ValueError: an argument or an attribute is not in its docstring, or something else is.
     """
-    return {"python.md": _python_page(), "hooks.md": _hooks_page(), "scenes.md": _scenes_page()}
+    return {
+        "python.md": _python_page(),
+        "hooks.md": _hooks_page(),
+        "scenes.md": _scenes_page(),
+        "sofa.md": _sofa_page(),
+    }
 
 
 def _python_page() -> str:
@@ -108,6 +122,21 @@ def _public_name(name: str) -> str:
 
 def _hooks_page() -> str:
     return _joined([HOOKS, *(_function(getattr(hookspecs, name), "##") for name in hook_names())])
+
+
+def _sofa_page() -> str:
+    older = {new: [] for new in ALIASES.values()}  # type: dict[str, list[str]]
+    for old, new in ALIASES.items():
+        older[new].append(old)
+    kinds: dict[str, list[str]] = {}
+    for name, contribution in UNDERSTOOD.items():
+        kinds.setdefault(inspect.cleandoc(contribution.__doc__ or ""), []).extend([name, *older.get(name, [])])
+    rows = [f"| {', '.join(f'`{name}`' for name in names)} | {meaning} |" for meaning, names in kinds.items()]
+    without = ", ".join(f"`{name}`" for name in sorted(IGNORED))
+    table = "\n".join(["| components | what becomes of them |", "|---|---|", *rows])
+    return _joined(
+        [SOFA, "## Understood", table, "## Without effect", f"They are listed at the end of loading: {without}."]
+    )
 
 
 def _joined(parts: list[str]) -> str:

@@ -8,14 +8,11 @@ from numpy.typing import ArrayLike
 Inside = Callable[[np.ndarray], np.ndarray]
 """Says of points (count, 3) which ones lie in a region."""
 
-# A point on the face of a region belongs to it, whatever the last digit of its coordinate.
-FACE_TOLERANCE = 1e-9
 
-
-def in_boxes(boxes: ArrayLike, tolerance: float) -> Inside:
-    """Boxes of six numbers, two opposite corners; the faces belong to them, and `tolerance` beyond."""
+def in_boxes(boxes: ArrayLike) -> Inside:
+    """Boxes of six numbers, two opposite corners; the faces belong to them, to the last bit."""
     corners = np.asarray(boxes, dtype=np.float64).reshape(-1, 2, 3)
-    lower, upper = corners.min(axis=1) - tolerance, corners.max(axis=1) + tolerance
+    lower, upper = corners.min(axis=1), corners.max(axis=1)
 
     def inside(points: np.ndarray) -> np.ndarray:
         apart = points[:, None]
@@ -24,7 +21,7 @@ def in_boxes(boxes: ArrayLike, tolerance: float) -> Inside:
     return inside
 
 
-def in_oriented_boxes(boxes: ArrayLike, tolerance: float) -> Inside:
+def in_oriented_boxes(boxes: ArrayLike) -> Inside:
     """Boxes of ten numbers: three corners of a rectangle in turn, and the depth by which it extends to both sides.
 
     The first and third corner are opposite; the depth counts along the rectangle's normal, half of it on each side.
@@ -40,17 +37,17 @@ def in_oriented_boxes(boxes: ArrayLike, tolerance: float) -> Inside:
             middle = (first + third) / 2.0
             axes = np.stack([v / np.linalg.norm(v) for v in (along, np.cross(normal, along), normal)])
             across_length = abs(across @ axes[1])
-            half = np.array([np.linalg.norm(along), across_length, depth]) / 2.0 + tolerance
+            half = np.array([np.linalg.norm(along), across_length, depth]) / 2.0
             found |= (np.abs((points - middle) @ axes.T) <= half).all(axis=1)
         return found
 
     return inside
 
 
-def in_spheres(centres: ArrayLike, radii: ArrayLike, tolerance: float) -> Inside:
+def in_spheres(centres: ArrayLike, radii: ArrayLike) -> Inside:
     """Spheres with their surfaces; one radius stands for all."""
     middle = np.asarray(centres, dtype=np.float64).reshape(-1, 3)
-    reach = np.broadcast_to(np.asarray(radii, dtype=np.float64).reshape(-1), len(middle)) + tolerance
+    reach = np.broadcast_to(np.asarray(radii, dtype=np.float64).reshape(-1), len(middle))
 
     def inside(points: np.ndarray) -> np.ndarray:
         apart = points[:, None] - middle

@@ -113,4 +113,5 @@ def make_obstacle(name: str, obstacle: settings.Obstacle) -> Obstacle:
         triangles = closed_outward(vertices, triangles, obstacle.surface or "")
     turn, shift = rotation_from_degrees(obstacle.rotation), np.asarray(obstacle.translation)
     placed = obstacle.scale * vertices @ turn.T + shift
-    return Obstacle(name, placed, triangles.astype(np.int32), turn=turn, shift=shift)
+    groups = frozenset(obstacle.groups)
+    return Obstacle(name, placed, triangles.astype(np.int32), groups=groups, turn=turn, shift=shift)

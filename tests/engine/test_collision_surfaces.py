@@ -9,7 +9,7 @@ import trimesh
 from blocks import make_block
 
 from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.errors import SceneError
+from taichisoft.errors import MeshError, SceneError
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
@@ -110,3 +110,58 @@ def test_surfaces_of_a_body_that_overlap_are_refused_unless_they_do_not_touch(tm
     with pytest.raises(SceneError, match=r"^collision surfaces of 'cubes' overlap at the start.* a group in common"):
         make_model(scene_from_dict({"soft_bodies": {"cubes": two_cubes(tmp_path, ([], []), gap=-3.0)}}))
     make_model(scene_from_dict({"soft_bodies": {"cubes": two_cubes(tmp_path, ([7], [7]), gap=-3.0)}}))
+
+
+def test_a_body_that_does_not_collide_goes_through_all(tmp_path: Path) -> None:
+    """Neither others nor a plane stop it: free fall."""
+    body = {**two_cubes(tmp_path, ([1], [1])), "anchors": [], "collides": False}
+    cube = {"box": [EDGE, EDGE, EDGE], "mass": 0.001}
+    plane = {"plane": {"point": [0.0, 0.0, 0.0], "normal": [0.0, 0.0, 1.0]}}
+    scene: dict[str, Any] = {"soft_bodies": {"cubes": body}, "rigid_bodies": {"cube": {**cube, "collides": False}}}
+    simulation = Simulation(scene_from_dict({**scene, "obstacles": {"floor": plane}}))
+    for _ in range(6):
+        assert simulation.step().contact_count == 0
+    fallen = -1e-4 * 9810.0 * 21
+    assert simulation.state.rigid_position[0, 2] == pytest.approx(fallen, rel=1e-9)
+    assert simulation.state.position[:27, 2].mean() == pytest.approx(fallen, rel=1e-9)
+    scene["rigid_bodies"]["cube"] = cube
+    with pytest.raises(SceneError, match=r"^bodies 'cube' and 'floor' overlap at the start"):
+        make_model(scene_from_dict({**scene, "obstacles": {"floor": plane}}))
+
+
+def test_groups_of_rigid_bodies_and_obstacles_count_as_well(tmp_path: Path) -> None:
+    soft = two_cubes(tmp_path, ([1], [2]))
+    box = {"box": [EDGE, EDGE, EDGE], "mass": 0.001, "position": [50.0, 0.0, 0.0]}
+    floor = {"surface": soft["collision_surface"][0]["file"], "translation": [0.0, 50.0, 0.0]}
+    scene: dict[str, Any] = {"soft_bodies": {"cubes": soft}}
+    scene["rigid_bodies"] = {"box": {**box, "groups": [1]}}
+    scene["obstacles"] = {"floor": {**floor, "groups": [2]}}
+    assert touching(make_model(scene_from_dict(scene))) == [
+        ("cubes0", "cubes1"),
+        ("cubes0", "floor0"),
+        ("cubes1", "box0"),
+        ("box0", "floor0"),
+    ]
+
+
+def test_an_open_surface_holds_what_is_on_the_side_that_it_faces(tmp_path: Path) -> None:
+    """A cube lies on a soft block whose collision surface is its upper face alone."""
+    block = make_block((4, 4, 2), (40.0, 40.0, 10.0))
+    write_volume_mesh(block, tmp_path / "block.msh")
+    sheet = trimesh.Trimesh(
+        [[-20.0, -20.0, 5.0], [20.0, -20.0, 5.0], [20.0, 20.0, 5.0], [-20.0, 20.0, 5.0]], [[0, 1, 2], [0, 2, 3]]
+    )
+    sheet.export(tmp_path / "sheet.stl")
+    surface = {"file": str(tmp_path / "sheet.stl"), "open": True}
+    soft = {"mesh": str(tmp_path / "block.msh"), "density": 1e-6, "young_modulus": 500.0, "poisson_ratio": 0.3}
+    soft |= {"rayleigh_stiffness": 0.01, "anchors": [{"box": [[-20.0, -20.0, -5.0], [20.0, 20.0, -5.0]]}]}
+    cube = {"box": [EDGE, EDGE, EDGE], "density": 1e-6, "position": [1.0, 2.0, 11.5]}
+    scene = {"soft_bodies": {"block": {**soft, "collision_surface": [surface]}}, "rigid_bodies": {"cube": cube}}
+    simulation = Simulation(scene_from_dict({**scene, "contact": {"contact_distance": 0.5, "alarm_distance": 3.0}}))
+    for _ in range(150):
+        report = simulation.step()
+    assert report.observation.normal_forces[("block", "cube")] == pytest.approx(WEIGHT, rel=1e-4)
+    assert simulation.state.rigid_position[0, 2] == pytest.approx(10.5, abs=0.1)
+    scene["soft_bodies"]["block"]["collision_surface"] = [{**surface, "open": False}]
+    with pytest.raises(MeshError, match=r"sheet.stl: is not closed"):
+        make_model(scene_from_dict(scene))

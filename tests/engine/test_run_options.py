@@ -114,6 +114,40 @@ def test_the_options_are_in_the_help_and_the_list(command: Command) -> None:
     assert "run option --count-from" in " ".join(command("plugins")[1].replace("│", " ").split())
 
 
+READER = """
+import json
+from taichisoft import hookimpl
+from taichisoft.plugin_system.hookspecs import RunOption
+
+def read(path, edge: float = 10.0):
+    return {"rigid_bodies": {"cube": {"box": [edge] * 3, "mass": 0.001}}}
+
+@hookimpl
+def taichisoft_scene_readers():
+    return {".cube": read}
+
+@hookimpl
+def taichisoft_run_options():
+    return {"--edge": RunOption(None, "Edge of the cube.", "edge", float, "MM")}
+"""
+
+
+def test_an_option_without_an_output_sets_something_of_the_reader(command: Command, tmp_path: Path) -> None:
+    (tmp_path / "reader.py").write_text(READER)
+    (tmp_path / "one.cube").touch()
+    plugin = ("--plugin", "reader.py")
+    arguments = ("--duration", "0.01", "--output", "out", "--controller", "other", "--outputs", "csv", *plugin)
+    assert command("run", "one.cube", *arguments)[0] == 0
+    assert "[\n    10.0," in Path("out", "scene.toml").read_text()
+    code, _, errors = command("run", "one.cube", "--edge", "7", *arguments)
+    assert (code, errors) == (0, "")
+    assert "[\n    7.0," in Path("out", "scene.toml").read_text()
+    code, _, errors = command("run", str(TINY_GRIPPER), "--edge", "7", *arguments)
+    assert code == 2 and "there is no effect of edge on a .toml scene" in errors
+    assert "--edge" in command("run", "--help", *plugin)[1]
+    assert "--edge" not in command("resume", "--help", *plugin)[1]
+
+
 def test_a_value_of_another_type_is_refused(command: Command) -> None:
     code, _, errors = command(*RUN, "--count-from", "soon")
     assert code == 2 and "Invalid value for '--count-from'" in errors

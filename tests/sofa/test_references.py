@@ -33,7 +33,7 @@ def scenes(shared: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sofa: 
     return shared / "sofa-scenes"
 
 
-def read(scenes: Path, name: str, exact: bool = True) -> Scene:
+def read(scenes: Path, name: str, exact: bool = False) -> Scene:
     return load_scene(scenes / name, reader_settings={"python_path": str(scenes / "python"), "sofa_exact": exact})
 
 
@@ -100,6 +100,77 @@ def test_a_finger_follows_sofa_node_by_node(
     follow(run, ["Finger"], Steered(read(scenes, scene), keys), figures, name)
 
 
+# A finger with a cable as SoftRobots' examples have it, whose controller sets the value of each step.
+OF_VALUES = """
+import Sofa.Core
+
+VALUES = {values}
+
+class Driver(Sofa.Core.Controller):
+    def __init__(self, cable):
+        super().__init__()
+        self.cable, self.step = cable, 0
+
+    def onAnimateBeginEvent(self, event):
+        self.cable.value = [VALUES[self.step]]
+        self.step += 1
+
+def createScene(root):
+    root.gravity = {gravity}
+    root.addObject("FreeMotionAnimationLoop")
+    root.addObject("GenericConstraintSolver")
+    finger = root.addChild("finger")
+    finger.addObject("EulerImplicitSolver", rayleighMass=0.1, rayleighStiffness=0.1, firstOrder={first})
+    finger.addObject("EigenSimplicialLDLT", template="CompressedRowSparseMatrixMat3x3d")
+    finger.addObject("MeshVTKLoader", name="loader", filename="{mesh}")
+    finger.addObject("{topology}", src="@loader", name="container")
+    finger.addObject("MechanicalObject", name="tetras")
+    finger.addObject("UniformMass", totalMass={mass})
+    finger.addObject("TetrahedronFEMForceField", youngModulus={young}, poissonRatio={poisson}, method="large")
+    finger.addObject("BoxROI", name="roi", box=[-15, 0, 0, 5, 10, 15])
+    finger.addObject("RestShapeSpringsForceField", points="@/finger/roi.indices", stiffness=1e12)
+    finger.addObject("LinearSolverConstraintCorrection")
+    cable = finger.addChild("cable")
+    cable.addObject("MechanicalObject", position={points})
+    actuator = cable.addObject("CableConstraint", indices=list(range({count})), {settings}, pullPoint={pull_point})
+    cable.addObject("BarycentricMapping")
+    root.addObject(Driver(actuator))
+"""
+EXAMPLE = {"mass": 0.075, "young": 600, "poisson": 0.45, "first": False, "topology": "MeshTopology"}
+OVERDAMPED = {"mass": 0.5, "young": 18000, "poisson": 0.3, "first": True, "topology": "TetrahedronSetTopologyContainer"}
+
+
+@pytest.mark.parametrize(
+    ("name", "constants", "settings"),
+    [
+        ("a_finger_disp", EXAMPLE, "minForce=0"),
+        ("a_finger_force", EXAMPLE, "minForce=0, valueType='force'"),
+        ("a_finger_push", EXAMPLE, "minForce=-1e30"),
+        ("b_CableForce", OVERDAMPED, "valueType='force'"),
+    ],
+)
+def test_a_cable_driven_step_by_step_follows_sofa(
+    scenes: Path, shared: Path, tmp_path: Path, figures: Figures, name: str, constants: dict[str, Any], settings: str
+) -> None:
+    run = np.load(shared / f"reference/sofa-cables/{name}.npz")
+    text = OF_VALUES.format(
+        values=run["finger_cable_value"].tolist(),
+        gravity=run["gravity"].tolist(),
+        mesh=scenes / "soft-gripper/mesh/finger.vtk",
+        points=run["finger_cable_x0"].tolist(),
+        count=len(run["finger_cable_x0"]),
+        pull_point=run["finger_cable_pullPoint"].tolist(),
+        settings=settings,
+        **constants,
+    )
+    (tmp_path / "scene.py").write_text(text)
+    steered = Steered(load_scene(tmp_path / "scene.py"), {})
+    follow(run, ["finger"], steered, figures, name)
+    effort = 1.0 if constants["first"] else 0.01
+    ours, theirs = effort * steered.simulation.state.cable_tension[0], run["finger_cable_force"]
+    figures.close(f"{name}: force at the end", ours, theirs[-1], SAME * np.abs(theirs).max())
+
+
 def test_a_gripper_of_cables_follows_sofa_node_by_node(scenes: Path, shared: Path, figures: Figures) -> None:
     run = np.load(shared / "reference/sofa-cables/e_step5.npz")
     keys = keys_of_cable(run, "Finger1_PullingCable")
@@ -118,7 +189,7 @@ def test_the_second_tutorials_controller_moves_its_fingers_as_in_sofa(
     """Python 2, rest positions and pull points moved by arrows; SOFA ran it with all collision models off."""
     run = np.load(shared / "reference/sofa-cables/second-seed/free.npz")
     keys = {int(step): [KEYS[int(code)]] for step, code in run["keys"]}
-    scene = read(scenes, "soft-gripper/SoftGripperGrasping.pyscn")
+    scene = read(scenes, "soft-gripper/SoftGripperGrasping.pyscn", exact=True)
     soft = {name: body.model_copy(update={"collides": False}) for name, body in scene.soft_bodies.items()}
     free = scene.model_copy(update={"soft_bodies": soft})
     steered = Steered(free, keys)
@@ -137,7 +208,7 @@ def test_the_second_tutorials_controller_moves_its_fingers_as_in_sofa(
 def test_the_second_tutorial_grasps(scenes: Path, figures: Figures) -> None:
     """SOFA, with anchors selected once, lifts to 113.97 mm with a tilt of 1.9 degrees; its runs differ by 2.4 mm."""
     steered = Steered(
-        read(scenes, "soft-gripper/SoftGripperGrasping.pyscn", exact=False),
+        read(scenes, "soft-gripper/SoftGripperGrasping.pyscn"),
         {100: ["+"], **{160 + 40 * number: ["up"] for number in range(5)}},
     )
     for _ in range(440):
@@ -147,12 +218,30 @@ def test_the_second_tutorial_grasps(scenes: Path, figures: Figures) -> None:
     tilt = 2.0 * np.degrees(np.arccos(abs(seen.object_rotations["cube"][0])))
     figures.at_most("tilt of the cube [degrees]", float(tilt), 3.0)
     assert all(seen.contact_counts[(finger, "cube")] for finger in ("finger1", "finger2", "finger3"))
+    assert steered.unconverged == 0
+
+
+def test_the_gripper_with_cables_lifts_its_cube(scenes: Path, shared: Path, figures: Figures) -> None:
+    """Lowered by 30 mm, pulled by 10, raised by 20: held, and pressed as in SOFA, whose runs differ by 3 mm and 2 %."""
+    run = np.load(shared / "reference/sofa-cables/e_step6_grasp_down30_pull10_up20.npz")
+    steered = Steered(read(scenes, "cable-gripper/step6.py"), keys_of_cable(run, "Finger1_PullingCable"))
+    heights = []
+    for _ in range(len(run["Cube_pose"])):
+        steered.step()
+        heights.append(steered.simulation.state.rigid_position[0, 1])
+    before = int(np.flatnonzero(run["phase"] == 3)[0]) - 1
+    figures.close("rise of the cube with the gripper [mm]", heights[-1] - heights[before], 20.0, 0.5)
+    seen = steered.simulation.observe()
+    figures.at_most("tilt [degrees]", 2.0 * np.degrees(np.arccos(abs(seen.object_rotations["Cube"][0]))), 2.0)
+    for finger, force in (("Finger1", 5164.0), ("Finger2", 2733.0), ("Finger3", 2431.0)):
+        figures.close(f"force of {finger} [mN]", seen.normal_forces[(finger, "Cube")], force, 0.03 * force)
+    assert steered.unconverged == 0
 
 
 def test_the_tutorials_appendix_lifts_its_cube(scenes: Path, figures: Figures) -> None:
     """50 keys of 1 kPa each close the fingers, ten arrows move them up by 30 mm."""
     keys = {**{5 + 2 * i: ["+"] for i in range(50)}, **{140 + 15 * i: ["up"] for i in range(10)}}
-    steered = Steered(read(scenes, "pneunet-appendix/gripper.py", exact=False), keys)
+    steered = Steered(read(scenes, "pneunet-appendix/gripper.py"), keys)
     for _ in range(360):
         steered.step()
     lift = steered.simulation.observe().object_positions["cube"][0] + 100.0
@@ -161,7 +250,7 @@ def test_the_tutorials_appendix_lifts_its_cube(scenes: Path, figures: Figures) -
 
 
 def test_step_7_is_the_scene_of_the_tutorial_that_ships(scenes: Path) -> None:
-    translated = read(scenes, "pneunet-steps/step7-grabTheCube.py", exact=False)
+    translated = read(scenes, "pneunet-steps/step7-grabTheCube.py")
     shipped = load_scene("gripper")
     ours, theirs = Simulation(translated).model, Simulation(shipped).model
     for mine, other in zip(ours.soft_bodies, theirs.soft_bodies, strict=True):
@@ -175,7 +264,7 @@ def test_step_7_is_the_scene_of_the_tutorial_that_ships(scenes: Path) -> None:
     assert cube.start_position == pytest.approx(shipped_cube.start_position, abs=1e-12)
     assert np.ptp(cube.vertices, axis=0) == pytest.approx([42.0] * 3)
     assert (ours.scene.gravity, ours.scene.time.step) == (theirs.scene.gravity, theirs.scene.time.step)
-    for key in ("friction", "contact_distance", "alarm_distance", "spacing"):
+    for key in ("friction", "contact_distance", "alarm_distance"):
         assert getattr(ours.scene.contact, key) == getattr(theirs.scene.contact, key)
 
 

@@ -26,6 +26,8 @@ def role(name: str) -> "Callable[[Component, SceneDraft], None]":
     def take_part(component: "Component", draft: "SceneDraft") -> None:
         draft.pipeline[name] = component
 
+    take_part.__doc__ = f"The {name} of contacts."
+
     return take_part
 
 

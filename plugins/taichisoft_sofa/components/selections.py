@@ -7,7 +7,7 @@ import numpy as np
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, nearest, node_of
 from taichisoft_sofa.components.loaders import CORNERS
 from taichisoft_sofa.components.reading import computed, flag, is_given, numbers
-from taichisoft_sofa.regions import FACE_TOLERANCE, Inside, cells_inside, in_boxes, in_oriented_boxes, in_spheres
+from taichisoft_sofa.regions import Inside, cells_inside, in_boxes, in_oriented_boxes, in_spheres
 from taichisoft_sofa.tree.kinds import canonical
 
 if TYPE_CHECKING:
@@ -30,19 +30,38 @@ INDICES_OF = {
 }
 """Data with the indices of those cells."""
 
+DUST = 8.0 * np.finfo(np.float64).eps ** 2
+"""A coordinate below this share of the largest is 0: it is the round-off of a round-off."""
+
 
 def region_of(engine: "Component") -> Inside:
-    """What lies inside the region of an engine; on its faces, too, up to round-off unless the scene is read exactly."""
-    tolerance = 0.0 if getattr(node_of(engine).getRoot(), "_exact", False) else FACE_TOLERANCE
+    """What lies inside the region of an engine, or on its faces."""
     if canonical(engine.type_name) == "SphereROI":
-        return in_spheres(numbers(engine, "centers").reshape(-1, 3), numbers(engine, "radii"), tolerance)
-    boxes = in_boxes(numbers(engine, "box").reshape(-1, 6), tolerance)
-    oriented = in_oriented_boxes(numbers(engine, "orientedBox").reshape(-1, 10), tolerance)
+        return in_spheres(numbers(engine, "centers").reshape(-1, 3), numbers(engine, "radii"))
+    boxes = in_boxes(numbers(engine, "box").reshape(-1, 6))
+    oriented = in_oriented_boxes(numbers(engine, "orientedBox").reshape(-1, 10))
     return lambda points: boxes(points) | oriented(points)
 
 
 def engine_points(engine: "Component") -> np.ndarray:
-    """The points among which an engine selects, shape (count, 3)."""
+    """The points among which an engine selects, shape (count, 3); unless the scene is read exactly, 0 where they are 0.
+
+    SOFA places meshes twice, see `placed_by_loader`, which leaves 1e-30 where the file has 0, and nodes outside boxes
+    that end there.
+    """
+    points = _given_points(engine)
+    if getattr(node_of(engine).getRoot(), "_exact", False) or not points.size:
+        return points
+    return np.where(np.abs(points) <= DUST * np.abs(points).max(), 0.0, points)
+
+
+def lost_to_round_off(engine: "Component") -> np.ndarray:
+    """Indices of the points that are selected, but that SOFA leaves out or takes for the round-off of a zero."""
+    region = region_of(engine)
+    return np.flatnonzero(region(engine_points(engine)) != region(_given_points(engine)))
+
+
+def _given_points(engine: "Component") -> np.ndarray:
     if is_given(engine, "position"):
         return numbers(engine, "position").reshape(-1, 3)
     state = in_node(node_of(engine), {STATE})

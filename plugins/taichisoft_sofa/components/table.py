@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from taichisoft_sofa.components import actuators, contacts, dynamics, visuals
+from taichisoft_sofa.components import actuators, contacts, dynamics, selections, visuals
 from taichisoft_sofa.components.draft import SceneDraft
 from taichisoft_sofa.tree.component import Component
 
@@ -11,6 +11,16 @@ Contribution = Callable[[Component, SceneDraft], None]
 
 def _is_read(component: Component, draft: SceneDraft) -> None:
     """Loaders, containers, engines and mappings: other components read them."""
+
+
+def _selection(component: Component, draft: SceneDraft) -> None:
+    """Other components read what an engine selects."""
+    lost = selections.lost_to_round_off(component)
+    if len(lost):
+        draft.depart(
+            f"{component.getPathName()}: point {lost[0]} lies on a face of the box; in SOFA the round-off of a zero "
+            "decides, against it"
+        )
 
 
 def _state(component: Component, draft: SceneDraft) -> None:
@@ -81,8 +91,6 @@ UNDERSTOOD: dict[str, Contribution] = {
             "EdgeSetTopologyContainer",
             "PointSetTopologyContainer",
             "Tetra2TriangleTopologicalMapping",
-            "BoxROI",
-            "SphereROI",
             "BarycentricMapping",
             "RigidMapping",
             "IdentityMapping",
@@ -90,6 +98,8 @@ UNDERSTOOD: dict[str, Contribution] = {
         _is_read,
     ),
     "MechanicalObject": _state,
+    "BoxROI": _selection,
+    "SphereROI": _selection,
     # masses, elasticity, supports
     "UniformMass": dynamics.uniform_mass,
     "MeshMatrixMass": dynamics.mass_by_volume,

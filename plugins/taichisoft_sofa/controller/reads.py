@@ -1,5 +1,6 @@
 """What a scene's controllers read while a run goes on: positions, velocities, volumes, forces of the present state."""
 
+import functools
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -82,12 +83,13 @@ class RunValues:
         name = translation.names.get(body) if body is not None else None
         if name in translation.soft:
             part, nodes = translation.soft[name], soft[name].nodes
-            carriers, weights = _carriers(state, part)
-            fixed, carried = start_position(state), np.any(weights, axis=1, keepdims=True)
+            fixed = start_position(state)
+            carriers = functools.cache(lambda: _carriers(state, part))  # most are never asked for
 
             def points(values: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
-                moved = np.einsum("pk,pkd->pd", weights, values[nodes][carriers])
-                return np.where(carried, moved, otherwise)
+                own, weights = carriers()
+                moved = np.einsum("pk,pkd->pd", weights, values[nodes][own])
+                return np.where(np.any(weights, axis=1, keepdims=True), moved, otherwise)
 
             self._provide(state.findData("position"), lambda: points(self._state.position, fixed))
             self._provide(state.findData("velocity"), lambda: points(self._state.velocity, np.zeros_like(fixed)))

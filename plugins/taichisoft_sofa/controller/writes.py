@@ -21,14 +21,7 @@ if TYPE_CHECKING:
     from taichisoft.model import Model
 
 HEEDED = {
-    "SurfacePressureConstraint": {
-        "value",
-        "valueIndex",
-        "minPressure",
-        "maxPressure",
-        "minVolumeGrowth",
-        "maxVolumeGrowth",
-    },
+    "SurfacePressureConstraint": {"value", "valueIndex"},
     "CableConstraint": {"value", "valueIndex", "pullPoint"},
     "MechanicalObject": {"rest_position"},
     "Node": {"gravity"},
@@ -89,13 +82,9 @@ class SceneWrites:
         for cavity, name in self._cavities:
             value = _present(cavity)
             if value_by(cavity) == VOLUME:
-                growth[name] = _within(cavity, value, "VolumeGrowth")
+                growth[name] = value
             else:
-                pressure[name] = (
-                    self._translation.signs[cavity]
-                    * _within(cavity, value, "Pressure")
-                    * self._translation.effort_of_value
-                )
+                pressure[name] = self._translation.signs[cavity] * value * self._translation.effort_of_value
         tension, pull, pull_points = {}, {}, {}
         for cable, name in self._cables:
             value = _present(cable)
@@ -155,12 +144,6 @@ def _present(component: Component) -> float:
     if index >= len(values):
         raise SceneError(f"{described(component)}: value has {len(values)} numbers; number {index} is needed")
     return float(values[index])
-
-
-def _within(component: Component, value: float, quantity: str) -> float:
-    """The value within the limits of its own quantity that the scene gives."""
-    low = number(component, f"min{quantity}", default=-np.inf)
-    return min(max(value, low), number(component, f"max{quantity}", default=np.inf))
 
 
 def _targets(part: SoftPart, rest: np.ndarray, data: Data) -> np.ndarray:

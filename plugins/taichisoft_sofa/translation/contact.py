@@ -6,7 +6,7 @@ from taichisoft_sofa.components.contacts import distances_of, friction_of
 from taichisoft_sofa.components.draft import SceneDraft
 
 NEEDED = ("pipeline", "broad phase", "response")
-SPACING = 0.8
+SPACING = 0.5
 """Distance below which only one of two contacts is kept, as a share of the alarm distance."""
 
 

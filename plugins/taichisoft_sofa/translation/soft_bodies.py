@@ -1,6 +1,7 @@
 """Soft bodies: tetrahedra with materials, masses, anchors, and the surfaces that follow them."""
 
 from collections import Counter
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,11 @@ from taichisoft_sofa.tree.kinds import canonical
 STANDING = 1e12
 """Stiffness [mN/mm] by which every node of a body is held that nothing moves in SOFA."""
 
+PRESSURE_LIMITS = {"lowest_pressure": ("minPressure", 1.0), "highest_pressure": ("maxPressure", 1.0)}
+VOLUME_LIMITS = {"lowest_volume_growth": ("minVolumeGrowth", 1.0), "highest_volume_growth": ("maxVolumeGrowth", 1.0)}
+TENSION_LIMITS = {"lowest_tension": ("minForce", 1.0), "highest_tension": ("maxForce", 1.0)}
+PULL_LIMITS = {"lowest_pull": ("maxNegativeDisp", -1.0), "highest_pull": ("maxPositiveDisp", 1.0)}
+"""Limits of actuators: the data that gives each, and its sign."""
 LARGEST = 1e30
 """Beyond any tension [mN] and pull [mm]: scenes write the largest number there is where they want no limit."""
 
@@ -84,7 +90,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     anchors = body.anchors if moves else [Anchor(body.state, np.arange(len(body.position)), STANDING, False)]
     table["anchors"] = _anchors(anchors, place, draft)
     _add_surfaces(name, body, table, draft, translation)
-    _add_cavities(name, body, table, translation)
+    _add_cavities(name, body, table, draft, translation)
     _add_cables(name, body, table, draft, translation)
     translation.tables.setdefault("soft_bodies", {})[name] = table
     translation.names[body.state] = name
@@ -181,13 +187,18 @@ def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
         table.setdefault("collision_surface", []).append(made)
 
 
-def _add_cavities(name: str, body: Body, table: dict[str, Any], translation: Translation) -> None:
+def _add_cavities(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
     names = unique([clean(node_of(cavity.component).getName()) for cavity in body.cavities])
     for cavity_name, cavity in zip(names, body.cavities, strict=True):
+        component = cavity.component
+        sign = 1.0 if enclosed_volume(cavity.points, cavity.triangles) > 0.0 else -1.0
         path = translation.files.surface(f"{name}-{cavity_name}", cavity.points, cavity.triangles)
-        table.setdefault("cavities", {})[cavity_name] = {"surface": path}
-        translation.names[cavity.component] = f"{name}.{cavity_name}"
-        translation.signs[cavity.component] = 1.0 if enclosed_volume(cavity.points, cavity.triangles) > 0.0 else -1.0
+        limits = _limits(component, PRESSURE_LIMITS, sign * draft.effort_of_value) | _limits(
+            component, VOLUME_LIMITS, 1.0
+        )
+        table.setdefault("cavities", {})[cavity_name] = {"surface": path, **limits}
+        translation.names[component] = f"{name}.{cavity_name}"
+        translation.signs[component] = sign
 
 
 def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
@@ -200,14 +211,20 @@ def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft,
             made["pull_point"] = vector(component, "pullPoint", default=(0.0, 0.0, 0.0)).tolist()
         if not is_given(component, "minForce") or number(component, "minForce", default=0.0) < 0.0:
             made["rod"] = True
-        for key, data, factor in (
-            ("lowest_tension", "minForce", draft.effort_of_value),
-            ("highest_tension", "maxForce", draft.effort_of_value),
-            ("lowest_pull", "maxNegativeDisp", -1.0),
-            ("highest_pull", "maxPositiveDisp", 1.0),
-        ):
-            if is_given(component, data):
-                limit = factor * number(component, data, default=0.0)
-                made[key] = max(-LARGEST, min(LARGEST, limit))
+        made |= _limits(component, TENSION_LIMITS, draft.effort_of_value)
+        made |= _limits(component, PULL_LIMITS, 1.0)
         table.setdefault("cables", {})[cable_name] = made
         translation.names[component] = f"{name}.{cable_name}"
+
+
+def _limits(component: Component, names: Mapping[str, tuple[str, float]], factor: float) -> dict[str, float]:
+    """The native limits of an actuator; a negative factor makes the smallest of its values the largest."""
+    found = {
+        key: max(-LARGEST, min(LARGEST, sign * factor * number(component, data, default=0.0)))
+        for key, (data, sign) in names.items()
+        if is_given(component, data)
+    }
+    if factor >= 0.0:
+        return found
+    turned = {"lowest": "highest", "highest": "lowest"}
+    return {f"{turned[end]}_{what}": limit for key, limit in found.items() for end, _, what in [key.partition("_")]}
