@@ -10,7 +10,7 @@ import re
 import sys
 from functools import cached_property
 from pathlib import Path
-from types import FunctionType
+from types import FunctionType, UnionType
 from typing import Any, get_args, get_origin
 
 from pydantic import BaseModel
@@ -84,6 +84,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[soft_bodies.NAME.anchors]]": scene.Anchor,
     "[soft_bodies.NAME.tip]": scene.Tip,
     "[soft_bodies.NAME.cavities.NAME]": scene.Cavity,
+    "[soft_bodies.NAME.cables.NAME]": scene.Cable,
+    "{ body = ..., point = ... } in points of a cable": scene.CablePoint,
     "[rigid_bodies.NAME]": scene.RigidBody,
     "[obstacles.NAME]": scene.Obstacle,
     "plane = { ... } of an obstacle": scene.Plane,
@@ -237,7 +239,7 @@ def _scenes_page() -> str:
     parts = [SCENES]
     for title, table in TABLES.items():
         rows = [_row(key, field) for key, field in table.model_fields.items() if _has_row(field)]
-        text = (table.__doc__ or "").strip()
+        text = " ".join((table.__doc__ or "").split())
         parts.append("\n".join([f"## {title}\n\n{text}\n\n| key | value | default | |\n|---|---|---|---|", *rows]))
     return _joined(parts)
 
@@ -247,16 +249,18 @@ def _row(key: str, field: FieldInfo) -> str:
         default = "required"
     elif field.default in (None, ""):
         default = "" if field.default is None else "empty"
+    elif isinstance(field.default, bool):
+        default = f"`{field.default}`".lower()
     else:
         default = f"`{list(field.default) if isinstance(field.default, tuple) else field.default}`"
-    meaning = (field.description or "").replace("|", chr(92) + "|")
+    meaning = " ".join((field.description or "").split()).replace("|", chr(92) + "|")
     return f"| `{key}` | {_kind(field.annotation)} | {default} | {meaning} |"
 
 
 def _kind(annotation: Any) -> str:
     """A type in a reader's words."""
-    if annotation in (float, int, str):
-        return {float: "number", int: "whole number", str: "text"}[annotation]
+    if annotation in (float, int, str, bool):
+        return {float: "number", int: "whole number", str: "text", bool: "true or false"}[annotation]
     arguments = [argument for argument in get_args(annotation) if argument is not type(None)]
     origin = get_origin(annotation)
     if origin is tuple:
@@ -265,6 +269,8 @@ def _kind(annotation: Any) -> str:
         return f"[{_kind(arguments[0])}, ...]"
     if origin is dict:
         return "table"
+    if origin is UnionType:
+        return " or ".join(map(_kind, arguments))
     if arguments and all(isinstance(argument, str) for argument in arguments):
         return " or ".join(f'"{argument}"' for argument in arguments)
     return _kind(arguments[0]) if arguments else "table"

@@ -7,11 +7,12 @@ from typing import Any
 import numpy as np
 
 from taichisoft.bodies.actuators import Actuators
+from taichisoft.bodies.cable_paths import moved_with_base
 from taichisoft.bodies.cables import Cables
 from taichisoft.bodies.cavities import Cavities, CavityVolumes
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.bodies.rigid_body import make_obstacle, make_rigid_body
-from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_vector
+from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.bodies.soft_body import SoftBody, make_soft_body
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.overlap import refuse_overlap
@@ -139,8 +140,7 @@ class Model:
         """Where the cables' pull points are, moved by the base where they move with it [mm], shape (cable_count, 3)."""
         if not self.cables.pull_point_moves.any():
             return state.pull_point
-        turned = (state.pull_point - self.base_pivot) @ rotation_from_vector(state.base_rotation).T
-        moved = turned + self.base_pivot + state.base_translation
+        moved = moved_with_base(state.pull_point, state, self.base_pivot)
         return np.where(self.cables.pull_point_moves[:, None], moved, state.pull_point)
 
     def check(self, state: State) -> None:

@@ -68,6 +68,7 @@ LAYERS = {
         "scripted",
         "settings",
         "model_names",
+        "drives",
     ],
     "taichisoft_plugins": [
         "__init__",
@@ -106,6 +107,7 @@ LAYERS = {
         "mesh_cache",
         "mesh_job",
         "fingerprint",
+        "tendon_finger",
         "finger",
         "bodies",
         "size_search",

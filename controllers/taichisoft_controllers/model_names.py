@@ -1,4 +1,4 @@
-"""The cavities, fingers, objects and pairs of a model that a user's name stands for; None stands for all."""
+"""The actuators, fingers, objects and pairs of a model that a user's name stands for; None stands for all."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -11,36 +11,37 @@ if TYPE_CHECKING:
     from taichisoft.model import Model
 
 
-def cavities_called(name: str | None, cavities: Sequence[str]) -> list[str]:
-    """The cavities of "finger1", or "finger1.cavity" alone, out of all names of cavities.
+def actuators_called(name: str | None, names: Sequence[str], kind: str) -> list[str]:
+    """The actuators of "finger1", or "finger1.cavity" alone, out of the names of all of a kind, "cavity" or "cable".
 
     Raises:
         SceneError: there are none.
     """
-    chosen = [cavity for cavity in cavities if name is None or name in (cavity, finger_of(cavity))]
-    return chosen or called(name, [*dict.fromkeys(map(finger_of, cavities)), *cavities], "finger or cavity")
+    chosen = [actuator for actuator in names if name is None or name in (actuator, finger_of(actuator))]
+    return chosen or called(name, [*dict.fromkeys(map(finger_of, names)), *names], f"finger or {kind}")
 
 
-def finger_of(cavity: str) -> str:
-    """The name of the soft body of a cavity "finger1.cavity"."""
-    return cavity.partition(".")[0]
+def finger_of(actuator: str) -> str:
+    """The name of the soft body of an actuator "finger1.cavity"."""
+    return actuator.partition(".")[0]
 
 
-def pressures_by_cavity(pressure: float | Mapping[str, float], cavities: Sequence[str]) -> dict[str, float]:
-    """Pressures by the names of all cavities [kPa], from one for all or from some by finger or cavity.
+def values_by_actuator(given: float | Mapping[str, float], names: Sequence[str], kind: str) -> dict[str, float]:
+    """Values by the names of actuators of a kind, from one for all or from some by finger or actuator.
 
     Raises:
-        SceneError: a name is none of a finger or cavity, or a cavity is meant twice.
+        SceneError: a name is none of a finger or actuator, an actuator is meant twice, or there are none for a value.
     """
-    if not isinstance(pressure, Mapping):
-        return dict.fromkeys(cavities, pressure)
-    by_cavity: dict[str, float] = {}
-    for name, value in pressure.items():
-        for cavity in cavities_called(name, cavities):
-            if cavity in by_cavity:
-                raise SceneError(f"'{cavity}' is given twice, the second time as '{name}'")
-            by_cavity[cavity] = value
-    return by_cavity
+    if not isinstance(given, Mapping):
+        # 0 asks nothing of nobody: a script that is at rest fits every scene.
+        return dict.fromkeys(actuators_called(None, names, kind) if given else names, given)
+    by_actuator: dict[str, float] = {}
+    for name, value in given.items():
+        for actuator in actuators_called(name, names, kind):
+            if actuator in by_actuator:
+                raise SceneError(f"'{actuator}' is given twice, the second time as '{name}'")
+            by_actuator[actuator] = value
+    return by_actuator
 
 
 def fingers_called(name: str | None, model: "Model") -> list[str]:

@@ -17,8 +17,14 @@ def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
     """The built-in kinds of bodies."""
     from taichisoft_meshing.bodies.kinds import StepBody, SurfacesBody
     from taichisoft_meshing.finger.kind import PneunetFinger
+    from taichisoft_meshing.tendon_finger.kind import TendonFinger
 
-    return {"pneunet_finger": PneunetFinger, "step": StepBody, "surfaces": SurfacesBody}
+    return {
+        "pneunet_finger": PneunetFinger,
+        "step": StepBody,
+        "surfaces": SurfacesBody,
+        "tendon_finger": TendonFinger,
+    }
 
 
 @hookimpl

@@ -50,6 +50,7 @@ class CsvOutput(Output):
         self._up = model.scene.up
         self._start = state.rigid_position.copy()
         self._cavities = [cavity.name for body in model.soft_bodies for cavity in body.cavities]
+        self._cables = list(model.cables.names)
         self._objects = [body.name for body in model.rigid_bodies]
         self._pairs = pairs_with_objects(model)
         with named_os_errors(self.path):
@@ -101,6 +102,9 @@ class CsvOutput(Output):
             "restarts",
             *(f"pressure {cavity} [kPa]" for cavity in self._cavities),
             *(f"volume {cavity} [mm^3]" for cavity in self._cavities),
+            *(f"tension {cable} [mN]" for cable in self._cables),
+            *(f"pull {cable} [mm]" for cable in self._cables),
+            *(f"cable_length {cable} [mm]" for cable in self._cables),
             *(f"base_translation {axis} [mm]" for axis in "xyz"),
             *(f"base_rotation {axis} [degrees]" for axis in "xyz"),
             *(f"position {name} {axis} [mm]" for name in self._objects for axis in "xyz"),
@@ -115,6 +119,9 @@ class CsvOutput(Output):
         numbers = [
             *(seen.pressures[cavity] for cavity in self._cavities),
             *(seen.volumes[cavity] for cavity in self._cavities),
+            *(seen.cable_tensions[cable] for cable in self._cables),
+            *(seen.cable_pulls[cable] for cable in self._cables),
+            *(seen.cable_lengths[cable] for cable in self._cables),
             *state.base_translation.tolist(),
             *np.degrees(state.base_rotation).tolist(),
             *state.rigid_position.ravel().tolist(),

@@ -30,6 +30,7 @@ class MetricsOutput(Output):
     def begin(self, model: "Model", state: "State") -> None:
         """Look up the object of the scene's goal."""
         self._scene = model.scene
+        self._cables = model.cables.names
         goal = self._scene.goal
         self._object = list(self._scene.rigid_bodies).index(goal.object) if goal is not None else None
         self.restart(state)
@@ -53,7 +54,7 @@ class MetricsOutput(Output):
             GoalMissed: the run was completed, but its goal was not reached.
             TaichisoftError: the file cannot be written.
         """
-        self.metrics = {"outcome": outcome, **self._step_metrics(), **self._goal_metrics()}
+        self.metrics = {"outcome": outcome, **self._step_metrics(), **self._cable_metrics(), **self._goal_metrics()}
         goal = self._scene.goal
         shortcomings = self._shortcomings() if goal is not None and outcome == "completed" else []
         self.metrics["held"] = None if goal is None else outcome == "completed" and not shortcomings
@@ -76,6 +77,11 @@ class MetricsOutput(Output):
                 "normal force of the fingers, peak": f"{m['peak_normal_force_mN']:.1f} mN",
                 "normal force of the fingers, mean while held": f"{m['mean_normal_force_mN']:.1f} mN",
             }
+        for what, unit, digits in (("tension", "mN", 1), ("pull", "mm", 2)):
+            largest = m.get(f"largest_{what}s_{unit}", {})
+            if largest:
+                cable, value = max(largest.items(), key=lambda item: abs(item[1]))
+                rows[f"largest {what}"] = f"{value:z.{digits}f} {unit} ({cable})"
         return rows | {
             "largest penetration of the contact distance": f"{m['max_penetration_mm']:.3g} mm",
             "solver iterations, median and most": f"{m['iterations_median']:.0f} and {m['iterations_max']}",
@@ -108,6 +114,18 @@ class MetricsOutput(Output):
             "unconverged_steps": sum(not report.converged for report in reports),
             "step_time_median_ms": 1e3 * median,
             "real_time_factor": self._scene.time.step / median,
+        }
+
+    def _cable_metrics(self) -> dict[str, Any]:
+        """The largest tension and pull of each cable, with its sign; nothing where there are no cables."""
+        if not self._cables or not self._reports:
+            return {}
+        seen = [report.observation for report in self._reports]
+        return {
+            "largest_tensions_mN": {
+                name: max((one.cable_tensions[name] for one in seen), key=abs) for name in self._cables
+            },
+            "largest_pulls_mm": {name: max((one.cable_pulls[name] for one in seen), key=abs) for name in self._cables},
         }
 
     def _goal_metrics(self) -> dict[str, Any]:

@@ -222,7 +222,7 @@ def _embedded(body: SoftBody, points: np.ndarray, on: np.ndarray, key: str) -> t
     lower, upper = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
     margin = EMBEDDING_MARGIN * (upper - lower).max()
     outside = on & ((points < lower - margin) | (points > upper + margin)).any(axis=1)
-    if outside.any():
+    if outside.any() and body.settings.points_outside == "refused":
         first = int(np.argmax(outside))
         raise SceneError(
             f"{key}.{first} = {points[first].tolist()}: lies outside the mesh of '{body.name}' "

@@ -207,7 +207,7 @@ def _follow(
     nodes, weights = embed(vertices, mesh.nodes, mesh.elements, body.embedding)
     outside = ((vertices < lower - margin) | (vertices > upper + margin)).any(axis=1)
     outside |= weights.min(axis=1) < SMALLEST_WEIGHT
-    if outside.any():
+    if outside.any() and body.points_outside == "refused":
         raise MeshError(
             f"{source}: vertex {int(np.argmax(outside))} at {np.round(vertices[outside][0], 3).tolist()} mm lies "
             f"outside the body {mesh.source} ({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm); "

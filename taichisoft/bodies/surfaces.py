@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from taichisoft.bodies.rigid_body import Obstacle, RigidBody
     from taichisoft.bodies.soft_body import SoftBody
 
-SurfaceKind = Literal["soft", "cavity", "rigid", "obstacle"]
+SurfaceKind = Literal["soft", "cavity", "rigid", "obstacle", "cable"]
 
 
 class Poses(Protocol):

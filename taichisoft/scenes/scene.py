@@ -259,6 +259,9 @@ class SoftBody(Table):
     embedding: Literal["deepest", "grid"] = "deepest"
     """Which element carries a point of a surface file that lies outside the mesh: the one with the nearest centroid of
     all, as SOFA's MeshTopology, or of some near it on a grid, as its TetrahedronSetTopologyContainer."""
+    points_outside: Literal["refused", "extrapolated"] = "refused"
+    """What becomes of points of surface files and cables that lie far outside the mesh: an error, or they follow the
+    element that carries them with extrapolated weights, as in SOFA."""
     collision_surface: list[CollisionSurface] = []
     """Surfaces that touch other bodies: the name of a closed surface file that follows the mesh, or a list of tables;
     the mesh's outer boundary when it is not given."""

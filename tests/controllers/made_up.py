@@ -1,8 +1,8 @@
 """What the tests of controllers share: a made-up model, and a script that is followed step by step or refused."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from types import SimpleNamespace
+from types import MappingProxyType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -12,21 +12,32 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes.scene import Cable, Scene
 from taichisoft_controllers.scripted.controller import scripted_controller
 
 CAVITIES = ("left.base", "left.tip", "right.base")
 TIME_STEP = 0.01
 
 
-def made_up_model(cavities: Sequence[str] = CAVITIES, cubes: Sequence[str] = ("cube",), **tables: Any) -> Any:
-    """Fingers with these cavities, a mat that nothing holds, cubes, a floor and a wall; and other tables of a scene."""
+CABLE_LENGTH = 90.0
+
+
+def made_up_model(
+    cavities: Sequence[str] = CAVITIES,
+    cubes: Sequence[str] = ("cube",),
+    cables: Mapping[str, Mapping[str, Any]] = MappingProxyType({}),
+    **tables: Any,
+) -> Any:
+    """Fingers with these cavities and cables (keys by name), a mat that nothing holds, cubes, a floor and a wall.
+
+    And other tables of a scene.
+    """
     soft = {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3}
     held = {**soft, "anchors": [{"group": "base"}]}
     scene = Scene.model_validate(
         {
             "gravity": [-9810.0, 0.0, 0.0],
-            "soft_bodies": {**{cavity.partition(".")[0]: held for cavity in cavities}, "mat": soft},
+            "soft_bodies": {**{name.partition(".")[0]: held for name in (*cavities, *cables)}, "mat": soft},
             "rigid_bodies": {name: {"box": [10.0, 10.0, 10.0], "mass": 0.001} for name in cubes},
             "obstacles": {
                 "floor": {"plane": {"point": [0.0, 0.0, 0.0], "normal": [1.0, 0.0, 0.0]}},
@@ -42,6 +53,13 @@ def made_up_model(cavities: Sequence[str] = CAVITIES, cubes: Sequence[str] = ("c
         rigid_bodies=[SimpleNamespace(name=name, start_position=np.array([5.0, 0.0, 0.0])) for name in cubes],
         obstacles=[SimpleNamespace(name=name) for name in scene.obstacles],
         cavities=SimpleNamespace(names=tuple(cavities)),
+        cables=SimpleNamespace(
+            names=tuple(cables),
+            all=[
+                SimpleNamespace(name=name, rest_length=CABLE_LENGTH, settings=Cable(points="points.csv", **keys))
+                for name, keys in cables.items()
+            ],
+        ),
     )
 
 
@@ -61,10 +79,12 @@ def refusal(path: Path, begin: Callable[[Path], Any] = scripted_controller) -> s
     return said.removeprefix(f"{path}: ")
 
 
-def controller_of(folder: Path, content: str, name: str = "script.toml", **settings: Any) -> Controller:
+def controller_of(
+    folder: Path, content: str, name: str = "script.toml", model: Any = None, **settings: Any
+) -> Controller:
     """A controller with a script, ready to begin."""
     controller = scripted_controller(write(folder, content, name), **settings)
-    controller.reset(made_up_model())
+    controller.reset(model or made_up_model())
     return controller
 
 

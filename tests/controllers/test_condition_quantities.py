@@ -20,6 +20,9 @@ OBSERVATION = Observation(
     pressures={"left.base": 10.0, "left.tip": 20.0, "right.base": 60.0},
     volumes={"left.base": 100.0, "left.tip": 200.0, "right.base": 600.0},
     flows={"left.base": -1.0, "left.tip": 2.0, "right.base": 6.0},
+    cable_pulls={"left.tendon": 3.0, "right.tendon": 5.0},
+    cable_tensions={"left.tendon": 300.0, "right.tendon": 500.0},
+    cable_lengths={"left.tendon": 87.0, "right.tendon": 85.0},
     tip_velocities={"left": np.array([3.0, 4.0, 0.0]), "right": np.array([0.0, 0.0, -2.0])},
     bending_angles={"left": np.pi / 6, "right": np.pi / 2},
     base_translation=np.array([2.0, -3.0, 6.0]),
@@ -40,7 +43,8 @@ OBSERVATION = Observation(
 
 
 def measure(name: str, key: str | None = None, cubes: tuple[str, ...] = ("cube", "ball"), goal: bool = True) -> float:
-    model = made_up_model(cubes=cubes, goal={"object": "cube"} if goal else None)
+    cables: dict[str, dict[str, Any]] = {"left.tendon": {}, "right.tendon": {}}
+    model = made_up_model(cubes=cubes, cables=cables, goal={"object": "cube"} if goal else None)
     return bind_quantity(Quantity(name, key), model)(OBSERVATION, 0.25)
 
 
@@ -69,6 +73,12 @@ def measure(name: str, key: str | None = None, cubes: tuple[str, ...] = ("cube",
         ("volume", "left", 300.0),
         ("flow", None, 7.0),
         ("flow", "left.base", -1.0),
+        ("pull", None, 4.0),
+        ("pull", "left", 3.0),
+        ("tension", None, 400.0),
+        ("tension", "right.tendon", 500.0),
+        ("cable_length", None, 86.0),
+        ("cable_length", "left", 87.0),
         ("bending_angle", None, 60.0),  # in degrees
         ("bending_angle", "left", 30.0),
         ("tip_speed", None, 5.0),
@@ -110,6 +120,7 @@ def test_a_body_with_several_collision_surfaces_presses_on_itself() -> None:
     ("name", "key", "message"),
     [
         ("pressure", "lift", "pressure[\"lift\"]: no finger or cavity is called 'lift'; did you mean 'left'?"),
+        ("tension", "left.tip", "no finger or cable is called 'left.tip'; did you mean 'left'?"),
         ("pressure", "left.tap", "did you mean 'left.tip'?"),
         ("bending_angle", "mat", "no finger is called 'mat'; there are: left, right"),  # nothing holds it
         ("contact_force", "left|cub", "no pair of bodies is called 'left|cub'; did you mean 'left|cube'?"),
@@ -154,6 +165,8 @@ def test_every_quantity_can_be_read_while_the_gripper_runs() -> None:
         "x, y or z": ["z"],
     }
     for name, kind in QUANTITIES.items():
+        if kind.key == "finger or cable":  # there are none
+            continue
         for key in (None, *keys[kind.key]):
             value = bind_quantity(Quantity(name, key), simulation.model)(seen, 0.0)
             assert np.isfinite(value), (name, key)

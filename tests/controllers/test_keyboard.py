@@ -166,7 +166,7 @@ def test_steps_are_settings() -> None:
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf, "3", True])
-@pytest.mark.parametrize("name", ["pressure_step", "translation_step", "turn_step"])
+@pytest.mark.parametrize("name", ["pressure_step", "pull_step", "tension_step", "translation_step", "turn_step"])
 def test_a_step_that_is_no_positive_number_is_refused_by_name(name: str, value: Any) -> None:
     with pytest.raises(SceneError, match=rf"^controller\.settings\.{name} = "):
         KeyboardController(**{name: value})
@@ -186,3 +186,50 @@ def test_a_run_with_it_is_interactive_and_every_key_is_explained() -> None:
     explained = " ".join(controller.bindings)
     for key in ("+", "-", "up", "down", "left", "right", "a", "q", "0", "1"):
         assert key in explained.split()
+
+
+CABLES: dict[str, dict[str, float]] = {"finger1.tendon": {}, "finger2.tendon": {"lowest_pull": -2.0, "highest_pull": 4}}
+
+
+def with_cables(cavities: tuple[str, ...] = (), **settings: Any) -> KeyboardController:
+    controller = KeyboardController(**settings)
+    controller.reset(made_up_model(cavities, cables=CABLES))
+    return controller
+
+
+def test_plus_and_minus_pull_cables_in_and_pay_them_out() -> None:
+    """Within the cable's own stops, or a third of its length; a finger that is selected alone."""
+    controller = with_cables()
+    assert press(controller, "+", "+").cable_pull == {"finger1.tendon": 2.0, "finger2.tendon": 2.0}
+    assert press(controller, "1", *40 * "+").cable_pull == {"finger1.tendon": 30.0, "finger2.tendon": 2.0}
+    assert press(controller, "0", *40 * "-").cable_pull == {"finger1.tendon": 0.0, "finger2.tendon": -2.0}
+    control = press(controller, *40 * "+")
+    assert control.cable_pull == {"finger1.tendon": 30.0, "finger2.tendon": 4.0}
+    assert not control.pressure and not control.cable_tension
+    assert controller.bindings["+ -"] == "pull the cables in or pay them out by 1 mm"
+
+
+def test_cables_can_be_driven_by_their_tension() -> None:
+    controller = with_cables(cables="tension", tension_step=250.0)
+    control = press(controller, "2", "+", "+")
+    assert control.cable_tension == {"finger1.tendon": 0.0, "finger2.tendon": 500.0}
+    assert not control.cable_pull
+    assert controller.sliders["finger1.tendon"] == Slider(0.0, 0.0, 10000.0, 250.0, "mN")
+
+
+def test_a_rod_can_be_pushed() -> None:
+    controller = KeyboardController()
+    controller.reset(made_up_model((), cables={"finger1.rod": {"rod": True}}))
+    assert press(controller, *40 * "-").cable_pull == {"finger1.rod": -30.0}
+
+
+def test_fingers_with_both_are_driven_by_both() -> None:
+    """One key is one step of each, and sliders have their own units."""
+    controller = with_cables(("finger1.cavity", "finger3.cavity"), pull_step=0.5)
+    control = press(controller, "1", "+")
+    assert control.pressure == {"finger1.cavity": 1.0, "finger3.cavity": 0.0}
+    assert control.cable_pull == {"finger1.tendon": 0.5, "finger2.tendon": 0.0}
+    controller.key(KeyEvent("finger1.tendon", value=12.5))
+    assert press(controller).cable_pull["finger1.tendon"] == 12.5
+    assert [slider.unit for slider in controller.sliders.values()] == ["kPa", "kPa", "mm", "mm"]
+    assert "1 kPa" in controller.bindings["+ -"] and "0.5 mm" in controller.bindings["+ -"]

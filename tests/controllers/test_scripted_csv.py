@@ -74,7 +74,7 @@ def test_what_programs_and_people_write_is_read(tmp_path: Path, content: str) ->
         ("# a\ntime,time,pressure\n0,1,1", "line 2: there are 2 columns 'time'; keep one"),
         ("time,pressure,pressure left\n0,1,1", "line 1: the columns 'pressure' and 'pressure left' exclude each other"),
         ("pressure\n1", "line 1: there is no column 'time'; there are: pressure"),
-        ("time\n1", "line 1: there is no column 'pressure'; there are: time"),
+        ("time\n1", "line 1: there is no column 'pressure', 'pull' or 'tension'; there are: time"),
         ("time,pressure\n\n0", "line 3: has 1 cells; 2 are needed, one for each column"),
         ("time,pressure\n0,1,2", "line 2: has 3 cells; 2 are needed"),
         ("time,pressure\n0,", "line 2, column 'pressure': '' must be a finite number"),

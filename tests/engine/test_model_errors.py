@@ -97,6 +97,18 @@ def test_a_cavity_outside_its_body_is_refused_with_a_vertex(hollow: dict[str, An
         model({**hollow, **cavity_file(tmp_path, box)})
 
 
+def test_points_outside_a_body_follow_it_where_the_scene_says_so(hollow: dict[str, Any], tmp_path: Path) -> None:
+    """Extrapolated from the element with the nearest centroid: as the body is sheared, so is what lies outside."""
+    box = trimesh.creation.box(extents=[2, 2, 2])
+    box.vertices += [0, 0, 30]
+    made = model({**hollow, **cavity_file(tmp_path, box), "points_outside": "extrapolated"})
+    (cavity,) = made.soft_bodies[0].cavities
+    shear = np.array([[1.0, 0.5, 0.0], [0.0, 1.0, 0.2], [0.0, 0.0, 1.0]])
+    moved = cavity.surface.positions(made.rest_position @ shear.T)
+    assert moved == pytest.approx(cavity.surface.positions(made.rest_position) @ shear.T)
+    assert moved[:, 2].min() > 20.0
+
+
 def test_a_surface_in_a_hollow_of_its_body_is_refused_with_a_vertex(hollow: dict[str, Any], tmp_path: Path) -> None:
     """It lies in the body's box, but in no element, nor near one; the hollow is 6.7 mm wide, its elements as large."""
     box = trimesh.creation.box(extents=[2, 2, 2])

@@ -14,6 +14,7 @@ from taichisoft.plugin_system.commands import with_plugin_commands
 from taichisoft_meshing.bodies.kinds import StepTable, SurfacesTable
 from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.geometry_file import checked, quality_limits
+from taichisoft_meshing.tendon_finger.dimensions import TendonFingerTable
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "meshing.md").read_text(encoding="utf-8")
@@ -51,11 +52,12 @@ def test_every_file_of_the_page_is_valid() -> None:
             assert quality_limits(table, DOCS).model_dump() == table["quality"]
             seen.add("quality")
         elif "kind" in table:
-            kinds = {"step": StepTable, "surfaces": SurfacesTable}
+            kinds = {"step": StepTable, "surfaces": SurfacesTable, "tendon_finger": TendonFingerTable}
             kind = table.pop("kind")
-            checked(kinds[kind], table, DOCS)
+            made = checked(kinds[kind], table, DOCS)
+            assert kind != "tendon_finger" or made == TendonFingerTable()
             seen.add(kind)
-    assert seen == {"quality", "step", "surfaces"}
+    assert seen == {"quality", "step", "surfaces", "tendon_finger"}
 
 
 def dimensions(table: type[BaseModel], prefix: str = "") -> Iterator[str]:

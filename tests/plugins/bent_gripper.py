@@ -36,6 +36,7 @@ def gripper_model() -> SimpleNamespace:
         base_pivot=anchored.mean(axis=0),
         body_names=(*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles),
         cavities=SimpleNamespace(names=[cavity.name for body in bodies for cavity in body.cavities]),
+        cables=fake_run.NO_CABLES,
         soft_bodies=tuple(bodies),
         rigid_bodies=tuple(make_rigid_body(name, body) for name, body in scene.rigid_bodies.items()),
         obstacles=tuple(make_obstacle(name, obstacle) for name, obstacle in scene.obstacles.items()),

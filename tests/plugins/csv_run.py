@@ -30,6 +30,7 @@ def model() -> Any:
         soft_bodies=[SimpleNamespace(name=name, cavities=parts) for name, parts in cavities.items()],
         rigid_bodies=[SimpleNamespace(name="cube"), SimpleNamespace(name="ball")],
         obstacles=[SimpleNamespace(name="floor")],
+        cables=SimpleNamespace(names=("right.tendon",)),
     )
 
 
@@ -47,6 +48,9 @@ def report(step: int, **changes: Any) -> Any:
     seen: dict[str, Any] = {
         "pressures": {"left.air": 1.0 * step, "right.base": 2.0 * step, "right.tip": 3.0 * step},
         "volumes": {"left.air": 100.0, "right.base": 200.0, "right.tip": 300.0 + 1.0 / 3.0},
+        "cable_tensions": {"right.tendon": 400.0 * step},
+        "cable_pulls": {"right.tendon": -0.5 * step},
+        "cable_lengths": {"right.tendon": 90.0 + 0.5 * step},
         "normal_forces": {("left", "cube"): 10.0 * step, ("cube", "floor"): 9.81, ("left", "right"): 99.0},
         "friction_forces": {("left", "cube"): 1.0 * step},
         "slip_speeds": {("cube", "ball"): 0.5},

@@ -32,6 +32,9 @@ CUBE_FACES = np.array(
 )  # fmt: skip
 
 
+NO_CABLES = SimpleNamespace(names=(), all=(), pulls=lambda *_: np.zeros(0))
+
+
 def fake_model(floor: bool = False) -> SimpleNamespace:
     """What outputs may know of a model."""
     scene = Scene.model_validate(
@@ -68,6 +71,7 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
         material_names=("finger",),
         body_names=("finger", "cube", *(("floor",) if floor else ())),
         cavities=SimpleNamespace(names=("finger.cavity",)),
+        cables=NO_CABLES,
         soft_bodies=(finger,),
         rigid_bodies=(SimpleNamespace(name="cube", vertices=CUBE, triangles=CUBE_FACES),),
         obstacles=(plane,) if floor else (),
@@ -100,6 +104,13 @@ def fake_state(step: int) -> SimpleNamespace:
         cavity_target=np.array([2.5 * step]),
         cavity_pressure=np.array([2.0 * step]),
         cavity_volume=np.array([100.0 + step]),
+        cable_pull_imposed=np.zeros(0, dtype=bool),
+        cable_request=np.zeros(0),
+        cable_target=np.zeros(0),
+        cable_tension=np.zeros(0),
+        cable_tension_loss=np.zeros(0),
+        cable_length=np.zeros(0),
+        pull_point=np.zeros((0, 3)),
         contact_body_pair=np.tile(np.array([0, 1], dtype=np.int32), (contacts, 1)),
         contact_point=np.full((contacts, 3), float(step)),
         contact_normal=np.tile([0.0, 0.0, 1.0], (contacts, 1)),

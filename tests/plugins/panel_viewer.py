@@ -1,8 +1,12 @@
 """A viewer of a web page that presses its keys, moves its sliders and sees where the surfaces are."""
 
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
+import conftest
 import numpy as np
 
 from taichisoft_benchmarks.measures.web_viewer import HEADER, Viewer
@@ -17,7 +21,8 @@ class PanelViewer(Viewer):
     Attributes:
         elements: label, value and other properties of each element of the panel, by its identifier.
         commands: identifiers of hotkeys, by key ("arrowup").
-        vertices: newest vertices of each surface in the page's unit, shape (vertex_count, 3), by name ("/finger1").
+        vertices: newest vertices of each surface, and ends of lines, in the page's unit, shape (vertex_count, 3), by
+            name ("/finger1").
     """
 
     def __init__(self, url: str):
@@ -72,5 +77,31 @@ class PanelViewer(Viewer):
                 self.elements[message["uuid"]] = {"value": message.get("value"), **message["props"]}
             elif kind == "MeshMessage":
                 self.vertices[message["name"]] = array(message["props"]["vertices"])
+            elif kind == "LineSegmentsMessage":
+                self.vertices[message["name"]] = array(message["props"]["points"])
+            elif kind == "SceneNodeUpdateMessage" and "points" in message["updates"]:
+                self.vertices[message["name"]] = array(message["updates"]["points"])
             elif kind == "SceneNodeUpdateMessage" and "vertices" in message["updates"]:
                 self.vertices[message["name"]] = array(message["updates"]["vertices"])
+
+
+@contextmanager
+def served(path: Path) -> Iterator[tuple[Any, PanelViewer, Callable[[Callable[[], bool]], None]]]:
+    """The page of a recording, a viewer of it, and what lets the page go on until a condition holds."""
+    from taichisoft_plugins.web.address import find_address
+    from taichisoft_plugins.web.recording_page import RecordingPage
+
+    page = RecordingPage(path, find_address("127.0.0.1:0"))
+
+    def until(condition: Callable[[], bool]) -> None:
+        deadline = time.monotonic() + conftest.PATIENCE
+        while not condition():
+            assert time.monotonic() < deadline, "waited in vain"
+            page.tick(0.02)
+            time.sleep(0.02)
+
+    try:
+        with PanelViewer(f"http://127.0.0.1:{page.page.port}") as viewer:
+            yield page, viewer, until
+    finally:
+        page.close()

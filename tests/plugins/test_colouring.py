@@ -118,7 +118,7 @@ def test_the_caption_has_time_pressure_and_height(gripper):
 def test_different_pressures_are_all_in_the_caption(pressures, text):
     rows = {"pressure": np.array(pressures), "rigid_position": np.zeros((0, 3))}
     recording = SimpleNamespace(
-        times=np.zeros(3), cavities=pressures, row=lambda name, frame: rows[name], last_start=0,
+        times=np.zeros(3), cavities=pressures, cables=[], row=lambda name, frame: rows[name], last_start=0,
         scene=SimpleNamespace(rigid_bodies=(), up=np.array([0.0, 0.0, 1.0])),
     )  # fmt: skip
     assert caption_parts(recording, 1) == ["0.00 s", text]

@@ -32,7 +32,7 @@ def model(goal: bool = True) -> Any:
             "rigid_bodies": {name: {"box": [10, 10, 10], "mass": 0.001} for name in ("other", "cube")},
         }
     )
-    return SimpleNamespace(scene=scene)
+    return SimpleNamespace(scene=scene, cables=SimpleNamespace(names=()))
 
 
 def report(step: int, **changes: Any) -> Any:

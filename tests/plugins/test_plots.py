@@ -10,7 +10,7 @@ import tiny_run
 
 from taichisoft.control.observation import Observation
 from taichisoft_plugins.plots.figure import Curve, Panel, draw_figure, pieces
-from taichisoft_plugins.plots.panels import PANELS, TIME_AXIS, RunCurves
+from taichisoft_plugins.plots.panels import CABLE_PANELS, PANELS, TIME_AXIS, RunCurves
 from taichisoft_plugins.plots.plots import PlotError, draw_plots
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import Recording, read_recording
@@ -148,7 +148,9 @@ def test_curves_on_each_other_are_drawn_once_with_all_names() -> None:
 
 def test_legends_hide_no_curve_and_axes_have_units(recording: Recording) -> None:
     run = RunCurves(recording)
-    figure = draw_figure([make(run) for make in PANELS.values()], ["left", "right", "cube"])
+    figure = draw_figure(
+        [make(run) for name, make in PANELS.items() if name not in CABLE_PANELS], ["left", "right", "cube"]
+    )
     figure.draw_without_rendering()
     for axes in figure.axes:
         assert "[" in axes.get_xlabel() and "[" in axes.get_ylabel()
@@ -193,7 +195,7 @@ def test_panels_without_anything_to_show_are_named_and_the_rest_drawn(tmp_path: 
 
 
 def test_unknown_names_are_refused_with_the_known_ones(recording: Recording) -> None:
-    with pytest.raises(PlotError, match="--only pressures: there are: pressure, volume, bending"):
+    with pytest.raises(PlotError, match="--only pressures: there are: pressure, volume, tension, pull, bending"):
         draw_plots(recording, "png", ["pressures"])
     with pytest.raises(PlotError, match="--format pdf: there are: png, svg"):
         draw_plots(recording, "pdf")

@@ -86,6 +86,7 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
         "background": ("--background", "#000000"),
         "colour_by": ("--colour-by", "stress"),
         "cavity_pressure": ("--no-cavity-pressure",),
+        "cable_tension": ("--no-cable-tension",),
         "arrows": ("--no-arrows",),
         "axes": ("--no-axes",),
         "caption": ("--no-caption",),

@@ -94,11 +94,11 @@ def test_the_folder_is_beside_that_of_the_recording(straight):
         (["--at", "0.7"], "nothing at 0.7 s; the recording has from 0 s to 0.5 s"),
         (
             ["--at", "0.3", "--set", "soft_bodies.right.translation=[26.0, 0.0, 11.0]"],
-            "'right' is not the body that was recorded: its rest positions differ by up to 1 mm",
+            "'right' is not as it was recorded: its rest positions differ by up to 1 mm",
         ),
         (
             ["--at", "0.3", "--set", "rigid_bodies.cube.box=[9.0, 10.0, 10.0]"],
-            "'cube' is not the body that was recorded: its surface points differ by up to 0.5 mm",
+            "'cube' is not as it was recorded: its surface points differ by up to 0.5 mm",
         ),
         (
             ["--at", "0.3", "--set", "rigid_bodies.ball={box=[1.0,1.0,1.0],mass=1.0,position=[0.0,90.0,9.0]}"],

@@ -56,22 +56,23 @@ SCENE = Scene.model_validate(
 
 
 def frame(time: float, height: float = 0.0) -> Frame:
-    """A frame of a run with one cavity, in which the second rigid body is gripped."""
+    """A frame of a run with one cavity and one cable, in which the second rigid body is gripped."""
     forces = {("left", "cube"): 3.0, ("cube", "right"): 2.0, ("cube", "floor"): 9.0, ("left", "ball"): 7.0}
     places, nothing = np.array([[99.0, 0.0, 0.0], [height, 0.0, 0.0]]), np.zeros((0, 3))
-    return Frame(time, (), nothing, nothing, plotted_row(SCENE, [10.0 * time], forces, places))
+    plotted = plotted_row(SCENE, [10.0 * time], [400.0 * time], forces, places)
+    return Frame(time, (), np.zeros((0, 2, 3)), np.zeros(0), nothing, nothing, plotted)
 
 
-def test_curves_have_pressures_forces_of_the_fingers_and_the_height_from_the_first_frame() -> None:
+def test_curves_have_pressures_tensions_forces_of_the_fingers_and_the_height_from_the_first_frame() -> None:
     history = History(frame(0.0, height=5.0))
     history.add(frame(0.5, height=7.5))
     assert history.times == [0.5]
-    assert history.rows[0].tolist() == [5.0, 3.0, 2.0, 2.5]
+    assert history.rows[0].tolist() == [5.0, 200.0, 3.0, 2.0, 2.5]
 
 
 def test_a_scene_without_rigid_bodies_has_pressures_only() -> None:
     alone = SCENE.model_copy(update={"rigid_bodies": {}, "goal": None})
-    assert plotted_row(alone, [4.0], {("left", "right"): 3.0}, np.zeros((0, 3))).tolist() == [4.0, 0.0, 0.0, 0.0]
+    assert plotted_row(alone, [4.0], [], {("left", "right"): 3.0}, np.zeros((0, 3))).tolist() == [4.0, 0.0, 0.0, 0.0]
 
 
 def test_curves_of_a_long_run_stay_small_and_reach_back_to_its_start() -> None:
@@ -110,7 +111,8 @@ def test_a_recording_has_the_frames_that_the_run_showed(taichisoft_scene: Scene,
         for shown, surface in zip(setup.surfaces, read.surfaces, strict=True):
             assert (shown.name, shown.kind) == (surface.name, surface.kind)
             np.testing.assert_array_equal(shown.triangles, surface.triangles)
-        assert (setup.content.scene, list(setup.content.cavities)) == (read.scene, read.cavities)
+        names = list(setup.content.cavities), list(setup.content.cables)
+        assert (setup.content.scene, *names) == (read.scene, read.cavities, read.cables)
     assert recorded.time == live.time
     for one, other in zip(recorded.vertices, live.vertices, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6, err_msg="a snapshot has single precision")

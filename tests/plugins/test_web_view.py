@@ -2,43 +2,18 @@
 
 import subprocess
 import sys
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
 import pytest
 from conftest import PATIENCE
-from panel_viewer import PanelViewer
+from panel_viewer import PanelViewer, served
 from tiny_run import STEPS, command, tiny_run
 
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.reader import read_recording
 
 pytest.importorskip("viser", reason="needs the extra 'web'")
-
-
-@contextmanager
-def served(path: Path) -> Iterator[tuple[object, PanelViewer, Callable[[Callable[[], bool]], None]]]:
-    """The page of a recording, a viewer of it, and what lets the page go on until a condition holds."""
-    from taichisoft_plugins.web.address import find_address
-    from taichisoft_plugins.web.recording_page import RecordingPage
-
-    page = RecordingPage(path, find_address("127.0.0.1:0"))
-
-    def until(condition: Callable[[], bool]) -> None:
-        deadline = time.monotonic() + PATIENCE
-        while not condition():
-            assert time.monotonic() < deadline, "waited in vain"
-            page.tick(0.02)
-            time.sleep(0.02)
-
-    try:
-        with PanelViewer(f"http://127.0.0.1:{page.page.port}") as viewer:
-            yield page, viewer, until
-    finally:
-        page.close()
 
 
 def cube(viewer: PanelViewer) -> np.ndarray:
@@ -59,7 +34,7 @@ def test_a_recording_is_played_to_its_end_and_scrubbed(tmp_path: Path) -> None:
         until(lambda: np.allclose(cube(viewer), places[STEPS], atol=1e-3))
         viewer.set("time [s]", 5 * time_step)
         until(lambda: np.allclose(cube(viewer), places[5], atol=1e-3))
-        until(lambda: page.playback.position == 5 * time_step and not page.playback.playing)  # type: ignore[attr-defined]
+        until(lambda: page.playback.position == 5 * time_step and not page.playback.playing)
         viewer.set("speed [x real time]", 0.5)
         viewer.press("space")
         until(lambda: viewer.value("time [s]") > 10 * time_step)

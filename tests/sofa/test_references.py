@@ -264,7 +264,7 @@ def test_step_7_is_the_scene_of_the_tutorial_that_ships(scenes: Path) -> None:
     assert cube.start_position == pytest.approx(shipped_cube.start_position, abs=1e-12)
     assert np.ptp(cube.vertices, axis=0) == pytest.approx([42.0] * 3)
     assert (ours.scene.gravity, ours.scene.time.step) == (theirs.scene.gravity, theirs.scene.time.step)
-    for key in ("friction", "contact_distance", "alarm_distance"):
+    for key in ("friction", "contact_distance", "alarm_distance", "spacing"):
         assert getattr(ours.scene.contact, key) == getattr(theirs.scene.contact, key)
 
 

@@ -224,7 +224,8 @@ def test_without_a_solver_a_rigid_body_is_an_obstacle_where_its_pose_puts_it(fol
 
 def test_contact_has_the_scenes_friction_and_distances(folder: Path) -> None:
     contact = translated(folder, "collisions(root, mu=0.3)\nsurface(body(root), 'block.stl')").tables["contact"]
-    assert contact == {"friction": 0.3, "alarm_distance": 5.0, "contact_distance": 1.0, "spacing": 2.5}
+    expected = {"friction": 0.3, "alarm_distance": 5.0, "contact_distance": 1.0, "spacing": 4.0}
+    assert expected.items() <= contact.items()
 
 
 @pytest.mark.parametrize(

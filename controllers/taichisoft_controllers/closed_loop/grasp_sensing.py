@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.model_names import cavities_called, fingers_called, object_called
+from taichisoft_controllers.model_names import actuators_called, fingers_called, object_called
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -64,7 +64,7 @@ class GraspSensing:
         if not any(model.scene.gravity):
             raise SceneError("gravity = [0, 0, 0]: the controller 'closed-loop' lifts against it; give it a direction")
         self.object = object_called(None, model)
-        self.cavities = cavities_called(None, model.cavities.names)
+        self.cavities = actuators_called(None, model.cavities.names, "cavity")
         self.up = model.scene.up
         self._pairs = {finger: (finger, self.object) for finger in fingers_called(None, model)}
         self._most_used = dict.fromkeys(self._pairs, 0.0)

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -12,17 +12,24 @@ from taichisoft.control.controller import Controller, Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.scenes.scene import Positive
+from taichisoft_controllers.drives import PRESSURE, PULL, TENSION, Drive
 from taichisoft_controllers.model_names import finger_of
 from taichisoft_controllers.settings import ControllerSettings
 
 if TYPE_CHECKING:
+    from taichisoft.bodies.cables import Cable
     from taichisoft.model import Model
+    from taichisoft.scenes.scene import Limits
 
 LOWEST_PRESSURE, HIGHEST_PRESSURE = 0.0, 150.0
 """Range of the pressures where the scene's limits give none [kPa]."""
+HIGHEST_PULL = 1.0 / 3.0
+"""Share of its length by which a cable is pulled in where the scene gives it no stop [-]."""
+HIGHEST_TENSION = 10000.0
+"""Tension of a cable to which the scene gives no highest one [mN]."""
 
 # On many keyboards "=" is "+" without shift.
-PRESSURE_KEYS = {"+": 1.0, "=": 1.0, "-": -1.0}
+EFFORT_KEYS = {"+": 1.0, "=": 1.0, "-": -1.0}
 TURN_KEYS = {"a": 1, "q": -1}
 # Numbers of steps to the right and upwards, in the gripper's own frame.
 MOVE_KEYS = {"up": (0.0, 1.0), "down": (0.0, -1.0), "left": (-1.0, 0.0), "right": (1.0, 0.0)}
@@ -33,6 +40,12 @@ class KeyboardSettings(ControllerSettings):
 
     pressure_step: Positive = 1.0
     """Change of the pressure by one key press [kPa]."""
+    cables: Literal["pull", "tension"] = "pull"
+    """What keys and sliders change of cables: how far they are pulled in, or their tension."""
+    pull_step: Positive = 1.0
+    """Length by which one key press pulls the cables in or pays them out [mm]."""
+    tension_step: Positive = 100.0
+    """Change of the cables' tension by one key press [mN]."""
     translation_step: Positive = 3.0
     """Way of the base by one key press [mm]."""
     turn_step: Positive = 11.25
@@ -47,12 +60,12 @@ class KeyboardController(Controller):
     stands on the other side, left is +y.) "a" turns it about the upward axis by the right-hand rule: anticlockwise
     for who looks down on it.
 
-    What it asks for depends on the keys alone. Motion is not smoothed here: `limits.base_speed` and
-    `limits.pressure_rate` of the scene spread a step over time.
+    What it asks for depends on the keys alone. Motion is not smoothed here: `limits.base_speed`,
+    `limits.pressure_rate` and `limits.pull_speed` of the scene spread a step over time.
 
     Attributes:
-        status: finger whose pressure + and - change.
-        sliders: pressure of every cavity, by its name.
+        status: finger whose pressure, or pull, + and - change.
+        sliders: pressure of every cavity and pull, or tension, of every cable, by its name.
     """
 
     interactive = True
@@ -64,27 +77,27 @@ class KeyboardController(Controller):
         Raises:
             SceneError: one of them is not valid.
         """
-        self._steps = steps = KeyboardSettings.checked(**settings)
-        self.bindings = {
-            "+ -": f"raise or lower the pressure by {steps.pressure_step:g} kPa",
-            "up down": f"move up or down by {steps.translation_step:g} mm",
-            "left right": f"move to the left or right by {steps.translation_step:g} mm",
-            "a q": f"turn by {steps.turn_step:g} degrees to the left or right",
-            "1 2 3 ...": "select one finger, whose pressure + and - change",
-            "0": "select all fingers",
-        }
+        self._steps = KeyboardSettings.checked(**settings)
+        self._cable_drive = PULL if self._steps.cables == PULL.name else TENSION
+        self._drives: dict[str, Drive] = {}
+        self.bindings = self._bindings()
 
     def reset(self, model: "Model") -> None:
-        """Begin with pressures of 0, or as near as the scene's limits allow, at the base's rest, all fingers selected.
+        """Begin with all pressures and pulls 0, or as near as limits allow, at the base's rest, all fingers selected.
 
-        A finger is a soft body with cavities; they are numbered in the order of the scene.
+        A finger is a soft body with cavities or cables; they are numbered in the order of the scene.
         """
-        limits = model.scene.limits
-        lowest = LOWEST_PRESSURE if limits.lowest_pressure is None else limits.lowest_pressure
-        highest = HIGHEST_PRESSURE if limits.highest_pressure is None else limits.highest_pressure
-        slider = _moved(Slider(lowest, lowest, highest, self._steps.pressure_step, "kPa"), 0.0)
-        self.sliders = dict.fromkeys(model.cavities.names, slider)
-        self._fingers = list(dict.fromkeys(finger_of(name) for name in model.cavities.names))
+        steps, drive = self._steps, self._cable_drive
+        pressure = _slider(*_pressure_range(model.scene.limits), steps.pressure_step, PRESSURE)
+        self.sliders = dict.fromkeys(model.cavities.names, pressure)
+        self._drives = dict.fromkeys(model.cavities.names, PRESSURE) | dict.fromkeys(model.cables.names, drive)
+        for cable in model.cables.all:
+            lowest, highest = _pull_range(cable) if drive is PULL else _tension_range(cable)
+            step = steps.pull_step if drive is PULL else steps.tension_step
+            self.sliders[cable.name] = _slider(lowest, highest, step, drive)
+        driven = {finger_of(name) for name in self.sliders}
+        self._fingers = [name for name in model.scene.soft_bodies if name in driven]
+        self.bindings = self._bindings()
         self._select(None)
         self._up = model.scene.up
         self._right = right_of(self._up)
@@ -98,8 +111,8 @@ class KeyboardController(Controller):
                 self.sliders[event.key] = _moved(self.sliders[event.key], event.value)
             return
         key = event.key.lower()
-        if key in PRESSURE_KEYS:
-            self._change_pressure(PRESSURE_KEYS[key] * self._steps.pressure_step)
+        if key in EFFORT_KEYS:
+            self._change_effort(EFFORT_KEYS[key])
         elif key in MOVE_KEYS:
             self._move(*MOVE_KEYS[key])
         elif key in TURN_KEYS:
@@ -111,10 +124,14 @@ class KeyboardController(Controller):
 
     def control(self, observation: Observation) -> Control:
         """The sum of the steps by all keys so far."""
+        asked: dict[str, dict[str, float]] = {drive.asked: {} for drive in (PRESSURE, self._cable_drive)}
+        for name, slider in self.sliders.items():
+            asked[self._drives[name].asked][name] = slider.value
         return Control(
-            pressure={name: slider.value for name, slider in self.sliders.items()},
+            pressure=asked.pop(PRESSURE.asked),
             base_translation=self._translation.copy(),
             base_rotation=self._turn * self._up,
+            **asked,  # type: ignore[arg-type] # one of the cables' two
         )
 
     @property
@@ -122,19 +139,65 @@ class KeyboardController(Controller):
         """The angle by which the gripper is turned about the upward axis [rad]."""
         return math.radians(self._turns * self._steps.turn_step)
 
+    def _bindings(self) -> dict[str, str]:
+        """What each key does; without a model as if there were cavities alone."""
+        steps, drives = self._steps, set(self._drives.values()) or {PRESSURE}
+        effects = {
+            PRESSURE: f"raise or lower the pressure by {steps.pressure_step:g} kPa",
+            PULL: f"pull the cables in or pay them out by {steps.pull_step:g} mm",
+            TENSION: f"raise or lower the tension by {steps.tension_step:g} mN",
+        }
+        quantity = " and ".join(drive.name for drive in effects if drive in drives)
+        return {
+            "+ -": ", ".join(effect for drive, effect in effects.items() if drive in drives),
+            "up down": f"move up or down by {steps.translation_step:g} mm",
+            "left right": f"move to the left or right by {steps.translation_step:g} mm",
+            "a q": f"turn by {steps.turn_step:g} degrees to the left or right",
+            "1 2 3 ...": f"select one finger, whose {quantity} + and - change",
+            "0": "select all fingers",
+        }
+
     def _select(self, finger: str | None) -> None:
-        """Let + and - change the pressure of one finger, or of all of them."""
+        """Let + and - change the pressure and the pull of one finger, or of all of them."""
         self._selected = finger
         self.status = f"{finger or 'all fingers'} selected"
 
-    def _change_pressure(self, change: float) -> None:
+    def _change_effort(self, steps: float) -> None:
         for name, slider in self.sliders.items():
             if self._selected in (None, finger_of(name)):
-                self.sliders[name] = _moved(slider, slider.value + change)
+                self.sliders[name] = _moved(slider, slider.value + steps * slider.step)
 
     def _move(self, to_the_right: float, upward: float) -> None:
         right = math.cos(self._turn) * self._right + math.sin(self._turn) * np.cross(self._up, self._right)
         self._translation += self._steps.translation_step * (to_the_right * right + upward * self._up)
+
+
+def _pressure_range(limits: "Limits") -> tuple[float, float]:
+    """Lowest and highest pressure [kPa]."""
+    lowest, highest = limits.lowest_pressure, limits.highest_pressure
+    return LOWEST_PRESSURE if lowest is None else lowest, HIGHEST_PRESSURE if highest is None else highest
+
+
+def _pull_range(cable: "Cable") -> tuple[float, float]:
+    """How far a cable is paid out and pulled in at most [mm]."""
+    return _range(cable.settings.lowest_pull, cable.settings.highest_pull, HIGHEST_PULL * cable.rest_length, cable)
+
+
+def _tension_range(cable: "Cable") -> tuple[float, float]:
+    """Smallest and largest tension [mN]."""
+    return _range(cable.settings.lowest_tension, cable.settings.highest_tension, HIGHEST_TENSION, cable)
+
+
+def _range(lowest: float | None, highest: float | None, furthest: float, cable: "Cable") -> tuple[float, float]:
+    """The range that a cable's own limits give; where they leave it open from 0, or for a rod both ways."""
+    low = (-furthest if cable.settings.rod else 0.0) if lowest is None else lowest
+    high = furthest if highest is None else highest
+    return min(low, high), max(low, high)
+
+
+def _slider(lowest: float, highest: float, step: float, drive: Drive) -> Slider:
+    """A slider at 0, or as near as its ends allow."""
+    return _moved(Slider(lowest, lowest, highest, step, drive.unit), 0.0)
 
 
 def _moved(slider: Slider, value: float) -> Slider:

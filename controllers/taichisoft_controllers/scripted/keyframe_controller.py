@@ -1,6 +1,6 @@
 """A controller that follows keyframes: values at given times, interpolated between them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,9 +10,9 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.model_names import pressures_by_cavity
+from taichisoft_controllers.drives import DRIVES, Drive
 from taichisoft_controllers.scripted.script_file import Keyframe
-from taichisoft_controllers.scripted.targets import as_control, smoothed
+from taichisoft_controllers.scripted.targets import Targets, smoothed
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -21,38 +21,64 @@ if TYPE_CHECKING:
 class KeyframeController(Controller):
     """Depends on the time alone; before the first keyframe and after the last it holds."""
 
-    def __init__(self, path: Path, keyframes: Sequence[Keyframe], smooth: bool, factor: float):
-        """Take the keyframes of a file; `factor` scales all pressures."""
-        self._path, self._keyframes, self._smooth, self._factor = path, keyframes, smooth, factor
+    def __init__(self, path: Path, keyframes: Sequence[Keyframe], smooth: bool, factors: Mapping[Drive, float]):
+        """Take the keyframes of a file; `factors` scale all pressures, pulls and tensions."""
+        self._path, self._keyframes, self._smooth, self._factors = path, keyframes, smooth, factors
         self._times = np.array([frame.time for frame in keyframes])
 
     def reset(self, model: "Model") -> None:
-        """Lay out the values by the model's cavities.
+        """Lay out the values by the model's cavities and cables.
 
         Raises:
-            SceneError: a keyframe names a finger or cavity that there is not, or leaves out one that there is.
+            SceneError: a keyframe names a finger, cavity or cable that there is not, leaves out a cavity, or a cable
+                that another one names, or wants two things of a cable.
         """
-        self._cavities = model.cavities.names
-        pressures = [self._pressures(index) for index in range(len(self._keyframes))]
+        self._targets = targets = Targets(model)
+        efforts = [self._efforts(index) for index in range(len(self._keyframes))]
+        named = np.zeros(len(targets.places), dtype=bool)
+        named[[place for values in efforts for place in values]] = True
+        self._driven = named | targets.driven_first
+        self._check_complete(efforts)
         rotations = np.radians([frame.base_rotation for frame in self._keyframes])
         translations = [frame.base_translation for frame in self._keyframes]
-        self._values = np.column_stack([np.array(pressures) * self._factor, translations, rotations])
+        table = np.zeros((len(efforts), len(targets.places)))
+        for row, values in zip(table, efforts, strict=True):
+            row[list(values)] = list(values.values())
+        for drive, part in targets.parts.items():
+            table[:, part] *= self._factors[drive]
+        self._values = np.column_stack([table, translations, rotations])
 
     def control(self, observation: Observation) -> Control:
         """The values at the start of the coming step."""
-        return as_control(self._cavities, self._at(observation.time))
+        return self._targets.control(self._at(observation.time), self._driven)
 
-    def _pressures(self, index: int) -> list[float]:
-        """The pressures of all cavities at a keyframe [kPa], shape (cavity_count,)."""
-        where = f"{self._path}: keyframes.{index}.pressure"
-        try:
-            by_cavity = pressures_by_cavity(self._keyframes[index].pressure, self._cavities)
-        except SceneError as error:
-            raise SceneError(f"{where}: {error}") from error
-        missing = [cavity for cavity in self._cavities if cavity not in by_cavity]
-        if missing:
-            raise SceneError(f"{where}: does not name '{missing[0]}'; a keyframe has the pressure of every cavity")
-        return [by_cavity[cavity] for cavity in self._cavities]
+    def _efforts(self, index: int) -> dict[int, float]:
+        """What a keyframe asks of actuators, by the place in the array of targets."""
+        values: dict[int, float] = {}
+        for drive in DRIVES:
+            given = getattr(self._keyframes[index], drive.name)
+            try:
+                values |= self._targets.read(drive, {} if given is None else given)
+            except SceneError as error:
+                raise SceneError(f"{self._path}: keyframes.{index}.{drive.name}: {error}") from error
+        return values
+
+    def _check_complete(self, efforts: Sequence[Mapping[int, float]]) -> None:
+        """Refuse keyframes between which something would be undefined."""
+        driven = [way for way, is_driven in zip(self._targets.places, self._driven, strict=True) if is_driven]
+        actuators = [actuator for _, actuator in driven]
+        for actuator in actuators:
+            if actuators.count(actuator) > 1:
+                raise SceneError(
+                    f"{self._path}: '{actuator}' is given a pull and a tension; keyframes have one of them"
+                )
+        for index, values in enumerate(efforts):
+            for drive, actuator in driven:
+                if self._targets.places[drive, actuator] not in values:
+                    every = f"the {drive.name} of every {drive.kind}"
+                    every += "" if drive.kind == "cavity" else " that another one names"
+                    where = f"{self._path}: keyframes.{index}.{drive.name}"
+                    raise SceneError(f"{where}: does not name '{actuator}'; a keyframe has {every}")
 
     def _at(self, time: float) -> np.ndarray:
         after = int(np.searchsorted(self._times, time, side="right"))

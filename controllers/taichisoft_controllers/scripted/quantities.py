@@ -9,7 +9,7 @@ import numpy as np
 
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.model_names import called, cavities_called, fingers_called, object_called, pairs_called
+from taichisoft_controllers.model_names import actuators_called, called, fingers_called, object_called, pairs_called
 from taichisoft_controllers.scripted.condition import Quantity
 
 if TYPE_CHECKING:
@@ -54,8 +54,16 @@ def bind_quantity(quantity: Quantity, model: "Model") -> Reading:
 
 
 def _cavities(values: str, combine: Combine) -> Bind:
+    return _actuators("cavity", lambda model: model.cavities.names, values, combine)
+
+
+def _cables(values: str, combine: Combine) -> Bind:
+    return _actuators("cable", lambda model: model.cables.names, values, combine)
+
+
+def _actuators(kind: str, names: Callable[["Model"], Sequence[str]], values: str, combine: Combine) -> Bind:
     def bind(model: "Model", key: str | None) -> Reading:
-        chosen = cavities_called(key, model.cavities.names)
+        chosen = actuators_called(key, names(model), kind)
         return lambda seen, elapsed: combine([getattr(seen, values)[name] for name in chosen])
 
     return bind
@@ -119,7 +127,8 @@ def _tip_speed(seen: Observation, finger: str) -> float:
 
 
 ON_OBJECT = "of the soft bodies on the object"
-CAVITY, FINGER, OBJECT, PAIR, AXIS = "finger or cavity", "finger", "rigid body", "pair of bodies", "x, y or z"
+CAVITY, CABLE, FINGER = "finger or cavity", "finger or cable", "finger"
+OBJECT, PAIR, AXIS = "rigid body", "pair of bodies", "x, y or z"
 
 QUANTITIES: Mapping[str, Kind] = {
     "time": Kind("s", "time since the run began", lambda model, key: lambda seen, elapsed: seen.time),
@@ -132,6 +141,9 @@ QUANTITIES: Mapping[str, Kind] = {
     "pressure": Kind("kPa", "mean of all cavities", _cavities("pressures", _mean), CAVITY),
     "volume": Kind("mm^3", "sum of all cavities", _cavities("volumes", sum), CAVITY),
     "flow": Kind("mm^3/s", "growth of the volume, sum of all cavities", _cavities("flows", sum), CAVITY),
+    "pull": Kind("mm", "how far cables are pulled in, mean of all", _cables("cable_pulls", _mean), CABLE),
+    "tension": Kind("mN", "tension at the pulled end, mean of all cables", _cables("cable_tensions", _mean), CABLE),
+    "cable_length": Kind("mm", "mean of all cables", _cables("cable_lengths", _mean), CABLE),
     "bending_angle": Kind(
         "degrees", "turn of the tip against the base, mean of all fingers", _fingers(_bending_angle, _mean), FINGER
     ),

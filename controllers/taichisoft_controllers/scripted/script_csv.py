@@ -7,14 +7,17 @@ from collections.abc import Sequence
 from typing import Any
 
 from taichisoft.errors import SceneError, nearest
+from taichisoft_controllers.drives import DRIVES
 
+EFFORTS = tuple(drive.name for drive in DRIVES)
 UNITS = {
     "time": "s",
-    "pressure": "kPa",
+    **{drive.name: drive.unit for drive in DRIVES},
     **{f"base_translation {axis}": "mm" for axis in "xyz"},
     **{f"base_rotation {axis}": "degrees" for axis in "xyz"},
 }
-"""Columns and their units. Instead of "pressure" there may be several "pressure NAME" of a finger or cavity."""
+"""Columns and their units. Instead of "pressure" there may be several "pressure NAME" of fingers or cavities; so with
+"pull" and "tension"."""
 
 HEADING = re.compile(r"(?P<name>[^\[\]]*?)\s*(\[(?P<unit>[^\[\]]*)\])?")
 
@@ -34,10 +37,13 @@ def read_keyframes(text: str) -> dict[str, Any]:
     for name in columns:
         if columns.count(name) > 1:
             raise SceneError(f"line {rows[0][0]}: there are {columns.count(name)} columns '{name}'; keep one")
-    by_name = [name for name in columns if name.startswith("pressure ")]
-    if "pressure" in columns and by_name:
-        raise SceneError(f"line {rows[0][0]}: the columns 'pressure' and '{by_name[0]}' exclude each other")
-    for needed, found in (("time", "time" in columns), ("pressure", "pressure" in columns or bool(by_name))):
+    for effort in EFFORTS:
+        by_name = [name for name in columns if name.startswith(f"{effort} ")]
+        if effort in columns and by_name:
+            raise SceneError(f"line {rows[0][0]}: the columns '{effort}' and '{by_name[0]}' exclude each other")
+    efforts = "', '".join(EFFORTS[:-1]) + f"' or '{EFFORTS[-1]}"
+    driven = any(_quantity(name) in EFFORTS for name in columns)
+    for needed, found in (("time", "time" in columns), (efforts, driven)):
         if not found:
             raise SceneError(f"line {rows[0][0]}: there is no column '{needed}'; there are: {', '.join(columns)}")
     return {"keyframes": [_keyframe(row[0], columns, line) for row, line in zip(rows[1:], cells[1:], strict=True)]}
@@ -55,7 +61,7 @@ def _column(heading: str) -> str:
     match = HEADING.fullmatch(heading.strip())
     name, unit = (match["name"], match["unit"]) if match else (heading, None)
     name = " ".join(name.split())
-    known = "pressure" if name.startswith("pressure ") else name
+    known = _quantity(name)
     if known not in UNITS:
         raise SceneError(f"column '{heading}': unknown; {nearest(name, list(UNITS), 'valid columns')}")
     if unit is not None and unit.strip() != UNITS[known]:
@@ -63,12 +69,21 @@ def _column(heading: str) -> str:
     return name
 
 
+def _quantity(column: str) -> str:
+    """The key of `UNITS` for a column "pressure finger1"."""
+    first = column.partition(" ")[0]
+    return first if first in EFFORTS else column
+
+
 def _keyframe(number: int, columns: Sequence[str], cells: Sequence[str]) -> dict[str, Any]:
     if len(cells) != len(columns):
         raise SceneError(f"line {number}: has {len(cells)} cells; {len(columns)} are needed, one for each column")
     values = {name: _value(number, name, cell) for name, cell in zip(columns, cells, strict=True)}
-    by_name = {name.removeprefix("pressure "): value for name, value in values.items() if name.startswith("pressure ")}
-    keyframe: dict[str, Any] = {"time": values["time"], "pressure": by_name or values["pressure"]}
+    keyframe: dict[str, Any] = {"time": values["time"]}
+    for effort in EFFORTS:
+        prefix = f"{effort} "
+        by_name = {name.removeprefix(prefix): value for name, value in values.items() if name.startswith(prefix)}
+        keyframe[effort] = by_name or values.get(effort)
     for key in ("base_translation", "base_rotation"):
         keyframe[key] = [values.get(f"{key} {axis}", 0.0) for axis in "xyz"]
     return keyframe

@@ -3,6 +3,7 @@
 import itertools
 import math
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -12,6 +13,7 @@ from pydantic_core import PydanticKnownError
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import NotNegative, Positive, Table, Vector
 from taichisoft.scenes.validation_errors import first_problem
+from taichisoft_controllers.drives import DRIVES, PRESSURE, PULL, TENSION, Drive
 from taichisoft_controllers.scripted.script_csv import read_keyframes
 
 SUFFIXES = (".toml", ".csv")
@@ -19,7 +21,7 @@ SUFFIXES = (".toml", ".csv")
 Interpolation = Literal["linear", "smooth"]
 
 RATES = {
-    "pressure": ("pressure_rate", "kPa/s"),
+    **{drive.name: (drive.rate, f"{drive.unit}/s") for drive in DRIVES},
     "base_translation": ("base_speed", "mm/s"),
     "base_rotation": ("base_turning_speed", "degrees/s"),
 }
@@ -34,24 +36,36 @@ def _number(value: Any) -> float:
     return float(value)
 
 
-def _pressure(value: Any, parents: tuple[str, ...] = ()) -> float | dict[str, float]:
-    """Check a pressure: a number, or numbers by finger or cavity; TOML makes finger1.cavity = 50 a table in a table."""
-    if not isinstance(value, dict):
-        return _number(value)
-    if not value:
-        raise ValueError("names no finger or cavity")
-    flat: dict[str, float] = {}
-    for name, inner in value.items():
-        path = (*parents, name)
-        try:
-            read = _pressure(inner, path)
-        except PydanticKnownError as error:
-            raise ValueError(f"{'.'.join(path)} = {inner!r} must be a finite number [kPa]") from error
-        flat |= read if isinstance(read, dict) else {".".join(path): read}
-    return flat
+Efforts = float | dict[str, float]
 
 
-Pressure = Annotated[float | dict[str, float], PlainValidator(_pressure)]
+def _efforts(drive: Drive) -> Callable[[Any], Efforts]:
+    """The check of a number for all actuators, or of numbers by finger or actuator.
+
+    TOML makes finger1.cavity = 50 a table in a table.
+    """
+
+    def check(value: Any, parents: tuple[str, ...] = ()) -> Efforts:
+        if not isinstance(value, dict):
+            return _number(value)
+        if not value:
+            raise ValueError(f"names no finger or {drive.kind}")
+        flat: dict[str, float] = {}
+        for name, inner in value.items():
+            path = (*parents, name)
+            try:
+                read = check(inner, path)
+            except PydanticKnownError as error:
+                raise ValueError(f"{'.'.join(path)} = {inner!r} must be a finite number [{drive.unit}]") from error
+            flat |= read if isinstance(read, dict) else {".".join(path): read}
+        return flat
+
+    return lambda value: check(value)
+
+
+Pressure = Annotated[Efforts, PlainValidator(_efforts(PRESSURE))]
+Pull = Annotated[Efforts, PlainValidator(_efforts(PULL))]
+Tension = Annotated[Efforts, PlainValidator(_efforts(TENSION))]
 
 
 class Keyframe(Table):
@@ -59,12 +73,22 @@ class Keyframe(Table):
 
     time: NotNegative
     """Time since the start of the run [s]; later than that of the keyframe before."""
-    pressure: Pressure
+    pressure: Pressure | None = None
     """Pressure of all cavities [kPa], or a table by finger or cavity that names every cavity."""
+    pull: Pull | None = None
+    """How far all cables are pulled in [mm], or a table by finger or cable."""
+    tension: Tension | None = None
+    """Tension of all cables [mN], or a table by finger or cable."""
     base_translation: Vector = (0.0, 0.0, 0.0)
     """Translation from the rest position [mm]; zero when it is not given."""
     base_rotation: Vector = (0.0, 0.0, 0.0)
     """Rotation vector about the base pivot [degrees]; zero when it is not given."""
+
+    @model_validator(mode="after")
+    def _check_efforts(self) -> "Keyframe":
+        if all(getattr(self, drive.name) is None for drive in DRIVES):
+            raise ValueError(f"needs at least one of {', '.join(drive.name for drive in DRIVES)}")
+        return self
 
 
 class Step(Table):
@@ -74,6 +98,10 @@ class Step(Table):
     """Name of the step in messages and in the closing table."""
     pressure: Pressure | None = None
     """Target of all cavities [kPa], or a table by finger or cavity; what it does not name stays."""
+    pull: Pull | None = None
+    """Target of how far all cables are pulled in [mm], or a table by finger or cable; what it does not name stays."""
+    tension: Tension | None = None
+    """Target of the tension of all cables [mN], or a table by finger or cable; what it does not name stays."""
     base_translation: Vector | None = None
     """Target of the base, from the rest position [mm]; the base stays when it is not given."""
     base_rotation: Vector | None = None
@@ -82,6 +110,10 @@ class Step(Table):
     """Duration of the way to all targets [s]; either this or a rate for each thing that moves."""
     pressure_rate: Positive | None = None
     """Rate of each pressure on its way [kPa/s]."""
+    pull_speed: Positive | None = None
+    """Speed with which each cable is pulled in or paid out [mm/s]."""
+    tension_rate: Positive | None = None
+    """Rate of each tension on its way [mN/s]."""
     base_speed: Positive | None = None
     """Speed of the base on its straight way [mm/s]."""
     base_turning_speed: Positive | None = None
@@ -139,10 +171,9 @@ class Script(Table):
             raise ValueError(f"the times of the keyframes must increase; they are {times}")
         return self
 
-    @property
-    def highest_pressure(self) -> float:
-        """The highest pressure that is asked for [kPa]; minus infinity when there is none."""
-        asked = [entry.pressure for entry in (*(self.keyframes or ()), *(self.steps or ()))]
+    def highest(self, drive: Drive) -> float:
+        """The highest value that is asked for in a way to drive; minus infinity when there is none."""
+        asked = [getattr(entry, drive.name) for entry in (*(self.keyframes or ()), *(self.steps or ()))]
         numbers = [list(value.values()) if isinstance(value, dict) else [value] for value in asked if value is not None]
         return max(itertools.chain(*numbers), default=-math.inf)
 

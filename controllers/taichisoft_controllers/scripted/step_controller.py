@@ -1,7 +1,7 @@
 """A controller that follows steps one after the other, each until its way is done or its condition is true."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -11,10 +11,10 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.model_names import pressures_by_cavity
+from taichisoft_controllers.drives import DRIVES, Drive
 from taichisoft_controllers.scripted.script_file import Step
 from taichisoft_controllers.scripted.step_in_progress import StepInProgress, Waiting
-from taichisoft_controllers.scripted.targets import PRESSURES, ROTATION, TRANSLATION, Ramp, as_control
+from taichisoft_controllers.scripted.targets import ROTATION, TRANSLATION, Ramp, Targets
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -26,13 +26,13 @@ SIGNAL = "script_step"
 class StepController(Controller):
     """Begins with the first step whenever it is reset; after the last one it holds."""
 
-    def __init__(self, path: Path, steps: Sequence[Step], smooth: bool, factor: float):
-        """Read the conditions of a file's steps; `factor` scales all pressures and their rates.
+    def __init__(self, path: Path, steps: Sequence[Step], smooth: bool, factors: Mapping[Drive, float]):
+        """Read the conditions of a file's steps; `factors` scale pressures, pulls and tensions, and their rates.
 
         Raises:
             SceneError: a condition is not understood.
         """
-        self._path, self._steps, self._smooth, self._factor = path, steps, smooth, factor
+        self._path, self._steps, self._smooth, self._factors = path, steps, smooth, factors
         self._waiting = [
             Waiting(step.until, step.timeout, f"{path}: {self._label(index)}")
             if step.until is not None and step.timeout is not None
@@ -46,11 +46,12 @@ class StepController(Controller):
         """Check all names; the first step begins with the first observation.
 
         Raises:
-            SceneError: a step names a finger, cavity or body that there is not.
+            SceneError: a step names a finger, cavity, cable or body that there is not.
         """
-        self._cavities = model.cavities.names
+        self._targets = Targets(model)
+        self._driven = self._targets.driven_first
         for index, waiting in enumerate(self._waiting):
-            self._pressures(index)
+            self._efforts(index)
             if waiting is not None:
                 waiting.reset(model)
         self._current, self._begun = None, []
@@ -62,7 +63,7 @@ class StepController(Controller):
             ControllerFailed: a condition was not true in time.
         """
         values = self._values(observation)
-        return as_control(self._cavities, values, {SIGNAL: float(len(self._begun) - 1)})
+        return self._targets.control(values, self._driven, {SIGNAL: float(len(self._begun) - 1)})
 
     def summary(self) -> dict[str, str]:
         """Rows that say when each step was made."""
@@ -74,16 +75,14 @@ class StepController(Controller):
         return rows
 
     def _values(self, observation: Observation) -> np.ndarray:
-        """The values at the time of an observation, shape (cavity_count + 6,)."""
+        """The values at the time of an observation, shape (value_count,)."""
         if self._current is None:
-            pressures = [observation.pressures[name] for name in self._cavities]
-            start = np.array([*pressures, *observation.base_translation, *observation.base_rotation])
-            self._current = self._begin(observation.time, start)
+            self._current = self._begin(observation.time, self._targets.observed(observation), observation)
         while len(self._begun) <= len(self._steps):
             ended = self._current.advance(observation, self._reached(observation, self._current.values))
             if ended is None:
                 break
-            self._current = self._begin(ended, self._current.values)
+            self._current = self._begin(ended, self._current.values, observation)
         return self._current.values
 
     def _reached(self, observation: Observation, values: np.ndarray) -> np.ndarray:
@@ -91,29 +90,36 @@ class StepController(Controller):
         if not observation.clipped:
             return values
         reached = values.copy()
-        for index, cavity in enumerate(self._cavities):
-            if cavity in observation.clipped:
-                reached[index] = observation.pressures[cavity]
+        for (drive, actuator), place in self._targets.places.items():
+            if actuator in observation.clipped:
+                reached[place] = drive.read(observation, actuator)
         if "base_translation" in observation.clipped:
             reached[TRANSLATION] = observation.base_translation
         if "base_rotation" in observation.clipped:
             reached[ROTATION] = observation.base_rotation
         return reached
 
-    def _begin(self, time: float, start: np.ndarray) -> StepInProgress:
-        """The step after those that have begun, or, after the last, one that does not end."""
+    def _begin(self, time: float, values: np.ndarray, observation: Observation) -> StepInProgress:
+        """The step after those that have begun, or, after the last, one that does not end; it goes on from `values`.
+
+        What was not driven so far goes on from where it is.
+        """
         index = len(self._begun)
         self._begun.append(time)
         if index == len(self._steps):
-            return StepInProgress(time, Ramp(start, start, np.zeros(len(start)), False), None, math.inf)
-        step = self._steps[index]
-        return StepInProgress(time, self._way(index, start), self._waiting[index], step.hold or 0.0)
+            return StepInProgress(time, Ramp(values, values, np.zeros(len(values)), False), None, math.inf)
+        step, efforts, chosen = self._steps[index], self._efforts(index), np.zeros(len(self._driven), dtype=bool)
+        chosen[list(efforts)] = True
+        start = values.copy()
+        begins = np.flatnonzero(chosen & ~self._driven)
+        start[begins] = self._targets.observed(observation)[begins]
+        self._driven = self._targets.drive(self._driven, chosen)
+        return StepInProgress(time, self._way(step, start, efforts), self._waiting[index], step.hold or 0.0)
 
-    def _way(self, index: int, start: np.ndarray) -> Ramp:
-        """The way from the values at the start of a step to its targets."""
-        step, target = self._steps[index], start.copy()
-        for cavity, pressure in self._pressures(index).items():
-            target[self._cavities.index(cavity)] = self._factor * pressure
+    def _way(self, step: Step, start: np.ndarray, efforts: Mapping[int, float]) -> Ramp:
+        """The way from the values at the start of a step to its targets, those of actuators by their places."""
+        target = start.copy()
+        target[list(efforts)] = list(efforts.values())
         if step.base_translation is not None:
             target[TRANSLATION] = step.base_translation
         if step.base_rotation is not None:
@@ -124,21 +130,33 @@ class StepController(Controller):
         change[TRANSLATION] = np.linalg.norm(change[TRANSLATION])
         change[ROTATION] = np.linalg.norm(np.degrees(change[ROTATION]))
         rate = np.full(len(start), math.inf)  # where none is given nothing moves
-        if step.pressure_rate is not None:
-            rate[PRESSURES] = self._factor * step.pressure_rate
+        for drive, part in self._targets.parts.items():
+            given = getattr(step, drive.rate)
+            if given is not None:
+                rate[part] = self._factors[drive] * given
         if step.base_speed is not None:
             rate[TRANSLATION] = step.base_speed
         if step.base_turning_speed is not None:
             rate[ROTATION] = step.base_turning_speed
         return Ramp(start, target, change / rate, smooth=False)
 
-    def _pressures(self, index: int) -> dict[str, float]:
-        """Pressures of the cavities that a step names [kPa]."""
-        pressure = self._steps[index].pressure
-        try:
-            return pressures_by_cavity({} if pressure is None else pressure, self._cavities)
-        except SceneError as error:
-            raise SceneError(f"{self._path}: steps.{index}.pressure: {error}") from error
+    def _efforts(self, index: int) -> dict[int, float]:
+        """What a step asks of actuators, scaled, by the place in the array of targets."""
+        step = self._steps[index]
+        values: dict[int, float] = {}
+        for drive in DRIVES:
+            given = getattr(step, drive.name)
+            try:
+                read = self._targets.read(drive, {} if given is None else given)
+            except SceneError as error:
+                raise SceneError(f"{self._path}: steps.{index}.{drive.name}: {error}") from error
+            values |= {place: self._factors[drive] * value for place, value in read.items()}
+        actuators = [actuator for (_, actuator), place in self._targets.places.items() if place in values]
+        for actuator in actuators:
+            if actuators.count(actuator) > 1:
+                where = f"{self._path}: steps.{index}"
+                raise SceneError(f"{where}: '{actuator}' is given a pull and a tension; give one of them")
+        return values
 
     def _label(self, index: int) -> str:
         """The name of a step in messages."""

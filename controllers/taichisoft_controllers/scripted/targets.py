@@ -1,27 +1,84 @@
-"""The targets of a script as one array: pressures [kPa], base translation [mm] and base rotation vector [rad]."""
+"""The targets of a script as one array: pressures, pulls and tensions, base translation and base rotation vector."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
+from taichisoft_controllers.drives import DRIVES, PRESSURE, Drive
+from taichisoft_controllers.model_names import values_by_actuator
 
-PRESSURES, TRANSLATION, ROTATION = slice(None, -6), slice(-6, -3), slice(-3, None)
-"""The parts of an array of shape (cavity_count + 6,)."""
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+
+TRANSLATION, ROTATION = slice(-6, -3), slice(-3, None)
+"""The base [mm] and [rad] in an array of targets."""
 
 Share = TypeVar("Share", float, np.ndarray)
 
 
-def as_control(cavities: Sequence[str], values: np.ndarray, signals: Mapping[str, float] | None = None) -> Control:
-    """The control that asks for values, shape (cavity_count + 6,)."""
-    return Control(
-        pressure=dict(zip(cavities, values[PRESSURES].tolist(), strict=True)),
-        base_translation=values[TRANSLATION],
-        base_rotation=values[ROTATION],
-        signals=signals or {},
-    )
+class Targets:
+    """Where the targets for a model stand in an array: every way to drive every actuator, then the base.
+
+    Attributes:
+        places: the place of an actuator that is driven in a way.
+        parts: the places of all that can be driven in a way.
+        count: number of values.
+        driven_first: whether what stands at a place is asked for as a script begins: cavities always are, cables only
+            when the script names them; shape (len(places),).
+    """
+
+    def __init__(self, model: "Model"):
+        """Lay out the array."""
+        ways = [(drive, actuator) for drive in DRIVES for actuator in drive.actuators(model)]
+        self.places = {way: place for place, way in enumerate(ways)}
+        self.parts: dict[Drive, slice] = {}
+        first = 0
+        for drive in DRIVES:
+            self.parts[drive] = slice(first, first + len(drive.actuators(model)))
+            first = self.parts[drive].stop
+        self.count = len(ways) + 6
+        self.driven_first = np.array([drive is PRESSURE for drive, _ in ways], dtype=bool)
+        self._names = {drive: drive.actuators(model) for drive in DRIVES}
+
+    def read(self, drive: Drive, given: float | Mapping[str, float]) -> dict[int, float]:
+        """Values by their places, from one for all actuators or from some by finger or actuator.
+
+        Raises:
+            SceneError: a name is none of a finger or actuator, or an actuator is meant twice.
+        """
+        by_actuator = values_by_actuator(given, self._names[drive], drive.kind)
+        return {self.places[drive, actuator]: value for actuator, value in by_actuator.items()}
+
+    def observed(self, observation: Observation) -> np.ndarray:
+        """The values in an observation, shape (count,)."""
+        values = [drive.read(observation, actuator) for drive, actuator in self.places]
+        return np.array([*values, *observation.base_translation, *observation.base_rotation])
+
+    def drive(self, driven: np.ndarray, chosen: np.ndarray) -> np.ndarray:
+        """What is asked for when the chosen places are, too: each actuator in one way only; shapes (len(places),)."""
+        ways, also = list(self.places), np.flatnonzero(chosen)
+        actuators = {ways[place][1] for place in also}
+        kept = [asked and actuator not in actuators for asked, (_, actuator) in zip(driven, ways, strict=True)]
+        return np.array(kept, dtype=bool) | chosen
+
+    def control(self, values: np.ndarray, driven: np.ndarray, signals: Mapping[str, float] | None = None) -> Control:
+        """The control that asks for values, shape (count,), at the places that are driven, shape (len(places),)."""
+        asked: dict[str, dict[str, float]] = {drive.asked: {} for drive in DRIVES}
+        for (drive, actuator), value, is_driven in zip(self.places, values.tolist(), driven, strict=False):
+            if is_driven:
+                asked[drive.asked][actuator] = value
+        return Control(
+            pressure=asked["pressure"],
+            cable_pull=asked["cable_pull"],
+            cable_tension=asked["cable_tension"],
+            base_translation=values[TRANSLATION],
+            base_rotation=values[ROTATION],
+            signals=signals or {},
+        )
 
 
 def smoothed(share: Share) -> Share:

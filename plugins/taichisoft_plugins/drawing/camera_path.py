@@ -57,7 +57,7 @@ def outermost_points(
         StyleError: a position is not a finite number; the message says in which frame and of what.
     """
     surfaces = list(surfaces)
-    moving = [surface for surface in surfaces if surface.kind in ("soft", "rigid")] or surfaces
+    moving = [surface for surface in surfaces if surface.kind in ("soft", "rigid", "cable")] or surfaces
     kept: list[np.ndarray] = []
     for frame in frames:
         shift = 0.0 if origin is None else origin(frame)

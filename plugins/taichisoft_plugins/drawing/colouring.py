@@ -1,13 +1,16 @@
 """The colours of the surfaces of a recording in its frames, before light falls on them.
 
-Soft bodies can have the colours of their displacement or stress, and cavities have those of their pressure.
+Soft bodies can have the colours of their displacement or stress; cavities have those of their pressure, cables those of
+their tension.
 """
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from taichisoft_plugins.drawing.scales import AIR, SOFT, ColourScale, round_up, sample_frames
+from taichisoft.bodies.cable_paths import segment_tensions
+from taichisoft_plugins.drawing.cable_tubes import CableTube
+from taichisoft_plugins.drawing.scales import AIR, LINE, SOFT, ColourScale, round_up, sample_frames
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.bodies import RecordedSurface
 from taichisoft_plugins.recording.reader import Recording
@@ -18,6 +21,7 @@ PLAIN = {
     "cavity": (0.10, 0.52, 0.55),
     "rigid": (0.16, 0.33, 0.72),
     "obstacle": (0.62, 0.65, 0.69),
+    "cable": LINE[0],
 }
 """Red, green and blue [-] by the kind of surface."""
 
@@ -52,7 +56,9 @@ class Colouring:
             self._scale = ColourScale(title, 0.0, self._high_end(frames), SOFT)
         seen = style.cavity_pressure and style.opacity < 1.0
         self._pressure_scale = _pressure_scale(recording, frames) if seen else None
-        self.scales = tuple(scale for scale in (self._scale, self._pressure_scale) if scale is not None)
+        self._tension_scale = _tension_scale(recording, frames) if style.cable_tension else None
+        scales = (self._scale, self._pressure_scale, self._tension_scale)
+        self.scales = tuple(scale for scale in scales if scale is not None)
 
     def colours(self, frame: int) -> dict[str, np.ndarray]:
         """Red, green and blue [-] by surface, shape (3,), or of each of its vertices, shape (vertex_count, 3)."""
@@ -60,6 +66,11 @@ class Colouring:
         if self._pressure_scale is not None:
             pressures = self._recording.row("pressure", frame)
             colours |= zip(self._recording.cavities, self._pressure_scale.colours(pressures), strict=True)
+        if self._tension_scale is not None:
+            tensions = self._recording.segment_tensions(frame)
+            for tube in self._surfaces:
+                if isinstance(tube, CableTube):
+                    colours[tube.name] = self._tension_scale.colours(tube.at_vertices(tensions[tube.number]))
         if self._scale is not None:
             values = self._values(frame)
             for surface in self._surfaces:
@@ -111,9 +122,23 @@ def _pressure_scale(recording: Recording, frames: Sequence[int]) -> ColourScale 
     """The scale of the pressures; None where there is no cavity, or no pressure but zero."""
     if not recording.cavities:
         return None
-    pressures = recording.column("pressure")[np.unique(frames)]
-    lowest, highest = np.min(pressures, initial=0.0), np.max(pressures, initial=0.0)
+    return _scale_of("pressure [kPa]", recording.column("pressure")[np.unique(frames)], AIR)
+
+
+def _tension_scale(recording: Recording, frames: Sequence[int]) -> ColourScale | None:
+    """The scale of the tensions along all cables; None where there is no cable, or no tension but zero."""
+    if not recording.cables:
+        return None
+    shown = np.unique(frames)
+    pulled, lost = (recording.column(name)[shown] for name in ("tension", "tension_loss"))
+    tensions = segment_tensions(recording.cable_paths, pulled, lost)
+    return _scale_of("tension [mN]", np.concatenate(tensions, axis=1), LINE)
+
+
+def _scale_of(title: str, values: np.ndarray, steps: Sequence[tuple[float, float, float]]) -> ColourScale | None:
+    """A scale from the lowest to the highest of the values, and zero, with round ends; None where all are zero."""
+    lowest, highest = np.min(values, initial=0.0), np.max(values, initial=0.0)
     if highest == lowest:
         return None
     ends = [round_up(abs(end)) * np.sign(end) if end else 0.0 for end in (lowest, highest)]
-    return ColourScale("pressure [kPa]", float(ends[0]), float(ends[1]), AIR)
+    return ColourScale(title, float(ends[0]), float(ends[1]), steps)

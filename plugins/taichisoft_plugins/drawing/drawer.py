@@ -6,6 +6,7 @@ import numpy as np
 
 from taichisoft.bodies.surfaces import Plane
 from taichisoft_plugins.drawing.antialiasing import antialias
+from taichisoft_plugins.drawing.cable_tubes import cable_tubes
 from taichisoft_plugins.drawing.camera import radius_around_mean, scene_axes
 from taichisoft_plugins.drawing.camera_path import camera_path, outermost_points
 from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
@@ -38,7 +39,7 @@ class Drawer:
         style.check(recording.scene)
         width, height = style.size
         up = recording.scene.up
-        self._surfaces = with_visual_surfaces(recording, style.surface)
+        self._surfaces = [*with_visual_surfaces(recording, style.surface), *cable_tubes(recording, frames[0])]
         points = outermost_points(self._surfaces, frames)
         self._colouring = Colouring(recording, style, frames, self._surfaces)
         self._overlay = Overlay(recording, style, frames, self._colouring.scales, radius_around_mean(points))

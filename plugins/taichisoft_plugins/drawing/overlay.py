@@ -23,8 +23,8 @@ from taichisoft_plugins.recording.reader import Recording
 AXIS_COLOURS: dict[str, Colour] = {"x": (0.80, 0.16, 0.16), "y": (0.13, 0.55, 0.20), "z": (0.16, 0.32, 0.80)}
 COLOUR_BAR_WIDTH = 0.185
 """Width of the edge of the picture in which the colour bars stand, in heights of the picture [-]."""
-SINGLE_PRESSURES = 4
-"""The caption gives more pressures than these as a range."""
+SINGLE_FIGURES = 4
+"""The caption gives more pressures or tensions than these as a range."""
 CAPTION_BODIES = 3
 """Number of rigid bodies, at most, whose height is in the caption."""
 
@@ -106,7 +106,11 @@ def caption_parts(recording: Recording, frame: int) -> list[str]:
     """What the caption of a frame says."""
     parts = [f"{recording.times[frame]:.2f} s"]
     if recording.cavities:
-        parts.append(_pressure_text(recording.row("pressure", frame)))
+        parts.append(
+            _figures_text("pressure", [_one_decimal(value) for value in recording.row("pressure", frame)], "kPa")
+        )
+    if recording.cables:
+        parts.append(_figures_text("tension", [f"{value:z.0f}" for value in recording.row("tension", frame)], "mN"))
     start = recording.row("rigid_position", recording.last_start if frame >= recording.last_start else 0)
     rises = (recording.row("rigid_position", frame) - start) @ recording.scene.up
     for name, rise in list(zip(recording.scene.rigid_bodies, rises, strict=True))[:CAPTION_BODIES]:
@@ -130,13 +134,13 @@ def paint_caption(picture: Any, parts: list[str], ink: Colour) -> None:
         paint_text(picture, place, line, letters, ink, "la")
 
 
-def _pressure_text(values: np.ndarray) -> str:
-    texts = [_one_decimal(value) for value in values]
+def _figures_text(name: str, texts: list[str], unit: str) -> str:
     if len(set(texts)) == 1:
-        return f"pressure {texts[0]} kPa"
-    if len(texts) <= SINGLE_PRESSURES:
-        return f"pressures {', '.join(texts)} kPa"
-    return f"pressures from {np.min(values):.1f} to {np.max(values):.1f} kPa"
+        return f"{name} {texts[0]} {unit}"
+    if len(texts) <= SINGLE_FIGURES:
+        return f"{name}s {', '.join(texts)} {unit}"
+    in_order = sorted(texts, key=float)
+    return f"{name}s from {in_order[0]} to {in_order[-1]} {unit}"
 
 
 def _one_decimal(value: float) -> str:

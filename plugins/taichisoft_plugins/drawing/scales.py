@@ -11,6 +11,9 @@ SOFT = ((0.93, 0.92, 0.88), (0.98, 0.82, 0.42), (0.93, 0.46, 0.24), (0.70, 0.13,
 AIR = ((0.60, 0.70, 0.72), (0.24, 0.66, 0.62), (0.02, 0.50, 0.38), (0.00, 0.27, 0.22))
 """Colours from grey to dark green: none of them is among the colours of the silicone around the air."""
 
+LINE = ((0.42, 0.43, 0.46), (0.62, 0.25, 0.55), (0.72, 0.02, 0.50), (0.36, 0.00, 0.32))
+"""Colours from grey over magenta to purple, which are neither those of the silicone nor those of the air."""
+
 
 @dataclass(frozen=True)
 class ColourScale:

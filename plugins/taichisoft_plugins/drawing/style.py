@@ -35,9 +35,10 @@ class Style:
         background: red, green and blue [-], each from 0 to 1; or "#rrggbb".
         colour_by: what the colours of soft bodies mean: "none", "displacement" [mm] or "stress" (von Mises) [kPa].
         cavity_pressure: whether cavities have the colour of their pressure.
+        cable_tension: whether cables have the colour of their tension.
         arrows: whether contact forces are drawn as arrows.
         axes: whether the scene's axes stand in a corner of the picture.
-        caption: whether time, pressures and the height of the rigid bodies are written in the picture.
+        caption: whether time, pressures, tensions and the height of the rigid bodies are written in the picture.
         surface: file of a surface, usually a finer one, that is drawn for every soft body instead of its mesh's own:
             STL, OBJ or PLY, in the coordinates of the body's mesh file [mm].
 
@@ -53,6 +54,7 @@ class Style:
     background: tuple[float, float, float] | str = (0.86, 0.90, 0.94)
     colour_by: str = "none"
     cavity_pressure: bool = True
+    cable_tension: bool = True
     arrows: bool = True
     axes: bool = True
     caption: bool = True

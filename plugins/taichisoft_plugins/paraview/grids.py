@@ -1,4 +1,4 @@
-"""Grids of a frame for ParaView: soft bodies, cavities, surfaces of the other bodies, and contacts.
+"""Grids of a frame for ParaView: soft bodies, cavities, cables, surfaces of the other bodies, and contacts.
 
 `body` numbers the bodies in the order of the scene: soft bodies, rigid bodies, obstacles. Units are mm, mm/s, kPa, mm^3
 and mN.
@@ -12,7 +12,7 @@ import numpy as np
 from taichisoft.bodies.surfaces import Plane
 from taichisoft_plugins.drawing.planes import square_of_plane
 from taichisoft_plugins.paraview.soft_bodies import SoftBodyGrid
-from taichisoft_plugins.paraview.vtu_file import TRIANGLE, VERTEX, Grid
+from taichisoft_plugins.paraview.vtu_file import LINE, TRIANGLE, VERTEX, Grid
 from taichisoft_plugins.recording.reader import RecordedSurface, Recording
 
 PLANE_SIZE = 4.0
@@ -29,6 +29,8 @@ def grid_makers(recording: Recording) -> dict[str, Callable[[int], Grid]]:
     if cavities:
         values = {name: partial(recording.row, name) for name in ("pressure", "volume")}
         makers["cavities"] = SurfaceGrid(cavities, "cavity", recording.cavities, values)
+    if recording.cables:
+        makers["cables"] = CableGrid(recording)
     others = [surface for surface in recording.surfaces if surface.kind in ("rigid", "obstacle")]
     others += [_square(plane, recording) for plane in recording.planes]
     if others:
@@ -70,6 +72,27 @@ class SurfaceGrid:
         values = {name: value(frame)[self._numbers] for name, value in self._values.items()}
         cell_data = {self._number_name: self._numbers, **values}
         return Grid(np.vstack(vertices), np.vstack(cells), TRIANGLE, cell_data=cell_data)
+
+
+class CableGrid:
+    """Makes one grid of lines of all cables in any frame: a line from each point to the next."""
+
+    def __init__(self, recording: Recording):
+        """Put together the lines."""
+        self._recording = recording
+        counts = [len(path.owner) for path in recording.cable_paths]
+        after = np.arange(sum(counts))
+        after = np.delete(after, np.cumsum([0, *counts[:-1]]))  # no line leads to the first point of a cable
+        self._cells = np.stack([after - 1, after], axis=1)
+        self._numbers = np.repeat(np.arange(len(counts), dtype=np.int32), np.array(counts) - 1)
+
+    def __call__(self, frame: int) -> Grid:
+        """The grid of a frame, with the tension of each line, and the pull of its cable."""
+        points = np.vstack(self._recording.cable_points(frame))
+        tension = np.concatenate(self._recording.segment_tensions(frame))
+        pull = self._recording.row("pull", frame)[self._numbers]
+        cell_data = {"cable": self._numbers, "tension": tension, "pull": pull}
+        return Grid(points, self._cells, LINE, cell_data=cell_data)
 
 
 def _contact_grid(points: np.ndarray, forces: np.ndarray) -> Grid:

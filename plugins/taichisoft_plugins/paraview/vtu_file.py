@@ -14,7 +14,7 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file
 
-VERTEX, TRIANGLE, TETRAHEDRON = 1, 5, 10
+VERTEX, LINE, TRIANGLE, TETRAHEDRON = 1, 3, 5, 10
 """VTK's numbers of the types of cells."""
 
 BLOCK_BYTES = 1 << 20

@@ -21,7 +21,7 @@ def plot(
         str | None, typer.Option(metavar="NAMES", help=f"Panels, separated by commas: {', '.join(PANELS)}.")
     ] = None,
 ) -> None:
-    """Plot pressures, motion, forces and step times of a recording."""
+    """Plot pressures, tensions, motion, forces and step times of a recording."""
     names = [name.strip() for name in only.split(",") if name.strip()] if only is not None else None
     if names == []:
         raise PlotError(f"--only names no panel; there are: {', '.join(PANELS)}")

@@ -58,6 +58,18 @@ def volume(run: RunCurves) -> Panel:
     return run.over_time("volume [cm³]", values, run.recording.cavities, _bodies(run.recording.cavities))
 
 
+def tension(run: RunCurves) -> Panel:
+    """Tensions of the cables at their pulled ends."""
+    cables = run.recording.cables
+    return run.over_time("tension [mN]", run.recording.column("tension"), cables, _bodies(cables))
+
+
+def pull(run: RunCurves) -> Panel:
+    """How far the cables are pulled in."""
+    cables = run.recording.cables
+    return run.over_time("pulled in by [mm]", run.recording.column("pull"), cables, _bodies(cables))
+
+
 def bending(run: RunCurves) -> Panel:
     """Angles by which the tips have turned against the base."""
     time, angles = run.times[run.tips.frames], np.degrees(run.tips.bending_angles)
@@ -123,6 +135,8 @@ def step_time(run: RunCurves) -> Panel:
 PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "pressure": pressure,
     "volume": volume,
+    "tension": tension,
+    "pull": pull,
     "bending": bending,
     "height": height,
     "tips-side": tips_side,
@@ -134,10 +148,13 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
 }
 """The functions that make the panels, by name."""
 
+CABLE_PANELS = ("tension", "pull")
+"""Panels that nobody expects of a run without cables."""
 
-def _bodies(cavities: Sequence[str]) -> list[str]:
-    """The bodies of cavities named "body.cavity"."""
-    return [cavity.split(".")[0] for cavity in cavities]
+
+def _bodies(names: Sequence[str]) -> list[str]:
+    """The bodies of cavities or cables named "body.cavity" and "body.cable"."""
+    return [name.split(".")[0] for name in names]
 
 
 def _objects(recording: Recording) -> list[str]:

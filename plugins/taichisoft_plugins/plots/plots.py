@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.errors import TaichisoftError
 from taichisoft_plugins.plots.figure import Panel, draw_figure, figure_bytes
-from taichisoft_plugins.plots.panels import PANELS, RunCurves
+from taichisoft_plugins.plots.panels import CABLE_PANELS, PANELS, RunCurves
 from taichisoft_plugins.recording.reader import Recording
 
 FORMATS = ("png", "svg")
@@ -24,7 +24,8 @@ class Plots:
     Attributes:
         picture: content of the file, in the format that was asked for.
         shown: names of the panels in it.
-        left_out: names of the panels for which there is nothing to draw in this run.
+        left_out: names of the panels for which there is nothing to draw in this run; those of cables are not among them
+            where there are no cables, unless they were asked for.
     """
 
     picture: bytes
@@ -44,7 +45,8 @@ def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = N
         if name not in PANELS:
             raise PlotError(f"--only {name}: there are: {', '.join(PANELS)}")
     run = RunCurves(recording)
-    panels = {name: _with_something_in_it(PANELS[name](run)) for name in only or PANELS}
+    names = only or [name for name in PANELS if recording.cables or name not in CABLE_PANELS]
+    panels = {name: _with_something_in_it(PANELS[name](run)) for name in names}
     left_out = tuple(name for name, panel in panels.items() if not panel.curves)
     shown = {name: panel for name, panel in panels.items() if panel.curves}
     if not shown:

@@ -1,8 +1,8 @@
-"""The part of a recording that does not change during a run, written and read: header, bodies, surfaces."""
+"""The part of a recording that does not change during a run, written and read: header, bodies, surfaces, cables."""
 
 import json
 import platform
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, version
@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import taichisoft
+from taichisoft.bodies.cable_paths import CablePath, cable_paths
 from taichisoft.bodies.surfaces import BodySurface, Plane, Surface, soft_surface
 from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.volume_mesh import VolumeMesh
@@ -23,6 +24,10 @@ if TYPE_CHECKING:
 
 
 PACKAGES = ("taichi", "numpy", "scipy", "h5py")
+
+CABLE_ARRAYS = ("owner", "nodes", "weights", "place")
+CABLE_NUMBERS = ("rest_length", "friction", "has_pull_point", "pull_point_moves")
+"""Attributes of a `CablePath` that are datasets of its group, and those that are attributes."""
 
 
 @dataclass(frozen=True)
@@ -69,14 +74,15 @@ class RecordedSoftBody:
         return VolumeMesh(source, self.mesh_nodes, self.elements, self.surface_groups, self.element_groups)
 
 
-def write_constants(file: Any, model: "Model", every: int, cavities: list[str], pairs: list[str]) -> None:
+def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str, Sequence[str]]) -> None:
     """Write everything but frames; until the run has ended its outcome is "unfinished".
 
     Args:
         file: the open HDF5 file.
         model: the model of the run.
         every: steps from frame to frame.
-        cavities, pairs: names of the columns of quantities by cavity and by pair of bodies.
+        columns: names of the columns of quantities by cavity, by cable, by pair of bodies and by material: "cavities",
+            "cables", "pairs" and "materials".
     """
     import h5py
 
@@ -90,8 +96,8 @@ def write_constants(file: Any, model: "Model", every: int, cavities: list[str], 
     attributes["base_pivot"] = model.base_pivot
     attributes["step_size"] = float(model.scene.time.step)
     attributes["outcome"] = "unfinished"
-    for name, columns in (("cavities", cavities), ("pairs", pairs), ("materials", list(model.material_names))):
-        file.require_group("steps").attrs.create(name, columns, (len(columns),), h5py.string_dtype())
+    for kind, names in columns.items():
+        file.require_group("steps").attrs.create(kind, names, (len(names),), h5py.string_dtype())
     for index, body in enumerate(model.soft_bodies):
         _write_soft_body(file.create_group(f"soft_bodies/{index}"), body)
     for index, rigid in enumerate(model.rigid_bodies):
@@ -105,6 +111,13 @@ def write_constants(file: Any, model: "Model", every: int, cavities: list[str], 
             group.attrs["point"], group.attrs["normal"] = obstacle.point, obstacle.normal
         else:
             group["vertices"], group["triangles"] = obstacle.vertices, obstacle.triangles
+    for path in cable_paths(model.cables):
+        group = file.create_group(f"cables/{path.number}")
+        group.attrs["name"] = path.name
+        for name in CABLE_NUMBERS:
+            group.attrs[name] = getattr(path, name)
+        for name in CABLE_ARRAYS:
+            group[name] = getattr(path, name)
 
 
 def read_soft_bodies(file: Any) -> list[RecordedSoftBody]:
@@ -145,6 +158,14 @@ def read_planes(file: Any) -> list[Plane]:
         for group in _numbered(file, "obstacles")
         if "point" in group.attrs
     ]
+
+
+def read_cables(file: Any) -> Iterator[CablePath]:
+    """The paths of the cables in the order of the scene."""
+    for number, group in enumerate(_numbered(file, "cables")):
+        arrays = {name: group[name][:] for name in CABLE_ARRAYS}
+        numbers = {name: group.attrs[name].item() for name in CABLE_NUMBERS}
+        yield CablePath(group.attrs["name"], number, **arrays, **numbers)
 
 
 def _versions() -> dict[str, str]:

@@ -6,7 +6,7 @@ from typing import Any
 from taichisoft.errors import TaichisoftError
 
 FILE_NAME = "recording.h5"
-LAYOUT = 5
+LAYOUT = 6
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 OPENED: Any = {"libver": "latest", "locking": False}
 """How the file is opened. A reader's lock would keep a run in progress from closing it, and in one process all who open
@@ -58,6 +58,7 @@ QUANTITIES = {
     "steps/tension_loss": Quantity("mN", "cable_tension_loss"),
     "steps/cable_length": Quantity("mm", "cable_length"),
     "steps/pull_point": Quantity("mm", "pull_point"),
+    "steps/pull": Quantity("mm"),
     "steps/normal_force": Quantity("mN"),
     "steps/friction_force": Quantity("mN"),
     "steps/slip_speed": Quantity("mm/s"),

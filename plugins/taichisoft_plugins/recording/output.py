@@ -106,9 +106,11 @@ class RecordingOutput(Output):
         return (written + len(self._frames)) % BUFFERED_FRAMES == 0
 
     def _describe(self, root: Any) -> None:
-        write_constants(
-            root, self._model, self._every, self._rows.cavities, ["|".join(pair) for pair in self._rows.pairs]
-        )
+        rows = self._rows
+        pairs = ["|".join(pair) for pair in rows.pairs]
+        materials = list(self._model.material_names)
+        columns = {"cavities": rows.cavities, "cables": rows.cables, "pairs": pairs, "materials": materials}
+        write_constants(root, self._model, self._every, columns)
 
     def _write(self) -> None:
         """Add the frames that are kept to the file."""

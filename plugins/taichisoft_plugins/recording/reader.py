@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from taichisoft.bodies.cable_paths import CablePath, segment_tensions
 from taichisoft.bodies.surfaces import BodySurface
 from taichisoft.control.observation import Pair
 from taichisoft.meshes.surface import MappedSurface
@@ -17,6 +18,7 @@ from taichisoft.state import State
 from taichisoft_plugins.recording.bodies import (
     RecordedSoftBody,
     RecordedSurface,
+    read_cables,
     read_planes,
     read_soft_bodies,
     read_surfaces,
@@ -36,6 +38,8 @@ class Recording:
         every: steps from frame to frame.
         frame_count: frames that were written whole, 1 or more; frame 0 is the state before the first step.
         cavities: names of the columns of `column("pressure")` and `column("volume")`.
+        cables: names of the columns of `column("tension")`, `column("pull")` and `column("cable_length")`.
+        cable_paths: the points that the cables run through, and what carries them.
         pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
         materials: names of the columns of `column("young_modulus")`.
         base_pivot: the point about which the base turns [mm], shape (3,).
@@ -55,6 +59,8 @@ class Recording:
         self.every = int(attributes["every"])
         self.frame_count = int(file["frames"][0])
         self.cavities: list[str] = list(self._steps.attrs["cavities"])
+        self.cables: list[str] = list(self._steps.attrs["cables"])
+        self.cable_paths = tuple(read_cables(file))
         self.pairs: list[Pair] = [tuple(pair.split("|")) for pair in self._steps.attrs["pairs"]]
         self.materials: list[str] = list(self._steps.attrs["materials"])
         self.base_pivot: np.ndarray = attributes["base_pivot"]
@@ -114,6 +120,18 @@ class Recording:
     def contacts(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Points [mm] and forces [mN] on the second body of each contact, each of shape (contact_count, 3)."""
         return self._contact_rows("point", frame), self._contact_rows("impulse", frame) / self.step_size
+
+    def cable_points(self, frame: int) -> list[np.ndarray]:
+        """Points of each cable from its pulled end on [mm], each of shape (point_count, 3)."""
+        return [self.points_of_cable(path, frame) for path in self.cable_paths]
+
+    def points_of_cable(self, path: CablePath, frame: int) -> np.ndarray:
+        """Points of one of `cable_paths` from its pulled end on [mm], shape (point_count, 3)."""
+        return path.points(_RecordedPoses(self, frame), self.base_pivot)
+
+    def segment_tensions(self, frame: int) -> list[np.ndarray]:
+        """Tensions between the points of each cable [mN], each of shape (point_count - 1,)."""
+        return segment_tensions(self.cable_paths, self.row("tension", frame), self.row("tension_loss", frame))
 
     def follow(self, surface: BodySurface) -> RecordedSurface:
         """A surface of one of the bodies in the frames of this recording."""
@@ -183,6 +201,18 @@ class _RecordedPoses:
     @property
     def rigid_rotation(self) -> np.ndarray:
         return self.recording.row("rigid_rotation", self.frame)
+
+    @property
+    def base_translation(self) -> np.ndarray:
+        return self.recording.row("base_translation", self.frame)
+
+    @property
+    def base_rotation(self) -> np.ndarray:
+        return self.recording.row("base_rotation", self.frame)
+
+    @property
+    def pull_point(self) -> np.ndarray:
+        return self.recording.row("pull_point", self.frame)
 
 
 def read_recording(path: str | Path) -> Recording:

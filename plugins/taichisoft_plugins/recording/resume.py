@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.bodies.cable_paths import cable_paths
 from taichisoft.bodies.surfaces import body_surfaces
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import StateError, TaichisoftError
@@ -119,24 +120,26 @@ def _listed(kind: str, names: list[str]) -> str:
 
 
 def _check_bodies(recording: Recording, model: Model) -> None:
-    """Refuse bodies that are not those recorded: the state would make no sense in them."""
+    """Refuse bodies and cables that are not those recorded: the state would make no sense in them."""
     for recorded, body in zip(recording.soft_bodies, model.soft_bodies, strict=True):
         _check_positions(recording.path, body.name, "rest positions", recorded.rest_position, body.rest_position)
-    first = recording.state(0)
+    first, pivot = recording.state(0), recording.base_pivot
     before = {surface.name: surface.vertices(0) for surface in recording.surfaces}
     for surface in body_surfaces(model.soft_bodies, model.rigid_bodies, obstacles=()):
         _check_positions(recording.path, surface.name, "surface points", before[surface.name], surface.vertices(first))
+    for cable, path in zip(recording.cable_paths, cable_paths(model.cables), strict=True):
+        _check_positions(recording.path, cable.name, "places", cable.place, path.place)
+        _check_positions(recording.path, cable.name, "points", cable.points(first, pivot), path.points(first, pivot))
 
 
 def _check_positions(path: Path, name: str, what: str, recorded: np.ndarray, present: np.ndarray) -> None:
     if recorded.shape != present.shape:
         raise ResumeError(
-            f"{path}: '{name}' is not the body that was recorded: its {what} had {len(recorded)} points, now "
-            f"{len(present)}"
+            f"{path}: '{name}' is not as it was recorded: its {what} were {len(recorded)}, now {len(present)}"
         )
     moved = float(np.abs(recorded - present).max(initial=0.0))
     if moved > SAME_PLACE:
         raise ResumeError(
-            f"{path}: '{name}' is not the body that was recorded: its {what} differ by up to {moved:.3g} mm; undo what "
+            f"{path}: '{name}' is not as it was recorded: its {what} differ by up to {moved:.3g} mm; undo what "
             "--set or its file changed"
         )

@@ -65,6 +65,7 @@ class RowMaker:
 
     Attributes:
         cavities: names of the columns of `pressure` and `volume`.
+        cables: names of the columns of `tension`, `pull` and `cable_length`.
         pairs: bodies of the columns of `normal_force`, `friction_force` and `slip_speed`: all that could touch.
     """
 
@@ -72,6 +73,7 @@ class RowMaker:
         self._model = model
         self.pairs = list(combinations_with_replacement(model.body_names, 2))
         self.cavities = list(model.cavities.names)
+        self.cables = list(model.cables.names)
         # A pair may come with its bodies the other way round.
         self._pair_column = {(second, first): column for column, (first, second) in enumerate(self.pairs)}
         self._pair_column |= {pair: column for column, pair in enumerate(self.pairs)}
@@ -95,8 +97,9 @@ class RowMaker:
 
     def _numbers(self, frame: Frame) -> dict[str, Any]:
         """The quantities that are no part of a state, by the paths of their datasets; not where its contacts stand."""
-        contacts, solver = self._contacts(frame), frame.solver
+        contacts, solver, state = self._contacts(frame), frame.solver, frame.state
         return {
+            "steps/pull": self._model.cables.pulls(state.cable_length, state.cable_tension, state.cable_tension_loss),
             "steps/normal_force": self._by_pair(contacts.normal_forces),
             "steps/friction_force": self._by_pair(contacts.friction_forces),
             "steps/slip_speed": self._by_pair(contacts.slip_speeds),

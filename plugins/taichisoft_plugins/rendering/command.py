@@ -50,9 +50,10 @@ def render(
         str, typer.Option(help=f"What the colours of soft bodies mean: {', '.join(COLOURINGS)}.")
     ] = STYLE.colour_by,
     cavity_pressure: Annotated[bool, typer.Option(help="Colour cavities by their pressure.")] = STYLE.cavity_pressure,
+    cable_tension: Annotated[bool, typer.Option(help="Colour cables by their tension.")] = STYLE.cable_tension,
     arrows: Annotated[bool, typer.Option(help="Draw contact forces as arrows.")] = STYLE.arrows,
     axes: Annotated[bool, typer.Option(help="Show the scene's axes in a corner.")] = STYLE.axes,
-    caption: Annotated[bool, typer.Option(help="Write time, pressures and heights.")] = STYLE.caption,
+    caption: Annotated[bool, typer.Option(help="Write time, pressures, tensions and heights.")] = STYLE.caption,
     surface: Annotated[
         Path | None, typer.Option(help="Finer surface (STL, OBJ, PLY) to draw instead of each soft body's own.")
     ] = None,
@@ -74,6 +75,7 @@ def render(
             background=STYLE.background if background is None else background,
             colour_by=colour_by,
             cavity_pressure=cavity_pressure,
+            cable_tension=cable_tension,
             arrows=arrows,
             axes=axes,
             caption=caption,

@@ -1,4 +1,4 @@
-"""The plots of a page: pressures, forces on the main object, and its height over time."""
+"""The plots of a page: pressures, tensions, forces on the main object, and its height over time."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -17,25 +17,30 @@ LINES = ("#0077bb", "#ee7733", "#009988", "#cc3311", "#33bbee", "#ee3377", "#999
 
 
 def plotted_row(
-    scene: Scene, pressures: Sequence[float], normal_forces: "Mapping[Pair, float]", rigid_position: np.ndarray
+    scene: Scene,
+    pressures: Sequence[float],
+    tensions: Sequence[float],
+    normal_forces: "Mapping[Pair, float]",
+    rigid_position: np.ndarray,
 ) -> np.ndarray:
     """The figures that are plotted at one time, in a row.
 
     Args:
         scene: the scene of the run.
         pressures: pressure of each cavity [kPa].
+        tensions: tension of each cable at its pulled end [mN].
         normal_forces: normal force of each pair of bodies [mN].
         rigid_position: centres of mass [mm], shape (rigid_count, 3).
 
     Returns:
-        Pressures [kPa], force of each soft body on the main object [mN], and the height of that [mm].
+        Pressures [kPa], tensions [mN], force of each soft body on the main object [mN], and the height of that [mm].
     """
     if scene.main_object is None:
-        return np.array([*pressures, *(0.0 for _ in scene.soft_bodies), 0.0])
+        return np.array([*pressures, *tensions, *(0.0 for _ in scene.soft_bodies), 0.0])
     pressed = {frozenset(pair): force for pair, force in normal_forces.items()}
     forces = (pressed.get(frozenset((name, scene.main_object)), 0.0) for name in scene.soft_bodies)
     height = rigid_position[list(scene.rigid_bodies).index(scene.main_object)] @ scene.up
-    return np.array([*pressures, *forces, height])
+    return np.array([*pressures, *tensions, *forces, height])
 
 
 class History:
@@ -73,7 +78,7 @@ class History:
 
 
 class Curves:
-    """Three plots in the panel of a page; those without anything to show are left out."""
+    """Plots in the panel of a page; those without anything to show are left out."""
 
     def __init__(self, gui: Any, content: PageScene):
         """Add empty plots to a panel of viser."""
@@ -81,6 +86,7 @@ class Curves:
         start, self._plots = 0, []
         groups: Iterable[tuple[str, Sequence[str], int]] = (
             ("pressure [kPa]", content.cavities, len(content.cavities)),
+            ("tension [mN]", content.cables, len(content.cables)),
             (f"pressed on {shown} [mN]", soft if shown is not None else (), len(soft)),
             (f"{shown} lifted by [mm]", (shown,) if shown is not None else (), 1),
         )

@@ -18,12 +18,14 @@ class PageScene:
         surfaces: surfaces in the order of `Frame.vertices`.
         planes: infinite obstacles.
         cavities: names of the cavities.
+        cables: names of the cables.
     """
 
     scene: Scene
     surfaces: Sequence[Surface]
     planes: Sequence[Plane]
     cavities: Sequence[str]
+    cables: Sequence[str]
 
 
 @dataclass(frozen=True)
@@ -33,6 +35,8 @@ class Frame:
     Attributes:
         time: time of the run [s].
         vertices: positions [mm] of each surface's vertices, each of shape (vertex_count, 3).
+        cable_lines: ends of the lines from point to point of all cables [mm], shape (line_count, 2, 3).
+        cable_tensions: tension of each of these lines [mN], shape (line_count,).
         contact_points: points of contact [mm], shape (contact_count, 3).
         contact_forces: forces on the second body of each contact [mN], shape (contact_count, 3).
         plotted: a row of `curves.plotted_row`.
@@ -40,6 +44,19 @@ class Frame:
 
     time: float
     vertices: Sequence[np.ndarray]
+    cable_lines: np.ndarray
+    cable_tensions: np.ndarray
     contact_points: np.ndarray
     contact_forces: np.ndarray
     plotted: np.ndarray
+
+
+def lines_of_cables(points: Sequence[np.ndarray], tensions: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """`Frame.cable_lines` and `Frame.cable_tensions`.
+
+    Args:
+        points: points of each cable [mm], each of shape (point_count, 3).
+        tensions: tensions between these points [mN], each of shape (point_count - 1,).
+    """
+    lines = [np.stack([one[:-1], one[1:]], axis=1) for one in points]
+    return np.concatenate([np.zeros((0, 2, 3)), *lines]), np.concatenate([np.zeros(0), *tensions])

@@ -21,6 +21,7 @@ class Snapshot:
         position: soft nodes [mm], shape (node_count, 3).
         rigid_position: centres of mass [mm], shape (rigid_count, 3).
         rigid_rotation: unit quaternions (w, x, y, z), shape (rigid_count, 4).
+        cable_lines, cable_tensions: as in `frame.Frame`.
         contact_points: points of contact [mm], shape (contact_count, 3).
         contact_forces: forces on the second bodies [mN], shape (contact_count, 3).
         plotted: a row of `curves.plotted_row`.
@@ -35,6 +36,8 @@ class Snapshot:
     position: np.ndarray
     rigid_position: np.ndarray
     rigid_rotation: np.ndarray
+    cable_lines: np.ndarray
+    cable_tensions: np.ndarray
     contact_points: np.ndarray
     contact_forces: np.ndarray
     plotted: np.ndarray

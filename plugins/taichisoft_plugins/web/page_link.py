@@ -12,6 +12,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.bodies.cable_paths import cable_paths, segment_tensions
 from taichisoft.bodies.surfaces import body_surfaces, planes_of
 from taichisoft.child_process import how_it_ended
 from taichisoft.control.contact_summary import summarise_contacts
@@ -20,7 +21,7 @@ from taichisoft.control.keys import KeyEvent
 from taichisoft.session.session import BINDINGS
 from taichisoft_plugins.web.address import Address, WebError
 from taichisoft_plugins.web.curves import plotted_row
-from taichisoft_plugins.web.frame import PageScene
+from taichisoft_plugins.web.frame import PageScene, lines_of_cables
 from taichisoft_plugins.web.messages import PageSetup, Ready, RunEnded, Snapshot, SpeedWanted, receive, send
 
 if TYPE_CHECKING:
@@ -151,7 +152,7 @@ def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSet
         host=address.host,
         port=address.port,
         token=address.token,
-        content=PageScene(model.scene, surfaces, planes_of(model.obstacles), model.cavities.names),
+        content=PageScene(model.scene, surfaces, planes_of(model.obstacles), model.cavities.names, model.cables.names),
         surfaces=surfaces,
         first=first,
         run_bindings=BINDINGS,
@@ -164,14 +165,21 @@ def snapshot(session: "Session", state: "State") -> Snapshot:
     """A run as it is now, in one of its states."""
     model, pressures = session.simulation.model, state.cavity_pressure.tolist()
     forces = summarise_contacts(model, state).normal_forces
+    paths = cable_paths(model.cables)
+    lines, tensions = lines_of_cables(
+        [path.points(state, model.base_pivot) for path in paths],
+        segment_tensions(paths, state.cable_tension, state.cable_tension_loss),
+    )
     return Snapshot(
         time=state.time,
         position=state.position.astype(np.float32),
         rigid_position=state.rigid_position,
         rigid_rotation=state.rigid_rotation,
+        cable_lines=lines,
+        cable_tensions=tensions,
         contact_points=state.contact_point,
         contact_forces=state.contact_impulse / model.scene.time.step,
-        plotted=plotted_row(model.scene, pressures, forces, state.rigid_position),
+        plotted=plotted_row(model.scene, pressures, state.cable_tension.tolist(), forces, state.rigid_position),
         sliders=_sliders(session, dict(zip(model.cavities.names, pressures, strict=True))),
         paused=session.paused,
         speed=session.pace.speed,

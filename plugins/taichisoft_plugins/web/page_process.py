@@ -108,7 +108,15 @@ class LivePage:
 def frame_of(setup: PageSetup, snapshot: Snapshot) -> Frame:
     """The frame of a snapshot."""
     vertices = [surface.vertices(snapshot) for surface in setup.surfaces]
-    return Frame(snapshot.time, vertices, snapshot.contact_points, snapshot.contact_forces, snapshot.plotted)
+    return Frame(
+        snapshot.time,
+        vertices,
+        snapshot.cable_lines,
+        snapshot.cable_tensions,
+        snapshot.contact_points,
+        snapshot.contact_forces,
+        snapshot.plotted,
+    )
 
 
 def status_line(snapshot: Snapshot) -> str:

@@ -10,7 +10,7 @@ from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.web.address import Address
 from taichisoft_plugins.web.curves import MOST_POINTS, plotted_row
-from taichisoft_plugins.web.frame import Frame, PageScene
+from taichisoft_plugins.web.frame import Frame, PageScene, lines_of_cables
 from taichisoft_plugins.web.page import SPEEDS, Page, clamped
 
 UNFINISHED = "unfinished"
@@ -19,7 +19,7 @@ SECONDS_BETWEEN_LOOKS = 1.0
 """The file of a run that goes on is opened anew after so many seconds."""
 SECONDS_TO_CLOSE = 3.0
 """A run may take so many seconds to close its file, in which nobody can read it."""
-PLOTTED = ("pressure", "normal_force", "rigid_position")
+PLOTTED = ("pressure", "tension", "normal_force", "rigid_position")
 """The quantities of a recording that `plotted_row` needs."""
 
 
@@ -86,7 +86,7 @@ class RecordingPage:
         self._shown = -1
         self._last_look = time.monotonic()
         self._read_curves()
-        content = PageScene(recording.scene, recording.surfaces, recording.planes, recording.cavities)
+        content = PageScene(recording.scene, recording.surfaces, recording.planes, recording.cavities, recording.cables)
         self.page = Page(address.host, address.port, content, frame_of(recording, 0))
         self._add_controls(self.page.server.gui)
 
@@ -166,12 +166,15 @@ def frame_of(recording: Recording, index: int) -> Frame:
     """A frame of a recording."""
     vertices = [surface.vertices(index) for surface in recording.surfaces]
     plotted = _plotted_row(recording, *(recording.row(name, index) for name in PLOTTED))
-    return Frame(float(recording.row("time", index)), vertices, *recording.contacts(index), plotted)
+    lines = lines_of_cables(recording.cable_points(index), recording.segment_tensions(index))
+    return Frame(float(recording.row("time", index)), vertices, *lines, *recording.contacts(index), plotted)
 
 
-def _plotted_row(recording: Recording, pressures: np.ndarray, forces: np.ndarray, places: np.ndarray) -> np.ndarray:
+def _plotted_row(
+    recording: Recording, pressures: np.ndarray, tensions: np.ndarray, forces: np.ndarray, places: np.ndarray
+) -> np.ndarray:
     by_pair = dict(zip(recording.pairs, forces.tolist(), strict=True))
-    return plotted_row(recording.scene, pressures.tolist(), by_pair, places)
+    return plotted_row(recording.scene, pressures.tolist(), tensions.tolist(), by_pair, places)
 
 
 def _opened(path: Path, patience: float = 0.0) -> Recording:

@@ -1,4 +1,4 @@
-"""The three-dimensional part of a page: bodies, cavities inside them, floor, and arrows for contact forces."""
+"""The three-dimensional part of a page: bodies, cavities and cables inside them, floor, arrows for contact forces."""
 
 from typing import Any
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, fit_camera, radius_around_mean
 from taichisoft_plugins.drawing.planes import square_of_plane
+from taichisoft_plugins.drawing.scales import LINE, ColourScale
 from taichisoft_plugins.web.creases import split_creases
 from taichisoft_plugins.web.frame import Frame, PageScene
 
@@ -28,6 +29,8 @@ COLOURS: dict[str, tuple[int, int, int]] = {
 }
 SILICONE_OPACITY = 0.55
 
+CABLE_THICKNESS = 0.013
+"""Thickness of cables, in radii of the scene [-]; they are thinner, but would not be seen."""
 ARROW_LENGTH = 0.35
 """Length of the arrow of the largest force so far, in radii of the scene [-]; the others are in proportion."""
 SMALLEST_ARROW = 0.03
@@ -40,9 +43,10 @@ class SceneView:
     def __init__(self, server: Any, content: PageScene, first: Frame):
         """Put everything where the first frame has it, and the camera where it sees that."""
         self._server = server
-        self._largest_force = 0.0
+        self._largest_force = self._lowest_tension = self._highest_tension = 0.0
         bodies = [v for s, v in zip(content.surfaces, first.vertices, strict=True) if s.kind in ("soft", "rigid")]
         points = np.vstack(bodies) if bodies else np.vstack([np.zeros((1, 3)), *first.vertices])
+        points = np.vstack([points, first.cable_lines.reshape(-1, 3)])
         self._radius = max(radius_around_mean(points), 1.0)
         server.scene.set_up_direction(content.scene.up)
         server.scene.configure_default_lights(enabled=True, cast_shadow=True)
@@ -54,6 +58,7 @@ class SceneView:
             self._meshes.append(self._add(surface.name, vertices[source], triangles, surface.kind))
         for plane in content.planes:
             self._add(plane.name, *square_of_plane(plane, points, []), "floor")
+        self._cables = self._add_cables(first.cable_lines) if content.cables else None
         self._arrows = server.scene.add_arrows(
             "/contact forces",
             np.zeros((1, 2, 3)),
@@ -69,7 +74,20 @@ class SceneView:
         with self._server.atomic():
             for mesh, source, vertices in zip(self._meshes, self._sources, frame.vertices, strict=True):
                 mesh.vertices = (vertices[source] * LENGTH_UNIT).astype(np.float32)
+            self._show_cables(frame.cable_lines, frame.cable_tensions)
             self._show_forces(frame.contact_points, frame.contact_forces)
+
+    def _show_cables(self, lines: np.ndarray, tensions: np.ndarray) -> None:
+        """Colours reach from no tension to the largest one so far."""
+        if self._cables is None:
+            return
+        self._lowest_tension = min(self._lowest_tension, tensions.min())
+        self._highest_tension = max(self._highest_tension, tensions.max())
+        self._cables.points = (lines * LENGTH_UNIT).astype(np.float32)
+        if self._highest_tension > self._lowest_tension:
+            scale = ColourScale("", self._lowest_tension, self._highest_tension, LINE)
+            colours = np.rint(255 * scale.colours(tensions)).astype(np.uint8)
+            self._cables.colors = np.repeat(colours[:, None], 2, axis=1)
 
     def _show_forces(self, points: np.ndarray, forces: np.ndarray) -> None:
         """Each arrow ends where its force acts: its shaft stands in the first body, which is translucent if soft."""
@@ -91,6 +109,14 @@ class SceneView:
             opacity=SILICONE_OPACITY if kind == "soft" else None,
             cast_shadow=kind in ("soft", "rigid"),
             receive_shadow=kind in ("floor", "obstacle"),
+        )
+
+    def _add_cables(self, lines: np.ndarray) -> Any:
+        return self._server.scene.add_line_segments(
+            "/cable lines",
+            lines * LENGTH_UNIT,
+            np.tile(np.array(LINE[0]), (len(lines), 2, 1)),
+            thickness=CABLE_THICKNESS * self._radius * LENGTH_UNIT,
         )
 
     def _set_camera(self, points: np.ndarray, up: np.ndarray) -> None:

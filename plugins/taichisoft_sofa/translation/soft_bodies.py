@@ -70,6 +70,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     element_material, regions = _regions(young, poisson)
     groups = {f"material{number}": np.flatnonzero(element_material == number) for number in range(1, len(regions))}
     table: dict[str, Any] = {
+        "points_outside": "extrapolated",
         "mesh": translation.files.volume(name, VolumeMesh(name, nodes, elements, {}, groups)),
         **_mass(body.mass if moves else None, len(points), len(body.position)),
         "young_modulus": regions[0]["young_modulus"],

@@ -1,0 +1,1 @@
+"""The geometry kind `tendon_finger`: tapered fingers with notches, for cables."""

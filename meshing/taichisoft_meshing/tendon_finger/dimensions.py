@@ -1,0 +1,156 @@
+"""The dimensions of a tendon finger: a tapered beam whose inner side has a notch at each joint, up to a thin hinge.
+
+Axes as those of `pneunet_finger`: the base is the plane x = 0 and the finger points to -x; y goes from the inner side
+(0), along which the cable runs, to the back; z is centred. Positions along the finger are distances from the base [mm].
+"""
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from taichisoft.scenes.scene import NotNegative, Positive, Table
+from taichisoft_meshing.size_search import finest_size
+
+THINNEST = 0.1
+"""Least silicone that must remain anywhere [mm]."""
+ROUNDING = 1e-9
+"""Sums of decimal fractions may miss by this [mm]."""
+
+
+class Body(Table):
+    """The beam without its notches."""
+
+    length: Positive = 90.0
+    """Length along x from the base to the tip [mm]."""
+    height: Positive = 22.0
+    """Height along y at the base [mm]."""
+    tip_height: Positive = 13.0
+    """Height along y at the tip [mm]; the back slopes evenly."""
+    width: Positive = 20.0
+    """Width along z at the base [mm]."""
+    tip_width: Positive = 14.0
+    """Width along z at the tip [mm]."""
+    tip_bevel: NotNegative = 4.0
+    """Length by which both edges across the tip are cut off, along x and along y [mm]; 0: sharp edges."""
+    base_length: Positive = 14.0
+    """Length along x of the part that is held [mm]: element group "base_block"."""
+
+
+class Notches(Table):
+    """Cuts across the inner side, one at each joint, narrower towards the hinge."""
+
+    count: Annotated[int, Field(strict=True, ge=0)] = 3
+    """Number of joints."""
+    first: Positive = 24.0
+    """Distance from the base to the middle of the first notch [mm]."""
+    pitch: Positive = 21.0
+    """Distance along x from one notch to the next [mm]."""
+    width: Positive = 9.0
+    """Width of each notch along x at the inner side [mm]."""
+    bottom: Positive = 3.0
+    """Width of each notch along x at the hinge [mm]."""
+    hinge: Positive = 4.0
+    """Thickness along y of the silicone that is left at the back [mm]."""
+
+
+class ElementSizes(Table):
+    """Sizes of the tetrahedra."""
+
+    largest: Positive = 7.0
+    """Edge length far from the hinges [mm]; --size replaces it and scales the other."""
+    smallest: Positive = 3.5
+    """Edge length in the hinges [mm]."""
+
+
+class TendonFingerTable(Table):
+    """A geometry file of the kind `tendon_finger`: all tables of a finger, whose values fit together."""
+
+    body: Body = Body()
+    notches: Notches = Notches()
+    mesh: ElementSizes = ElementSizes()
+
+    @property
+    def middles(self) -> list[float]:
+        """Distances from the base to the middles of the notches [mm]."""
+        return [self.notches.first + joint * self.notches.pitch for joint in range(self.notches.count)]
+
+    def back(self, distance: float) -> float:
+        """Position y of the back at a distance from the base [mm]."""
+        body = self.body
+        return body.height + (body.tip_height - body.height) * distance / body.length
+
+    @property
+    def outline(self) -> list[tuple[float, float]]:
+        """Corners (x, y) of the side view, in order around it, from the inner corner of the base [mm]."""
+        body, notches, bevel = self.body, self.notches, self.body.tip_bevel
+        flat = body.length - bevel
+        corners = [(0.0, 0.0), (0.0, body.height)]
+        if bevel:
+            corners += [(-flat, self.back(flat)), (-body.length, body.tip_height - bevel)]
+            corners += [(-body.length, bevel), (-flat, 0.0)]
+        else:
+            corners += [(-body.length, body.tip_height), (-body.length, 0.0)]
+        for middle in reversed(self.middles):
+            far, near = middle + notches.bottom / 2, middle - notches.bottom / 2
+            corners += [(-(middle + notches.width / 2), 0.0), (-far, self.back(far) - notches.hinge)]
+            corners += [(-near, self.back(near) - notches.hinge), (-(middle - notches.width / 2), 0.0)]
+        return corners
+
+    @property
+    def volume(self) -> float:
+        """Volume of the silicone [mm^3]: the side view's area times the width at its centroid, which varies evenly."""
+        body, corners = self.body, self.outline
+        area = moment = 0.0
+        for (x, y), (next_x, next_y) in zip(corners, corners[1:] + corners[:1], strict=True):
+            cross = x * next_y - next_x * y  # corners go anticlockwise
+            area += cross / 2
+            moment += cross * (x + next_x) / 6
+        return area * body.width + moment * (body.width - body.tip_width) / body.length
+
+    @model_validator(mode="after")
+    def _check_body(self) -> "TendonFingerTable":
+        body = self.body
+        _at_most("body.tip_height", body.tip_height, body.height, "body.height")
+        _at_most("body.tip_width", body.tip_width, body.width, "body.width")
+        _at_most("body.tip_bevel", body.tip_bevel, (body.tip_height - THINNEST) / 2, "to leave a face at the tip")
+        rest = body.length - body.tip_bevel - THINNEST
+        _at_most("body.base_length", body.base_length, rest, "to end before the tip's bevel")
+        return self
+
+    @model_validator(mode="after")
+    def _check_notches(self) -> "TendonFingerTable":
+        body, notches = self.body, self.notches
+        if notches.count == 0:
+            return self
+        _at_most("notches.bottom", notches.bottom, notches.width, "notches.width")
+        if notches.count > 1:
+            _at_least("notches.pitch", notches.pitch, notches.width + THINNEST, "beyond notches.width")
+        near = body.base_length + notches.width / 2 + THINNEST
+        _at_least("notches.first", notches.first, near, "to leave body.base_length uncut")
+        last, rest = self.middles[-1] + notches.width / 2, body.length - body.tip_bevel - THINNEST
+        if last > rest + ROUNDING:
+            raise ValueError(
+                f"notches.count = {notches.count}: the last notch would end {last:g} mm from the base; must end "
+                f"before the tip, at most at {rest:g}"
+            )
+        thickest = self.back(self.middles[-1] + notches.bottom / 2) - THINNEST
+        _at_most("notches.hinge", notches.hinge, thickest, "to leave a notch below it")
+        return self
+
+    @model_validator(mode="after")
+    def _check_sizes(self) -> "TendonFingerTable":
+        sizes = self.mesh
+        _at_most("mesh.largest", sizes.largest, self.body.length, "body.length: elements larger than the body")
+        _at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
+        _at_least("mesh.largest", sizes.largest, finest_size(self.volume), "or the mesh would not end")
+        return self
+
+
+def _at_least(key: str, value: float, low: float, why: str) -> None:
+    if value < low - ROUNDING:
+        raise ValueError(f"{key} = {value:g}: must be at least {low:g} ({why})")
+
+
+def _at_most(key: str, value: float, high: float, why: str) -> None:
+    if value > high + ROUNDING:
+        raise ValueError(f"{key} = {value:g}: must be at most {high:g} ({why})")
