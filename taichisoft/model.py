@@ -36,6 +36,9 @@ class Model:
         body_names: names by body number.
         rest_position: rest positions of the soft nodes [mm], shape (node_count, 3).
         elasticity: elements of all soft bodies and the pattern of their matrix; None without soft bodies.
+        material_names: names of the soft bodies' materials, which are those of `scene.young_moduli`.
+        young_modulus: Young's moduli of the materials at the start of a run [kPa], shape (material_count,).
+        element_material: number of the material of each element, shape (element_count,).
         anchored_nodes: indices of the anchored nodes in rising order, shape (anchor_count,).
         cavities: cavities of all soft bodies; `cavities.names` are their names.
         cables: cables of all soft bodies; `cables.names` are their names.
@@ -60,10 +63,13 @@ class Model:
             SceneError: something in the scene does not fit its meshes, or bodies overlap at the start.
         """
         self.scene = scene
+        self.material_names = tuple(scene.young_moduli)
+        self.young_modulus = np.array(list(scene.young_moduli.values()))
         soft: list[SoftBody] = []
         node_count = 0
         for name, body in scene.soft_bodies.items():
-            soft.append(make_soft_body(name, body, meshes[name], node_count))
+            first_material = self.material_names.index(name)
+            soft.append(make_soft_body(name, body, meshes[name], node_count, first_material))
             node_count = soft[-1].nodes.stop
         self.soft_bodies = tuple(soft)
         self.rigid_bodies = tuple(make_rigid_body(name, body) for name, body in scene.rigid_bodies.items())
@@ -71,6 +77,7 @@ class Model:
         self.body_names = (*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles)
         self.rest_position = np.vstack([np.zeros((0, 3)), *(body.rest_position for body in soft)])
         self.elasticity = Elasticity(soft, scene.time) if soft else None
+        self.element_material = np.concatenate([np.zeros(0, dtype=np.int32), *(body.material for body in soft)])
         held = [body.nodes.start + np.flatnonzero(body.anchor_stiffness) for body in soft]
         self.anchored_nodes = np.concatenate([*held, np.zeros(0)]).astype(np.int32)
         self.cavities = Cavities(soft)
@@ -109,6 +116,7 @@ class Model:
             base_velocity=np.zeros((2, 3)),
             anchor_position=self.rest_position[self.anchored_nodes],
             gravity=self.gravity.copy(),
+            young_modulus=self.young_modulus.copy(),
             cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
             cavity_request=np.zeros(cavity_count),
             cavity_target=np.zeros(cavity_count),

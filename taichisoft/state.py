@@ -31,6 +31,7 @@ class State:
         base_velocity: linear [mm/s] and angular velocity [rad/s] that were asked for, 0 if a pose was, shape (2, 3).
         anchor_position: where the springs hold the anchored nodes, before the base moves them [mm], (anchor_count, 3).
         gravity: acceleration of gravity [mm/s^2], shape (3,).
+        young_modulus: Young's moduli of the materials [kPa], shape (material_count,).
         cavity_volume_imposed: whether a cavity is driven by volume, else by pressure, shape (cavity_count,).
         cavity_request: pressure [kPa] or volume growth [mm^3] that was asked for, before limits, (cavity_count,).
         cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
@@ -65,6 +66,7 @@ class State:
     base_velocity: np.ndarray
     anchor_position: np.ndarray
     gravity: np.ndarray
+    young_modulus: np.ndarray
     cavity_volume_imposed: np.ndarray
     cavity_request: np.ndarray
     cavity_target: np.ndarray

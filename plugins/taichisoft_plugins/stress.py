@@ -6,6 +6,7 @@ which is Hooke's law in the element's own axes, turned to those of the world. Th
 f_a = -w s R g_a, with w the element's volume at rest and g_a the gradients of its shape functions.
 """
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -23,30 +24,29 @@ class StressLaw:
         self,
         rest_position: np.ndarray,
         elements: np.ndarray,
-        young_modulus: np.ndarray,
         poisson_ratio: np.ndarray,
         polar: bool = False,
     ):
-        """Compute what does not change with the positions.
+        """Compute what does not change with positions and stiffness.
 
         Args:
             rest_position: nodes at rest [mm], shape (node_count, 3).
             elements: node indices, shape (element_count, 4).
-            young_modulus: Young's modulus of each element [kPa], shape (element_count,).
             poisson_ratio: Poisson's ratio of each element, shape (element_count,).
             polar: whether rotations come from the polar decomposition (`corotation = "polar"` in a scene) and not from
                 the first two edges.
         """
         self._elements = elements
         self._gradients = linear_tetrahedra(rest_position, elements)[0][:, 0]
-        self._lame = lame_parameters(young_modulus, poisson_ratio)
+        self._poisson_ratio = poisson_ratio
         self._from_rest_frame = None if polar else np.swapaxes(_frames(rest_position, elements), 1, 2)
 
-    def stress(self, position: np.ndarray) -> np.ndarray:
+    def stress(self, position: np.ndarray, young_modulus: np.ndarray) -> np.ndarray:
         """Corotational stress of each element, in the axes of the world.
 
         Args:
             position: nodes [mm], shape (node_count, 3).
+            young_modulus: Young's modulus of each element [kPa], shape (element_count,).
 
         Returns:
             Stress [kPa], positive in tension, shape (element_count, 3, 3).
@@ -59,24 +59,28 @@ class StressLaw:
         back = np.swapaxes(rotation, 1, 2)
         stretch = back @ deformation
         strain = 0.5 * (stretch + np.swapaxes(stretch, 1, 2)) - np.eye(3)
-        spherical = self._lame[:, 0] * np.trace(strain, axis1=1, axis2=2)
-        stress = spherical[:, None, None] * np.eye(3) + 2.0 * self._lame[:, 1, None, None] * strain
+        lame = lame_parameters(young_modulus, self._poisson_ratio)
+        spherical = lame[:, 0] * np.trace(strain, axis1=1, axis2=2)
+        stress = spherical[:, None, None] * np.eye(3) + 2.0 * lame[:, 1, None, None] * strain
         return rotation @ stress @ back
 
 
-def stress_laws(recording: "Recording") -> list[StressLaw]:
-    """The laws of the soft bodies of a recording, in their order."""
-    settings = recording.scene.soft_bodies
-    return [
-        StressLaw(
-            body.rest_position,
-            body.elements,
-            body.young_modulus,
-            body.poisson_ratio,
-            polar=settings[body.name].corotation == "polar",
-        )
-        for body in recording.soft_bodies
+def recorded_stress(recording: "Recording") -> Callable[[int], list[np.ndarray]]:
+    """Gives the stresses [kPa] of the elements of each soft body in a frame, each of shape (element_count, 3, 3)."""
+    settings, bodies = recording.scene.soft_bodies, recording.soft_bodies
+    laws = [
+        StressLaw(body.rest_position, body.elements, body.poisson_ratio, settings[body.name].corotation == "polar")
+        for body in bodies
     ]
+
+    def stresses(frame: int) -> list[np.ndarray]:
+        position, young_modulus = recording.row("position", frame), recording.row("young_modulus", frame)
+        return [
+            law.stress(position[body.nodes], young_modulus[body.material])
+            for law, body in zip(laws, bodies, strict=True)
+        ]
+
+    return stresses
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:

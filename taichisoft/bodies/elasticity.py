@@ -90,7 +90,7 @@ class Elasticity:
 
 
 class ElasticSystem:
-    """The elastic forces and the matrix A at present positions.
+    """The elastic forces and the matrix A at present positions, and with present stiffnesses.
 
     Attributes:
         position, velocity: of the nodes [mm] and [mm/s], which the caller fills, shape (node_count, 3).
@@ -102,6 +102,8 @@ class ElasticSystem:
     def __init__(self, elasticity: Elasticity):
         """Make room."""
         self._elasticity = elasticity
+        self._elements = elasticity.element_data
+        self._own_elements: kernels.Elements | None = None  # with room for other stiffnesses than the model's
         self.solver = Cholesky(elasticity.symbolic)
         data, node_count = elasticity.element_data, len(elasticity.rest_position)
         self.position, self.velocity, self.force = (np.zeros((node_count, 3)) for _ in range(3))
@@ -115,13 +117,34 @@ class ElasticSystem:
         )
         self._matrix = kernels.SystemMatrix(self.force, self.solver.blocks, np.zeros(2, dtype=np.int32))
 
+    def scale_stiffness(self, factor: np.ndarray) -> None:
+        """Make each element so many times as stiff as it is in the model, its Poisson's ratio unchanged.
+
+        Args:
+            factor: of each element [-], shape (element_count,); with 1 everywhere the bits are those of the model.
+        """
+        model = self._elasticity.element_data
+        if (factor == 1.0).all():
+            self._elements = model
+            return
+        if self._own_elements is None:
+            self._own_elements = model._replace(
+                scaled_gradient=np.empty_like(model.scaled_gradient), lame=np.empty_like(model.lame)
+            )
+        self._elements = own = self._own_elements
+        np.multiply(model.lame, factor[:, None], out=own.lame)
+        # Products of two gradients make the matrix. Element by element, for each of the quadrature points.
+        by_element = (model.volume.shape[1], len(factor), -1)
+        root = np.sqrt(factor)[:, None]
+        np.multiply(model.scaled_gradient.reshape(by_element), root, out=own.scaled_gradient.reshape(by_element))
+
     def assemble(self) -> None:
         """Fill `force`, and the solver's blocks with A, its rotations frozen at `position`."""
         self._matrix.progress[:] = 0
         elasticity = self._elasticity
         kernels.assemble(
             elasticity.elements.shape[1],
-            elasticity.element_data,
+            self._elements,
             self._deformation,
             elasticity.block_parts,
             self._matrix,

@@ -62,7 +62,8 @@ class SoftBody:
         nodes: where its nodes stand in the arrays of the model.
         rest_position: placed nodes [mm], shape (node_count, 3).
         elements: shape (element_count, nodes_per_element).
-        lame: Lame's lambda and mu [kPa] of each element, shape (element_count, 2).
+        lame: Lame's lambda and mu [kPa] of each element at the start of a run, shape (element_count, 2).
+        material: number of the material of each element among those of the model, shape (element_count,).
         node_mass: [kg], shape (node_count,).
         anchor_stiffness: [mN/mm] of the spring at each node, 0 where there is none, shape (node_count,).
         tip_nodes: what the scene's `tip` selects, None where it has none.
@@ -77,6 +78,7 @@ class SoftBody:
     rest_position: np.ndarray
     elements: np.ndarray
     lame: np.ndarray
+    material: np.ndarray
     node_mass: np.ndarray
     anchor_stiffness: np.ndarray
     tip_nodes: np.ndarray | None
@@ -89,8 +91,10 @@ class SoftBody:
         return MappedSurface.joined([one.surface for one in self.collision_surfaces])
 
 
-def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_node: int) -> SoftBody:
-    """Compute the arrays of a soft body made of `mesh`; `first_node` is its place in the model.
+def make_soft_body(
+    name: str, body: settings.SoftBody, mesh: VolumeMesh, first_node: int, first_material: int
+) -> SoftBody:
+    """Compute the arrays of a soft body made of `mesh`; its nodes and materials are those of the model from two on.
 
     Raises:
         MeshError: a file is not fit to simulate.
@@ -103,6 +107,7 @@ def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_n
     anchor_stiffness = np.zeros(node_count)
     for index, anchor in enumerate(body.anchors):
         anchor_stiffness[select_nodes(mesh, anchor, f"{key}.anchors.{index}")] = anchor.stiffness
+    lame, material = _materials(mesh, body, key)
     return SoftBody(
         name=name,
         settings=body,
@@ -110,7 +115,8 @@ def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_n
         nodes=slice(first_node, first_node + node_count),
         rest_position=rest_position,
         elements=mesh.elements,
-        lame=_materials(mesh, body, key),
+        lame=lame,
+        material=first_material + material,
         node_mass=_node_masses(mesh, body),
         anchor_stiffness=anchor_stiffness,
         tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
@@ -122,15 +128,17 @@ def make_soft_body(name: str, body: settings.SoftBody, mesh: VolumeMesh, first_n
     )
 
 
-def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> np.ndarray:
-    young_modulus = np.full(len(mesh.elements), body.young_modulus)
+def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> tuple[np.ndarray, np.ndarray]:
+    """Lame parameters of each element, and the number of its material: 0 the body's own, from 1 on the regions'."""
+    material = np.zeros(len(mesh.elements), dtype=np.int32)
     poisson_ratio = np.full(len(mesh.elements), body.poisson_ratio)
     for index, region in enumerate(body.regions):
         selected = select_elements(mesh, region, f"{key}.regions.{index}")
-        young_modulus[selected] = region.young_modulus
+        material[selected] = 1 + index
         if region.poisson_ratio is not None:
             poisson_ratio[selected] = region.poisson_ratio
-    return lame_parameters(young_modulus, poisson_ratio)
+    young_modulus = np.array([body.young_modulus, *(region.young_modulus for region in body.regions)])
+    return lame_parameters(young_modulus[material], poisson_ratio), material
 
 
 def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:

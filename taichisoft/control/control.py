@@ -29,6 +29,8 @@ class Control:
             [mm], by the body's name, shape (anchor_count, 3): a row for each of its anchored nodes, in the order of the
             nodes. The motion of the base comes on top. No limit of the scene holds them back.
         gravity: acceleration of gravity [mm/s^2], shape (3,); what is up in pictures remains so.
+        young_modulus: Young's moduli [kPa] by material: a soft body's own ("finger1") or one of its regions'
+            ("finger1.regions.0"). Poisson's ratios stay.
         signals: numbers of the controller's own by name, such as a set point, for outputs to record.
     """
 
@@ -43,4 +45,5 @@ class Control:
     base_angular_velocity: np.ndarray | None = None
     anchor_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
     gravity: np.ndarray | None = None
+    young_modulus: Mapping[str, float] = field(default_factory=dict)
     signals: Mapping[str, float] = field(default_factory=dict)

@@ -18,8 +18,8 @@ def apply_control(model: Model, state: State, control: Control) -> State:
     """The state with what `control` asks for; what it does not mention stays as it was asked for last.
 
     Raises:
-        ControlError: no `Control`, an unknown cavity, cable or soft body, something driven in two ways, or a value that
-            is no finite number.
+        ControlError: no `Control`, an unknown cavity, cable, soft body or material, something driven in two ways, a
+            value that is no finite number, or a Young's modulus that is not positive.
     """
     if not isinstance(control, Control):
         raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
@@ -30,6 +30,7 @@ def apply_control(model: Model, state: State, control: Control) -> State:
         "cable_pull",
         "pull_points",
         "anchor_positions",
+        "young_modulus",
         "signals",
     ):
         if not isinstance(getattr(control, key), Mapping):
@@ -47,6 +48,8 @@ def apply_control(model: Model, state: State, control: Control) -> State:
         changes["anchor_position"] = _anchor_position(model, state, control)
     if control.gravity is not None:
         changes["gravity"] = _finite(control.gravity, "control.gravity", (3,))
+    if control.young_modulus:
+        changes["young_modulus"] = _young_modulus(model, state, control)
     return state.changed(**changes)
 
 
@@ -167,6 +170,19 @@ def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray
             raise ControlError(f"{key} has a number that is not finite: all must be")
         position[rows[name]] = asked
     return position
+
+
+def _young_modulus(model: Model, state: State, control: Control) -> np.ndarray:
+    """Young's moduli of all materials [kPa], (material_count,), with those that are asked for."""
+    moduli = state.young_modulus.copy()
+    for name, value in control.young_modulus.items():
+        material = _index(name, model.material_names, "material", "young_modulus")
+        key = f"control.young_modulus['{name}']"
+        modulus = _finite(value, key, ())
+        if modulus <= 0.0:
+            raise ControlError(f"{key} = {value!r}: must be above 0")
+        moduli[material] = modulus
+    return moduli
 
 
 def _index(name: str, names: tuple[str, ...], kind: str, key: str) -> int:

@@ -509,6 +509,15 @@ class Scene(Table):
         return -np.array(self.gravity) / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
 
     @property
+    def young_moduli(self) -> dict[str, float]:
+        """Young's moduli [kPa] by material: each soft body's own ("finger"), then its regions' ("finger.regions.0")."""
+        moduli = {}
+        for name, body in self.soft_bodies.items():
+            moduli[name] = body.young_modulus
+            moduli |= {f"{name}.regions.{index}": region.young_modulus for index, region in enumerate(body.regions)}
+        return moduli
+
+    @property
     def main_object(self) -> str | None:
         """Name of the rigid body that a run is about: that of the goal, else the first; None without rigid bodies."""
         return self.goal.object if self.goal is not None else next(iter(self.rigid_bodies), None)

@@ -34,6 +34,7 @@ class SoftMotion:
         self._mass = elasticity.node_mass[:, None]
         self._weight = np.empty((model.node_count, 3))
         self._gravity: np.ndarray | None = None  # that of `weight`
+        self._young_modulus: np.ndarray | None = None  # that of the system's elements
         self._drag = self._mass * elasticity.node_rayleigh_mass[:, None]
         self._anchors = kernels.Anchors(
             node=model.anchored_nodes,
@@ -59,6 +60,10 @@ class SoftMotion:
             SimulationDiverged: the system matrix is not positive definite.
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
+        if state.young_modulus is not self._young_modulus:
+            self._young_modulus = state.young_modulus
+            stiffening = state.young_modulus / self._model.young_modulus
+            self.system.scale_stiffness(stiffening[self._model.element_material])
         self.system.assemble()
         self._factorise(state)
         if state.gravity is not self._gravity:

@@ -25,7 +25,8 @@ def simulation(block: Callable[..., str]) -> Simulation:
         "anchors": [{"box": [[-10, -10, -10], [-10, 10, 10]]}],
         "cavities": {"air": {"group": "cavity"}},
     }
-    bodies = {"left": body, "right": {**body, "translation": [0, 100, 0]}}
+    region = {"box": [[0, -10, -10], [10, 10, 10]], "young_modulus": 1500}
+    bodies = {"left": body, "right": {**body, "translation": [0, 100, 0], "regions": [region]}}
     return Simulation(scene_from_dict({"gravity": [0, 0, 0], "soft_bodies": bodies}))
 
 
@@ -47,6 +48,13 @@ def simulation(block: Callable[..., str]) -> Simulation:
         (Control(anchor_positions={"left": np.zeros((15, 3))}), "control.anchor_positions['left'] has shape (15, 3): "),
         (Control(anchor_positions={"left": np.full((16, 3), np.nan)}), "has a number that is not finite"),
         (Control(anchor_positions={"left": "up"}), "control.anchor_positions['left'] = 'up': must be"),
+        (Control(young_modulus={"left.air": 600.0}), "control.young_modulus: no material is called 'left.air'"),
+        (Control(young_modulus={"left": 0.0}), "control.young_modulus['left'] = 0.0: must be above 0"),
+        (Control(young_modulus={"left": -500}), "control.young_modulus['left'] = -500: must be above 0"),
+        (Control(young_modulus={"right.regions.0": float("inf")}), "['right.regions.0'] = inf: must be a finite"),
+        (Control(young_modulus={"right": float("nan")}), "control.young_modulus['right'] = nan: must be a finite"),
+        (Control(young_modulus={"left.regions.0": 1.0}), "no material is called 'left.regions.0'; did you mean 'right"),
+        (Control(young_modulus=600.0), "control.young_modulus: must be a dictionary by name, not float"),
         (Control(anchor_positions=np.ones((16, 3))), "control.anchor_positions: must be a dictionary by name, not nd"),
     ],
 )  # fmt: skip

@@ -50,6 +50,24 @@ def test_two_simulations_that_step_in_turn_give_the_bits_of_two_alone(model: Mod
     assert [first.state, second.state] == expected
 
 
+def test_who_changes_the_stiffness_of_a_body_changes_no_bit_of_the_others(model: Model) -> None:
+    """One softens and stiffens its block while the other goes on; the first gets the bits of one alone as well."""
+
+    def softened(step: int) -> Control:
+        return Control(young_modulus={"block": 60.0 + 5.0 * step}, pressure={"block.air": 1.0})
+
+    expected = alone(model, 4.0)
+    lonely = Simulation(model)
+    for step in range(STEPS):
+        lonely.step(softened(step))
+    first, second = Simulation(model), Simulation(model)
+    for step in range(STEPS):
+        first.step(softened(step))
+        second.step(squeeze(4.0))
+    assert [first.state, second.state] == [lonely.state, expected]
+    assert lonely.state.position.tobytes() != alone(model, 1.0).position.tobytes()
+
+
 def test_two_simulations_in_two_threads_give_the_bits_of_two_alone(model: Model) -> None:
     pressures = (1.0, 2.0, 3.0, 4.0)
     expected = [alone(model, pressure) for pressure in pressures]

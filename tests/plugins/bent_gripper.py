@@ -26,11 +26,13 @@ def gripper_model() -> SimpleNamespace:
     bodies, node_count = [], 0
     meshes = load_meshes(scene)
     for name, body in scene.soft_bodies.items():
-        bodies.append(make_soft_body(name, body, meshes[name], node_count))
+        first_material = list(scene.young_moduli).index(name)
+        bodies.append(make_soft_body(name, body, meshes[name], node_count, first_material))
         node_count = bodies[-1].nodes.stop
     anchored = np.concatenate([body.rest_position[body.anchor_stiffness > 0] for body in bodies])
     return SimpleNamespace(
         scene=scene,
+        material_names=tuple(scene.young_moduli),
         base_pivot=anchored.mean(axis=0),
         body_names=(*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles),
         cavities=SimpleNamespace(names=[cavity.name for body in bodies for cavity in body.cavities]),
@@ -70,6 +72,7 @@ def gripper_state(model: SimpleNamespace, step: int) -> SimpleNamespace:
     state.velocity = np.zeros_like(state.position)
     state.rigid_position, state.rigid_rotation = middle[None], np.array([[1.0, 0.0, 0.0, 0.0]])
     state.base_translation = lift
+    state.young_modulus = np.array(list(model.scene.young_moduli.values()))
     cavities = np.zeros(len(model.soft_bodies))
     state.cavity_volume_imposed = cavities > 0
     state.cavity_request = state.cavity_target = state.cavity_volume = cavities

@@ -51,6 +51,7 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
         name="finger",
         mesh=VolumeMesh("a", REST, np.array([[0, 1, 2, 3]]), {"outer": FACES}, {"tip": np.array([0])}),
         nodes=slice(0, 4),
+        material=np.zeros(1, dtype=np.int32),
         lame=lame_parameters(np.array([500.0]), np.array([0.3])),
         rest_position=REST,
         elements=np.array([[0, 1, 2, 3]]),
@@ -67,6 +68,7 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
     return SimpleNamespace(
         scene=scene,
         base_pivot=np.zeros(3),
+        material_names=("finger",),
         body_names=("finger", "cube", *(("floor",) if floor else ())),
         cavities=SimpleNamespace(names=("finger.cavity",)),
         cables=NO_CABLES,
@@ -96,6 +98,7 @@ def fake_state(step: int) -> SimpleNamespace:
         base_velocity=np.full((2, 3), 0.2 * step),
         anchor_position=REST[:2] + 0.3 * step,
         gravity=np.array([0.0, 0.0, -100.0 * step]),
+        young_modulus=np.array([500.0 + step]),
         cavity_volume_imposed=np.array([step % 2 == 0]),
         cavity_request=np.array([3.0 * step]),
         cavity_target=np.array([2.5 * step]),

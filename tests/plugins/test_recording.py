@@ -36,7 +36,8 @@ def test_meshes_and_materials_come_back(recording):
     (finger,) = recording.soft_bodies
     assert (finger.name, finger.nodes) == ("finger", slice(0, 4))
     assert np.array_equal(finger.rest_position, fake_run.REST) and finger.elements.tolist() == [[0, 1, 2, 3]]
-    assert np.allclose(finger.young_modulus, 500.0, rtol=1e-14) and np.allclose(finger.poisson_ratio, 0.3, rtol=1e-14)
+    assert recording.materials == ["finger"] and recording.row("young_modulus", 7).tolist() == [507.0]
+    assert finger.material.tolist() == [0] and np.allclose(finger.poisson_ratio, 0.3, rtol=1e-14)
     assert np.array_equal(finger.surface_groups["outer"], fake_run.FACES)
     assert finger.element_groups["tip"].tolist() == [0]
     assert np.array_equal(finger.mesh("a").nodes, fake_run.REST)

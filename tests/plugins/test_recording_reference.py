@@ -76,6 +76,7 @@ def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
     sizes = {
         "nodes": len(file["steps/position"][0]),
         "anchors": len(file["steps/anchor_position"][0]),
+        "materials": len(file["steps"].attrs["materials"]),
         "rigid_bodies": len(file["rigid_bodies"]),
         "cavities": len(file["steps"].attrs["cavities"]),
         "cables": len(file["steps"].attrs["cables"]),

@@ -14,7 +14,7 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.control.keys import KeyEvent
-from taichisoft.errors import ControllerFailed
+from taichisoft.errors import ControllerFailed, TaichisoftError
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.surface_files import write_stl
 from taichisoft.meshes.volume_mesh import boundary_triangles
@@ -45,6 +45,7 @@ def createScene(root):
     chamber.addObject("MechanicalObject", name="walls")
     chamber.addObject("SurfacePressureConstraint", name="air", value=0.01, valueType="{value_type}")
     chamber.addObject("BarycentricMapping")
+    {more}
     cable = node.addChild("cable")
     cable.addObject("MechanicalObject", name="points", position=[[-20, 0, 14], [20, 0, 14]])
     cable.addObject("CableConstraint", name="tendon", indices=[0, 1], pullPoint=[-40, 0, 14], valueType="{cable_type}")
@@ -63,9 +64,16 @@ def createScene(root):
 class Run:
     """A run of the scene with these methods of its controller."""
 
-    def __init__(self, folder: Path, methods: str, value_type: str = "pressure", cable_type: str = "displacement"):
+    def __init__(
+        self,
+        folder: Path,
+        methods: str,
+        value_type: str = "pressure",
+        cable_type: str = "displacement",
+        more: str = "",
+    ):
         own = indent(dedent(methods), "    ")
-        scene = SCENE.format(methods=own, value_type=value_type, cable_type=cable_type)
+        scene = SCENE.format(methods=own, value_type=value_type, cable_type=cable_type, more=more.strip())
         written(folder, {"scene.py": BODY + scene})
         self.scene = load_scene(folder / "scene.py")
         made = make_controller(self.scene)
@@ -189,6 +197,96 @@ def test_gravity_is_changed(folder: Path) -> None:
     assert run.steps().gravity is None
     assert run.steps(1, "+").gravity.tolist() == [0.0, 0.0, -1000.0]
     assert run.simulation.state.rigid_velocity[0] == pytest.approx([0.0, 0.0, -10.0])
+
+
+LAYER = """
+    layer = node.addChild("layer")
+    node.addObject("BoxROI", name="right", box=[0, -100, -100, 100, 100, 100], strict=False)
+    layer.addObject("TetrahedronSetTopologyContainer", position="@../loader.position",
+                    tetrahedra="@right.tetrahedraInROI")
+    layer.addObject("TetrahedronFEMForceField", name="field", youngModulus=1000, poissonRatio={poisson})
+"""
+"""The right half of the body made stiffer by a force field of its own."""
+
+
+def test_a_modulus_counts_from_reinit_on(folder: Path) -> None:
+    run = Run(
+        folder,
+        """
+        def onKeypressedEvent(self, event):
+            field = self.body.TetrahedronFEMForceField
+            if event["key"] == "+":
+                field.youngModulus = 600
+            else:
+                field.reinit()
+        """,
+    )
+    assert not run.steps(1, "+").young_modulus
+    assert run.simulation.state.young_modulus.tolist() == [500.0]
+    assert run.steps(1, "up").young_modulus == {"body": 600.0}
+    assert run.simulation.state.young_modulus.tolist() == [600.0]
+    assert not run.steps(1, "up").young_modulus
+
+
+def test_a_modulus_that_is_updated_in_each_step_needs_no_reinit(folder: Path) -> None:
+    run = Run(
+        folder,
+        """
+        def onKeypressedEvent(self, event):
+            field = self.body.TetrahedronFEMForceField
+            field.updateStiffness = True
+            field.youngModulus.value = field.youngModulus.value + 100.0
+        """,
+    )
+    assert run.steps(1, "+").young_modulus == {"body": 600.0}
+    assert run.steps(1, "+").young_modulus == {"body": 700.0}
+
+
+def test_moduli_of_force_fields_add_up_where_they_overlap(folder: Path) -> None:
+    run = Run(
+        folder,
+        """
+        def onKeypressedEvent(self, event):
+            field = self.body.TetrahedronFEMForceField if event["key"] == "+" else self.body.layer.field
+            field.youngModulus = 600
+            field.reinit()
+        """,
+        more=LAYER.format(poisson=0.3),
+    )
+    names = run.simulation.model.material_names
+    assert names == ("body", "body.regions.0")
+    before = run.simulation.state.young_modulus
+    stiff = names[int(before.argmax())]
+    assert sorted(before) == [500.0, 1500.0]
+    assert run.steps(1, "+").young_modulus == {name: 1600.0 if name == stiff else 600.0 for name in names}
+    assert run.steps(1, "up").young_modulus == {stiff: pytest.approx(1200.0, rel=1e-15)}
+
+
+@pytest.mark.parametrize(
+    ("modulus", "poisson", "message"),
+    [
+        (600, 0.4, r"'/body/layer/field' .*changes Poisson's ratio where force fields of other ratios overlap"),
+        ([1, 2], 0.3, r"'/body/layer/field' .*youngModulus has 2 numbers for \d+ tetrahedra"),
+        ("range(1, count + 1)", 0.3, "makes tetrahedra differ that were of one stiffness"),
+    ],
+)
+def test_moduli_that_no_native_material_can_have_end_the_run(
+    folder: Path, modulus: Any, poisson: float, message: str
+) -> None:
+    run = Run(
+        folder,
+        f"""
+        def onKeypressedEvent(self, event):
+            field = self.body.layer.field
+            count = len(self.body.layer.TetrahedronSetTopologyContainer.tetrahedra)
+            field.youngModulus = list({modulus}) if {not isinstance(modulus, int)} else {modulus}
+            field.reinit()
+        """,
+        more=LAYER.format(poisson=poisson),
+    )
+    with pytest.raises(TaichisoftError, match=message) as failed:
+        run.steps(1, "+")
+    assert "\n" not in str(failed.value)
 
 
 def test_controllers_read_the_present_state(folder: Path) -> None:

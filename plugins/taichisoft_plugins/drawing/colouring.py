@@ -14,7 +14,7 @@ from taichisoft_plugins.drawing.scales import AIR, LINE, SOFT, ColourScale, roun
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.bodies import RecordedSurface
 from taichisoft_plugins.recording.reader import Recording
-from taichisoft_plugins.stress import nodal_mean, stress_laws, von_mises
+from taichisoft_plugins.stress import nodal_mean, recorded_stress, von_mises
 
 PLAIN = {
     "soft": (0.96, 0.93, 0.88),
@@ -103,13 +103,12 @@ def displacement(recording: Recording) -> NodeValues:
 
 def stress(recording: Recording) -> NodeValues:
     """Von Mises stress at each node [kPa], the mean of the elements around it."""
-    bodies = list(zip(recording.soft_bodies, stress_laws(recording), strict=True))
+    stresses = recorded_stress(recording)
 
     def values(frame: int) -> np.ndarray:
-        position = recording.row("position", frame)
         of_bodies = [
-            nodal_mean(von_mises(law.stress(position[body.nodes])), body.elements, body.rest_position)
-            for body, law in bodies
+            nodal_mean(von_mises(of_body), body.elements, body.rest_position)
+            for body, of_body in zip(recording.soft_bodies, stresses(frame), strict=True)
         ]
         return np.concatenate([np.zeros(0), *of_bodies])
 

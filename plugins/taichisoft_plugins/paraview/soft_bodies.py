@@ -6,7 +6,7 @@ import numpy as np
 
 from taichisoft_plugins.paraview.vtu_file import TETRAHEDRON, Grid
 from taichisoft_plugins.recording.reader import Recording
-from taichisoft_plugins.stress import stress_laws, von_mises
+from taichisoft_plugins.stress import recorded_stress, von_mises
 
 ROWS, COLUMNS = [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]
 """Rows and columns of a symmetric tensor in the order of VTK: xx, yy, zz, xy, yz, xz."""
@@ -19,7 +19,8 @@ class SoftBodyGrid:
         """Put together what does not change during a run."""
         self._recording = recording
         self._bodies = recording.soft_bodies
-        self._laws = stress_laws(recording)
+        self._stresses = recorded_stress(recording)
+        self._material = np.concatenate([body.material for body in self._bodies])
         self._rest_position = np.vstack([body.rest_position for body in self._bodies])
         self._cells = np.vstack([body.elements + body.nodes.start for body in self._bodies])
         # Soft bodies are the first of all bodies, so that their places are their numbers.
@@ -32,7 +33,6 @@ class SoftBodyGrid:
         }
         self._cell_data = {
             "body": np.repeat(numbers, element_counts),
-            "young_modulus": np.concatenate([body.young_modulus for body in self._bodies]),
             **_members("group", element_counts, [body.element_groups for body in self._bodies]),
         }
 
@@ -41,14 +41,13 @@ class SoftBodyGrid:
         position = self._recording.row("position", frame)
         velocity = self._recording.row("velocity", frame)
         moving = {"displacement": position - self._rest_position, "velocity": velocity}
-        stress = self._stress(position)
-        stresses = {"stress": stress[:, ROWS, COLUMNS], "von_mises": von_mises(stress)}
-        return Grid(position, self._cells, TETRAHEDRON, moving | self._point_data, stresses | self._cell_data)
-
-    def _stress(self, position: np.ndarray) -> np.ndarray:
-        """Stress of all elements [kPa], shape (element_count, 3, 3)."""
-        positions = [position[body.nodes] for body in self._bodies]
-        return np.concatenate([law.stress(nodes) for law, nodes in zip(self._laws, positions, strict=True)])
+        stress = np.concatenate(self._stresses(frame))
+        present = {
+            "stress": stress[:, ROWS, COLUMNS],
+            "von_mises": von_mises(stress),
+            "young_modulus": self._recording.row("young_modulus", frame)[self._material],
+        }
+        return Grid(position, self._cells, TETRAHEDRON, moving | self._point_data, present | self._cell_data)
 
 
 def _members(prefix: str, counts: Sequence[int], groups: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

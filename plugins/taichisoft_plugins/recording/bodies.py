@@ -52,7 +52,7 @@ class RecordedSoftBody:
         nodes: where its nodes stand in `row("position", frame)` and the other arrays of all nodes.
         rest_position: placed nodes [mm], shape (node_count, 3).
         elements: node indices of each element, shape (element_count, nodes_per_element).
-        young_modulus: Young's modulus of each element [kPa], shape (element_count,).
+        material: column of each element's material in `row("young_modulus", frame)`, shape (element_count,).
         poisson_ratio: Poisson's ratio of each element, shape (element_count,).
         element_groups: element indices by the group names of the mesh.
         surface_groups: triangles (count, 3) of node indices by the group names of the mesh.
@@ -63,7 +63,7 @@ class RecordedSoftBody:
     nodes: slice
     rest_position: np.ndarray
     elements: np.ndarray
-    young_modulus: np.ndarray
+    material: np.ndarray
     poisson_ratio: np.ndarray
     element_groups: dict[str, np.ndarray]
     surface_groups: dict[str, np.ndarray]
@@ -81,8 +81,8 @@ def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str,
         file: the open HDF5 file.
         model: the model of the run.
         every: steps from frame to frame.
-        columns: names of the columns of quantities by cavity, by cable and by pair of bodies: "cavities", "cables" and
-            "pairs".
+        columns: names of the columns of quantities by cavity, by cable, by pair of bodies and by material: "cavities",
+            "cables", "pairs" and "materials".
     """
     import h5py
 
@@ -128,7 +128,7 @@ def read_soft_bodies(file: Any) -> list[RecordedSoftBody]:
             nodes=_nodes(group),
             rest_position=group["rest_position"][:],
             elements=group["elements"][:],
-            young_modulus=group["young_modulus"][:],
+            material=group["material"][:],
             poisson_ratio=group["poisson_ratio"][:],
             element_groups={name: members[:] for name, members in group["element_groups"].items()},
             surface_groups={name: members[:] for name, members in group["surface_groups"].items()},
@@ -183,7 +183,7 @@ def _write_soft_body(group: Any, body: "SoftBody") -> None:
     group["mesh_nodes"] = body.mesh.nodes
     group["rest_position"] = body.rest_position
     group["elements"] = body.elements
-    group["young_modulus"], group["poisson_ratio"] = _engineering_constants(body.lame)
+    group["material"], group["poisson_ratio"] = body.material, _poisson_ratio(body.lame)
     for kind in ("element_groups", "surface_groups"):
         groups = group.create_group(kind)
         for name, members in getattr(body.mesh, kind).items():
@@ -195,10 +195,10 @@ def _write_soft_body(group: Any, body: "SoftBody") -> None:
         _write_surface(cavity_group, cavity.surface)
 
 
-def _engineering_constants(lame: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Young's modulus [kPa] and Poisson's ratio from Lame's lambda and mu."""
+def _poisson_ratio(lame: np.ndarray) -> np.ndarray:
     first, second = lame.T
-    return second * (3.0 * first + 2.0 * second) / (first + second), 0.5 * first / (first + second)
+    ratio: np.ndarray = 0.5 * first / (first + second)
+    return ratio
 
 
 def _write_surface(group: Any, surface: MappedSurface) -> None:

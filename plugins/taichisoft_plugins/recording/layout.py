@@ -6,7 +6,7 @@ from typing import Any
 from taichisoft.errors import TaichisoftError
 
 FILE_NAME = "recording.h5"
-LAYOUT = 5
+LAYOUT = 6
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 OPENED: Any = {"libver": "latest", "locking": False}
 """How the file is opened. A reader's lock would keep a run in progress from closing it, and in one process all who open
@@ -45,6 +45,7 @@ QUANTITIES = {
     "steps/base_velocity": Quantity("mm/s, rad/s", "base_velocity"),
     "steps/anchor_position": Quantity("mm", "anchor_position"),
     "steps/gravity": Quantity("mm/s^2", "gravity"),
+    "steps/young_modulus": Quantity("kPa", "young_modulus"),
     "steps/volume_imposed": Quantity("1", "cavity_volume_imposed"),
     "steps/cavity_request": Quantity("kPa or mm^3", "cavity_request"),
     "steps/cavity_target": Quantity("kPa or mm^3", "cavity_target"),

@@ -108,7 +108,8 @@ class RecordingOutput(Output):
     def _describe(self, root: Any) -> None:
         rows = self._rows
         pairs = ["|".join(pair) for pair in rows.pairs]
-        columns = {"cavities": rows.cavities, "cables": rows.cables, "pairs": pairs}
+        materials = list(self._model.material_names)
+        columns = {"cavities": rows.cavities, "cables": rows.cables, "pairs": pairs, "materials": materials}
         write_constants(root, self._model, self._every, columns)
 
     def _write(self) -> None:

@@ -41,6 +41,7 @@ class Recording:
         cables: names of the columns of `column("tension")`, `column("pull")` and `column("cable_length")`.
         cable_paths: the points that the cables run through, and what carries them.
         pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
+        materials: names of the columns of `column("young_modulus")`.
         base_pivot: the point about which the base turns [mm], shape (3,).
         surfaces: everything with triangles: soft bodies with their cavities, rigid bodies, obstacles.
         planes: the infinite obstacles.
@@ -61,6 +62,7 @@ class Recording:
         self.cables: list[str] = list(self._steps.attrs["cables"])
         self.cable_paths = tuple(read_cables(file))
         self.pairs: list[Pair] = [tuple(pair.split("|")) for pair in self._steps.attrs["pairs"]]
+        self.materials: list[str] = list(self._steps.attrs["materials"])
         self.base_pivot: np.ndarray = attributes["base_pivot"]
         self.surfaces = tuple(map(self.follow, read_surfaces(file)))
         self.planes = tuple(read_planes(file))

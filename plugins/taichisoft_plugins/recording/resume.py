@@ -81,13 +81,21 @@ def base_has_moved(recording: Recording, frame: int) -> bool:
 
 
 def _as_changed(state: State, before: Scene, model: Model) -> State:
-    """The state with gravity and places of the anchors as in the model, where its scene is not as it was before."""
+    """The state with gravity, anchors and Young's moduli as in the model, where its scene is not as it was before."""
     changes = {}
     if model.scene.gravity != before.gravity:
         changes["gravity"] = model.gravity.copy()
     if _anchors(model.scene) != _anchors(before):
         changes["anchor_position"] = model.initial_state().anchor_position
+    if model.scene.young_moduli != before.young_moduli:
+        changes["young_modulus"] = _young_modulus(state, before.young_moduli, model.scene.young_moduli)
     return state.changed(**changes)
+
+
+def _young_modulus(state: State, before: dict[str, float], now: dict[str, float]) -> np.ndarray:
+    """Young's moduli of the materials [kPa], those of the state for all that the scene has left as they were."""
+    of_state = dict(zip(before, state.young_modulus.tolist(), strict=True))
+    return np.array([of_state[name] if before.get(name) == modulus else modulus for name, modulus in now.items()])
 
 
 def _anchors(scene: Scene) -> list[list[dict[str, Any]]]:

@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import Anchor, Mass, Material
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
-from taichisoft_sofa.components.reading import computed, flag, is_given, number, numbers, text
+from taichisoft_sofa.components.reading import computed, described, flag, is_given, number, numbers, text
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import canonical
 
@@ -86,6 +87,22 @@ def _inertia(values: np.ndarray) -> np.ndarray | None:
     return None
 
 
+def young_modulus(component: Component, count: int) -> np.ndarray:
+    """Young's modulus that a force field gives each of its tetrahedra [kPa], shape (count,).
+
+    Raises:
+        SceneError: it gives neither one number nor one for each.
+    """
+    return _of_tetrahedra(component, "youngModulus", 5000.0, count)
+
+
+def _of_tetrahedra(component: Component, name: str, default: float, count: int) -> np.ndarray:
+    values = numbers(component, name, default=[default])
+    if len(values) not in (1, count):
+        raise SceneError(f"{described(component)}: {name} has {len(values)} numbers for {count} tetrahedra")
+    return np.broadcast_to(values, count)
+
+
 def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     """Linear corotational elasticity of the tetrahedra of the nearest topology."""
     body = draft.body_of(component)
@@ -101,22 +118,9 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     if not len(tetrahedra):
         draft.refuse(component, "finds no tetrahedra in a topology container of its node or above")
         return
-    young = numbers(component, "youngModulus", default=[5000.0])
-    poisson = numbers(component, "poissonRatio", default=[0.45])
-    for name, values in (("youngModulus", young), ("poissonRatio", poisson)):
-        if len(values) not in (1, len(tetrahedra)):
-            draft.refuse(component, f"{name} has {len(values)} numbers for {len(tetrahedra)} tetrahedra")
-            return
     count = len(tetrahedra)
-    body.materials.append(
-        Material(
-            component,
-            tetrahedra,
-            np.broadcast_to(young, count),
-            np.broadcast_to(poisson, count),
-            COROTATIONS[method],
-        )
-    )
+    young, poisson = young_modulus(component, count), _of_tetrahedra(component, "poissonRatio", 0.45, count)
+    body.materials.append(Material(component, tetrahedra, young, poisson, COROTATIONS[method]))
 
 
 def _has_tetrahedra(topology: Component) -> bool:

@@ -10,6 +10,7 @@ from taichisoft.errors import SceneError
 from taichisoft_sofa.components.actuators import VOLUME, value_by
 from taichisoft_sofa.components.reading import described, flag, is_given, number, text
 from taichisoft_sofa.components.table import IGNORED
+from taichisoft_sofa.controller.stiffness import PartStiffness
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.base import Base
 from taichisoft_sofa.tree.component import Component
@@ -24,6 +25,7 @@ HEEDED = {
     "SurfacePressureConstraint": {"value", "valueIndex", "maxPressureVariation", "maxVolumeGrowthVariation"},
     "CableConstraint": {"value", "valueIndex", "pullPoint", "maxDispVariation"},
     "MechanicalObject": {"rest_position"},
+    "TetrahedronFEMForceField": {"youngModulus", "updateStiffness"},
     "Node": {"gravity"},
 }
 """Data whose changes have an effect, by type of component."""
@@ -59,6 +61,7 @@ class SceneWrites:
             for cable, name in self._cables
         }
         self._rest = {name: known_data(part.body.state, "rest_position") for name, part in translation.soft.items()}
+        self._stiffness = [PartStiffness(name, part) for name, part in translation.soft.items() if part.body.materials]
         self._gravity = known_data(tree.root, "gravity")
         self._watched: list[tuple[Data, str]] = []
         self._revisions: list[int] = []
@@ -68,6 +71,8 @@ class SceneWrites:
         for data in self._rest.values():
             data.take()
         self._gravity.take()
+        for part in self._stiffness:
+            part.begin()
         for cable, _ in self._cables:
             place = cable.findData("pullPoint")
             if place is not None:
@@ -102,6 +107,9 @@ class SceneWrites:
             part, moved = self._translation.soft[name], data.take()
             if moved is not None and len(part.anchored):
                 anchors[name] = _targets(part, np.asarray(moved), data)
+        young_modulus: dict[str, float] = {}
+        for body in self._stiffness:
+            young_modulus |= body.take()
         gravity = self._gravity.take()
         return Control(
             pressure=pressure,
@@ -111,6 +119,7 @@ class SceneWrites:
             pull_points=pull_points,
             anchor_positions=anchors,
             gravity=None if gravity is None else numbers(gravity),
+            young_modulus=young_modulus,
         )
 
     def _varied(self, actuator: Component, value: float, limit: str, quantity: str) -> float:

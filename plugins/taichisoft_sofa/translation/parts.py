@@ -25,6 +25,7 @@ class SoftPart:
         body: what it was made of.
         points: SOFA's index of each of its nodes, shape (node_count,).
         elements: node indices of its tetrahedra, shape (element_count, 4).
+        material: number of the native material of each of them: 0 the body's own, from 1 on those of its regions.
         anchored: native indices of the anchored nodes, rising, shape (anchor_count,).
         anchored_follows: whether each of them follows `rest_position`, else it is fixed, shape (anchor_count,).
     """
@@ -32,6 +33,7 @@ class SoftPart:
     body: "Body"
     points: np.ndarray
     elements: np.ndarray
+    material: np.ndarray
     anchored: np.ndarray
     anchored_follows: np.ndarray
 

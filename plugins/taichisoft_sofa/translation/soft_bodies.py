@@ -1,7 +1,7 @@
 """Soft bodies: tetrahedra with materials, masses, anchors, and the surfaces that follow them."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -47,7 +47,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     """Put a soft body into a translation; without a solver it stands still."""
     moves = solver is not None
     tetrahedra = body_tetrahedra(body)
-    young, poisson = _materials(tetrahedra, body.materials)
+    young, poisson = add_up(tetrahedra, body.materials)
     if moves and not body.materials:
         draft.refuse(body.state, "moves, but no force field gives its tetrahedra a stiffness")
         return
@@ -67,7 +67,8 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     inverted = tetrahedron_volumes(nodes, elements) < 0.0
     # The first edge and the plane of the first two stay what they are: so does the rotation of the element.
     elements[inverted] = elements[inverted][:, [1, 0, 2, 3]]
-    groups, regions = _regions(young, poisson)
+    element_material, regions = _regions(young, poisson)
+    groups = {f"material{number}": np.flatnonzero(element_material == number) for number in range(1, len(regions))}
     table: dict[str, Any] = {
         "points_outside": "extrapolated",
         "mesh": translation.files.volume(name, VolumeMesh(name, nodes, elements, {}, groups)),
@@ -100,36 +101,38 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
         nodes = place[anchor.points]
         held[nodes[nodes >= 0]] = True
         follows[nodes[nodes >= 0]] &= anchor.follows_rest
-    translation.soft[name] = SoftPart(body, points, elements, np.flatnonzero(held), follows[held])
+    translation.soft[name] = SoftPart(body, points, elements, element_material, np.flatnonzero(held), follows[held])
 
 
-def _materials(tetrahedra: np.ndarray, materials: list[Material]) -> tuple[np.ndarray, np.ndarray]:
+def add_up(tetrahedra: np.ndarray, materials: Sequence[Material]) -> tuple[np.ndarray, np.ndarray]:
     """Young's modulus and Poisson's ratio of each tetrahedron whose force fields add up; 0 where there is none."""
     place = {tuple(sorted(row)): index for index, row in enumerate(tetrahedra.tolist())}
     lame, young = np.zeros((len(tetrahedra), 2)), np.zeros(len(tetrahedra))
     poisson, differs = np.full(len(tetrahedra), np.nan), np.zeros(len(tetrahedra), dtype=bool)
     for material in materials:
-        rows = np.array([place[tuple(sorted(row))] for row in material.tetrahedra.tolist()], dtype=np.int64)
-        np.add.at(lame, rows, lame_parameters(material.young_modulus, material.poisson_ratio))
-        np.add.at(young, rows, material.young_modulus)
-        differs[rows] |= ~np.isnan(poisson[rows]) & (poisson[rows] != material.poisson_ratio)
-        poisson[rows] = material.poisson_ratio
+        rows = np.array([place.get(tuple(sorted(row)), -1) for row in material.tetrahedra.tolist()], dtype=np.int64)
+        there = rows >= 0
+        rows, own_young, own_poisson = rows[there], material.young_modulus[there], material.poisson_ratio[there]
+        np.add.at(lame, rows, lame_parameters(own_young, own_poisson))
+        np.add.at(young, rows, own_young)
+        differs[rows] |= ~np.isnan(poisson[rows]) & (poisson[rows] != own_poisson)
+        poisson[rows] = own_poisson
     first, second = lame[differs].T
     young[differs] = second * (3 * first + 2 * second) / (first + second)
     poisson[differs] = first / (2 * (first + second))
     return young, np.nan_to_num(poisson)
 
 
-def _regions(young: np.ndarray, poisson: np.ndarray) -> tuple[dict[str, np.ndarray], list[dict[str, Any]]]:
-    """The element groups of all materials but the commonest, and all materials, that one first."""
+def _regions(young: np.ndarray, poisson: np.ndarray) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """The number of each element's material, and all materials, the commonest first."""
     kinds, kind_of = np.unique(np.column_stack([young, poisson]), axis=0, return_inverse=True)
     kind_of = kind_of.reshape(-1)
     counts = Counter(kind_of.tolist())
     order = sorted(counts, key=lambda kind: (-counts[kind], kind))
-    groups = {f"material{number}": np.flatnonzero(kind_of == kind) for number, kind in enumerate(order) if number}
+    number_of = np.argsort(np.array(order))
     # A body that stands still needs no stiffness, but a native one has some.
     found = [{"young_modulus": kinds[kind, 0] or 1.0, "poisson_ratio": kinds[kind, 1]} for kind in order]
-    return groups, [{key: float(value) for key, value in region.items()} for region in found]
+    return number_of[kind_of], [{key: float(value) for key, value in region.items()} for region in found]
 
 
 def merged_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
