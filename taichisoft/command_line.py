@@ -109,5 +109,5 @@ def run_command(
     asked = requested(context, outputs)
     folder = output or Path("out") / Path(scene).stem
     replay = KeyReplay(keys) if keys is not None else None
-    request = RunRequest(folder, asked.outputs, duration, speed, replay, profile)
-    run_scene(scene, set_ or [], controller or asked.controller, request, asked.reader)
+    request = RunRequest(folder, asked.outputs, duration, speed, replay, profile, asked.controller)
+    run_scene(scene, set_ or [], controller, request, asked.reader)

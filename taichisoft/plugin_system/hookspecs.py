@@ -41,7 +41,8 @@ class RunOption:
             is a flag that brings the output.
         type: type of the value: str, int, float, bool (for a flag that is a setting) or pathlib.Path.
         metavar: name of the value in the help.
-        controller: name of the controller where the command line names none; None for the scene's own.
+        controller: name of the controller where the command line names none and the scene's own heeds no keys; None for
+            the scene's own in any case.
     """
 
     output: str | None

@@ -42,6 +42,7 @@ class RunRequest:
         speed: simulated over wall-clock time; None for the usual one.
         replay: keys of an earlier run; None where keys come from the user.
         profile: whether to show where the time of a step goes.
+        steering: name of the controller for an output with which a user steers, such as a page; None without one.
     """
 
     folder: Path
@@ -50,6 +51,7 @@ class RunRequest:
     speed: float | None = None
     replay: KeyReplay | None = None
     profile: bool = False
+    steering: str | None = None
 
 
 def run_scene(
@@ -61,12 +63,16 @@ def run_scene(
 ) -> None:
     """Run a scene by path or by the name of a shipped one; `load_scene` describes the first three and the last.
 
+    Where the user steers and names no controller, the scene's own goes on if it heeds keys.
+
     Raises:
         TaichisoftError: anything that is the user's to mend.
         typer.Exit: the run was interrupted.
     """
     with logged_to(rich.get_console()):
         scene = load_scene(name, overrides, controller, reader_settings)
+        if request.steering is not None and controller is None and not _heeds_keys(scene):
+            scene = load_scene(name, overrides, request.steering, reader_settings)
     run_simulation(name, scene, lambda: Simulation(scene), request)
 
 
@@ -98,6 +104,8 @@ def run_simulation(
     with warnings_printed_to(console):
         with _errors_in(name):
             controller = make_controller(scene)
+        if request.steering is not None and controller.bindings:
+            controller.interactive = True
         if controller.interactive and request.replay is None:
             duration = math.inf if duration is None else duration
             speed = 1.0 if speed is None else speed
@@ -117,6 +125,10 @@ def run_simulation(
         outcome = _run(session, console, folder, scene.title or name, request.profile)
     if outcome == INTERRUPTED:
         raise typer.Exit(EXIT_INTERRUPTED)
+
+
+def _heeds_keys(scene: Scene) -> bool:
+    return scene.controller is not None and bool(make_controller(scene).bindings)
 
 
 def _run(session: Session, console: Console, folder: Path, title: str, profile: bool) -> str:

@@ -142,3 +142,25 @@ def test_meshes_are_kept_by_their_content(folder: Path) -> None:
     assert Path(first).stat().st_mtime_ns == written_at
     write_volume_mesh(make_block((1, 1, 1), (20.0, 10.0, 10.0)), folder / "block.vtk")
     assert read_scene(folder / "scene.py", "library")["soft_bodies"]["body"]["mesh"] != first
+
+
+HEEDS_KEYS = """
+import Sofa.Core
+
+class Mine(Sofa.Core.Controller):
+    def onKeypressedEvent(self, event):
+        pass
+"""
+
+
+@pytest.mark.parametrize("heeds", [True, False])
+def test_a_page_steers_the_scenes_own_controllers_where_they_heed_keys(
+    folder: Path, command: Command, heeds: bool
+) -> None:
+    """With --web and no --controller; else the keyboard is there."""
+    pytest.importorskip("viser")
+    own = BODY + SCENE.replace("YOUNG", "700").replace("from material import 700", "")
+    written(folder, {"own.py": own + ('    root.addObject(Mine(name="mine"))\n' + HEEDS_KEYS) * heeds})
+    code, _, errors = command("run", "own.py", "--web", "--duration", "0.02", "--outputs", "csv", "-o", "out")
+    assert code == 0, errors
+    assert f'name = "{"sofa" if heeds else "keyboard"}"' in (folder / "out/scene.toml").read_text()

@@ -29,8 +29,6 @@ class SofaController(Controller):
     next step. Where the scene has none, its pressures and cables keep the values that it gives them.
     """
 
-    bindings = {"any": "what the scene does with it"}  # noqa: RUF012
-
     def __init__(self, scene: str, python_path: Sequence[str] = (), exact: bool = False):
         """Execute the scene.
 
@@ -48,6 +46,7 @@ class SofaController(Controller):
         heeds_keys = any(
             controller.handles_event(event) for controller in self._fresh.controllers for event in KEY_EVENTS
         )
+        self.bindings = {"any": "what the scene does with it"} if heeds_keys else {}
         # Without a terminal nobody steers, and a run that waits for keys would never end.
         self.interactive = heeds_keys and sys.stdin is not None and sys.stdin.isatty()
 
