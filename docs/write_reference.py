@@ -77,6 +77,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[limits]": scene.Limits,
     "[[external_forces]]": scene.ExternalForce,
     "[goal]": scene.Goal,
+    "[appearance]": scene.Appearance,
     "[soft_bodies.NAME]": scene.SoftBody,
     "[soft_bodies.NAME.mesh]": scene.BodyMesh,
     "[[soft_bodies.NAME.collision_surface]]": scene.CollisionSurface,

@@ -11,6 +11,8 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, field_validator, model_serializer, model_validator
 
+from taichisoft.scenes.colours import Colour
+
 # Strict: no text and no truth value is taken for a number.
 Number = Annotated[float, Field(strict=True)]
 Positive = Annotated[float, Field(strict=True, gt=0)]
@@ -267,6 +269,8 @@ class SoftBody(Table):
     the mesh's outer boundary when it is not given."""
     collides: bool = True
     """Whether the body touches others; one that does not goes through them."""
+    colour: Colour | None = None
+    """Colour in pictures and on pages, "#rrggbb"; that of silicone when it is not given."""
     tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     regions: list[Region] = []
@@ -319,6 +323,8 @@ class RigidBody(Table):
     """Whether the body touches others; one that does not goes through them."""
     groups: Groups = []
     """Surfaces that have a group in common do not touch each other."""
+    colour: Colour | None = None
+    """Colour in pictures and on pages, "#rrggbb"; that of rigid bodies when it is not given."""
     alternatives = (("surface", "box"), ("mass", "density"))
     no_effect_beside: ClassVar = {"box": ("scale",)}
 
@@ -352,6 +358,8 @@ class Obstacle(Table):
     """Shift after the rotation [mm]."""
     groups: Groups = []
     """Surfaces that have a group in common do not touch each other; a plane touches all."""
+    colour: Colour | None = None
+    """Colour in pictures and on pages, "#rrggbb"; that of obstacles, or of the floor, when it is not given."""
     alternatives = (("plane", "surface"),)
     no_effect_beside: ClassVar = {"plane": ("scale", "rotation", "translation", "groups")}
 
@@ -477,6 +485,15 @@ class Goal(Table):
     """Largest motion of the object during `hold` [mm]."""
 
 
+class Appearance(Table):
+    """How pictures, videos and pages show the scene, as far as nobody asks for something else."""
+
+    background: Colour | None = None
+    """Colour behind everything, "#rrggbb"; a light one when it is not given."""
+    frame: bool = True
+    """Whether the directions of x, y and z stand in a corner of pictures and videos."""
+
+
 class Scene(Table):
     """Everything that a run needs to know."""
 
@@ -492,6 +509,7 @@ class Scene(Table):
     limits: Limits = Limits()
     external_forces: list[ExternalForce] = []
     goal: Goal | None = None
+    appearance: Appearance = Appearance()
     soft_bodies: dict[Name, SoftBody] = {}
     rigid_bodies: dict[Name, RigidBody] = {}
     obstacles: dict[Name, Obstacle] = {}

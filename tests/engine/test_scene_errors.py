@@ -123,6 +123,17 @@ WRONG = [
     (with_pairs(["cube", "floor"], ["floor", "cube"]), "contact: pairs names 'floor' and 'cube' twice; keep one"),
     (with_box(goal={"object": "ball"}), "goal.object is 'ball', which is no rigid body; there are: cube"),
     ({"soft_bodies": {"a": {"like": "b"}, "b": SOFT}}, "soft_bodies.a.like = 'b': must be a soft body above it"),
+    # colours
+    (
+        soft(colour="red"),
+        "soft_bodies.finger.colour: 'red' must be written #rrggbb in hexadecimal digits, as \"#c8321e",
+    ),
+    (
+        with_box(obstacles={"floor": {**PLANE, "colour": "#12345g"}}),
+        "obstacles.floor.colour: '#12345g' must be written",
+    ),
+    (with_box(appearance={"background": [1, 0, 0]}), "appearance.background: [1, 0, 0] must be written #rrggbb"),
+    (with_box(appearance={"backgruond": "#ffffff"}), "appearance.backgruond: unknown key; did you mean 'background'?"),
     # files
     (soft(mesh="finger.msh"), "finger.msh: no such file, and none of the shipped meshes: "),
 ]
@@ -147,7 +158,11 @@ def test_a_scene_written_and_read_again_is_equal(tmp_path: Any) -> None:
     """With `like` and defaults written out."""
     twin = {"like": "finger", "translation": [0, 100, 0], "anchors": [{"box": [[0, 0, -20], [0, 30, 20]]}]}
     bodies = {"finger": {**SOFT, "cavities": {"air": {"group": "cavity"}}}, "twin": twin}
-    scene = scene_from_dict({"soft_bodies": bodies, "rigid_bodies": {"cube": BOX}, "obstacles": {"floor": PLANE}})
+    look = {
+        "appearance": {"background": "#102030", "frame": False},
+        "obstacles": {"floor": {**PLANE, "colour": "#C80000"}},
+    }
+    scene = scene_from_dict({"soft_bodies": bodies, "rigid_bodies": {"cube": BOX}, **look})
     assert scene.soft_bodies["twin"].young_modulus == 500
     path = tmp_path / "written.toml"
     path.write_text(scene_to_toml(scene), encoding="utf-8")

@@ -1,7 +1,7 @@
 """The colours of the surfaces of a recording in its frames, before light falls on them.
 
-Soft bodies can have the colours of their displacement or stress; cavities have those of their pressure, cables those of
-their tension.
+Bodies have the colours of the scene, or soft ones those of their displacement or stress; cavities have those of their
+pressure, cables those of their tension.
 """
 
 from collections.abc import Callable, Sequence
@@ -11,6 +11,7 @@ import numpy as np
 from taichisoft.bodies.cable_paths import segment_tensions
 from taichisoft_plugins.drawing.cable_tubes import CableTube
 from taichisoft_plugins.drawing.scales import AIR, LINE, SOFT, ColourScale, round_up, sample_frames
+from taichisoft_plugins.drawing.scene_colours import body_colours
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.bodies import RecordedSurface
 from taichisoft_plugins.recording.reader import Recording
@@ -23,7 +24,7 @@ PLAIN = {
     "obstacle": (0.62, 0.65, 0.69),
     "cable": LINE[0],
 }
-"""Red, green and blue [-] by the kind of surface."""
+"""Red, green and blue [-] by the kind of surface, of what has no colour of its own."""
 
 SAMPLES = 40
 """Number of frames, at most, in which the range of a quantity is looked for."""
@@ -49,6 +50,8 @@ class Colouring:
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int], surfaces: Sequence[RecordedSurface]):
         self._recording, self._surfaces = recording, surfaces
+        own = body_colours(recording.scene)
+        self._plain = {surface.name: own.get(surface.name, np.array(PLAIN[surface.kind])) for surface in surfaces}
         self._scale: ColourScale | None = None
         if style.colour_by != "none":
             quantity, title = QUANTITIES[style.colour_by]
@@ -62,7 +65,7 @@ class Colouring:
 
     def colours(self, frame: int) -> dict[str, np.ndarray]:
         """Red, green and blue [-] by surface, shape (3,), or of each of its vertices, shape (vertex_count, 3)."""
-        colours = {surface.name: np.array(PLAIN[surface.kind]) for surface in self._surfaces}
+        colours = dict(self._plain)
         if self._pressure_scale is not None:
             pressures = self._recording.row("pressure", frame)
             colours |= zip(self._recording.cavities, self._pressure_scale.colours(pressures), strict=True)

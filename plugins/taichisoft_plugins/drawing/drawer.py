@@ -13,6 +13,7 @@ from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
 from taichisoft_plugins.drawing.floor import Floor
 from taichisoft_plugins.drawing.overlay import COLOUR_BAR_WIDTH, Overlay
 from taichisoft_plugins.drawing.planes import is_floor, reaches_under, square_of_plane
+from taichisoft_plugins.drawing.scene_colours import body_colours
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.drawing.surface_painter import SurfacePainter
 from taichisoft_plugins.drawing.visual_surface import with_visual_surfaces
@@ -37,6 +38,7 @@ class Drawer:
 
     def __init__(self, recording: Recording, style: Style, frames: Sequence[int]):
         style.check(recording.scene)
+        style = style.for_scene(recording.scene)
         width, height = style.size
         up = recording.scene.up
         self._surfaces = [*with_visual_surfaces(recording, style.surface), *cable_tubes(recording, frames[0])]
@@ -53,12 +55,14 @@ class Drawer:
         floors = sorted(
             (plane for plane in recording.planes if is_floor(plane, up)), key=lambda plane: plane.point @ up
         )
-        self._floor = Floor(floors[-1], points, background) if floors else None
+        own = body_colours(recording.scene)
+        self._floor = Floor(floors[-1], points, background, own.get(floors[-1].name)) if floors else None
         self._walls = [
             (plane.name, *square_of_plane(plane, points, floors))
             for plane in recording.planes
             if not is_floor(plane, up)
         ]
+        self._wall_colours = {name: own.get(name, np.array(PLAIN["obstacle"])) for name, _, _ in self._walls}
         triangles = {surface.name: surface.triangles for surface in self._surfaces}
         triangles |= {name: of_wall for name, _, of_wall in self._walls}
         soft = [surface.name for surface in self._surfaces if surface.kind == "soft"]
@@ -79,7 +83,7 @@ class Drawer:
             picture = self._floor.paint(picture, camera, casters)
         colours = self._colouring.colours(frame)
         for name, corners, _ in self._walls:
-            vertices[name], colours[name] = corners, np.array(PLAIN["obstacle"])
+            vertices[name], colours[name] = corners, self._wall_colours[name]
         picture = self._painter.paint(picture, camera, vertices, colours)
         return self._overlay.paint(antialias(picture), camera, frame)
 

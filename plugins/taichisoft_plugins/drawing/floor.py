@@ -16,7 +16,7 @@ from taichisoft_plugins.drawing.shadow import PIXELS, SUN, Caster, shadow
 FADES = (2.5, 14.0)
 """Distances between which the floor fades, in radii of what stands on it [-]."""
 BRIGHTNESS = 0.90
-"""Brightness of the floor, as part of the background's [-]."""
+"""Brightness of a floor without a colour of its own, as part of the background's [-]."""
 DARKEST = 0.34
 """Part of the light that a full shadow takes [-]."""
 COARSE = 8
@@ -30,9 +30,10 @@ class Floor:
         plane: the plane, whose normal points up.
         points: what stands on it [mm], shape (point_count, 3).
         background: red, green and blue of the background [-], shape (3,).
+        colour: red, green and blue of the floor near by [-], shape (3,); None for a darker background.
     """
 
-    def __init__(self, plane: Plane, points: np.ndarray, background: np.ndarray):
+    def __init__(self, plane: Plane, points: np.ndarray, background: np.ndarray, colour: np.ndarray | None = None):
         self._radius = radius_around_mean(points)
         self._centre = foot_of(points, plane)
         self._normal = plane.normal
@@ -41,6 +42,7 @@ class Floor:
         # In this order the first and the second axis have the normal as their cross product.
         self._axes = axes[[1, 0]]
         self._background = background
+        self._colour = BRIGHTNESS * background if colour is None else colour
         self._plain: tuple[Camera, np.ndarray, np.ndarray] | None = None
 
     def paint(self, picture: np.ndarray, camera: Camera, casters: Sequence[Caster]) -> np.ndarray:
@@ -98,7 +100,8 @@ class Floor:
         near, far = FADES
         distance = np.where(scale > 0, np.hypot(first, second) / np.maximum(scale, 1e-30) / self._radius, np.inf)
         floor = 1.0 - np.clip((distance - near) / (far - near), 0.0, 1.0)
-        coarse = np.rint(255 * self._background * (1 - (1 - BRIGHTNESS) * floor[..., None])).astype(np.uint8)
+        colours = self._background + floor[..., None] * (self._colour - self._background)
+        coarse = np.rint(255 * colours).astype(np.uint8)
         whole = (COARSE * len(columns), COARSE * len(rows))
         fine, ground = (
             np.asarray(Image.fromarray(part).resize(whole, way))[:height, :width]

@@ -2,11 +2,12 @@
 
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Self
 
 from taichisoft.errors import TaichisoftError
+from taichisoft.scenes.colours import red_green_blue
 
 if TYPE_CHECKING:
     from taichisoft.scenes.scene import Scene
@@ -15,6 +16,8 @@ VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
 COLOURINGS = ("none", "displacement", "stress")
 SMALLEST, LARGEST = 16, 8192
 """Least and greatest width and height that can be drawn [pixels]."""
+BACKGROUND = (0.86, 0.90, 0.94)
+"""Red, green and blue of the background [-] where neither the user nor the scene chose one."""
 
 
 class StyleError(TaichisoftError):
@@ -32,12 +35,12 @@ class Style:
         eye: position of the camera [mm], which takes the place of `view`.
         target: point that a camera at `eye` looks at [mm]; None for the middle of the scene.
         opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden.
-        background: red, green and blue [-], each from 0 to 1; or "#rrggbb".
+        background: red, green and blue [-], each from 0 to 1; or "#rrggbb"; None for the scene's own.
         colour_by: what the colours of soft bodies mean: "none", "displacement" [mm] or "stress" (von Mises) [kPa].
         cavity_pressure: whether cavities have the colour of their pressure.
         cable_tension: whether cables have the colour of their tension.
         arrows: whether contact forces are drawn as arrows.
-        axes: whether the scene's axes stand in a corner of the picture.
+        axes: whether the scene's axes stand in a corner of the picture; None for what the scene says.
         caption: whether time, pressures, tensions and the height of the rigid bodies are written in the picture.
         surface: file of a surface, usually a finer one, that is drawn for every soft body instead of its mesh's own:
             STL, OBJ or PLY, in the coordinates of the body's mesh file [mm].
@@ -51,12 +54,12 @@ class Style:
     eye: tuple[float, float, float] | None = None
     target: tuple[float, float, float] | None = None
     opacity: float = 0.6
-    background: tuple[float, float, float] | str = (0.86, 0.90, 0.94)
+    background: tuple[float, float, float] | str | None = None
     colour_by: str = "none"
     cavity_pressure: bool = True
     cable_tension: bool = True
     arrows: bool = True
-    axes: bool = True
+    axes: bool | None = None
     caption: bool = True
     surface: Path | None = None
 
@@ -74,7 +77,8 @@ class Style:
             raise StyleError(
                 f"soft bodies cannot be coloured by '{self.colour_by}'; there are: {', '.join(COLOURINGS)}"
             )
-        self._set("background", _colour(self.background))
+        if self.background is not None:
+            self._set("background", _colour(self.background))
         for name in ("eye", "target"):
             if getattr(self, name) is not None:
                 self._set(name, _numbers(name, getattr(self, name), 3))
@@ -93,8 +97,17 @@ class Style:
     @property
     def background_colour(self) -> tuple[float, float, float]:
         """Red, green and blue of the background [-]."""
-        red, green, blue = _colour(self.background)
+        red, green, blue = BACKGROUND if self.background is None else _colour(self.background)
         return red, green, blue
+
+    def for_scene(self, scene: "Scene") -> Self:
+        """This style, with what a scene says of its appearance where the user chose nothing."""
+        appearance = scene.appearance
+        return replace(
+            self,
+            background=appearance.background if self.background is None else self.background,
+            axes=appearance.frame if self.axes is None else self.axes,
+        )
 
     def check(self, scene: "Scene") -> None:
         """Check that the body to follow is in a scene, before anything is computed or drawn.
@@ -149,14 +162,10 @@ def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...
 
 def _colour(value: Sequence[float] | str) -> tuple[float, ...]:
     if isinstance(value, str):
-        digits = value.removeprefix("#")
         try:
-            colour = tuple(byte / 255 for byte in bytes.fromhex(digits))
-        except ValueError:
-            colour = ()
-        if len(colour) != 3 or len(digits) != 6:
-            raise StyleError(f"background '{value}' must be written #rrggbb in hexadecimal digits, as #dbe6f0")
-        return colour
+            return red_green_blue(f"#{value.removeprefix('#')}")  # in a shell, # may have begun a comment
+        except ValueError as error:
+            raise StyleError(f"background {error}") from None
     colour = _numbers("background", value, 3)
     if not all(0.0 <= part <= 1.0 for part in colour):
         raise StyleError(f"background {value!r}: red, green and blue must each be from 0 to 1")

@@ -45,14 +45,19 @@ def render(
         typer.Option(metavar="X,Y,Z", help="What it looks at from there \\[mm]  \\[default: middle of the scene]"),
     ] = None,
     opacity: Annotated[float, typer.Option(help="Opacity of soft bodies, up to 1.")] = STYLE.opacity,
-    background: Annotated[str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything.")] = None,
+    background: Annotated[
+        str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything  \\[default: the scene's]")
+    ] = None,
     colour_by: Annotated[
         str, typer.Option(help=f"What the colours of soft bodies mean: {', '.join(COLOURINGS)}.")
     ] = STYLE.colour_by,
     cavity_pressure: Annotated[bool, typer.Option(help="Colour cavities by their pressure.")] = STYLE.cavity_pressure,
     cable_tension: Annotated[bool, typer.Option(help="Colour cables by their tension.")] = STYLE.cable_tension,
     arrows: Annotated[bool, typer.Option(help="Draw contact forces as arrows.")] = STYLE.arrows,
-    axes: Annotated[bool, typer.Option(help="Show the scene's axes in a corner.")] = STYLE.axes,
+    axes: Annotated[
+        bool | None,
+        typer.Option("--axes/--no-axes", help="Show the scene's axes in a corner  \\[default: the scene's]"),
+    ] = None,
     caption: Annotated[bool, typer.Option(help="Write time, pressures, tensions and heights.")] = STYLE.caption,
     surface: Annotated[
         Path | None, typer.Option(help="Finer surface (STL, OBJ, PLY) to draw instead of each soft body's own.")
@@ -72,7 +77,7 @@ def render(
             eye=parse_point("eye", eye),
             target=parse_point("target", target),
             opacity=opacity,
-            background=STYLE.background if background is None else background,
+            background=background,
             colour_by=colour_by,
             cavity_pressure=cavity_pressure,
             cable_tension=cable_tension,

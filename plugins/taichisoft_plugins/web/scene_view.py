@@ -1,12 +1,15 @@
 """The three-dimensional part of a page: bodies, cavities and cables inside them, floor, arrows for contact forces."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from taichisoft.scenes.colours import red_green_blue
 from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, fit_camera, radius_around_mean
 from taichisoft_plugins.drawing.planes import square_of_plane
 from taichisoft_plugins.drawing.scales import LINE, ColourScale
+from taichisoft_plugins.drawing.scene_colours import body_colours
 from taichisoft_plugins.web.creases import split_creases
 from taichisoft_plugins.web.frame import Frame, PageScene
 
@@ -27,6 +30,7 @@ COLOURS: dict[str, tuple[int, int, int]] = {
     "floor": (173, 190, 208),
     "force": (204, 51, 17),
 }
+"""Red, green and blue by kind, each from 0 to 255, of what has no colour of its own in the scene."""
 SILICONE_OPACITY = 0.55
 
 CABLE_THICKNESS = 0.013
@@ -51,6 +55,8 @@ class SceneView:
         server.scene.set_up_direction(content.scene.up)
         server.scene.configure_default_lights(enabled=True, cast_shadow=True)
         self._set_camera(points, content.scene.up)
+        self._set_background(content.scene.appearance.background)
+        self._own_colours = body_colours(content.scene)
         self._sources, self._meshes = [], []
         for surface, vertices in zip(content.surfaces, first.vertices, strict=True):
             source, triangles = split_creases(vertices, surface.triangles)
@@ -101,11 +107,12 @@ class SceneView:
             self._arrows.points = (ends * LENGTH_UNIT).astype(np.float32)
 
     def _add(self, name: str, vertices: np.ndarray, triangles: np.ndarray, kind: str) -> Any:
+        own = self._own_colours.get(name)
         return self._server.scene.add_mesh_simple(
             f"/{name}",
             vertices * LENGTH_UNIT,
             triangles,
-            color=COLOURS[kind],
+            color=COLOURS[kind] if own is None else _bytes(own),
             opacity=SILICONE_OPACITY if kind == "soft" else None,
             cast_shadow=kind in ("soft", "rigid"),
             receive_shadow=kind in ("floor", "obstacle"),
@@ -119,6 +126,12 @@ class SceneView:
             thickness=CABLE_THICKNESS * self._radius * LENGTH_UNIT,
         )
 
+    def _set_background(self, colour: str | None) -> None:
+        if colour is not None:
+            # viser has no colour behind a scene, but a picture, which it stretches; JPEG would change its colour.
+            pixel = np.array([[_bytes(red_green_blue(colour))]], dtype=np.uint8)
+            self._server.scene.set_background_image(pixel, format="png")
+
     def _set_camera(self, points: np.ndarray, up: np.ndarray) -> None:
         camera = fit_camera(points, up, "iso", ASPECT)
         initial = self._server.initial_camera
@@ -126,3 +139,8 @@ class SceneView:
         initial.look_at = camera.target * LENGTH_UNIT
         initial.up = camera.up
         initial.fov = float(np.radians(VERTICAL_ANGLE))
+
+
+def _bytes(colour: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * float(part)) for part in colour)
+    return red, green, blue

@@ -1,7 +1,7 @@
 """What the components of a scene say about its bodies, gathered before a native scene is made of it."""
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -113,7 +113,7 @@ class Body:
         state: the mechanical object.
         position: its points or poses at the start, shape (count, 3) or (count, 7).
         surfaces: collision surfaces by the path of their node.
-        colours: red, green, blue and opacity of what is shown of it.
+        colours: colours of what is shown of it, "#rrggbb".
     """
 
     state: "Component"
@@ -124,7 +124,7 @@ class Body:
     surfaces: dict[str, Surface] = field(default_factory=dict)
     cavities: list[Cavity] = field(default_factory=list)
     cables: list[Cable] = field(default_factory=list)
-    colours: list[list[float]] = field(default_factory=list)
+    colours: list[str] = field(default_factory=list)
 
     @property
     def node(self) -> "Node":
@@ -151,7 +151,7 @@ class SceneDraft:
         corrections: constraint corrections by node.
         pipeline: what takes part in finding and solving contacts, by role.
         free_motion: whether the animation loop solves constraints.
-        background: colour behind the scene.
+        appearance: what the native table of this name gets.
         departures: what is done otherwise than in SOFA, one line each.
         refused: what cannot be done, one line each.
     """
@@ -164,7 +164,7 @@ class SceneDraft:
     corrections: dict[int, "Component"] = field(default_factory=dict)
     pipeline: dict[str, "Component"] = field(default_factory=dict)
     free_motion: bool = False
-    background: list[float] | None = None
+    appearance: dict[str, Any] = field(default_factory=dict)
     departures: list[str] = field(default_factory=list)
     refused: list[str] = field(default_factory=list)
 

@@ -148,6 +148,7 @@ UNDERSTOOD: dict[str, Contribution] = {
     "OglModel": visuals.visual_model,
     "VisualModel": visuals.visual_model,
     "BackgroundSetting": visuals.background,
+    "OglSceneFrame": visuals.axes,
 }
 """What each type contributes to the draft of a scene."""
 
@@ -159,7 +160,6 @@ IGNORED = {
     "VisualManagerLoop",
     "VisualStyle",
     "VisualModelImpl",
-    "OglSceneFrame",
     "OglGrid",
     "OglLabel",
     "OglViewport",

@@ -1,27 +1,80 @@
-"""Colours of what is shown."""
+"""Colours of what is shown, and the axes in the corner."""
 
-from typing import TYPE_CHECKING
+import re
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from taichisoft_sofa.components.graph import independent_state, node_of
-from taichisoft_sofa.components.reading import numbers
+from taichisoft_sofa.components.reading import described, flag, value_of
+from taichisoft_sofa.tree.kinds import WrongValue, numbers
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import SceneDraft
     from taichisoft_sofa.tree.component import Component
 
+NAMED = {
+    "white": "#ffffff",
+    "black": "#000000",
+    "red": "#ff0000",
+    "green": "#00ff00",
+    "blue": "#0000ff",
+    "cyan": "#00ffff",
+    "magenta": "#ff00ff",
+    "yellow": "#ffff00",
+    "gray": "#808080",
+}
+"""The colours that scenes may give by their names."""
+
 
 def visual_model(component: "Component", draft: "SceneDraft") -> None:
-    """The colour of a body."""
-    colour = numbers(component, "color").tolist()
-    if len(colour) not in (3, 4) or independent_state(node_of(component)) is None:
+    """The colour of a body; its opacity has no effect."""
+    colour = _colour(component, draft)
+    if colour is None or independent_state(node_of(component)) is None:
         return
     body = draft.body_of(component)
     if body is not None:
-        body.colours.append([*colour, 1.0][:4])
+        body.colours.append(colour)
 
 
 def background(component: "Component", draft: "SceneDraft") -> None:
-    """The colour behind the scene."""
-    colour = numbers(component, "color").tolist()
-    if len(colour) in (3, 4):
-        draft.background = [*colour, 1.0][:4]
+    """The colour behind the scene; an image has no effect."""
+    colour = _colour(component, draft)
+    if colour is not None:
+        draft.appearance["background"] = colour
+
+
+def axes(component: "Component", draft: "SceneDraft") -> None:
+    """Whether the axes stand in a corner of pictures."""
+    draft.appearance["frame"] = flag(component, "draw", True)
+
+
+def _colour(component: "Component", draft: "SceneDraft") -> str | None:
+    """The colour that a component has in the scene, as "#rrggbb"; None where it has none or a wrong one."""
+    value = value_of(component, "color")
+    if value is None:
+        return None
+    colour = read_colour(value)
+    if colour is None:
+        draft.depart(f"{described(component)}: color = {value!r} is no colour; it gets the usual one")
+    return colour
+
+
+def read_colour(value: Any) -> str | None:
+    """A colour of SOFA as "#rrggbb": a name, digits, or three or four numbers from 0 to 1; None of what is no colour.
+
+    The opacity is left out: pictures show soft bodies translucent, so that what is in them is seen.
+    """
+    if isinstance(value, str):
+        text = NAMED.get(value.strip().lower(), value.strip().lower())
+        if re.fullmatch("#([0-9a-f]{3,4}|[0-9a-f]{6}|[0-9a-f]{8})", text):
+            digits = text[1:] if len(text) > 5 else "".join(2 * digit for digit in text[1:])
+            return f"#{digits[:6]}"
+    try:
+        parts = numbers(value)
+    except WrongValue:
+        return None
+    if len(parts) not in (3, 4) or not np.isfinite(parts).all():
+        return None
+    red, green, blue = np.rint(255 * np.clip(parts[:3], 0.0, 1.0)).astype(int)
+    return f"#{red:02x}{green:02x}{blue:02x}"

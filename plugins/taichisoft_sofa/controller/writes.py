@@ -29,7 +29,7 @@ HEEDED = {
     "Node": {"gravity"},
 }
 """Data whose changes have an effect, by type of component."""
-APPEARANCE = {"OglModel", "VisualModel", "BackgroundSetting"}
+APPEARANCE = {"OglModel", "VisualModel", "BackgroundSetting", "OglSceneFrame"}
 """Types whose changes concern pictures alone."""
 
 

@@ -50,8 +50,6 @@ class Translation:
         signs: 1 by cavity whose walls face outward, seen from the air; -1 where a pressure shrinks it.
         soft: soft bodies by native name.
         rigid: rigid bodies by native name.
-        colours: colours (red, green, blue, opacity) of bodies by native name.
-        background: colour behind the scene, None where the scene gives none.
         departures: what is done otherwise than in SOFA, one line each.
         understood: number of components of each type that were translated.
         ignored: number of components of each type without which the scene moves just the same.
@@ -65,8 +63,6 @@ class Translation:
     signs: "dict[Component, float]" = field(default_factory=dict)
     soft: dict[str, SoftPart] = field(default_factory=dict)
     rigid: "dict[str, Body]" = field(default_factory=dict)
-    colours: dict[str, list[float]] = field(default_factory=dict)
-    background: list[float] | None = None
     departures: list[str] = field(default_factory=list)
     understood: dict[str, int] = field(default_factory=dict)
     ignored: dict[str, int] = field(default_factory=dict)

@@ -20,6 +20,9 @@ if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.loading import SceneTree
 
+BODIES = ("soft_bodies", "rigid_bodies", "obstacles")
+"""Native tables in which a body may be."""
+
 
 def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     """Make a native scene of a tree.
@@ -54,7 +57,8 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     if contact := contact_table(draft):
         translation.tables["contact"] = contact
     _add_bodies(draft, translation)
-    translation.background = draft.background
+    if draft.appearance:
+        translation.tables["appearance"] = draft.appearance
     translation.departures += draft.departures
     translation.refused += draft.refused
     return translation
@@ -99,8 +103,9 @@ def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
             _add_body(name, body, draft, translation)
         except SceneError as error:
             draft.refused.append(str(error))
-        if body.colours:
-            translation.colours[name] = body.colours[0]
+        for kind in BODIES:
+            if body.colours and name in translation.tables.get(kind, {}):
+                translation.tables[kind][name]["colour"] = body.colours[0]
 
 
 def _add_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:

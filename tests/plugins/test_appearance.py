@@ -1,0 +1,131 @@
+"""Pictures and pages have the colours and the background that the scene gives; what a user asks for wins."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
+
+import fake_run
+import numpy as np
+import pytest
+from PIL import Image
+
+from taichisoft.bodies.surfaces import Plane, Surface
+from taichisoft.scenes.scene import Scene
+from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
+from taichisoft_plugins.drawing.style import BACKGROUND, Style
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.recording.reader import Recording, read_recording
+from taichisoft_plugins.rendering.render import render_pictures
+from taichisoft_plugins.web.frame import Frame, PageScene
+from taichisoft_plugins.web.scene_view import COLOURS, SceneView
+
+BEHIND, FINGER, CUBE, FLOOR, WALL = (16, 32, 48), (32, 192, 64), (224, 64, 32), (200, 48, 160), (48, 200, 200)
+DARKEST_SIDE = 0.4
+"""Least part of its colour in which a side of a body appears, in whatever light."""
+
+
+def written(colour: tuple[int, int, int]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def coloured_scene(plain: Scene) -> Scene:
+    """The scene with a colour for everything, and without axes."""
+    document = plain.model_dump(exclude_none=True)
+    document["soft_bodies"]["finger"]["colour"] = written(FINGER)
+    document["rigid_bodies"]["cube"]["colour"] = written(CUBE)
+    document["obstacles"] = {
+        name: {"plane": {"point": [0, 0, 0], "normal": [1, 0, 0]}, "colour": written(colour)}
+        for name, colour in (("floor", FLOOR), ("wall", WALL))
+    }
+    document["appearance"] = {"background": written(BEHIND), "frame": False}
+    return Scene.model_validate(document)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recording]:
+    """One frame of the made-up run in colours, with a floor, and a wall behind it."""
+    folder = tmp_path_factory.mktemp("colours")
+    model = fake_run.fake_model(floor=True)
+    model.scene = coloured_scene(model.scene)
+    behind = {"point": np.array([0.0, 0.0, 60.0]), "normal": np.array([0.0, 0.0, -1.0])}
+    model.obstacles += (SimpleNamespace(name="wall", vertices=None, triangles=None, **behind),)
+    output = RecordingOutput(folder)
+    output.begin(model, fake_run.fake_state(0))
+    output.end("completed")
+    with read_recording(folder / "recording.h5") as opened:
+        yield opened
+
+
+def drawn(recording: Recording, folder: Path, **style: Any) -> np.ndarray:
+    """Shape (180, 320, 3); from the side of the wall's normal, opaque, without text."""
+    plain = {"caption": False, "cavity_pressure": False, "opacity": 1.0, "size": (320, 180), "eye": (80, 60, -120)}
+    (path,) = render_pictures(recording.path, {"start": 0.0}, folder, Style(**{**plain, **style}))
+    return np.asarray(Image.open(path).convert("RGB"), dtype=int)
+
+
+def count_lit(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
+    """Number of pixels that have a colour under some light."""
+    light = picture @ np.array(colour) / np.dot(colour, colour)
+    off = np.abs(picture - light[..., None] * colour).max(axis=2)
+    return int(((off < 4) & (light > DARKEST_SIDE) & (light <= 1.01)).sum())
+
+
+def test_every_body_the_floor_and_what_is_behind_have_the_colours_of_the_scene(
+    recording: Recording, tmp_path: Path
+) -> None:
+    picture = drawn(recording, tmp_path)
+    for colour in (FINGER, CUBE, FLOOR, WALL):
+        assert count_lit(picture, colour) > 200, colour
+    seen_from_above = drawn(recording, tmp_path, eye=(60, 60, -400), target=(60, 300, 0))
+    assert (np.abs(seen_from_above - BEHIND).max(axis=2) < 2).any()
+    other = drawn(recording, tmp_path, eye=(60, 60, -400), target=(60, 300, 0), background="#f0f0f0")
+    assert not (np.abs(other - BEHIND).max(axis=2) < 2).any()
+
+
+def test_a_scene_that_wants_no_axes_has_none_unless_the_user_does(recording: Recording, tmp_path: Path) -> None:
+    none, wanted, unwanted = (drawn(recording, tmp_path, **style) for style in ({}, {"axes": True}, {"axes": False}))
+    np.testing.assert_array_equal(none, unwanted)
+    rows, columns = np.nonzero((none != wanted).any(axis=2))
+    assert rows.min() > 120 and columns.max() < 60, "they stand in the lower left corner"
+
+
+def test_what_the_user_chose_wins_over_the_scene(recording: Recording) -> None:
+    scene, plain = recording.scene, fake_run.fake_model().scene
+    own = Style().for_scene(scene)
+    assert own.background_colour == pytest.approx(np.array(BEHIND) / 255) and own.axes is False
+    chosen = Style(background="#ffffff", axes=True).for_scene(scene)
+    assert chosen.background_colour == (1.0, 1.0, 1.0) and chosen.axes is True
+    usual = Style().for_scene(plain)
+    assert usual.background_colour == BACKGROUND and usual.axes is True
+
+
+def test_colours_that_mean_something_win_over_those_of_bodies(recording: Recording) -> None:
+    finger, cavity, cube = recording.surfaces
+    plain = Colouring(recording, Style(), [0], recording.surfaces).colours(0)
+    assert plain[finger.name] == pytest.approx(np.array(FINGER) / 255)
+    assert plain[cube.name] == pytest.approx(np.array(CUBE) / 255)
+    assert tuple(plain[cavity.name]) == PLAIN["cavity"]
+    moved = Colouring(recording, Style(colour_by="displacement"), [0], recording.surfaces).colours(0)
+    assert moved[finger.name].ndim == 2, "a colour for each vertex"
+
+
+@pytest.mark.parametrize("coloured", [True, False])
+def test_a_page_has_the_colours_of_the_scene(coloured: bool) -> None:
+    plain = fake_run.fake_model().scene
+    scene = coloured_scene(plain) if coloured else plain
+    surfaces = [Surface("finger", "soft", fake_run.FACES), Surface("cube", "rigid", fake_run.CUBE_FACES)]
+    planes = [Plane("floor", np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))]
+    nothing = np.zeros((0, 3))
+    first = Frame(0.0, (fake_run.REST, fake_run.CUBE), np.zeros((0, 2, 3)), np.zeros(0), nothing, nothing, np.zeros(0))
+    server = MagicMock()
+    SceneView(server, PageScene(scene, surfaces, planes, (), ()), first)
+    added = {call.args[0]: call.kwargs["color"] for call in server.scene.add_mesh_simple.call_args_list}
+    backgrounds = [call.args[0].tolist() for call in server.scene.set_background_image.call_args_list]
+    if coloured:
+        assert added == {"/finger": FINGER, "/cube": CUBE, "/floor": FLOOR}
+        assert backgrounds == [[[list(BEHIND)]]]
+    else:
+        assert added == {"/finger": COLOURS["soft"], "/cube": COLOURS["rigid"], "/floor": COLOURS["floor"]}
+        assert not backgrounds
