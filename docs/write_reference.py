@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 import taichisoft
 from taichisoft.plugin_system import hookspecs
 from taichisoft.plugin_system.registry import hook_names
-from taichisoft.scenes import scene
+from taichisoft.scenes import rigid_body, scene, soft_body, table
 from taichisoft_sofa.components.older_names import ALIASES
 from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD
 
@@ -78,18 +78,18 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[external_forces]]": scene.ExternalForce,
     "[goal]": scene.Goal,
     "[appearance]": scene.Appearance,
-    "[soft_bodies.NAME]": scene.SoftBody,
-    "[soft_bodies.NAME.mesh]": scene.BodyMesh,
-    "[[soft_bodies.NAME.collision_surface]]": scene.CollisionSurface,
-    "[[soft_bodies.NAME.regions]]": scene.Region,
-    "[[soft_bodies.NAME.anchors]]": scene.Anchor,
-    "[soft_bodies.NAME.tip]": scene.Tip,
-    "[soft_bodies.NAME.cavities.NAME]": scene.Cavity,
-    "[soft_bodies.NAME.cables.NAME]": scene.Cable,
-    "{ body = ..., point = ... } in points of a cable": scene.CablePoint,
-    "[rigid_bodies.NAME]": scene.RigidBody,
-    "[obstacles.NAME]": scene.Obstacle,
-    "plane = { ... } of an obstacle": scene.Plane,
+    "[soft_bodies.NAME]": soft_body.SoftBody,
+    "[soft_bodies.NAME.mesh]": soft_body.BodyMesh,
+    "[[soft_bodies.NAME.collision_surface]]": soft_body.CollisionSurface,
+    "[[soft_bodies.NAME.regions]]": soft_body.Region,
+    "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
+    "[soft_bodies.NAME.tip]": soft_body.Tip,
+    "[soft_bodies.NAME.cavities.NAME]": soft_body.Cavity,
+    "[soft_bodies.NAME.cables.NAME]": soft_body.Cable,
+    "{ body = ..., point = ... } in points of a cable": soft_body.CablePoint,
+    "[rigid_bodies.NAME]": rigid_body.RigidBody,
+    "[obstacles.NAME]": rigid_body.Obstacle,
+    "plane = { ... } of an obstacle": rigid_body.Plane,
 }
 
 
@@ -170,7 +170,7 @@ def _argument(argument: inspect.Parameter) -> str:
 
 def _class(made: type) -> str:
     """Heading, what the docstring says, how it is made, its attributes and methods, also those that it inherits."""
-    own = [base for base in made.__mro__ if base.__module__.startswith("taichisoft.") and base is not scene.Table]
+    own = [base for base in made.__mro__ if base.__module__.startswith("taichisoft.") and base is not table.Table]
     text = _parse(inspect.getdoc(made) or "")[0]
     entries: dict[str, str] = {}
     types: dict[str, str] = {}
@@ -238,9 +238,9 @@ def _type(annotation: Any) -> str:
 
 def _scenes_page() -> str:
     parts = [SCENES]
-    for title, table in TABLES.items():
-        rows = [_row(key, field) for key, field in table.model_fields.items() if _has_row(field)]
-        text = " ".join((table.__doc__ or "").split())
+    for title, made in TABLES.items():
+        rows = [_row(key, field) for key, field in made.model_fields.items() if _has_row(field)]
+        text = " ".join((made.__doc__ or "").split())
         parts.append("\n".join([f"## {title}\n\n{text}\n\n| key | value | default | |\n|---|---|---|---|", *rows]))
     return _joined(parts)
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from taichisoft.errors import nearest
-from taichisoft.scenes.scene import Positive, Table
+from taichisoft.scenes.table import Positive, Table
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_benchmarks.errors import BenchmarkError
 

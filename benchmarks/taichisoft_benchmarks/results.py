@@ -8,7 +8,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, ValidationError
 
-from taichisoft.scenes.scene import Number, Table
+from taichisoft.scenes.table import Number, Table
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_benchmarks.errors import BenchmarkError
 

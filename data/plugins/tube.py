@@ -12,7 +12,7 @@ from pydantic import model_validator
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system.geometry import Geometry
 from taichisoft.plugin_system.hookspecs import hookimpl
-from taichisoft.scenes.scene import Positive, Table
+from taichisoft.scenes.table import Positive, Table
 from taichisoft_meshing.bodies.meshed_body import meshed_body, shells_of_solid, with_base
 from taichisoft_meshing.bodies.size_growth import set_sizes
 from taichisoft_meshing.bodies.tables import Base, FittedSizes

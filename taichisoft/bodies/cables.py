@@ -15,7 +15,7 @@ from taichisoft.kernels import cables as kernels
 from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.meshes.point_files import read_points
-from taichisoft.scenes import scene as settings
+from taichisoft.scenes import soft_body as settings
 
 # A cable that rubs must stretch a little: where it sticks at some points and slides at others, its tensions would else
 # depend on motions of no size. This is a polyethylene line of 0.5 mm [mN].

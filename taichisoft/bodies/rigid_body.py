@@ -9,7 +9,7 @@ from taichisoft.bodies.rotations import quaternion_from_matrix, rotation_from_de
 from taichisoft.errors import SceneError
 from taichisoft.meshes.surface import closed_outward, count_open_edges
 from taichisoft.meshes.surface_files import read_surface
-from taichisoft.scenes import scene as settings
+from taichisoft.scenes import rigid_body as settings
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.scene import NodeSelection, Selection, Vector
+from taichisoft.scenes.soft_body import NodeSelection, Selection
+from taichisoft.scenes.table import Vector
 
 # A node on the face of a box belongs to it, whatever the last digit of its coordinate in the file [mm].
 BOX_TOLERANCE = 1e-9

@@ -13,7 +13,7 @@ from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
-from taichisoft.scenes import scene as settings
+from taichisoft.scenes import soft_body as settings
 
 # A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
 # mesh cuts the corners of a fine surface.

@@ -11,7 +11,8 @@ from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import provided
-from taichisoft.scenes.scene import BodyMesh, Scene
+from taichisoft.scenes.scene import Scene
+from taichisoft.scenes.soft_body import BodyMesh
 
 
 class Simulation(simulation.Simulation):

@@ -12,7 +12,8 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Cable, Scene
+from taichisoft.scenes.scene import Scene
+from taichisoft.scenes.soft_body import Cable
 from taichisoft_controllers.scripted.controller import scripted_controller
 
 CAVITIES = ("left.base", "left.tip", "right.base")

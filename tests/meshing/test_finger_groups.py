@@ -7,7 +7,7 @@ from fingers import finger_from_dict
 from taichisoft.bodies.selection import select_elements, select_nodes
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.scene import Selection
+from taichisoft.scenes.soft_body import Selection
 from taichisoft_meshing.finger.dimensions import ElementSizes
 from taichisoft_meshing.finger.mesher import mesh_finger
 from taichisoft_meshing.finger.parameters import FingerParameters

@@ -11,7 +11,7 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller, Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
-from taichisoft.scenes.scene import Positive
+from taichisoft.scenes.table import Positive
 from taichisoft_controllers.drives import PRESSURE, PULL, TENSION, Drive
 from taichisoft_controllers.model_names import finger_of
 from taichisoft_controllers.settings import ControllerSettings

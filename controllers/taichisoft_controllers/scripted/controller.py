@@ -4,8 +4,8 @@ from pathlib import Path
 
 from taichisoft.control.controller import Controller
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Positive
 from taichisoft.scenes.shipped import find_file
+from taichisoft.scenes.table import Positive
 from taichisoft_controllers.drives import DRIVES
 from taichisoft_controllers.scripted.keyframe_controller import KeyframeController
 from taichisoft_controllers.scripted.script_file import SUFFIXES, Interpolation, read_script

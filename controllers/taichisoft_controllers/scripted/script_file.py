@@ -11,7 +11,7 @@ from pydantic import Field, PlainValidator, ValidationError, model_validator
 from pydantic_core import PydanticKnownError
 
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import NotNegative, Positive, Table, Vector
+from taichisoft.scenes.table import NotNegative, Positive, Table, Vector
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_controllers.drives import DRIVES, PRESSURE, PULL, TENSION, Drive
 from taichisoft_controllers.scripted.script_csv import read_keyframes

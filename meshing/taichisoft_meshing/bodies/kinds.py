@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Field
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system.geometry import Geometry
-from taichisoft.scenes.scene import Positive, Table
+from taichisoft.scenes.table import Positive, Table
 from taichisoft_meshing.bodies.hollow_body import HollowBody, read_hollow_body
 from taichisoft_meshing.bodies.meshed_body import with_base
 from taichisoft_meshing.bodies.step_mesher import StepSolid, mesh_step, read_step

@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichisoft.scenes.scene import Positive, Table, Vector
+from taichisoft.scenes.table import Positive, Table, Vector
 from taichisoft_meshing.bodies.surface_geometry import NEAR, diagonal
 from taichisoft_meshing.size_search import finest_size
 

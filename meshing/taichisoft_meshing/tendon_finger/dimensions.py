@@ -8,7 +8,7 @@ from typing import Annotated
 
 from pydantic import Field, model_validator
 
-from taichisoft.scenes.scene import NotNegative, Positive, Table
+from taichisoft.scenes.table import NotNegative, Positive, Table
 from taichisoft_meshing.size_search import finest_size
 
 THINNEST = 0.1

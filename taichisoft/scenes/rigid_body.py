@@ -1,0 +1,78 @@
+"""Rigid objects and obstacles as a user describes them."""
+
+from typing import ClassVar, Self
+
+from pydantic import model_validator
+
+from taichisoft.scenes.colours import Colour
+from taichisoft.scenes.table import Groups, Positive, Table, Vector
+
+
+class RigidBody(Table):
+    """A rigid object; mass, centre of mass and inertia come from its closed surface unless they are given."""
+
+    surface: str | None = None
+    """Closed surface file; either this or box."""
+    box: tuple[Positive, Positive, Positive] | None = None
+    """Edge lengths [mm] of a box about the origin."""
+    scale: Positive = 1.0
+    """Factor on the surface's coordinates [-]; not of a box."""
+    mass: Positive | None = None
+    """Mass [kg]; either this or density."""
+    density: Positive | None = None
+    """Density [kg/mm^3]."""
+    inertia: tuple[Vector, Vector, Vector] | None = None
+    """Inertia about the centre of mass, in the surface's axes [kg mm^2]."""
+    centre_of_mass: Vector | None = None
+    """Centre of mass in the surface's scaled coordinates [mm]."""
+    position: Vector = (0.0, 0.0, 0.0)
+    """Place of the surface's origin at the start [mm]."""
+    rotation: Vector = (0.0, 0.0, 0.0)
+    """Turns about the x, y and z axes, in this order, at the start [degrees]."""
+    velocity: Vector = (0.0, 0.0, 0.0)
+    """Velocity of the centre of mass at the start [mm/s]."""
+    angular_velocity: Vector = (0.0, 0.0, 0.0)
+    """Angular velocity at the start [rad/s]."""
+    collides: bool = True
+    """Whether the body touches others; one that does not goes through them."""
+    groups: Groups = []
+    """Surfaces that have a group in common do not touch each other."""
+    colour: Colour | None = None
+    """Colour in pictures and on pages, "#rrggbb"; that of rigid bodies when it is not given."""
+    alternatives = (("surface", "box"), ("mass", "density"))
+    no_effect_beside: ClassVar = {"box": ("scale",)}
+
+
+class Plane(Table):
+    """An infinite plane, solid on the side that its normal points away from."""
+
+    point: Vector
+    """Any point of the plane [mm]."""
+    normal: Vector
+    """Direction from the solid side to the free one, of any length."""
+
+    @model_validator(mode="after")
+    def _check_normal(self) -> Self:
+        if not any(self.normal):
+            raise ValueError("the normal of a plane must not be zero")
+        return self
+
+
+class Obstacle(Table):
+    """Something that never moves: a plane, or a surface that may be scaled, turned and shifted."""
+
+    plane: Plane | None = None
+    surface: str | None = None
+    """Surface file; either this or plane."""
+    scale: Positive = 1.0
+    """Factor on the surface's coordinates [-]."""
+    rotation: Vector = (0.0, 0.0, 0.0)
+    """Turns about the x, y and z axes, in this order [degrees]."""
+    translation: Vector = (0.0, 0.0, 0.0)
+    """Shift after the rotation [mm]."""
+    groups: Groups = []
+    """Surfaces that have a group in common do not touch each other; a plane touches all."""
+    colour: Colour | None = None
+    """Colour in pictures and on pages, "#rrggbb"; that of obstacles, or of the floor, when it is not given."""
+    alternatives = (("plane", "surface"),)
+    no_effect_beside: ClassVar = {"plane": ("scale", "rotation", "translation", "groups")}

@@ -1,0 +1,52 @@
+"""What every table of a scene has in common: kinds of values, and keys that are checked.
+
+Units: millimetre, kilogram, second; so forces are in mN and pressures and moduli in kPa.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Self
+
+from pydantic import BaseModel, ConfigDict, Field, model_validator
+
+# Strict: no text and no truth value is taken for a number.
+Number = Annotated[float, Field(strict=True)]
+Positive = Annotated[float, Field(strict=True, gt=0)]
+NotNegative = Annotated[float, Field(strict=True, ge=0)]
+PoissonRatio = Annotated[float, Field(strict=True, gt=-1, lt=0.5)]
+Vector = tuple[Number, Number, Number]
+NodeNumber = Annotated[int, Field(strict=True, ge=0)]
+Groups = list[Annotated[int, Field(strict=True)]]
+KeySets = tuple[tuple[str, ...], ...]
+# Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path.
+Name = Annotated[str, Field(pattern=r"^[^.|/]+$")]
+
+
+class Table(BaseModel):
+    """A table of a scene: unknown keys, NaN and infinity are errors."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True)
+
+    alternatives: ClassVar[KeySets] = ()
+    """Sets of keys; exactly one key of each set must be given."""
+    no_effect_beside: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys that another one makes useless; they are no mistake at their defaults: a scene written out has them all."""
+
+    @model_validator(mode="after")
+    def _check_keys(self) -> Self:
+        for keys in self.alternatives:
+            given = [key for key in keys if getattr(self, key) is not None]
+            if len(given) != 1:
+                raise ValueError(f"exactly one of {', '.join(keys)} is needed; given: {', '.join(given) or 'none'}")
+        for chosen, keys in self.no_effect_beside.items():
+            useless = [key for key in keys if getattr(self, key) != type(self).model_fields[key].default]
+            if useless and getattr(self, chosen) is not None:
+                raise ValueError(f"beside {chosen} there is no effect of {', '.join(useless)}; remove it")
+        return self
+
+
+def check_order(table: Table, *quantities: str) -> None:
+    """Raise ValueError where the lowest value of a quantity exceeds the highest."""
+    for quantity in quantities:
+        low, high = getattr(table, f"lowest_{quantity}"), getattr(table, f"highest_{quantity}")
+        if low is not None and high is not None and low > high:
+            raise ValueError(f"lowest_{quantity} ({low:g}) must not exceed highest_{quantity} ({high:g})")
