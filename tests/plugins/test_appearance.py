@@ -1,5 +1,6 @@
 """Pictures and pages have the colours and the background that the scene gives; what a user asks for wins."""
 
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,14 +13,18 @@ import pytest
 from PIL import Image
 
 from taichisoft.bodies.surfaces import Plane, Surface
+from taichisoft.scenes.file import scene_from_toml
 from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
+from taichisoft_plugins.drawing.scene_colours import body_colours
 from taichisoft_plugins.drawing.style import BACKGROUND, Style
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.render import render_pictures
 from taichisoft_plugins.web.frame import Frame, PageScene
 from taichisoft_plugins.web.scene_view import COLOURS, SceneView
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "outputs.md").read_text(encoding="utf-8")
 
 BEHIND, FINGER, CUBE, FLOOR, WALL = (16, 32, 48), (32, 192, 64), (224, 64, 32), (200, 48, 160), (48, 200, 200)
 DARKEST_SIDE = 0.4
@@ -129,3 +134,10 @@ def test_a_page_has_the_colours_of_the_scene(coloured: bool) -> None:
     else:
         assert added == {"/finger": COLOURS["soft"], "/cube": COLOURS["rigid"], "/floor": COLOURS["floor"]}
         assert not backgrounds
+
+
+def test_the_example_of_the_documents_is_a_scene() -> None:
+    (text,) = re.findall(r"```toml\n(\[appearance\].*?)```", PAGE, re.DOTALL)
+    scene = scene_from_toml(text, "outputs.md")
+    assert set(body_colours(scene)) == {"cube", "floor"}
+    assert Style().for_scene(scene).axes is False

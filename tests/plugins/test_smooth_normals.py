@@ -4,7 +4,8 @@ import fake_run
 import numpy as np
 import trimesh
 
-from taichisoft_plugins.drawing.shading import SmoothNormals
+from taichisoft_plugins.drawing.shading import SmoothNormals, shade
+from taichisoft_plugins.drawing.stage import EMPTY
 
 
 def test_a_cube_keeps_its_faces_flat():
@@ -23,3 +24,10 @@ def test_a_sphere_has_radial_normals():
     radial = corners / np.linalg.norm(corners, axis=1, keepdims=True)
     # The facets are turned against the radius by up to 5 degrees; their mean at a vertex by 0.7.
     assert np.degrees(np.arccos(np.einsum("ij,ij->i", normals, radial).min())) < 1.0
+
+
+def test_no_light_makes_a_body_look_like_nothing():
+    """What has the colour of an empty stage, magenta, is dimmer from every side: it would be a hole in the picture."""
+    normals = np.array(trimesh.creation.icosphere(subdivisions=4).vertices)
+    brightest = 255 * shade(np.array(EMPTY) / 255, normals, np.eye(3)).max()
+    assert 240 < brightest < 254
