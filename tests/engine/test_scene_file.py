@@ -171,7 +171,7 @@ def test_a_file_that_is_no_scene_is_named(path: Path, content: bytes, message: s
 
 
 def test_a_file_that_is_absent_is_named_with_the_nearest_that_ships(path: Path) -> None:
-    assert refusal(path.parent) == f"{path.parent}: is a folder; a file (.toml) is needed"
+    assert refusal(path.parent).startswith(f"{path.parent}: is a folder; a file (.toml")  # and what plug-ins read
     assert refusal("griper").endswith(f"none of the shipped scenes: {', '.join(SHIPPED)}; did you mean 'gripper'?")
     assert "soft_bodies.finger.mesh: 3 must be the name of a file" in refusal(path, "soft_bodies.finger.mesh=3")
     path.write_text(SCENE.replace("tutorial-coarse", "tutorial-corse"))
