@@ -169,7 +169,7 @@ def test_a_wrong_value_is_one_line(command: Command, tmp_path: Path, override: s
     ("arguments", "message"),
     [
         (["nothing.toml"], "nothing.toml: no such file, and none of the shipped scenes: "),
-        (["."], ".: is a folder; a file (.toml) is needed"),
+        (["."], ".: is a folder; a file (.toml"),  # and what plug-ins read
         (["scene.toml", "--duration", "0"], "duration = 0: must be a positive number of seconds"),
         (["scene.toml", "--duration", "-1"], "duration = -1: must be a positive number of seconds"),
         (["scene.toml", "--duration", "nan"], "duration = nan: must be a positive number of seconds"),

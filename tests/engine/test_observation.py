@@ -59,7 +59,7 @@ def test_a_bar_bent_to_an_arc_has_the_angle_of_the_arc(simulation: Simulation, a
 
 def test_a_finger_that_turns_with_its_base_does_not_bend(simulation: Simulation) -> None:
     turn = np.array([0.3, -1.1, 0.4])
-    turned = np.array([1.0, 2.0, 3.0]) + Rotation.from_rotvec(turn).apply(simulation.model.rest_position)
+    turned = np.array([1.0, 2.0, 3.0]) + Rotation.from_rotvec(turn).apply(simulation.model.rest_position.copy())
     simulation.restore(replace(simulation.state, base_rotation=turn))
     assert seen(simulation, turned).bending_angles["beam"] == pytest.approx(0.0, abs=1e-7)
 

@@ -7,12 +7,12 @@ from fingers import finger_from_dict
 from taichisoft.bodies.selection import select_elements, select_nodes
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.soft_body import Selection
+from taichisoft.scenes.soft_body import NodeSelection, Selection
 from taichisoft_meshing.finger.dimensions import ElementSizes
 from taichisoft_meshing.finger.mesher import mesh_finger
 from taichisoft_meshing.finger.parameters import FingerParameters
 
-BASE = Selection(box=((-10.0, 0.0, -20.0), (0.0, 30.0, 20.0)))
+BASE = NodeSelection(box=((-10.0, 0.0, -20.0), (0.0, 30.0, 20.0)))
 STIFF_LAYER = Selection(box=((-100.0, 22.5, -8.0), (-19.0, 28.0, 8.0)))
 
 
@@ -29,14 +29,14 @@ def test_the_stiff_layer_is_what_the_tutorials_box_selects(mesh: VolumeMesh) -> 
 
 
 def test_the_base_block_holds_no_node_that_the_tutorials_box_does_not(mesh: VolumeMesh) -> None:
-    by_group = select_nodes(mesh, Selection(group="base_block"), "anchors.0")
+    by_group = select_nodes(mesh, NodeSelection(group="base_block"), "anchors.0")
     assert set(by_group) <= set(select_nodes(mesh, BASE, "anchors.0"))
-    assert set(select_nodes(mesh, Selection(group="base"), "anchors.0")) <= set(by_group)
+    assert set(select_nodes(mesh, NodeSelection(group="base"), "anchors.0")) <= set(by_group)
 
 
 def test_a_graded_mesh_ends_at_the_base_block() -> None:
     mesh = mesh_finger(FingerParameters())
-    by_group = select_nodes(mesh, Selection(group="base_block"), "anchors.0")
+    by_group = select_nodes(mesh, NodeSelection(group="base_block"), "anchors.0")
     assert np.array_equal(by_group, select_nodes(mesh, BASE, "anchors.0"))
     held = mesh.elements[mesh.element_groups["base_block"]]
     edges = mesh.nodes[held[:, 1:]] - mesh.nodes[held[:, :1]]

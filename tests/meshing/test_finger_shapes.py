@@ -20,7 +20,8 @@ from taichisoft_meshing.quality.tetrahedra import radius_ratios
 FLAT = 1e-6
 """Largest error of a volume between flat faces; only rounding is missing, some 1e-14."""
 
-SHIPPED = sorted((data_folder() / "fingers").glob("*.toml"))
+# Without those of other kinds, which their own tests mesh.
+SHIPPED = [file for file in sorted((data_folder() / "fingers").glob("*.toml")) if "\nkind" not in file.read_text()]
 
 
 def silicone(mesh: VolumeMesh) -> float:
