@@ -131,14 +131,12 @@ def make_soft_body(
 def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> tuple[np.ndarray, np.ndarray]:
     """Lame parameters of each element, and the number of its material: 0 the body's own, from 1 on the regions'."""
     material = np.zeros(len(mesh.elements), dtype=np.int32)
-    poisson_ratio = np.full(len(mesh.elements), body.poisson_ratio)
     for index, region in enumerate(body.regions):
-        selected = select_elements(mesh, region, f"{key}.regions.{index}")
-        material[selected] = 1 + index
-        if region.poisson_ratio is not None:
-            poisson_ratio[selected] = region.poisson_ratio
+        material[select_elements(mesh, region, f"{key}.regions.{index}")] = 1 + index
+    given = [region.poisson_ratio for region in body.regions]
+    poisson_ratio = np.array([body.poisson_ratio, *(body.poisson_ratio if one is None else one for one in given)])
     young_modulus = np.array([body.young_modulus, *(region.young_modulus for region in body.regions)])
-    return lame_parameters(young_modulus[material], poisson_ratio), material
+    return lame_parameters(young_modulus[material], poisson_ratio[material]), material
 
 
 def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:
