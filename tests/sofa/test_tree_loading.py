@@ -389,7 +389,7 @@ def test_a_library_that_is_not_there_is_one_line_that_says_what_to_get(tmp_path:
 
 
 def test_a_library_of_another_version_is_said_to_be_one(tmp_path: Path, library: Path) -> None:
-    written(tmp_path, {"scene.py": "import stlib3.primitives\n"})
+    written(tmp_path, {"scene.py": "import stlib3.primitives\ndef createScene(root): pass\n"})
     with pytest.raises(
         SceneError, match=r"scene.py, line 1: there is no 'stlib3.primitives' in the stlib3 that was found"
     ):
@@ -486,3 +486,11 @@ def test_a_library_in_python_2_is_converted_wherever_it_is_found(
         changed.setattr(sys, "path", [*sys.path, str(library)])
         tree = loaded(tmp_path, "from stlib3.old import X\nroot.dt = X")
     assert tree.root.getDt() == 3
+
+
+def test_a_program_that_is_no_scene_is_not_started(tmp_path: Path) -> None:
+    """Some programs are named by mistake: what they would do is not done."""
+    written(tmp_path, {"program.py": "from pathlib import Path\nPath('started').touch()\n"})
+    with pytest.raises(SceneError, match=r"program\.py: has no function createScene\(root\)"):
+        load_tree(tmp_path / "program.py")
+    assert not (tmp_path / "started").exists()

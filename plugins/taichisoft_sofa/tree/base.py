@@ -33,11 +33,11 @@ class Base:
     """A component or node.
 
     Attributes:
-        type_name: Its type, as the scene writes it.
-        data_by_name: Its data by their names: those that the scene wrote to or asked for.
-        place: The line that made it.
-        data_revision: How often its data were written to.
-        initialised: Whether the scene is complete; what is written from then on replaces what follows from other data.
+        type_name: its type, as the scene writes it.
+        data_by_name: its data by their names: those that the scene wrote to or asked for.
+        place: the line that made it.
+        data_revision: how often its data were written to.
+        initialised: whether the scene is complete; what is written from then on replaces what follows from other data.
     """
 
     type_name: str

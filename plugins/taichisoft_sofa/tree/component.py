@@ -20,7 +20,7 @@ class Component(Base):
     """A component, which scenes call an object.
 
     Attributes:
-        reinit_requested: Whether `reinit` was called, and nobody has seen to it yet.
+        reinit_requested: whether `reinit` was called, and nobody has seen to it yet.
     """
 
     _context: Base | None

@@ -31,7 +31,7 @@ class LinkPath(str):
     """The path of a data, component or node, which remembers what it leads to when the tree around it changes.
 
     Attributes:
-        target: What the path leads to.
+        target: what the path leads to.
     """
 
     target: Any
@@ -50,11 +50,11 @@ class Data(Arithmetic):
     the scene gave.
 
     Attributes:
-        name: Its name.
-        owner: The component or node that has it.
-        revision: How often it was written to.
-        place: The line that wrote to it last.
-        provider: Gives the value that it has in a run, where one goes on.
+        name: its name.
+        owner: the component or node that has it.
+        revision: how often it was written to.
+        place: the line that wrote to it last.
+        provider: gives the value that it has in a run, where one goes on.
     """
 
     def __init__(self, name: str, owner: Owner, kind: Kind | None = None, default: Any = None) -> None:
@@ -164,10 +164,10 @@ class Data(Arithmetic):
 
         Args:
             value: A value, a text that stands for one, or another data or its path to follow.
-            place: The line that writes; the one that is being executed when it is not given.
+            place: the line that writes; the one that is being executed when it is not given.
 
         Raises:
-            SceneError: The value is not of its kind.
+            SceneError: the value is not of its kind.
         """
         self.place = place or here()
         self._parent = self._path = self._written = self._converted = None

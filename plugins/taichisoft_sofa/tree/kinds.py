@@ -22,10 +22,10 @@ class Kind:
     """A kind of value.
 
     Attributes:
-        name: What it is called in errors.
-        convert: Makes a value of this kind of what a scene wrote; raises WrongValue.
-        empty: Makes the value of a data that nothing was written to.
-        row: How many numbers the older generation puts in a row of the list that it gives for such a value; 0: the
+        name: what it is called in errors.
+        convert: makes a value of this kind of what a scene wrote; raises WrongValue.
+        empty: makes the value of a data that nothing was written to.
+        row: how many numbers the older generation puts in a row of the list that it gives for such a value; 0: the
             value is no list there.
     """
 
@@ -44,8 +44,8 @@ class Declared:
     """A data that a type of component has.
 
     Attributes:
-        kind: Its kind.
-        default: Its value while nothing was written to it; none: that of its kind.
+        kind: its kind.
+        default: its value while nothing was written to it; none: that of its kind.
     """
 
     kind: KindOf

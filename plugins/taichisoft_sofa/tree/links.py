@@ -21,9 +21,9 @@ def follow(path: str, start: Branch, owner: Any = None) -> Any:
     """What a path leads to: a component, a node, or a data; None if it leads nowhere.
 
     Args:
-        path: The path, with its @ or without.
-        start: The node at which it starts.
-        owner: The component whose path it is; @[-1] is the one added before it.
+        path: the path, with its @ or without.
+        start: the node at which it starts.
+        owner: the component whose path it is; @[-1] is the one added before it.
 
     A path that begins with a name is looked for in the node, then in the nodes above it.
     """

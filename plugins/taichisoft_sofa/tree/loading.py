@@ -29,8 +29,8 @@ class SceneTree:
     """What a scene built.
 
     Attributes:
-        path: File of the scene.
-        root: The node above all.
+        path: file of the scene.
+        root: the node above all.
     """
 
     def __init__(self, path: Path, python_path: Sequence[Path]) -> None:
@@ -61,7 +61,7 @@ class SceneTree:
         """Do what SOFA does once the scene is complete: tell its controllers, of which older ones get their node.
 
         Raises:
-            SceneError: One of them failed.
+            SceneError: one of them failed.
         """
         for item in (*self.nodes(), *self.components()):
             item.initialised = True
@@ -73,7 +73,7 @@ class SceneTree:
         """Tell the controllers of a key, as `keys.character` takes it.
 
         Raises:
-            ControllerFailed: One of them failed.
+            ControllerFailed: one of them failed.
         """
         if (known := character(key)) is not None:
             self._tell("KeypressedEvent", {"key": known, **MODIFIERS})
@@ -82,7 +82,7 @@ class SceneTree:
         """Tell the controllers of a key that was let go.
 
         Raises:
-            ControllerFailed: One of them failed.
+            ControllerFailed: one of them failed.
         """
         if (known := character(key)) is not None:
             self._tell("KeyreleasedEvent", {"key": known, **MODIFIERS})
@@ -91,7 +91,7 @@ class SceneTree:
         """Tell the controllers of a step that begins; `dt` is its length [s].
 
         Raises:
-            ControllerFailed: One of them failed.
+            ControllerFailed: one of them failed.
         """
         self._tell("AnimateBeginEvent", {"dt": dt})
 
@@ -99,7 +99,7 @@ class SceneTree:
         """Tell the controllers of a step that has ended; `dt` was its length [s].
 
         Raises:
-            ControllerFailed: One of them failed.
+            ControllerFailed: one of them failed.
         """
         self._tell("AnimateEndEvent", {"dt": dt})
 
@@ -128,11 +128,11 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
     A scene is a program, which runs with the rights of who loads it.
 
     Args:
-        path: File of the scene: .py or .pyscn.
-        python_path: Folders of libraries that the scene imports, such as STLIB's.
+        path: file of the scene: .py or .pyscn.
+        python_path: folders of libraries that the scene imports, such as STLIB's.
 
     Raises:
-        SceneError: The scene cannot be read, or fails.
+        SceneError: the scene cannot be read, or fails.
     """
     path = Path(path).absolute()
     if not path.is_file():
@@ -141,6 +141,10 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
     for folder in folders:
         if not folder.is_dir():
             raise SceneError(f"{folder}: no such folder to find a scene's libraries in")
+    # Any other program that was named by mistake is not started.
+    source = path.read_bytes()
+    if b"createScene" not in source and b"import *" not in source:
+        raise SceneError(f"{path}: has no function createScene(root)")
     tree = SceneTree(path, folders)
     with tree._running(SceneError) as modules, contextlib.chdir(path.parent):
         create = getattr(modules.run_file(path, "__sofa_scene__"), "createScene", None)

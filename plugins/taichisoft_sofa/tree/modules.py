@@ -27,8 +27,8 @@ class SceneModules:
     there again the next time.
 
     Args:
-        folder: The folder of the scene.
-        python_path: Folders of libraries that the scene imports.
+        folder: the folder of the scene.
+        python_path: folders of libraries that the scene imports.
     """
 
     def __init__(self, folder: Path, python_path: Sequence[Path] = ()) -> None:

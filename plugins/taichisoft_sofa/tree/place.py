@@ -26,8 +26,8 @@ class Origin:
     """Where a module comes from that was loaded for a scene.
 
     Attributes:
-        of_scene: Whether it lies in the scene's own folder, and is not one of a library.
-        older: Whether it is written for SofaPython, the generation before SofaPython3.
+        of_scene: whether it lies in the scene's own folder, and is not one of a library.
+        older: whether it is written for SofaPython, the generation before SofaPython3.
     """
 
     of_scene: bool

@@ -27,9 +27,9 @@ class Program:
     """The code of a file.
 
     Attributes:
-        code: To be executed as a module.
-        python2: Whether the file is in Python 2.
-        older: Whether it is written for SofaPython, the generation before SofaPython3.
+        code: to be executed as a module.
+        python2: whether the file is in Python 2.
+        older: whether it is written for SofaPython, the generation before SofaPython3.
     """
 
     code: CodeType
@@ -41,7 +41,7 @@ def compiled(path: Path) -> Program:
     """The program in a file.
 
     Raises:
-        SceneError: It is in neither Python 3 nor Python 2.
+        SceneError: it is in neither Python 3 nor Python 2.
     """
     source = path.read_bytes()
     try:
