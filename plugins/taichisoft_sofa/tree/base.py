@@ -1,5 +1,6 @@
 """What components and nodes have in common: a name, data, and attributes that are those data."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from itertools import count
 from typing import TYPE_CHECKING, Any, Self
@@ -29,7 +30,7 @@ INTERNAL = {"data_by_name", "place", "type_name", "data_revision", "initialised"
 _made = count()
 
 
-class Base:
+class Base(ABC):
     """A component or node.
 
     Attributes:
@@ -60,13 +61,13 @@ class Base:
 
     # Data.
 
+    @abstractmethod
     def declared_data(self, name: str) -> Declared | None:
         """What is known of a data of this type."""
-        raise NotImplementedError
 
+    @abstractmethod
     def has_known_data(self) -> bool:
         """Whether all data of this type are known, so that any other name is a mistake."""
-        raise NotImplementedError
 
     def computed_by(self, _data: Data) -> Callable[[], Any] | None:
         """What gives the value of a data that follows from others; none where it does not."""
@@ -125,9 +126,9 @@ class Base:
 
     # Names and paths.
 
+    @abstractmethod
     def link_start(self) -> "Branch":
         """The node from which its links start."""
-        raise NotImplementedError
 
     def getName(self) -> str:
         """Its name."""
@@ -142,9 +143,9 @@ class Base:
         """Its type."""
         return self.type_name
 
+    @abstractmethod
     def getPathName(self) -> str:
         """The path from the root to it, such as /finger/loader."""
-        raise NotImplementedError
 
     @property
     def linkpath(self) -> LinkPath:

@@ -1,5 +1,6 @@
 """Controllers that a scene defines: objects of its own that are told of keys and steps."""
 
+from abc import abstractmethod
 from typing import Any
 
 import numpy as np
@@ -36,13 +37,13 @@ class PythonComponent(Component):
         is_value = isinstance(value, bool | int | float | str | list | tuple | np.ndarray | Data)
         return is_value and (name in self.data_by_name or self.declared_data(name) is not None)
 
+    @abstractmethod
     def handle_event(self, event: str, content: dict[str, Any]) -> None:
         """Tell it of an event, if it has a method for that."""
-        raise NotImplementedError
 
+    @abstractmethod
     def handles_event(self, event: str) -> bool:
         """Whether it has a method for an event."""
-        raise NotImplementedError
 
 
 class Controller(PythonComponent):
