@@ -16,6 +16,8 @@ from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_meshing.quality.limits import QUALITY, QualityLimits
 
 DEFAULT_KIND = "pneunet_finger"
+# [mm] Sums of decimal fractions may miss by rounding.
+ROUNDING = 1e-9
 
 AnyTable = TypeVar("AnyTable", bound=BaseModel)
 
@@ -114,3 +116,15 @@ def mesh_geometry(geometry: Geometry, size: float | None, path: Path) -> VolumeM
     if not isinstance(mesh, VolumeMesh):
         raise PluginError(f"{path}: {type(geometry).__name__}.mesh() gave {mesh!r}; must be a VolumeMesh")
     return mesh.check()
+
+
+def at_least(key: str, value: float, low: float, why: str) -> None:
+    """Raise ValueError, "key = value: must be at least low (why)", for a value below `low`."""
+    if value < low - ROUNDING:
+        raise ValueError(f"{key} = {value:g}: must be at least {low:g} ({why})")
+
+
+def at_most(key: str, value: float, high: float, why: str) -> None:
+    """Raise ValueError, "key = value: must be at most high (why)", for a value above `high`."""
+    if value > high + ROUNDING:
+        raise ValueError(f"{key} = {value:g}: must be at most {high:g} ({why})")

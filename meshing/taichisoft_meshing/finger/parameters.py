@@ -3,13 +3,11 @@
 from pydantic import BaseModel, model_validator
 
 from taichisoft_meshing.finger.dimensions import FingerDimensions, end, starts
+from taichisoft_meshing.geometry_file import ROUNDING, at_least, at_most
 from taichisoft_meshing.size_search import finest_size
 
 # [mm] A thinner wall cannot be cast, and its elements would be flat.
 THINNEST_WALL = 0.1
-
-# [mm] Sums of decimal fractions may miss by rounding.
-ROUNDING = 1e-9
 
 
 class FingerParameters(FingerDimensions):
@@ -49,26 +47,26 @@ def positions_from_walls(finger: FingerDimensions) -> dict[str, BaseModel]:
     side = walls.side if finger.wall is None else finger.wall
     if side is not None:
         key = "walls.side" if finger.wall is None else "wall"
-        _at_most(key, side, (body.width - THINNEST_WALL) / 2, "to leave a cavity in body.width")
+        at_most(key, side, (body.width - THINNEST_WALL) / 2, "to leave a cavity in body.width")
         channel = channel.model_copy(update={"width": body.width - 2 * side})
         chambers = chambers.model_copy(update={"depth": body.width - 2 * side})
     if walls.back is not None:
         height = channel.top - channel.bottom
-        _at_most("walls.back", walls.back, body.height - height - THINNEST_WALL, "to leave room for the channel")
+        at_most("walls.back", walls.back, body.height - height - THINNEST_WALL, "to leave room for the channel")
         top = body.height - walls.back
         channel = channel.model_copy(update={"top": top, "bottom": top - height})
     if walls.floor is not None:
-        _at_most("walls.floor", walls.floor, channel.bottom - THINNEST_WALL, "to leave chambers below channel.bottom")
+        at_most("walls.floor", walls.floor, channel.bottom - THINNEST_WALL, "to leave chambers below channel.bottom")
         chambers = chambers.model_copy(update={"height": channel.bottom - walls.floor})
     for key, value in (("walls.web", walls.web), ("walls.slot", walls.slot)):
         if value is not None and slots.count == 0:
             raise ValueError(f"{key} = {value:g}: there are no slots, slots.count = 0; leave it out")
     if walls.web is not None:
-        _at_most("walls.web", walls.web, channel.bottom - THINNEST_WALL, "to leave slots below channel.bottom")
+        at_most("walls.web", walls.web, channel.bottom - THINNEST_WALL, "to leave slots below channel.bottom")
         slots = slots.model_copy(update={"depth": channel.bottom - walls.web})
     if walls.slot is not None:
         between = chambers.pitch - chambers.width
-        _at_most("walls.slot", walls.slot, (between - THINNEST_WALL) / 2, "to leave slots between the chambers")
+        at_most("walls.slot", walls.slot, (between - THINNEST_WALL) / 2, "to leave slots between the chambers")
         first = chambers.first + chambers.width + walls.slot
         slots = slots.model_copy(update={"width": between - 2 * walls.slot, "first": first, "pitch": chambers.pitch})
     return {"slots": slots, "channel": channel, "chambers": chambers}
@@ -76,28 +74,28 @@ def positions_from_walls(finger: FingerDimensions) -> dict[str, BaseModel]:
 
 def _check_taper(finger: FingerDimensions) -> None:
     body = finger.body
-    _at_most("body.tip_height", body.tip_height, body.height - THINNEST_WALL, "below body.height")
-    _at_most("body.taper_length", body.taper_length, body.length - THINNEST_WALL, "below body.length")
+    at_most("body.tip_height", body.tip_height, body.height - THINNEST_WALL, "below body.height")
+    at_most("body.taper_length", body.taper_length, body.length - THINNEST_WALL, "below body.length")
 
 
 def _check_channel(finger: FingerDimensions) -> None:
     body, channel = finger.body, finger.channel
-    _at_least("channel.start", channel.start, THINNEST_WALL, "to leave a wall at the base")
-    _at_least("channel.end", channel.end, channel.start + THINNEST_WALL, "beyond channel.start")
-    _at_most("channel.end", channel.end, body.length - THINNEST_WALL, "to leave a wall at the tip")
-    _at_least("channel.top", channel.top, channel.bottom + THINNEST_WALL, "above channel.bottom")
-    _at_most("channel.top", channel.top, body.height - THINNEST_WALL, "to leave a wall at the back")
-    _at_most("channel.width", channel.width, body.width - 2 * THINNEST_WALL, "to leave walls at its sides")
+    at_least("channel.start", channel.start, THINNEST_WALL, "to leave a wall at the base")
+    at_least("channel.end", channel.end, channel.start + THINNEST_WALL, "beyond channel.start")
+    at_most("channel.end", channel.end, body.length - THINNEST_WALL, "to leave a wall at the tip")
+    at_least("channel.top", channel.top, channel.bottom + THINNEST_WALL, "above channel.bottom")
+    at_most("channel.top", channel.top, body.height - THINNEST_WALL, "to leave a wall at the back")
+    at_most("channel.width", channel.width, body.width - 2 * THINNEST_WALL, "to leave walls at its sides")
     lowest = finger.underside(channel.end) + THINNEST_WALL
-    _at_least("channel.bottom", channel.bottom, lowest, "to leave a wall above the underside at channel.end")
+    at_least("channel.bottom", channel.bottom, lowest, "to leave a wall above the underside at channel.end")
 
 
 def _check_chambers(finger: FingerDimensions) -> None:
     channel, chambers = finger.channel, finger.chambers
     last_end = end(chambers)
     if chambers.count > 1:
-        _at_least("chambers.pitch", chambers.pitch, chambers.width + THINNEST_WALL, "beyond chambers.width")
-    _at_least("chambers.first", chambers.first, channel.start, "channel.start")
+        at_least("chambers.pitch", chambers.pitch, chambers.width + THINNEST_WALL, "beyond chambers.width")
+    at_least("chambers.first", chambers.first, channel.start, "channel.start")
     most = (channel.end - chambers.first - chambers.width) / chambers.pitch + 1
     if last_end > channel.end + ROUNDING:
         raise ValueError(
@@ -105,18 +103,18 @@ def _check_chambers(finger: FingerDimensions) -> None:
             f"beyond channel.end = {channel.end:g}; must be at most {max(int(most + ROUNDING), 0)}"
         )
     widest = finger.body.width - 2 * THINNEST_WALL
-    _at_most("chambers.depth", chambers.depth, widest, "to leave walls at their sides")
+    at_most("chambers.depth", chambers.depth, widest, "to leave walls at their sides")
     highest = channel.bottom - finger.underside(last_end) - THINNEST_WALL
-    _at_most("chambers.height", chambers.height, highest, "to leave a wall above the underside")
+    at_most("chambers.height", chambers.height, highest, "to leave a wall above the underside")
 
 
 def _check_slots(finger: FingerDimensions) -> None:
     body, slots = finger.body, finger.slots
     if slots.count == 0:
         return
-    _at_least("slots.first", slots.first, THINNEST_WALL, "to leave a wall at the base")
+    at_least("slots.first", slots.first, THINNEST_WALL, "to leave a wall at the base")
     if slots.count > 1:
-        _at_least("slots.pitch", slots.pitch, slots.width + THINNEST_WALL, "beyond slots.width")
+        at_least("slots.pitch", slots.pitch, slots.width + THINNEST_WALL, "beyond slots.width")
     last_end = end(slots)
     flat = body.length - body.taper_length
     if last_end > flat + ROUNDING:
@@ -125,7 +123,7 @@ def _check_slots(finger: FingerDimensions) -> None:
             f"must end before the taper, which begins at {flat:g}"
         )
     above = finger.channel.bottom - THINNEST_WALL
-    _at_most("slots.depth", slots.depth, above, "to leave a wall below the channel")
+    at_most("slots.depth", slots.depth, above, "to leave a wall below the channel")
 
 
 def _check_slots_miss_chambers(finger: FingerDimensions) -> None:
@@ -150,53 +148,41 @@ def _check_fillets(finger: FingerDimensions) -> None:
     slots, chambers = finger.slots, finger.chambers
     if slots.count:
         widest = (slots.width - THINNEST_WALL) / 2
-        _at_most("slots.fillet_radius", slots.fillet_radius, widest, "below half of slots.width")
-        _at_most("slots.fillet_radius", slots.fillet_radius, slots.depth - THINNEST_WALL, "below slots.depth")
+        at_most("slots.fillet_radius", slots.fillet_radius, widest, "below half of slots.width")
+        at_most("slots.fillet_radius", slots.fillet_radius, slots.depth - THINNEST_WALL, "below slots.depth")
     widest = (chambers.width - THINNEST_WALL) / 2
-    _at_most("chambers.fillet_radius", chambers.fillet_radius, widest, "below half of chambers.width")
-    _at_most("chambers.fillet_radius", chambers.fillet_radius, chambers.height - THINNEST_WALL, "below chambers.height")
+    at_most("chambers.fillet_radius", chambers.fillet_radius, widest, "below half of chambers.width")
+    at_most("chambers.fillet_radius", chambers.fillet_radius, chambers.height - THINNEST_WALL, "below chambers.height")
 
 
 def _check_base(finger: FingerDimensions) -> None:
     body, channel, inlet = finger.body, finger.channel, finger.inlet
-    _at_most("body.base_length", body.base_length, channel.start - THINNEST_WALL, "to end before the channel")
+    at_most("body.base_length", body.base_length, channel.start - THINNEST_WALL, "to end before the channel")
     if finger.slots.count:
-        _at_most("body.base_length", body.base_length, finger.slots.first - THINNEST_WALL, "to end before the slots")
+        at_most("body.base_length", body.base_length, finger.slots.first - THINNEST_WALL, "to end before the slots")
     flat = body.length - body.taper_length
-    _at_most("body.base_length", body.base_length, flat - THINNEST_WALL, "to end before the taper")
+    at_most("body.base_length", body.base_length, flat - THINNEST_WALL, "to end before the taper")
     if inlet.diameter:
         room = min(channel.top - channel.bottom, channel.width) - 2 * THINNEST_WALL
-        _at_most("inlet.diameter", inlet.diameter, room, "to open into the near end of the channel")
-        _at_least("inlet.plug", inlet.plug, THINNEST_WALL, "to close the bore at the base")
-        _at_most("inlet.plug", inlet.plug, channel.start - THINNEST_WALL, "to leave a bore before channel.start")
+        at_most("inlet.diameter", inlet.diameter, room, "to open into the near end of the channel")
+        at_least("inlet.plug", inlet.plug, THINNEST_WALL, "to close the bore at the base")
+        at_most("inlet.plug", inlet.plug, channel.start - THINNEST_WALL, "to leave a bore before channel.start")
 
 
 def _check_stiff_layer(finger: FingerDimensions) -> None:
     body, layer = finger.body, finger.stiff_layer
     if layer.thickness == 0:
         return
-    _at_least("stiff_layer.end", layer.end, layer.start + THINNEST_WALL, "beyond stiff_layer.start")
-    _at_most("stiff_layer.end", layer.end, body.length, "body.length")
-    _at_most("stiff_layer.bottom", layer.bottom, body.height - THINNEST_WALL, "below body.height")
-    _at_most("stiff_layer.thickness", layer.thickness, body.height - layer.bottom, "body.height - stiff_layer.bottom")
-    _at_most("stiff_layer.width", layer.width, body.width, "body.width")
+    at_least("stiff_layer.end", layer.end, layer.start + THINNEST_WALL, "beyond stiff_layer.start")
+    at_most("stiff_layer.end", layer.end, body.length, "body.length")
+    at_most("stiff_layer.bottom", layer.bottom, body.height - THINNEST_WALL, "below body.height")
+    at_most("stiff_layer.thickness", layer.thickness, body.height - layer.bottom, "body.height - stiff_layer.bottom")
+    at_most("stiff_layer.width", layer.width, body.width, "body.width")
 
 
 def _check_sizes(finger: FingerDimensions) -> None:
     sizes = finger.mesh
-    _at_most("mesh.largest", sizes.largest, finger.body.length, "body.length: elements larger than the body")
-    _at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
+    at_most("mesh.largest", sizes.largest, finger.body.length, "body.length: elements larger than the body")
+    at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
     finest = finest_size(finger.solid_volume - finger.cavity_volume)
-    _at_least("mesh.largest", sizes.largest, finest, "or the mesh would not end")
-
-
-def _at_least(key: str, value: float, low: float, why: str) -> None:
-    """Raise ValueError, "key = value: must be at least low (why)", for a value below `low`."""
-    if value < low - ROUNDING:
-        raise ValueError(f"{key} = {value:g}: must be at least {low:g} ({why})")
-
-
-def _at_most(key: str, value: float, high: float, why: str) -> None:
-    """Raise ValueError, "key = value: must be at most high (why)", for a value above `high`."""
-    if value > high + ROUNDING:
-        raise ValueError(f"{key} = {value:g}: must be at most {high:g} ({why})")
+    at_least("mesh.largest", sizes.largest, finest, "or the mesh would not end")

@@ -9,11 +9,11 @@ from typing import Annotated
 from pydantic import Field, model_validator
 
 from taichisoft.scenes.table import NotNegative, Positive, Table
+from taichisoft_meshing.geometry_file import ROUNDING, at_least, at_most
 from taichisoft_meshing.size_search import finest_size
 
 THINNEST = 0.1
 """Least silicone that must remain anywhere [mm]."""
-ROUNDING = 1e-9
 """Sums of decimal fractions may miss by this [mm]."""
 
 
@@ -110,11 +110,11 @@ class TendonFingerTable(Table):
     @model_validator(mode="after")
     def _check_body(self) -> "TendonFingerTable":
         body = self.body
-        _at_most("body.tip_height", body.tip_height, body.height, "body.height")
-        _at_most("body.tip_width", body.tip_width, body.width, "body.width")
-        _at_most("body.tip_bevel", body.tip_bevel, (body.tip_height - THINNEST) / 2, "to leave a face at the tip")
+        at_most("body.tip_height", body.tip_height, body.height, "body.height")
+        at_most("body.tip_width", body.tip_width, body.width, "body.width")
+        at_most("body.tip_bevel", body.tip_bevel, (body.tip_height - THINNEST) / 2, "to leave a face at the tip")
         rest = body.length - body.tip_bevel - THINNEST
-        _at_most("body.base_length", body.base_length, rest, "to end before the tip's bevel")
+        at_most("body.base_length", body.base_length, rest, "to end before the tip's bevel")
         return self
 
     @model_validator(mode="after")
@@ -122,11 +122,11 @@ class TendonFingerTable(Table):
         body, notches = self.body, self.notches
         if notches.count == 0:
             return self
-        _at_most("notches.bottom", notches.bottom, notches.width, "notches.width")
+        at_most("notches.bottom", notches.bottom, notches.width, "notches.width")
         if notches.count > 1:
-            _at_least("notches.pitch", notches.pitch, notches.width + THINNEST, "beyond notches.width")
+            at_least("notches.pitch", notches.pitch, notches.width + THINNEST, "beyond notches.width")
         near = body.base_length + notches.width / 2 + THINNEST
-        _at_least("notches.first", notches.first, near, "to leave body.base_length uncut")
+        at_least("notches.first", notches.first, near, "to leave body.base_length uncut")
         last, rest = self.middles[-1] + notches.width / 2, body.length - body.tip_bevel - THINNEST
         if last > rest + ROUNDING:
             raise ValueError(
@@ -134,23 +134,13 @@ class TendonFingerTable(Table):
                 f"before the tip, at most at {rest:g}"
             )
         thickest = self.back(self.middles[-1] + notches.bottom / 2) - THINNEST
-        _at_most("notches.hinge", notches.hinge, thickest, "to leave a notch below it")
+        at_most("notches.hinge", notches.hinge, thickest, "to leave a notch below it")
         return self
 
     @model_validator(mode="after")
     def _check_sizes(self) -> "TendonFingerTable":
         sizes = self.mesh
-        _at_most("mesh.largest", sizes.largest, self.body.length, "body.length: elements larger than the body")
-        _at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
-        _at_least("mesh.largest", sizes.largest, finest_size(self.volume), "or the mesh would not end")
+        at_most("mesh.largest", sizes.largest, self.body.length, "body.length: elements larger than the body")
+        at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
+        at_least("mesh.largest", sizes.largest, finest_size(self.volume), "or the mesh would not end")
         return self
-
-
-def _at_least(key: str, value: float, low: float, why: str) -> None:
-    if value < low - ROUNDING:
-        raise ValueError(f"{key} = {value:g}: must be at least {low:g} ({why})")
-
-
-def _at_most(key: str, value: float, high: float, why: str) -> None:
-    if value > high + ROUNDING:
-        raise ValueError(f"{key} = {value:g}: must be at most {high:g} ({why})")
