@@ -78,8 +78,9 @@ class ActuatorRows:
             rate, rows = np.zeros(len(own)), np.tile(IMPOSED, (len(own), 1))
             stretch = actuators.stretch[actuator]
             if stretch is not None:
-                rate += stretch @ last[own] / step
-                self.stretch.append((sum(len(before) for before in coordinates), stretch / step**2))
+                if stretch.any():
+                    rate += stretch @ last[own] / step
+                    self.stretch.append((sum(len(before) for before in coordinates), stretch / step**2))
                 rows[1:, GRIP] = self._geometry.cables.grip[own[1:] - self._cavity_count]
             lowest, highest = actuators.effort_range[actuator].tolist()
             if imposed[actuator]:
