@@ -366,6 +366,11 @@ def test_a_container_of_tetrahedra_carries_points_by_a_grid_as_in_sofa(folder: P
         ("collisions(root)\nsurface(body(root), 'block.stl', selfCollision=True)", "does not touch itself"),
         ("node = body(root)\n" + CAVITY.format(mesh="block.stl", settings=""), "there is no FreeMotionAnimationLoop"),
         (
+            "free_motion(root)\nn = body(root)\nn.addObject('CableConstraint', indices=[0, 9], valueType='force', "
+            "hasPullPoint=False, maxPositiveDisp=2)",
+            "maxPositiveDisp engages where it is reached; in SOFA earlier",
+        ),
+        (
             "n = body(root)\nn.addObject('BoxROI', name='r', box=[-1]*3+[1]*3)\n"
             "n.addObject('RestShapeSpringsForceField', points='@r.indices')",
             "/body/r: selects its points once",

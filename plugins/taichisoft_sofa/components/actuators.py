@@ -23,6 +23,11 @@ def value_by(component: "Component") -> str:
     return {"0": PRESSURE, "1": VOLUME}.get(given, given)
 
 
+def by_force(cable: "Component") -> bool:
+    """Whether a cable's value is a force, else how far it is pulled in."""
+    return text(cable, "valueType", default="displacement") in ("force", "1")
+
+
 def cavity(component: "Component", draft: "SceneDraft") -> None:
     """A closed surface on whose walls a pressure acts."""
     body = draft.body_of(component)

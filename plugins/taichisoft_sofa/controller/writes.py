@@ -7,8 +7,8 @@ import numpy as np
 
 from taichisoft.control.control import Control
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.actuators import VOLUME, value_by
-from taichisoft_sofa.components.reading import described, flag, is_given, number, text
+from taichisoft_sofa.components.actuators import VOLUME, by_force, value_by
+from taichisoft_sofa.components.reading import described, flag, is_given, number
 from taichisoft_sofa.components.table import IGNORED
 from taichisoft_sofa.controller.stiffness import PartStiffness
 from taichisoft_sofa.translation.parts import SoftPart, Translation
@@ -95,7 +95,7 @@ class SceneWrites:
         tension, pull, pull_points = {}, {}, {}
         for cable, name in self._cables:
             value = _present(cable)
-            if text(cable, "valueType", default="displacement") in ("force", "1"):
+            if by_force(cable):
                 tension[name] = value * self._translation.effort_of_value
             else:
                 pull[name] = self._varied(cable, value, "maxDispVariation", "displacement") - self._paid_out[name]

@@ -9,6 +9,7 @@ import numpy as np
 from taichisoft.bodies.elements import lame_parameters
 from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft_sofa.components.actuators import PRESSURE, by_force, value_by
 from taichisoft_sofa.components.draft import Anchor, Body, Mass, Material, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
@@ -201,6 +202,8 @@ def _add_cavities(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
             component, VOLUME_LIMITS, 1.0
         )
         table.setdefault("cavities", {})[cavity_name] = {"surface": path, **limits}
+        if value_by(component) == PRESSURE:
+            _note_stops(component, VOLUME_LIMITS, draft)
         translation.names[component] = f"{name}.{cavity_name}"
         translation.signs[component] = sign
 
@@ -217,8 +220,17 @@ def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft,
             made["rod"] = True
         made |= _limits(component, TENSION_LIMITS, draft.effort_of_value)
         made |= _limits(component, PULL_LIMITS, 1.0)
+        if by_force(component):
+            _note_stops(component, PULL_LIMITS, draft)
         table.setdefault("cables", {})[cable_name] = made
         translation.names[component] = f"{name}.{cable_name}"
+
+
+def _note_stops(component: Component, names: Mapping[str, tuple[str, float]], draft: SceneDraft) -> None:
+    """SOFA counts the response of what a force or pressure drives twice when it looks whether a stop is reached."""
+    given = [data for data, _ in names.values() if is_given(component, data)]
+    if given:
+        draft.depart(f"{component.getPathName()}: {' and '.join(given)} engages where it is reached; in SOFA earlier")
 
 
 def _limits(component: Component, names: Mapping[str, tuple[str, float]], factor: float) -> dict[str, float]:
