@@ -14,7 +14,6 @@ from taichisoft_meshing.size_search import finest_size
 
 THINNEST = 0.1
 """Least silicone that must remain anywhere [mm]."""
-"""Sums of decimal fractions may miss by this [mm]."""
 
 
 class Body(Table):
