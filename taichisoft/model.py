@@ -78,7 +78,7 @@ class Model:
         self.rest_position = np.vstack([np.zeros((0, 3)), *(body.rest_position for body in soft)])
         self.elasticity = Elasticity(soft, scene.time) if soft else None
         self.element_material = np.concatenate([np.zeros(0, dtype=np.int32), *(body.material for body in soft)])
-        held = [body.nodes.start + np.flatnonzero(body.anchor_stiffness) for body in soft]
+        held = [body.nodes.start + np.flatnonzero(body.anchored) for body in soft]
         self.anchored_nodes = np.concatenate([*held, np.zeros(0)]).astype(np.int32)
         self.cavities = Cavities(soft)
         self.cables = Cables(soft, self.rigid_bodies, self.obstacles)

@@ -29,7 +29,7 @@ class Elasticity:
         node_rayleigh_mass: Rayleigh's factor a [1/s], shape (node_count,).
         node_lag: h + b [s]: forces are those of positions so far ahead along the velocities; 0 in first order dynamics,
             where there are no velocities before the step; shape (node_count,).
-        anchor_stiffness: [mN/mm], shape (node_count,).
+        anchor_stiffness: along x, y and z [mN/mm], shape (node_count, 3).
         symbolic: the pattern of A and of its factor.
         element_data, block_parts: what the kernels read.
     """
@@ -42,7 +42,7 @@ class Elasticity:
         self.gradient, self.volume = linear_tetrahedra(self.rest_position, self.elements)
         self.lame = np.vstack([body.lame for body in bodies])
         self.node_mass = np.concatenate([body.node_mass for body in bodies])
-        self.anchor_stiffness = np.concatenate([body.anchor_stiffness for body in bodies])
+        self.anchor_stiffness = np.vstack([body.anchor_stiffness for body in bodies])
         node_counts = [len(body.rest_position) for body in bodies]
         rayleigh_mass = np.array([body.settings.rayleigh_mass for body in bodies])
         lag = np.array([time.step + body.settings.rayleigh_stiffness for body in bodies])
@@ -54,8 +54,8 @@ class Elasticity:
         self.node_lag = np.repeat(lag, node_counts)
         polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
         self.element_data = self._element_data(polar, np.repeat(lag, counts), np.repeat(stiffness_factor, counts))
-        held = np.repeat(stiffness_factor, node_counts) * self.anchor_stiffness
-        diagonal = np.repeat(mass_factor, node_counts) * self.node_mass + held
+        held = np.repeat(stiffness_factor, node_counts)[:, None] * self.anchor_stiffness
+        diagonal = (np.repeat(mass_factor, node_counts) * self.node_mass)[:, None] + held
         nodes_per_element, node_count = self.elements.shape[1], len(self.rest_position)
         row, column = np.repeat(self.elements, nodes_per_element, axis=1), np.tile(self.elements, nodes_per_element)
         pattern = sparse.csr_matrix((np.ones(row.size), (row.ravel(), column.ravel())), (node_count, node_count))

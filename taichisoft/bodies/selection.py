@@ -1,10 +1,12 @@
 """Nodes and elements of a mesh that a scene selects by box or by group, nodes also by their numbers."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.soft_body import NodeSelection, Selection
+from taichisoft.scenes.soft_body import Anchor, NodeSelection, Selection
 from taichisoft.scenes.table import Vector
 
 # A node on the face of a box belongs to it, whatever the last digit of its coordinate in the file [mm].
@@ -26,6 +28,22 @@ def select_nodes(mesh: VolumeMesh, selection: NodeSelection, key: str) -> np.nda
         selected = np.flatnonzero(_inside(mesh.nodes, selection.box))
         return _not_empty(selected, _box_key(key, selection.box), "node", mesh.nodes, mesh)
     return np.unique(_group(mesh, selection.group or "", key, surfaces=True))
+
+
+def anchor_stiffness(mesh: VolumeMesh, anchors: Sequence[Anchor], key: str) -> np.ndarray:
+    """Stiffness of the spring at each node along x, y and z [mN/mm], 0 where there is none, shape (node_count, 3).
+
+    Where two anchors hold a node along the same axis, the later one does.
+
+    Raises:
+        SceneError: an anchor selects nothing; `key` begins the error.
+    """
+    stiffness = np.zeros((len(mesh.nodes), 3))
+    for index, anchor in enumerate(anchors):
+        nodes = select_nodes(mesh, anchor, f"{key}.{index}")
+        for direction in anchor.directions:
+            stiffness[nodes, "xyz".index(direction)] = anchor.stiffness
+    return stiffness
 
 
 def select_elements(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndarray:

@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft.bodies.elements import lame_parameters
 from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.rotations import rotation_from_degrees
-from taichisoft.bodies.selection import select_elements, select_nodes, surface_group
+from taichisoft.bodies.selection import anchor_stiffness, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
@@ -65,7 +65,7 @@ class SoftBody:
         lame: Lame's lambda and mu [kPa] of each element at the start of a run, shape (element_count, 2).
         material: number of the material of each element among those of the model, shape (element_count,).
         node_mass: [kg], shape (node_count,).
-        anchor_stiffness: [mN/mm] of the spring at each node, 0 where there is none, shape (node_count,).
+        anchor_stiffness: [mN/mm] of the spring at each node along x, y and z, 0 where there is none, (node_count, 3).
         tip_nodes: what the scene's `tip` selects, None where it has none.
         collision_surfaces: what touches other bodies, and each other where they have no group in common.
         cavities: the air chambers.
@@ -86,6 +86,11 @@ class SoftBody:
     cavities: tuple[Cavity, ...]
 
     @cached_property
+    def anchored(self) -> np.ndarray:
+        """Whether each node is held along any direction, shape (node_count,)."""
+        return np.asarray(self.anchor_stiffness.any(axis=1))
+
+    @cached_property
     def surface(self) -> MappedSurface:
         """All collision surfaces as one, which is what can be seen of the body."""
         return MappedSurface.joined([one.surface for one in self.collision_surfaces])
@@ -104,9 +109,6 @@ def make_soft_body(
     node_count = len(mesh.nodes)
     turn = rotation_from_degrees(body.rotation)
     rest_position = mesh.nodes @ turn.T + np.asarray(body.translation)
-    anchor_stiffness = np.zeros(node_count)
-    for index, anchor in enumerate(body.anchors):
-        anchor_stiffness[select_nodes(mesh, anchor, f"{key}.anchors.{index}")] = anchor.stiffness
     lame, material = _materials(mesh, body, key)
     return SoftBody(
         name=name,
@@ -118,7 +120,7 @@ def make_soft_body(
         lame=lame,
         material=first_material + material,
         node_mass=_node_masses(mesh, body),
-        anchor_stiffness=anchor_stiffness,
+        anchor_stiffness=anchor_stiffness(mesh, body.anchors, f"{key}.anchors"),
         tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
         collision_surfaces=_collision_surfaces(mesh, body),
         cavities=tuple(

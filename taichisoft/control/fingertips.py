@@ -27,7 +27,7 @@ class Fingertips:
         Raises:
             SceneError: the nodes of a tip lie on a line, or are fewer than three.
         """
-        fingers = [body for body in soft_bodies if body.tip_nodes is not None or body.anchor_stiffness.any()]
+        fingers = [body for body in soft_bodies if body.tip_nodes is not None or body.anchored.any()]
         self.names = tuple(body.name for body in fingers)
         chosen = [body.tip_nodes if body.tip_nodes is not None else _farthest_nodes(body) for body in fingers]
         self._start = np.cumsum([0, *(len(nodes) for nodes in chosen)]).astype(np.int32)
@@ -68,7 +68,7 @@ class Fingertips:
 
 
 def _farthest_nodes(body: SoftBody) -> np.ndarray:
-    held = body.anchor_stiffness > 0.0
+    held = body.anchored
     distance = np.linalg.norm(body.rest_position - body.rest_position[held].mean(axis=0), axis=1)
     distance[held] = 0.0
     farthest_first = np.argsort(-distance, kind="stable")

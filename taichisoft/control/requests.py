@@ -156,7 +156,7 @@ def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray
     rows = {
         body.name: slice(*np.searchsorted(model.anchored_nodes, [body.nodes.start, body.nodes.stop]).tolist())
         for body in model.soft_bodies
-        if body.anchor_stiffness.any()
+        if body.anchored.any()
     }
     for name, value in control.anchor_positions.items():
         if name not in rows:

@@ -73,7 +73,7 @@ class BlockParts(NamedTuple):
         row_place, column_place: places of the gradients of the block's two nodes in an element.
         lame_ratio: lambda / mu of that element.
         diagonal_node: node of a block on the diagonal, -1 for others, shape (block_count,).
-        diagonal: what is added on the diagonal: masses with their damping, and anchors [kg], shape (node_count,).
+        diagonal: what is added on the diagonal: masses with their damping, and anchors [kg], shape (node_count, 3).
     """
 
     start: Integers
@@ -81,7 +81,7 @@ class BlockParts(NamedTuple):
     column_place: Integers
     lame_ratio: Scalars
     diagonal_node: Integers
-    diagonal: Scalars
+    diagonal: Vectors
 
 
 class SystemMatrix(NamedTuple):
@@ -190,7 +190,8 @@ def gather_block(
         for c in range(parts.start[k], parts.start[k + 1]):
             node_force += load(deformation.element_force, parts.row_place[c])
         system.force[node] = node_force
-        total += parts.diagonal[node] * ti.Matrix.identity(ti.f64, 3)
+        for d in ti.static(range(3)):
+            total[d, d] += parts.diagonal[node][d]
     system.blocks[k] = total
 
 

@@ -12,13 +12,13 @@ class Anchors(NamedTuple):
 
     Attributes:
         node: the anchored nodes, shape (anchor_count,).
-        stiffness: [mN/mm], shape (node_count,).
+        stiffness: along x, y and z [mN/mm], shape (node_count, 3).
         lag: h + b [s], 0 in first order dynamics, shape (node_count,).
         position: where they are held before the base moves them [mm], shape (anchor_count, 3).
     """
 
     node: Integers
-    stiffness: Scalars
+    stiffness: Vectors
     lag: Scalars
     position: Vectors
 

@@ -67,6 +67,8 @@ class Anchor(NodeSelection):
 
     stiffness: Positive = 1e12
     """Stiffness of the spring of each node [mN/mm]."""
+    directions: Annotated[list[Literal["x", "y", "z"]], Field(min_length=1)] = ["x", "y", "z"]
+    """Axes of space along which the nodes are held; along the others they move freely."""
 
 
 class Tip(NodeSelection):

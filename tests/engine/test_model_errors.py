@@ -55,8 +55,8 @@ def test_anchors_and_tips_by_the_numbers_of_their_nodes(hollow: dict[str, Any]) 
     """A node named is a node held, in whatever order the numbers stand, and its neighbours are not."""
     anchors = [{"nodes": [7, 0, 5], "stiffness": 2.0}, {"nodes": [60]}]
     (body,) = model({**hollow, "anchors": anchors, "tip": {"nodes": [9, 3, 20]}}).soft_bodies
-    np.testing.assert_array_equal(np.flatnonzero(body.anchor_stiffness), [0, 5, 7, 60])
-    np.testing.assert_array_equal(body.anchor_stiffness[[0, 5, 7, 60]], [2.0, 2.0, 2.0, 1e12])
+    np.testing.assert_array_equal(np.flatnonzero(body.anchored), [0, 5, 7, 60])
+    np.testing.assert_array_equal(body.anchor_stiffness[[0, 5, 7, 60]], np.tile([[2.0], [2.0], [2.0], [1e12]], 3))
     np.testing.assert_array_equal(body.tip_nodes, [3, 9, 20])
 
 

@@ -29,7 +29,7 @@ def gripper_model() -> SimpleNamespace:
         first_material = list(scene.young_moduli).index(name)
         bodies.append(make_soft_body(name, body, meshes[name], node_count, first_material))
         node_count = bodies[-1].nodes.stop
-    anchored = np.concatenate([body.rest_position[body.anchor_stiffness > 0] for body in bodies])
+    anchored = np.concatenate([body.rest_position[body.anchored] for body in bodies])
     return SimpleNamespace(
         scene=scene,
         material_names=tuple(scene.young_moduli),

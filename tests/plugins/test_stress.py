@@ -97,5 +97,5 @@ def _body(corotation: str) -> Any:
         elements=MESH.elements,
         lame=lame_parameters(YOUNG, POISSON),
         node_mass=np.ones(len(MESH.nodes)),
-        anchor_stiffness=np.zeros(len(MESH.nodes)),
+        anchor_stiffness=np.zeros((len(MESH.nodes), 3)),
     )

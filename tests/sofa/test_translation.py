@@ -106,6 +106,22 @@ def test_points_in_no_tetrahedron_take_their_share_of_the_mass_with_them(folder:
     assert mesh_of(translation, folder, "body").nodes.tolist() == block.nodes.tolist()
 
 
+@pytest.mark.parametrize(
+    ("fixed", "directions"), [("0 1 0", ["y"]), ("1 0 1", ["x", "z"]), ("1 1 1", None), ("0 0 0", "free")]
+)
+def test_points_may_be_fixed_along_some_axes(folder: Path, fixed: str, directions: object) -> None:
+    translation = translated(
+        folder,
+        f"""
+        node = body(root)
+        node.addObject("PartialFixedConstraint", indices=[0, 1, 2], fixedDirections="{fixed}")
+        """,
+    )
+    assert not translation.refused
+    anchors = translation.tables["soft_bodies"]["body"]["anchors"]
+    assert [anchor.get("directions") for anchor in anchors] == ([] if directions == "free" else [directions])
+
+
 def test_an_inverted_tetrahedron_keeps_its_first_edge_and_the_plane_of_the_first_two(folder: Path) -> None:
     block = make_block((2, 1, 1), SIZE)
     elements = block.elements.copy()

@@ -80,7 +80,7 @@ def test_selections_are_those_of_sofa(shared: Path, mesh: str) -> None:
     (body,) = make_model(tutorial.finger_scene(shared, file)).soft_bodies
     np.testing.assert_array_equal(body.rest_position, setup["nodes"])
     np.testing.assert_array_equal(body.elements, setup["tets"])
-    np.testing.assert_array_equal(np.flatnonzero(body.anchor_stiffness), np.sort(setup["fixed"]))
+    np.testing.assert_array_equal(np.flatnonzero(body.anchored), np.sort(setup["fixed"]))
     stiff = np.flatnonzero(body.lame[:, 1] > body.lame[:, 1].min())
     np.testing.assert_array_equal(stiff, np.sort(setup["sub_tet_indices"]))
     (cavity,) = body.cavities

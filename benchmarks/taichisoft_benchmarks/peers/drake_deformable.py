@@ -74,7 +74,7 @@ class DrakePeer:
             geometry = GeometryInstance(RigidTransform(), Mesh(path), body.name)
             geometry.set_proximity_properties(ProximityProperties())
             identity = deformable.RegisterDeformableBody(geometry, material, 1.0)
-        anchored = body.rest_position[body.anchor_stiffness > 0.0]
+        anchored = body.rest_position[body.anchored]
         if len(anchored):
             edge = np.array([anchored[:, 0].min() * METRE - 1e-9, 0.0, 0.0])
             deformable.SetWallBoundaryCondition(identity, edge, np.array([-1.0, 0.0, 0.0]))

@@ -84,7 +84,7 @@ class MujocoPeer:
 def _flex(body: "SoftBody") -> str:
     """A soft body; its vertices keep half the contact distance around them."""
     settings = body.settings
-    pinned = np.flatnonzero(body.anchor_stiffness > 0.0)
+    pinned = np.flatnonzero(body.anchored)
     pins = f'<pin id="{_numbers(pinned)}"/>' if len(pinned) else ""
     return f"""<flexcomp name="{body.name}" type="direct" dim="3" mass="{body.node_mass.sum()}" radius="0.5"
             point="{_numbers(body.rest_position)}" element="{_numbers(body.elements)}">

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.bodies.selection import select_nodes
+from taichisoft.bodies.selection import anchor_stiffness, select_nodes
 from taichisoft_plugins.recording.reader import RecordedSoftBody, Recording
 
 MOST_FRAMES = 600
@@ -45,14 +45,11 @@ def tip_motion(recording: Recording) -> TipMotion:
 def _finger(recording: Recording, body: RecordedSoftBody) -> SimpleNamespace:
     """The part of the engine's `SoftBody` that shows where the tip is."""
     settings, mesh = recording.scene.soft_bodies[body.name], body.mesh(str(recording.path))
-    anchor_stiffness = np.zeros(len(body.rest_position))
-    for index, anchor in enumerate(settings.anchors):
-        anchor_stiffness[select_nodes(mesh, anchor, f"{body.name}.anchors.{index}")] = anchor.stiffness
     return SimpleNamespace(
         name=body.name,
         nodes=body.nodes,
         rest_position=body.rest_position,
-        anchor_stiffness=anchor_stiffness,
+        anchored=anchor_stiffness(mesh, settings.anchors, f"{body.name}.anchors").any(axis=1),
         tip_nodes=None if settings.tip is None else select_nodes(mesh, settings.tip, f"{body.name}.tip"),
     )
 

@@ -60,6 +60,7 @@ class Anchor:
         component: the springs or the constraint.
         points: indices of the points, shape (count,).
         stiffness: [mN/mm] of each point.
+        directions: axes along which they are held.
         follows_rest: whether the points follow `rest_position`, else they stay where they were at the start.
     """
 
@@ -67,6 +68,7 @@ class Anchor:
     points: np.ndarray
     stiffness: float
     follows_rest: bool
+    directions: str = "xyz"
 
 
 @dataclass

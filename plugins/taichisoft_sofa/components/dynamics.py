@@ -148,18 +148,20 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
 
 
 def fixed_points(component: Component, draft: "SceneDraft") -> None:
-    """Points that never move."""
+    """Points that never move, or not along some of the axes."""
     body = draft.body_of(component)
     if body is None:
         return
-    directions = numbers(component, "fixedDirections", default=[1.0, 1.0, 1.0])
-    if not directions.all():
-        draft.refuse(component, f"fixedDirections = {directions.astype(int).tolist()}; points are held in all or none")
+    fixed = numbers(component, "fixedDirections", default=[1.0, 1.0, 1.0]).astype(bool)
+    if len(fixed) != 3:
+        draft.refuse(component, f"fixedDirections has {len(fixed)} numbers; three are needed, for x, y and z")
         return
+    directions = "".join(np.array(["x", "y", "z"])[fixed])
     all_points = flag(component, "fixAll", False)
     points = numbers(component, "indices", default=[0.0]).astype(np.int64)
     chosen = np.arange(len(body.position)) if all_points else points
-    body.anchors.append(Anchor(component, chosen, HELD, follows_rest=False))
+    if directions:
+        body.anchors.append(Anchor(component, chosen, HELD, follows_rest=False, directions=directions))
 
 
 def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> None:

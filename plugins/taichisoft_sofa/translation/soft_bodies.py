@@ -165,7 +165,8 @@ def _anchors(anchors: list[Anchor], place: np.ndarray, draft: SceneDraft) -> lis
         nodes = np.unique(place[anchor.points])
         nodes = nodes[nodes >= 0]
         if len(nodes) and anchor.stiffness > 0.0:
-            tables.append({"nodes": nodes.tolist(), "stiffness": anchor.stiffness})
+            table = {"nodes": nodes.tolist(), "stiffness": anchor.stiffness}
+            tables.append(table if anchor.directions == "xyz" else table | {"directions": [*anchor.directions]})
     return tables
 
 
