@@ -32,8 +32,8 @@ class CablePath:
         name: "body.cable".
         number: row of the cable in `pull_point` and in the other arrays by cable.
         owner: rigid body that carries each point, negative for points of soft bodies or in space, (point_count,).
-        nodes: soft nodes that carry each point, shape (point_count, 4).
-        weights: their weights; all 0 for points that no soft body carries, shape (point_count, 4).
+        nodes: soft nodes that carry each point, shape (point_count, slots).
+        weights: their weights; all 0 for points that no soft body carries, shape (point_count, slots).
         place: points that no soft body carries, in the rigid body's frame or in space, else 0 [mm], (point_count, 3).
         rest_length: length at the start [mm].
         friction: coefficient between the cable and its points [-].

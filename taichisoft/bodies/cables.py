@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from taichisoft.kernels import cables as kernels
 from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.meshes.point_files import read_points
+from taichisoft.meshes.surface import stacked
 from taichisoft.scenes import soft_body as settings
 
 # A cable that rubs must stretch a little: where it sticks at some points and slides at others, its tensions would else
@@ -32,7 +34,8 @@ class Cable:
         name: "body.cable".
         settings: its table in the scene.
         owner: SOFT, STATIC or the number of the rigid body that carries each point, shape (point_count,).
-        nodes, weights: soft nodes of the model that carry a point, and their weights, shape (point_count, 4).
+        nodes, weights: soft nodes of the model that carry a point, and their weights, shape (point_count, slots); a
+            point has four of them, an area as many for each of its points.
         place: points that no soft body carries: in the rigid body's frame, or in space [mm], shape (point_count, 3).
         rest_point: all points at the start [mm], shape (point_count, 3).
     """
@@ -147,7 +150,7 @@ class Cables:
         self.rigid_entries: list[np.ndarray] = []
         self.coordinate_start = np.zeros(len(self.all) + 1, dtype=np.int64)
         for index, (cable, start) in enumerate(zip(self.all, starts[:-1], strict=True)):
-            acts = (cable.owner == SOFT)[:, None] & (cable.weights != 0.0)
+            acts = cable.weights != 0.0
             nodes = np.unique(cable.nodes[acts])
             slots.append(np.where(acts, np.searchsorted(nodes, cable.nodes), -1))
             bodies = np.unique(cable.owner[cable.owner >= 0])
@@ -162,9 +165,9 @@ class Cables:
         self.paths = kernels.CablePaths(
             point_start=starts.astype(np.int32),
             owner=_joined([cable.owner for cable in self.all], (0,), np.int32),
-            nodes=_joined([cable.nodes for cable in self.all], (0, 4), np.int32),
-            weights=_joined([cable.weights for cable in self.all], (0, 4), np.float64),
-            slot=_joined(slots, (0, 4), np.int32),
+            nodes=stacked([cable.nodes for cable in self.all]).astype(np.int32),
+            weights=stacked([cable.weights for cable in self.all]).astype(np.float64),
+            slot=stacked([slot + 1 for slot in slots]).astype(np.int32) - 1,
             rigid_slot=_joined(rigid_slots, (0,), np.int32),
             cable=np.array(cable_of, dtype=np.int32),
             first_point=np.array(first_points, dtype=np.int32),
@@ -182,27 +185,30 @@ def _make_cable(
 ) -> Cable:
     key = f"soft_bodies.{body.name}.cables.{name}"
     listed = read_points(cable.points) if isinstance(cable.points, str) else cable.points
-    others = [point.body if isinstance(point, settings.CablePoint) else body.name for point in listed]
-    own = [point.point if isinstance(point, settings.CablePoint) else point for point in listed]
-    count = len(others)
-    points, carriers = np.array(own, dtype=np.float64).reshape(-1, 3), np.array(others)
+    count = len(listed)
+    places = [_place(one, body.name) for one in listed]
     owner = np.full(count, STATIC, dtype=np.int32)
-    nodes, weights = np.zeros((count, 4), dtype=np.int32), np.zeros((count, 4))
+    carried = [(np.zeros((1, 0)), np.zeros((1, 0)))] * count
     place, rest_point = np.zeros((count, 3)), np.zeros((count, 3))
-    for carrier in dict.fromkeys(others):
-        on = carriers == carrier
+    for carrier in dict.fromkeys(carrier for carrier, _, _ in places):
+        on = [index for index, (other, _, _) in enumerate(places) if other == carrier]
+        means = np.array([share @ points for _, points, share in (places[index] for index in on)])
         if carrier in soft:
             owner[on] = SOFT
-            nodes[on], weights[on] = _embedded(soft[carrier], points, on, f"{key}.points")
-            positions = soft[carrier].rest_position[nodes[on] - soft[carrier].nodes.start]
-            rest_point[on] = np.einsum("pk,pkd->pd", weights[on], positions)
+            embedded = _embedded(soft[carrier], [places[index][1] for index in on], on, f"{key}.points")
+            for index, (nodes, weights) in zip(on, embedded, strict=True):
+                weights = places[index][2][:, None] * weights
+                rest_point[index] = np.einsum("pk,pkd->d", weights, soft[carrier].rest_position[nodes])
+                carried[index] = (nodes + soft[carrier].nodes.start).reshape(1, -1), weights.reshape(1, -1)
         elif carrier in rigid:
             owner[on], solid = rigid[carrier]
-            place[on] = points[on] - solid.centre_of_mass
+            place[on] = means - solid.centre_of_mass
             (turn,) = matrices_from_quaternions(solid.start_rotation[None])
             rest_point[on] = place[on] @ turn.T + solid.start_position
         else:
-            place[on] = rest_point[on] = points[on] @ obstacles[carrier].turn.T + obstacles[carrier].shift
+            place[on] = rest_point[on] = means @ obstacles[carrier].turn.T + obstacles[carrier].shift
+    nodes = stacked([nodes for nodes, _ in carried]).astype(np.int32)
+    weights = stacked([weights for _, weights in carried])
     if cable.pull_point is not None:
         turn, shift = rotation_from_degrees(body.settings.rotation), np.asarray(body.settings.translation)
         pull_point = turn @ np.asarray(cable.pull_point) + shift
@@ -217,19 +223,32 @@ def _make_cable(
     return Cable(f"{body.name}.{name}", cable, owner, nodes, weights, place, rest_point)
 
 
-def _embedded(body: SoftBody, points: np.ndarray, on: np.ndarray, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of the model, and their weights, of those points in the body's mesh coordinates that are on it."""
+def _place(listed: Any, own_body: str) -> tuple[str, np.ndarray, np.ndarray]:
+    """Body, points [mm] and share of each point in the pull, of one of the points or areas that a scene lists."""
+    if isinstance(listed, settings.CablePoint):
+        return listed.body, np.array([listed.point]), np.ones(1)
+    if isinstance(listed, settings.CableArea):
+        weights = np.array(listed.weights if listed.weights is not None else [1.0] * len(listed.area))
+        return listed.body or own_body, np.array(listed.area), weights / weights.sum()
+    return own_body, np.array([listed], dtype=np.float64), np.ones(1)
+
+
+def _embedded(
+    body: SoftBody, places: Sequence[np.ndarray], numbers: Sequence[int], key: str
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Nodes of the body, and their weights, that carry the points of each place in mesh coordinates [mm]."""
     lower, upper = body.mesh.nodes.min(axis=0), body.mesh.nodes.max(axis=0)
     margin = EMBEDDING_MARGIN * (upper - lower).max()
-    outside = on & ((points < lower - margin) | (points > upper + margin)).any(axis=1)
-    if outside.any() and body.settings.points_outside == "refused":
-        first = int(np.argmax(outside))
-        raise SceneError(
-            f"{key}.{first} = {points[first].tolist()}: lies outside the mesh of '{body.name}' "
-            f"({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm, before it is placed)"
-        )
-    nodes, weights = embed(points[on], body.mesh.nodes, body.mesh.elements, body.settings.embedding)
-    return nodes + body.nodes.start, weights
+    for number, points in zip(numbers, places, strict=True):
+        outside = ((points < lower - margin) | (points > upper + margin)).any(axis=1)
+        if outside.any() and body.settings.points_outside == "refused":
+            raise SceneError(
+                f"{key}.{number} = {points[np.argmax(outside)].tolist()}: lies outside the mesh of '{body.name}' "
+                f"({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm, before it is placed)"
+            )
+    nodes, weights = embed(np.vstack(places), body.mesh.nodes, body.mesh.elements, body.settings.embedding)
+    ends = np.cumsum([len(points) for points in places])[:-1]
+    return list(zip(np.split(nodes, ends), np.split(weights, ends), strict=True))
 
 
 def _joined(tables: Sequence[np.ndarray], empty: tuple[int, ...], kind: type) -> np.ndarray:

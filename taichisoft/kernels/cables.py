@@ -26,8 +26,8 @@ class CablePaths(NamedTuple):
     Attributes:
         point_start: where each cable's points begin, shape (cable_count + 1,).
         owner: SOFT, STATIC, or the rigid body that carries each point, shape (point_count,).
-        nodes, weights: soft nodes that carry a point, shape (point_count, 4).
-        slot: place of each of these nodes among the soft entries of its cable, or -1, shape (point_count, 4).
+        nodes, weights: soft nodes that carry a point, shape (point_count, slots).
+        slot: place of each of these nodes among the soft entries of its cable, or -1, shape (point_count, slots).
         rigid_slot: place of the rigid body among the rigid entries of its cable, or -1, shape (point_count,).
         cable: cable of each coordinate, shape (coordinate_count,).
         first_point: first point on which each coordinate depends, shape (coordinate_count,).
@@ -85,7 +85,7 @@ def measure(
             place = rigid_position[paths.owner[p]] + rigid_rotation[paths.owner[p]] @ place
         elif paths.owner[p] == SOFT:
             place = vec3(0.0)
-            for k in ti.static(range(4)):
+            for k in range(paths.nodes.shape[1]):
                 place += paths.weights[p, k] * node_position[paths.nodes[p, k]]
         position[p] = place
         both[p] = vec3(0.0)
@@ -124,7 +124,7 @@ def measure(
                 direction = -both[p]
                 if p == first:
                     direction = -onward[p]
-            for k in ti.static(range(4)):
+            for k in range(paths.slot.shape[1]):
                 if paths.slot[p, k] >= 0:
                     gradient.soft[soft_start + paths.slot[p, k]] += paths.weights[p, k] * direction
             if paths.rigid_slot[p] >= 0:

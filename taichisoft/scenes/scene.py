@@ -218,6 +218,9 @@ class Scene(Table):
         if twice:
             raise ValueError(f"two bodies are called '{twice[0]}'; every body needs a name of its own")
         mentioned = {name: "contact.pairs" for pair in self.contact.pairs for name in pair.bodies}
+        for body, table in self.soft_bodies.items():
+            for cable, settings in table.cables.items():
+                mentioned |= dict.fromkeys(settings.other_bodies, f"soft_bodies.{body}.cables.{cable}.points")
         for name, key in mentioned.items():
             if name not in names:
                 raise ValueError(f"{key} names '{name}', which is no body; there are: {', '.join(names)}")

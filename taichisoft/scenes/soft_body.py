@@ -3,7 +3,7 @@
 from collections import Counter
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Field, field_validator, model_serializer, model_validator
+from pydantic import Discriminator, Field, Tag, field_validator, model_serializer, model_validator
 
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.table import (
@@ -107,12 +107,52 @@ class CablePoint(Table):
     """The point in this body's own coordinates, those of its mesh or of its scaled surface [mm]."""
 
 
+class CableArea(Table):
+    """A place of a cable that pulls at a whole area, such as a plate that is glued in: the weighted mean of points."""
+
+    body: str | None = None
+    """Name of the body that has the points; the cable's own body when it is not given."""
+    area: Annotated[list[Vector], Field(min_length=1)]
+    """The points, in this body's own coordinates [mm]."""
+    weights: list[NotNegative] | None = None
+    """Share of each point in the pull, of any sum; equal ones when they are not given."""
+
+    @model_validator(mode="after")
+    def _check_weights(self) -> Self:
+        if self.weights is not None and len(self.weights) != len(self.area):
+            raise ValueError(f"weights has {len(self.weights)} numbers for the {len(self.area)} points of area")
+        if self.weights is not None and not any(self.weights):
+            raise ValueError("weights are all 0; at least one point must be pulled")
+        return self
+
+
+def _kind_of_points(value: Any) -> str:
+    return "<file>" if isinstance(value, str) else "<list>"
+
+
+def _kind_of_place(value: Any) -> str:
+    if isinstance(value, CableArea) or (isinstance(value, dict) and "area" in value):
+        return "<area>"
+    return "<other body>" if isinstance(value, dict | CablePoint) else "<point>"
+
+
+CablePlace = Annotated[
+    Annotated[Vector, Tag("<point>")]
+    | Annotated[CablePoint, Tag("<other body>")]
+    | Annotated[CableArea, Tag("<area>")],
+    Discriminator(_kind_of_place),
+]
+
+
 class Cable(Table):
     """A cable (tendon) through points of bodies: pulled in at its first point, attached at the last, free to slide
     through those between."""
 
-    points: str | list[Vector | CablePoint]
-    """Points in the mesh's own coordinates [mm], or a file with a list of them (.json) or lines of x, y, z (.csv)."""
+    points: Annotated[
+        Annotated[str, Tag("<file>")] | Annotated[list[CablePlace], Tag("<list>")], Discriminator(_kind_of_points)
+    ]
+    """Points in the mesh's own coordinates [mm], points of other bodies, or areas; or a file with a list of points
+    (.json) or lines of x, y, z (.csv)."""
     pull_point: Vector | None = None
     """The place from which the cable is pulled, in the same coordinates [mm]; the first point when it is not given."""
     pull_point_moves: bool = True
@@ -132,6 +172,12 @@ class Cable(Table):
     """How far the cable is pulled in at least [mm]; negative when it may be paid out."""
     highest_pull: Number | None = None
     """How far the cable can be pulled in [mm], a stop."""
+
+    @property
+    def other_bodies(self) -> list[str]:
+        """Names of the bodies that its points and areas name."""
+        places = [place for place in self.points if isinstance(place, CablePoint | CableArea)]
+        return [place.body for place in places if place.body is not None]
 
     @model_validator(mode="after")
     def _check_limits(self) -> Self:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, get_args, get_origin
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel, Tag, ValidationError
 
 from taichisoft.errors import nearest
 
@@ -26,17 +26,19 @@ def first_problem(error: ValidationError, table: type[BaseModel], prefix: str = 
 
 
 def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], prefix: str) -> str:
-    location = problem["loc"]
+    path = problem["loc"]
+    # Where a key takes values of several kinds, pydantic names the kind; the tables give them names in brackets.
+    location = tuple(part for part in path if not str(part).startswith("<"))
     key = ".".join([prefix] * bool(prefix) + [str(part) for part in location])
     value = f"{key} = {_short(problem['input'])}"
     match problem["type"]:
         case "extra_forbidden":
-            return f"{key}: unknown key; {nearest(str(location[-1]), _valid_keys(table, location[:-1]), 'valid keys')}"
+            return f"{key}: unknown key; {nearest(str(location[-1]), _valid_keys(table, path[:-1]), 'valid keys')}"
         case "string_pattern_mismatch" if location[-1] == "[key]":  # pydantic's mark for the name of an entry
             name, table_key = problem["input"], ".".join(str(part) for part in location[:-2])
             return f"{table_key} has a '{name}': a name must not be empty nor contain any of . | /"
         case "missing" if isinstance(location[-1], int):  # the entries that a list of fixed length lacks
-            absent = [found for found in problems if found["type"] == "missing" and found["loc"][:-1] == location[:-1]]
+            absent = [found for found in problems if found["type"] == "missing" and found["loc"][:-1] == path[:-1]]
             given = len(problem["input"])
             parent = key.rpartition(".")[0]
             return f"{parent} = {_short(problem['input'])}: has {given} values; {given + len(absent)} are needed"
@@ -75,6 +77,8 @@ def _inside(annotation: Any, part: Any) -> Any:
     """The type of a table's field or of any entry of a dictionary or list; None when there is none."""
     if _is_table(annotation):
         return annotation.model_fields[part].annotation if part in annotation.model_fields else None
+    if any(isinstance(mark, Tag) and mark.tag == part for mark in getattr(annotation, "__metadata__", ())):
+        return get_args(annotation)[0]
     if get_origin(annotation) in (dict, list):
         return get_args(annotation)[-1]
     return next((found for inner in get_args(annotation) if (found := _inside(inner, part)) is not None), None)

@@ -18,6 +18,10 @@ def soft(**changes: Any) -> dict[str, Any]:
     return {"soft_bodies": {"finger": {**SOFT, **changes}}}
 
 
+def cable(*points: Any) -> dict[str, Any]:
+    return soft(cables={"c": {"points": list(points), "pull_point": [9.0, 0.0, 0.0]}})
+
+
 def rigid(**changes: Any) -> dict[str, Any]:
     return {"rigid_bodies": {"cube": {**BOX, **changes}}}
 
@@ -104,7 +108,15 @@ WRONG = [
     (soft(anchors=[{"nodes": [3, 5, 3]}]), "soft_bodies.finger.anchors.0: nodes names node 3 2 times; name every node"),
     (soft(regions=[{"nodes": [3], "young_modulus": 1}]), "soft_bodies.finger.regions.0.nodes: unknown key"),
     (soft(anchors=[{"box": [[1, 0, 0], [0, 1, 1]]}]), "soft_bodies.finger.anchors.0: the first corner of a box must"),
+    (cable([0.0, 0.0, 0.0], [1.0, 2.0]), "soft_bodies.finger.cables.c.points.1 = [1.0, 2.0]: has 2 values; 3 are"),
+    (cable({"area": [[0.0, 0.0, 0.0]], "weigths": [1.0]}), "points.0.weigths: unknown key; did you mean 'weights'?"),
+    (cable({"area": [[0.0, 0.0, 0.0]], "weights": [1.0, 2.0]}), "points.0: weights has 2 numbers for the 1 points of"),
+    (cable({"area": [[0.0, 0.0, 0.0]], "weights": [0.0]}), "points.0: weights are all 0; at least one point must be"),
     # names
+    (
+        cable({"body": "cub", "point": [0.0, 0.0, 0.0]}),
+        "soft_bodies.finger.cables.c.points names 'cub', which is no body; there are: finger",
+    ),
     (with_box(obstacles={"cube": PLANE}), "two bodies are called 'cube'; every body needs a name of its own"),
     (
         with_box(contact={"pairs": [{"bodies": ["cube", "flor"], "friction": 1}]}, obstacles={"floor": PLANE}),

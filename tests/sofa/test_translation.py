@@ -356,6 +356,48 @@ def test_a_cable_runs_through_its_points_and_has_their_limits(
     assert ("pull_point" in table) == ("False" not in settings)
 
 
+FOLDED = "0 0 0  0 1 0  1 0 0  1 1 0  1 0 0.5  1 1 0.5  0 0 0.5  0 1 0.5"
+
+
+@pytest.mark.parametrize(
+    ("settings", "shares"),
+    [
+        # along the edges from vertex 0: 0, 1, 1, sqrt 2, 1.5; vertex 6 is 0.5 away in space and 2.5 along the surface
+        ("method='geodesic', indices=[0], radii=[1.2]", {0: 1.2, 1: 0.2, 2: 0.2}),
+        ("method='geodesic', centers=[[0.25, 0, -3]], radii=1.1", {0: 0.85, 2: 0.35, 1: 1.1 - 1.0625**0.5}),
+        (
+            "method='sphere', indices=[0], radii=[1.2]",
+            {0: 1.2, 1: 0.2, 2: 0.2, 4: 1.2 - 1.25**0.5, 6: 0.7, 7: 1.2 - 1.25**0.5},
+        ),
+        ("method='geodesic', centers=[[0.5, 0.25, 1]], radii=[0.01]", None),
+    ],
+)
+def test_a_cable_pulls_at_areas(folder: Path, settings: str, shares: dict[int, float] | None) -> None:
+    """A strip of 1 mm folded over itself, so that its ends are near in space and far along it."""
+    translation = translated(
+        folder,
+        f"""
+        free_motion(root)
+        cable = body(root).addChild("cable")
+        cable.addObject("MeshTopology", name="strip", position="{FOLDED}",
+                        triangles="0 2 1  1 2 3  2 4 3  3 4 5  4 6 5  5 6 7")
+        cable.addObject("MechanicalObject", src="@strip")
+        cable.addObject("CableConstraint", surfaceTopology="@strip", {settings})
+        cable.addObject("BarycentricMapping")
+        """,
+    )
+    assert not translation.refused
+    (place,) = translation.tables["soft_bodies"]["body"]["cables"]["cable"]["points"]
+    if shares is None:
+        assert place == pytest.approx([0.5, 0.25, 0.5])
+        return
+    vertices = np.array(FOLDED.split(), dtype=float).reshape(-1, 3)
+    expected = {tuple(vertices[vertex]): share for vertex, share in shares.items()}
+    found = dict(zip(map(tuple, place["area"]), place["weights"], strict=True))
+    assert found == pytest.approx(expected)
+    assert any("weighted means" in line for line in translation.departures)
+
+
 def test_first_order_dynamics_is_that_of_the_whole_scene(folder: Path) -> None:
     first = "body(root, 'a').EulerImplicitSolver.firstOrder = True"
     translation = translated(folder, first)

@@ -43,9 +43,15 @@ def _geometry(model: Model, simulation: Simulation) -> ActuatorGeometry:
     return geometry
 
 
-def test_the_gradient_is_that_of_the_length(pulled: Callable[..., Simulation], figures: Figures) -> None:
+AREA = {"area": [[18.0, -4.0, 3.0], [18.0, 4.0, 3.0], [14.0, 0.0, 4.0]], "weights": [1.0, 1.0, 2.0]}
+
+
+@pytest.mark.parametrize("points", [BENT, [*BENT[:3], AREA]])
+def test_the_gradient_is_that_of_the_length(
+    pulled: Callable[..., Simulation], figures: Figures, points: list[object]
+) -> None:
     """d(pull)/dx = -dL/dx, by central differences of 1 um: their error is 1e-9 of a term."""
-    simulation = pulled()
+    simulation = pulled(points=points)
     advance(simulation, 0.3, Control(cable_pull={CABLE: 3.0}))
     model, state = simulation.model, simulation.state
     gradient = _geometry(model, simulation).gradient.soft.copy()
@@ -61,6 +67,22 @@ def test_the_gradient_is_that_of_the_length(pulled: Callable[..., Simulation], f
             )
             worst = max(worst, abs(-(ahead - behind) / 2e-3 - gradient[entry, axis]))
     figures.at_most("difference of the gradient", worst, 1e-8)
+
+
+def test_an_area_is_pulled_in_shares(pulled: Callable[..., Simulation], figures: Figures) -> None:
+    """A cable that ends in a glued-in plate acts as three cables to its points do that pull alike, in its shares.
+
+    The three run from the same far pull point, so that they are parallel to 1e-5 of their tension.
+    """
+    far = [-3e6, 0.0, 4.0]
+    one = pulled(points=[AREA], pull_point=far)
+    advance(one, 0.5, Control(cable_tension={CABLE: 100.0}))
+    cables = {str(k): {"points": [point], "pull_point": far} for k, point in enumerate(AREA["area"])}
+    three = pulled(block_keys={"cables": cables})
+    advance(three, 0.5, Control(cable_tension={"block.0": 25.0, "block.1": 25.0, "block.2": 50.0}))
+    moved = np.abs(one.state.position - one.model.rest_position).max()
+    difference = np.abs(one.state.position - three.state.position).max()
+    figures.at_most("difference by motion", difference / moved, 1e-4)
 
 
 def test_a_pull_does_the_work_that_the_block_stores(pulled: Callable[..., Simulation], figures: Figures) -> None:

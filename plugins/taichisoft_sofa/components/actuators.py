@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichisoft_sofa.components.cable_areas import METHODS, areas
 from taichisoft_sofa.components.contacts import surface_triangles
 from taichisoft_sofa.components.draft import Cable, Cavity
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
@@ -51,16 +52,19 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
 
 
 def cable(component: "Component", draft: "SceneDraft") -> None:
-    """A cable through points of a body."""
+    """A cable through points of a body, or to areas of its surface."""
     body = draft.body_of(component)
     if body is None:
         return
-    if text(component, "method", default="point") != "point":
-        draft.refuse(component, f"method '{text(component, 'method')}'; a cable pulls at its points here")
+    method = text(component, "method", default="point")
+    if method not in METHODS:
+        draft.refuse(component, f"method '{method}'; valid: {', '.join(METHODS)}")
         return
     points = draft.points_of(component)
     indices = numbers(component, "indices", default=[0.0]).astype(np.int64)
     if not len(indices) or indices.min() < 0 or indices.max() >= len(points):
         draft.refuse(component, f"indices must be among the {len(points)} points of its MechanicalObject")
         return
-    body.cables.append(Cable(component, points[indices]))
+    places = points[indices].tolist() if method == "point" else areas(component, points, draft)
+    if places:
+        body.cables.append(Cable(component, places))

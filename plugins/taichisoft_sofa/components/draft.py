@@ -101,10 +101,11 @@ class Cavity:
 
 @dataclass(frozen=True)
 class Cable:
-    """A cable: its constraint, and the points through which it runs from the pull point on [mm], shape (count, 3)."""
+    """A cable: its constraint, and the points and areas through which it runs from the pull point on, as native scenes
+    list them."""
 
     component: "Component"
-    points: np.ndarray
+    places: list[Any]
 
 
 @dataclass

@@ -214,7 +214,7 @@ def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft,
     names = unique([*taken, *(clean(node_of(cable.component).getName()) for cable in body.cables)])[len(taken) :]
     for cable_name, cable in zip(names, body.cables, strict=True):
         component = cable.component
-        made: dict[str, Any] = {"points": cable.points.tolist(), "pull_point_moves": False}
+        made: dict[str, Any] = {"points": cable.places, "pull_point_moves": False}
         if flag(component, "hasPullPoint", True):
             made["pull_point"] = vector(component, "pullPoint", default=(0.0, 0.0, 0.0)).tolist()
         if not is_given(component, "minForce") or number(component, "minForce", default=0.0) < 0.0:
