@@ -140,6 +140,18 @@ class Appearance(Table):
     """Colour behind everything, "#rrggbb"; a light one when it is not given."""
     frame: bool = True
     """Whether the directions of x, y and z stand in a corner of pictures and videos."""
+    eye: Vector | None = None
+    """Where the camera stands [mm]; aslant of everything when it is not given."""
+    target: Vector | None = None
+    """What a camera at `eye` looks at [mm]; the middle of the scene when it is not given."""
+
+    @model_validator(mode="after")
+    def _check_camera(self) -> Self:
+        if self.target is not None and self.eye is None:
+            raise ValueError("target needs an eye, the place of the camera")
+        if self.target is not None and self.eye == self.target:
+            raise ValueError(f"eye and target are one point, {list(self.target)}: the camera would look nowhere")
+        return self
 
 
 class Scene(Table):

@@ -14,7 +14,7 @@ from PIL import Image
 
 from taichisoft.bodies.surfaces import Plane, Surface
 from taichisoft.scenes.file import scene_from_toml
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes.scene import Appearance, Scene
 from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
 from taichisoft_plugins.drawing.scene_colours import body_colours
 from taichisoft_plugins.drawing.style import BACKGROUND, Style
@@ -103,6 +103,12 @@ def test_what_the_user_chose_wins_over_the_scene(recording: Recording) -> None:
     chosen = Style(background="#ffffff", axes=True).for_scene(scene)
     assert chosen.background_colour == (1.0, 1.0, 1.0) and chosen.axes is True
     usual = Style().for_scene(plain)
+    assert usual.eye is None
+    filmed = plain.model_copy(update={"appearance": Appearance(eye=(300.0, 0.0, 50.0), target=(0.0, 0.0, 10.0))})
+    assert (Style().for_scene(filmed).eye, Style().for_scene(filmed).target) == ((300.0, 0.0, 50.0), (0.0, 0.0, 10.0))
+    assert Style(view="iso").for_scene(filmed).eye is None
+    asked = Style(eye=(1.0, 2.0, 3.0)).for_scene(filmed)
+    assert (asked.eye, asked.target) == ((1.0, 2.0, 3.0), None)
     assert usual.background_colour == BACKGROUND and usual.axes is True
 
 

@@ -97,3 +97,19 @@ def test_a_frame_that_is_not_drawn_is_not_in_pictures(folder: Path) -> None:
     assert "appearance" not in translated(folder, "body(root)").tables
     tables = translated(folder, "body(root)\nroot.addObject('OglSceneFrame', draw=False)").tables
     assert tables["appearance"] == {"frame": False}
+
+
+@pytest.mark.parametrize(
+    ("given", "eye", "target"),
+    [
+        ("position=[300, 20, 10], lookAt='0 0 5'", [300.0, 20.0, 10.0], [0.0, 0.0, 5.0]),
+        ("position='300 20 10'", [300.0, 20.0, 10.0], None),
+        ("lookAt='0 0 5'", None, None),
+    ],
+)
+def test_a_camera_stands_where_the_scene_says(
+    folder: Path, given: str, eye: list[float] | None, target: list[float] | None
+) -> None:
+    translation = translated(folder, f"body(root)\nroot.addObject('InteractiveCamera', name='camera', {given})")
+    appearance = translation.tables.get("appearance", {})
+    assert (appearance.get("eye"), appearance.get("target")) == (eye, target)

@@ -39,7 +39,10 @@ def camera_path(
         return _following(style.followed, surfaces, frames, up, aspect)
     if style.eye is None and style.view == "orbit":
         return _orbiting(points, frames, up, aspect)
-    camera = fit_camera(points, up, style.view, aspect) if style.eye is None else _explicit(style, points, up)
+    if style.eye is not None:
+        camera = _explicit(style, points, up)
+    else:
+        camera = fit_camera(points, up, style.view or "iso", aspect)
     return lambda frame: camera
 
 

@@ -31,7 +31,7 @@ class Style:
     Attributes:
         size: width and height [pixels].
         view: "iso", "front" or "top" (the camera stands still), "orbit" (from iso once around the scene, over all
-            frames), or "follow:BODY" (from iso, moving with that body).
+            frames), or "follow:BODY" (from iso, moving with that body); None for the scene's own camera, or iso.
         eye: position of the camera [mm], which takes the place of `view`.
         target: point that a camera at `eye` looks at [mm]; None for the middle of the scene.
         opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden.
@@ -50,7 +50,7 @@ class Style:
     """
 
     size: tuple[int, int] = (1280, 720)
-    view: str = "iso"
+    view: str | None = None
     eye: tuple[float, float, float] | None = None
     target: tuple[float, float, float] | None = None
     opacity: float = 0.6
@@ -69,7 +69,7 @@ class Style:
             sides = f"width and height must be whole numbers from {SMALLEST} to {LARGEST} pixels"
             raise StyleError(f"size {width:g}x{height:g}: {sides}")
         self._set("size", (int(width), int(height)))
-        if self.view not in VIEWS[:-1] and not (self.view.startswith("follow:") and len(self.view) > len("follow:")):
+        if self.view not in (None, *VIEWS[:-1]) and not re.fullmatch("follow:.+", self.view):
             raise StyleError(f"no view is called '{self.view}'; there are: {', '.join(VIEWS)}")
         if not 0.0 < self.opacity <= 1.0:
             raise StyleError(f"opacity {self.opacity:g} must be above 0 and at most 1")
@@ -92,7 +92,8 @@ class Style:
     @property
     def followed(self) -> str | None:
         """Name of the body that the camera moves with; None where it does not follow one."""
-        return self.view.removeprefix("follow:") if self.view.startswith("follow:") and self.eye is None else None
+        view = self.view or ""
+        return view.removeprefix("follow:") if view.startswith("follow:") and self.eye is None else None
 
     @property
     def background_colour(self) -> tuple[float, float, float]:
@@ -103,8 +104,11 @@ class Style:
     def for_scene(self, scene: "Scene") -> Self:
         """This style, with what a scene says of its appearance where the user chose nothing."""
         appearance = scene.appearance
+        own_camera = self.view is None and self.eye is None
         return replace(
             self,
+            eye=appearance.eye if own_camera else self.eye,
+            target=appearance.target if own_camera else self.target,
             background=appearance.background if self.background is None else self.background,
             axes=appearance.frame if self.axes is None else self.axes,
         )

@@ -35,7 +35,10 @@ def render(
     size: Annotated[str, typer.Option(help="Width and height in pixels.")] = "{}x{}".format(*STYLE.size),
     view: Annotated[
         list[str] | None,
-        typer.Option(help=f"Where the camera stands: {', '.join(VIEWS)}; each of several gets its own files."),
+        typer.Option(
+            help=f"Where the camera stands: {', '.join(VIEWS)}; each of several gets its own files  "
+            "\\[default: the scene's camera, or iso]"
+        ),
     ] = None,
     eye: Annotated[
         str | None, typer.Option(metavar="X,Y,Z", help="Where the camera stands instead of a view \\[mm].")
@@ -69,7 +72,7 @@ def render(
     """
     if eye is not None and view:
         raise TaichisoftError("--eye takes the place of a view; give either --eye or --view")
-    views = list(dict.fromkeys(view or [STYLE.view]))
+    views: list[str | None] = list(dict.fromkeys(view)) if view else [None]
     styles = {
         one: Style(
             size=parse_size(size),
@@ -95,7 +98,7 @@ def render(
         moments = {f"at_{moment:.2f}s": moment for moment in time} if time else key_moments(recording)
     with warnings_printed_to(rich.get_console()):
         for one, style in styles.items():
-            ending = f"_{one.replace(':', '_')}" if len(styles) > 1 else ""
+            ending = f"_{one.replace(':', '_')}" if one is not None and len(styles) > 1 else ""
             if image or time or video is None:
                 times = {name + ending: moment for name, moment in moments.items()}
                 for path in render_pictures(run, times, output or run.parent, style):

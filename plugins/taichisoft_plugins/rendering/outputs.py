@@ -101,7 +101,7 @@ class VideoOutput(DrawnAtEnd):
         fps: float = FPS,
         size: str = "1280x720",
         slow_motion: float = 1.0,
-        view: str = "iso",
+        view: str | None = None,
     ):
         super().__init__(folder)
         self.file = file if file is not None else self.folder / "video.mp4"

@@ -6,7 +6,8 @@ from typing import Any
 import numpy as np
 
 from taichisoft.scenes.colours import red_green_blue
-from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, fit_camera, radius_around_mean
+from taichisoft.scenes.scene import Scene
+from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, Camera, fit_camera, radius_around_mean
 from taichisoft_plugins.drawing.planes import square_of_plane
 from taichisoft_plugins.drawing.scales import LINE, ColourScale
 from taichisoft_plugins.drawing.scene_colours import body_colours
@@ -54,7 +55,7 @@ class SceneView:
         self._radius = max(radius_around_mean(points), 1.0)
         server.scene.set_up_direction(content.scene.up)
         server.scene.configure_default_lights(enabled=True, cast_shadow=True)
-        self._set_camera(points, content.scene.up)
+        self._set_camera(points, content.scene)
         self._set_background(content.scene.appearance.background)
         self._own_colours = body_colours(content.scene)
         self._sources, self._meshes = [], []
@@ -132,10 +133,15 @@ class SceneView:
             pixel = np.array([[_bytes(red_green_blue(colour))]], dtype=np.uint8)
             self._server.scene.set_background_image(pixel, format="png")
 
-    def _set_camera(self, points: np.ndarray, up: np.ndarray) -> None:
-        camera = fit_camera(points, up, "iso", ASPECT)
+    def _set_camera(self, points: np.ndarray, scene: Scene) -> None:
+        camera, eye, target = fit_camera(points, scene.up, "iso", ASPECT), scene.appearance.eye, scene.appearance.target
+        away = BACKWARD * (camera.eye - camera.target)
+        if eye is not None:
+            target_point = camera.target if target is None else np.array(target)
+            camera = Camera(np.array(eye), target_point, scene.up)
+            away = camera.eye - camera.target
         initial = self._server.initial_camera
-        initial.position = (camera.target + BACKWARD * (camera.eye - camera.target)) * LENGTH_UNIT
+        initial.position = (camera.target + away) * LENGTH_UNIT
         initial.look_at = camera.target * LENGTH_UNIT
         initial.up = camera.up
         initial.fov = float(np.radians(VERTICAL_ANGLE))

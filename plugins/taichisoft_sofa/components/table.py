@@ -149,6 +149,7 @@ UNDERSTOOD: dict[str, Contribution] = {
     "VisualModel": visuals.visual_model,
     "BackgroundSetting": visuals.background,
     "OglSceneFrame": visuals.axes,
+    **dict.fromkeys(("Camera", "InteractiveCamera"), visuals.camera),
 }
 """What each type contributes to the draft of a scene."""
 
@@ -168,8 +169,6 @@ IGNORED = {
     "DirectionalLight",
     "SpotLight",
     "PositionalLight",
-    "Camera",
-    "InteractiveCamera",
     "RecordedCamera",
     "ViewerSetting",
     "StatsSetting",

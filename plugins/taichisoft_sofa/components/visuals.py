@@ -7,6 +7,7 @@ import numpy as np
 
 from taichisoft_sofa.components.graph import independent_state, node_of
 from taichisoft_sofa.components.reading import described, flag, value_of
+from taichisoft_sofa.components.reading import numbers as numbers_of
 from taichisoft_sofa.tree.kinds import WrongValue, numbers
 
 if TYPE_CHECKING:
@@ -47,6 +48,15 @@ def background(component: "Component", draft: "SceneDraft") -> None:
 def axes(component: "Component", draft: "SceneDraft") -> None:
     """Whether the axes stand in a corner of pictures."""
     draft.appearance["frame"] = flag(component, "draw", True)
+
+
+def camera(component: "Component", draft: "SceneDraft") -> None:
+    """Where the camera stands in pictures, where a scene says so by `position` and `lookAt`."""
+    eye, target = numbers_of(component, "position"), numbers_of(component, "lookAt")
+    if len(eye) == 3:
+        draft.appearance["eye"] = eye.tolist()
+        if len(target) == 3 and not np.array_equal(eye, target):
+            draft.appearance["target"] = target.tolist()
 
 
 def _colour(component: "Component", draft: "SceneDraft") -> str | None:
