@@ -7,12 +7,12 @@ whose numbers are in `state.contact_body_pair`. Forces are in mN, so that the we
 Prints:
 
                          normal  friction [mN]
-    finger1 on cube        67.1     40.3
-    finger2 on cube       184.6    110.7
-    finger3 on cube       186.8    112.1
-    cube on floor         268.2    101.2
+    finger1 on cube        92.7     55.6
+    finger2 on cube       200.2    120.1
+    finger3 on cube       200.3    120.2
+    cube on floor         299.1     70.5
     All contacts together push the cube up with 9.81 mN; its weight is 9.81 mN.
-    centre of finger1's force: (-112.46, 48.04, -7.68) mm
+    centre of finger1's force: (-112.56, 47.72, -1.00) mm
 """
 
 import numpy as np

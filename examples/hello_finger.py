@@ -6,10 +6,10 @@ is asked for. Lengths are in mm, pressures in kPa. The finger hangs along -x and
 
 Prints:
 
-    0.3 s: 10 kPa, bent by 7.49 degrees, tip at (-114.61, 32.61, 0.49) mm
-    0.6 s: 20 kPa, bent by 13.70 degrees, tip at (-114.12, 38.83, 0.44) mm
-    0.9 s: 30 kPa, bent by 20.04 degrees, tip at (-113.16, 45.03, 0.38) mm
-    The cavity holds 11457.3 mm^3, and 626 nodes have moved.
+    0.3 s: 10 kPa, bent by 7.57 degrees, tip at (-114.60, 32.70, 0.49) mm
+    0.6 s: 20 kPa, bent by 14.04 degrees, tip at (-114.03, 39.28, 0.43) mm
+    0.9 s: 30 kPa, bent by 20.87 degrees, tip at (-112.86, 46.11, 0.37) mm
+    The cavity holds 11436.2 mm^3, and 626 nodes have moved.
 """
 
 import math

@@ -6,10 +6,10 @@ line (`taichisoft run gripper --plugin FILE --controller NAME`), a hook gives it
 
 Prints:
 
-    0.24 s: finger2 presses at 24 kPa
-    0.24 s: finger3 presses at 24 kPa
-    0.37 s: finger1 presses at 37 kPa
-    completed: the base has risen by 16.60 mm, the cube by 14.58 mm
+    0.23 s: finger2 presses at 23 kPa
+    0.23 s: finger3 presses at 23 kPa
+    0.34 s: finger1 presses at 34 kPa
+    completed: the base has risen by 17.20 mm, the cube by 15.23 mm
 """
 
 import numpy as np

@@ -7,10 +7,10 @@ between what is asked for and what happens: this gripper's pressures change by 3
 Prints:
 
     held back in the first step: finger1.cavity, finger2.cavity, finger3.cavity
-    finger1: 5.0 kPa bend it by 4.84 degrees
-    finger2: 10.0 kPa bend it by 7.87 degrees
-    finger3: 15.0 kPa bend it by 10.70 degrees
-    finger3 vented: 4.85, 7.90, 1.91 degrees
+    finger1: 5.0 kPa bend it by 4.86 degrees
+    finger2: 10.0 kPa bend it by 7.95 degrees
+    finger3: 15.0 kPa bend it by 10.88 degrees
+    finger3 vented: 4.87, 7.97, 1.91 degrees
 """
 
 import math

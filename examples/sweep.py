@@ -6,11 +6,11 @@ A loop over scenes is a sweep. `taichisoft mesh-sweep` varies the dimensions of 
 Prints:
 
     layer [kPa]  bent by [degrees]  air [mm^3]
-            500              25.67     12048.7
-           1000              22.81     11677.5
-           1500              20.60     11521.1
-           3000              16.42     11321.1
-           6000              12.58     11184.8
+            500              26.73     12013.6
+           1000              23.73     11649.7
+           1500              21.41     11495.6
+           3000              17.00     11297.1
+           6000              12.96     11160.6
 """
 
 import math

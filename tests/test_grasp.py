@@ -79,11 +79,11 @@ def test_more_pressure_presses_harder(light: dict[str, Any], heavy: dict[str, An
         assert all("floor" not in pair for pair, force in metrics["final_normal_forces_mN"].items() if force > 0.0)
 
 
-@pytest.mark.parametrize(("friction", "held"), [(0.01, True), (0.008, False)])
+@pytest.mark.parametrize(("friction", "held"), [(0.009, True), (0.007, False)])
 def test_friction_holds_the_weight_if_it_can(tmp_path: Path, friction: float, held: bool) -> None:
-    """Coulomb: sum(F_n) mu >= m g. 1 g weighs 9.81 mN and the fingers press with 1091 mN, so the threshold is 0.0090.
+    """Coulomb: sum(F_n) mu >= m g. 1 g weighs 9.81 mN and the fingers press with 1237 mN, so the threshold is 0.0079.
 
-    The cases lie 11 % on either side of it; lifting by 10 mm in 0.5 s adds at most 2.4 % of g to the weight.
+    The cases lie 12 % on either side of it; lifting by 10 mm in 0.5 s adds at most 2.4 % of g to the weight.
     """
     script = tmp_path / "quick.toml"
     script.write_text(QUICK_SCRIPT)

@@ -10,7 +10,7 @@ and, R being frozen in the step (Mueller and Gross 2004, Interactive Virtual Mat
 from typing import NamedTuple
 
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.rotations import polar_rotation
+from taichisoft.kernels.polar_rotation import polar_rotation
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
 
 # What a thread does in one go.
@@ -132,18 +132,20 @@ def strain_element(e: ti.i32, nodes_per_element: ti.i32, elements: Elements, def
     point_stride = 4 * elements.polar.shape[0] * nodes_per_element
     first_corner = e * nodes_per_element
     n0 = 3 * elements.nodes[first_corner]
-    n1, n2 = 3 * elements.nodes[first_corner + 1], 3 * elements.nodes[first_corner + 2]
     x0, v0 = load(deformation.position, n0), load(deformation.velocity, n0)
-    frame = edge_frame(load(deformation.position, n1) - x0, load(deformation.position, n2) - x0)
-    r = frame @ elements.rest_frame[e].transpose()
+    r = ti.Matrix.identity(ti.f64, 3)
     if elements.polar[e] != 0:
         total = ti.Matrix.zero(ti.f64, 3, 3)
         for q in range(elements.volume.shape[1]):
-            for a in range(nodes_per_element):
+            for a in range(1, nodes_per_element):
                 g = load(elements.gradient, q * point_stride + 4 * (first_corner + a))
                 x = load(deformation.position, 3 * elements.nodes[first_corner + a])
                 total += elements.volume[e, q] * (x - x0).outer_product(g)
-        r = polar_rotation(total, r)
+        r = polar_rotation(total)
+    else:
+        n1, n2 = 3 * elements.nodes[first_corner + 1], 3 * elements.nodes[first_corner + 2]
+        frame = edge_frame(load(deformation.position, n1) - x0, load(deformation.position, n2) - x0)
+        r = frame @ elements.rest_frame[e].transpose()
     deformation.rotation[e] = r
     for a in range(nodes_per_element):
         store(deformation.element_force, 4 * (first_corner + a), vec3(0.0))

@@ -1,7 +1,7 @@
 """Where the tips of the fingers are, how they move, and how far they have turned."""
 
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.rotations import polar_rotation
+from taichisoft.kernels.rotations import fitted_rotation
 from taichisoft.kernels.runtime import Integers, Matrices, Scalars, Vectors, ti, vec3
 
 
@@ -30,7 +30,7 @@ def observe_tips(
         fitted = ti.Matrix.zero(ti.f64, 3, 3)
         for k in range(start[f], start[f + 1]):
             fitted += (position[k] - middle).outer_product(rest[k])
-        turn = base_turn[0].transpose() @ polar_rotation(share * fitted, base_turn[0])
+        turn = base_turn[0].transpose() @ fitted_rotation(share * fitted, base_turn[0])
         sine = vec3(turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
         mean_position[f] = middle
         mean_velocity[f] = speed

@@ -18,7 +18,7 @@ def rotation_of_vector(w: vec3) -> mat3:
 
 
 @ti.func
-def polar_rotation(deformation: mat3, start: mat3) -> mat3:
+def fitted_rotation(deformation: mat3, start: mat3) -> mat3:
     """Rotation nearest to a deformation gradient, also an inverted one (Mueller et al. 2016, A Robust Method to
     Extract the Rotational Part of Deformations); stops when the correction is below 1e-14 rad."""
     rotation = start

@@ -268,8 +268,9 @@ class SoftBody(Table):
     """Rayleigh damping with the mass [1/s]."""
     rayleigh_stiffness: NotNegative = 0.0
     """Rayleigh damping with the stiffness [s]."""
-    corotation: Literal["edges", "polar"] = "edges"
-    """Rotation of an element: from its first two edges, as SOFA's method "large", or by polar decomposition."""
+    corotation: Literal["polar", "edges"] = "polar"
+    """Rotation of an element: the one nearest to its deformation, or that of its first two edges, as SOFA's method
+    "large" has it; the latter depends on the order in which the mesh lists an element's nodes."""
     embedding: Literal["deepest", "grid"] = "deepest"
     """Which element carries a point of a surface file that lies outside the mesh: the one with the nearest centroid of
     all, as SOFA's MeshTopology, or of some near it on a grid, as its TetrahedronSetTopologyContainer."""

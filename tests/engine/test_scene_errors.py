@@ -92,7 +92,7 @@ WRONG = [
     (soft(mass=0), "soft_bodies.finger.mass = 0: input should be greater than 0"),
     (soft(poisson_ratio=0.5), "soft_bodies.finger.poisson_ratio = 0.5: input should be less than 0.5"),
     (soft(rayleigh_stiffness=-0.1), "soft_bodies.finger.rayleigh_stiffness = -0.1: "),
-    (soft(corotation="svd"), "soft_bodies.finger.corotation = 'svd': input should be 'edges' or 'polar'"),
+    (soft(corotation="svd"), "soft_bodies.finger.corotation = 'svd': input should be 'polar' or 'edges'"),
     (rigid(box=[1, 2, 0]), "rigid_bodies.cube.box.2 = 0: input should be greater than 0"),
     (with_box(time={"step": 0}), "time.step = 0: input should be greater than 0"),
     (with_box(contact={"friction": -0.1}), "contact.friction = -0.1: "),

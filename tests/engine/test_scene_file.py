@@ -104,7 +104,7 @@ def test_a_body_named_like_a_key_does_not_mislead_the_search_for_the_nearest_key
         ("soft_bodies.finger.poisson_ratio=-1", "soft_bodies.finger.poisson_ratio = -1: input should be greater than"),
         ("soft_bodies.finger.regions.0.poisson_ratio=0.6", "regions.0.poisson_ratio = 0.6: input should be less than"),
         ("soft_bodies.finger.anchors.0={box=[[0,0,0],[-1,1,1]]}", "they are [0.0, 0.0, 0.0] and [-1.0, 1.0, 1.0]"),
-        ("soft_bodies.finger.corotation='big'", "soft_bodies.finger.corotation = 'big': input should be 'edges' or"),
+        ("soft_bodies.finger.corotation='big'", "soft_bodies.finger.corotation = 'big': input should be 'polar' or"),
         ("rigid_bodies={'a.b'={box=[1,1,1],mass=1}}", "rigid_bodies has a 'a.b': a name must not be empty nor contain"),
         ("rigid_bodies.finger={box=[1,1,1],mass=1}", "two bodies are called 'finger'; every body needs a name of its"),
         ("goal.object='cub'", "goal.object is 'cub', which is no rigid body; there are: cube"),
@@ -202,7 +202,7 @@ def test_the_resolved_scene_reads_back_equal(name: str, tmp_path: Path) -> None:
     resolved.write_text(scene_to_toml(scene), encoding="utf-8")
     assert load_scene(resolved) == scene
     text = resolved.read_text(encoding="utf-8")
-    for default in ("max_iterations = 10000", "alarm_distance = 5.0", 'corotation = "edges"', "stiffness = 1"):
+    for default in ("max_iterations = 10000", "alarm_distance = 5.0", 'corotation = "polar"', "stiffness = 1"):
         assert default in text  # a later version with other defaults must give the same run
 
 
