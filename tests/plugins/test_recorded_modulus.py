@@ -64,7 +64,9 @@ def element_moduli(recording: Recording, frame: int) -> list[np.ndarray]:
 def element_stress(recording: Recording, frame: int) -> list[np.ndarray]:
     """Von Mises stress of each element of each body [kPa]."""
     position = recording.row("position", frame)
-    laws = [StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar=True) for body in recording.soft_bodies]
+    laws = [
+        StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar=True) for body in recording.soft_bodies
+    ]
     return [
         von_mises(law.stress(position[body.nodes], moduli))
         for law, body, moduli in zip(laws, recording.soft_bodies, element_moduli(recording, frame), strict=True)
