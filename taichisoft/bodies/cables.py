@@ -16,6 +16,7 @@ from taichisoft.kernels import cables as kernels
 from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.meshes.point_files import read_points
+from taichisoft.meshes.second_order import linear_parts
 from taichisoft.meshes.surface import stacked
 from taichisoft.scenes import soft_body as settings
 
@@ -246,7 +247,9 @@ def _embedded(
                 f"{key}.{number} = {points[np.argmax(outside)].tolist()}: lies outside the mesh of '{body.name}' "
                 f"({np.round(lower, 3).tolist()} to {np.round(upper, 3).tolist()} mm, before it is placed)"
             )
-    nodes, weights = embed(np.vstack(places), body.mesh.nodes, body.mesh.elements, body.settings.embedding)
+    nodes, weights = embed(
+        np.vstack(places), body.mesh.nodes, linear_parts(body.mesh.elements), body.settings.embedding
+    )
     ends = np.cumsum([len(points) for points in places])[:-1]
     return list(zip(np.split(nodes, ends), np.split(weights, ends), strict=True))
 

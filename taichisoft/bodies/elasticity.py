@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sparse
 
+from taichisoft.bodies.domain_elasticity import DomainElasticity, DomainSystem
 from taichisoft.bodies.elements import edge_frames, linear_tetrahedra
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.cholesky.solver import Cholesky
@@ -19,28 +20,35 @@ class Elasticity:
     In first order dynamics A = h M + h^2 K: mass is a drag, so M v = f - h K v, here times h. A times a velocity is an
     impulse as before, so that contacts and actuators need not know the difference.
 
+    Linear tetrahedra under Hooke's law have a short way of their own; all other elements are integration domains.
+
     Attributes:
-        elements: node indices, shape (element_count, nodes_per_element).
+        elements: corners of all elements, shape (element_count, 4).
         rest_position: of the nodes [mm], shape (node_count, 3).
-        lame: Lame's lambda and mu of each element [kPa], shape (element_count, 2).
-        gradient: of the shape functions [1/mm], shape (element_count, point_count, nodes_per_element, 3).
-        volume: of each quadrature point [mm^3], shape (element_count, point_count).
+        linear: numbers of the elements that are linear tetrahedra under Hooke's law, shape (linear_count,).
+        linear_elements: their node indices, shape (linear_count, 4).
+        lame: Lame's lambda and mu of each of them [kPa], shape (linear_count, 2).
+        gradient: of their shape functions [1/mm], shape (linear_count, point_count, nodes_per_element, 3).
+        volume: of their quadrature points [mm^3], shape (linear_count, point_count).
         node_mass: [kg], shape (node_count,).
         node_rayleigh_mass: Rayleigh's factor a [1/s], shape (node_count,).
         node_lag: h + b [s]: forces are those of positions so far ahead along the velocities; 0 in first order dynamics,
             where there are no velocities before the step; shape (node_count,).
         anchor_stiffness: along x, y and z [mN/mm], shape (node_count, 3).
         symbolic: the pattern of A and of its factor.
-        element_data, block_parts: what the kernels read.
+        element_data, block_parts: what the kernels read of the linear elements.
+        domains: integration domains of all others; None without any.
     """
 
     def __init__(self, bodies: Sequence[SoftBody], time: Time):
         """Lay out the arrays for steps of `time`."""
         counts = [len(body.elements) for body in bodies]
-        self.elements = np.vstack([body.elements + body.nodes.start for body in bodies]).astype(np.int32)
+        self.elements = np.vstack([body.elements[:, :4] + body.nodes.start for body in bodies]).astype(np.int32)
         self.rest_position = np.vstack([body.rest_position for body in bodies])
-        self.gradient, self.volume = linear_tetrahedra(self.rest_position, self.elements)
-        self.lame = np.vstack([body.lame for body in bodies])
+        self.linear = np.flatnonzero(np.repeat([body.domains is None for body in bodies], counts))
+        self.linear_elements = np.ascontiguousarray(self.elements[self.linear])
+        self.gradient, self.volume = linear_tetrahedra(self.rest_position, self.linear_elements)
+        self.lame = np.vstack([body.lame for body in bodies])[self.linear]
         self.node_mass = np.concatenate([body.node_mass for body in bodies])
         self.anchor_stiffness = np.vstack([body.anchor_stiffness for body in bodies])
         node_counts = [len(body.rest_position) for body in bodies]
@@ -53,20 +61,36 @@ class Elasticity:
         self.node_rayleigh_mass = np.repeat(rayleigh_mass, node_counts)
         self.node_lag = np.repeat(lag, node_counts)
         polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
-        self.element_data = self._element_data(polar, np.repeat(lag, counts), np.repeat(stiffness_factor, counts))
+        element_lag, element_factor = np.repeat(lag, counts), np.repeat(stiffness_factor, counts)
+        some = self.linear
+        self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
         held = np.repeat(stiffness_factor, node_counts)[:, None] * self.anchor_stiffness
         diagonal = (np.repeat(mass_factor, node_counts) * self.node_mass)[:, None] + held
-        nodes_per_element, node_count = self.elements.shape[1], len(self.rest_position)
-        row, column = np.repeat(self.elements, nodes_per_element, axis=1), np.tile(self.elements, nodes_per_element)
-        pattern = sparse.csr_matrix((np.ones(row.size), (row.ravel(), column.ravel())), (node_count, node_count))
-        self.symbolic = SymbolicFactor(pattern)
+        own_domains = any(body.domains is not None for body in bodies)
+        self.domains = DomainElasticity(bodies, element_lag, element_factor) if own_domains else None
+        self.symbolic = SymbolicFactor(self._pattern())
         self.block_parts = self._block_parts(diagonal)
+        if self.domains is not None:
+            self.domains.find_parts(self.symbolic.block_pairs)
+
+    def _pattern(self) -> sparse.csr_matrix:
+        """Which nodes share an element or a domain."""
+        elements, node_count = self.linear_elements, len(self.rest_position)
+        nodes_per_element = elements.shape[1]
+        row, column = (
+            np.repeat(elements, nodes_per_element, axis=1).ravel(),
+            np.tile(elements, nodes_per_element).ravel(),
+        )
+        if self.domains is not None:
+            pairs = self.domains.node_pairs()
+            row, column = np.concatenate([row, pairs[0]]), np.concatenate([column, pairs[1]])
+        return sparse.csr_matrix((np.ones(row.size), (row, column)), (node_count, node_count))
 
     def _element_data(self, polar: np.ndarray, lag: np.ndarray, stiffness_factor: np.ndarray) -> kernels.Elements:
-        corners = self.rest_position[self.elements[:, :3]]
+        corners = self.rest_position[self.linear_elements[:, :3]]
         shear_weight = np.sqrt(stiffness_factor[:, None] * self.volume * self.lame[:, 1:])
         return kernels.Elements(
-            nodes=self.elements.reshape(-1),
+            nodes=self.linear_elements.reshape(-1),
             polar=polar,
             rest_frame=edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]),
             volume=self.volume,
@@ -77,8 +101,8 @@ class Elasticity:
         )
 
     def _block_parts(self, diagonal: np.ndarray) -> kernels.BlockParts:
-        nodes_per_element, pairs = self.elements.shape[1], self.symbolic.block_pairs
-        start, element, row_corner, column_corner = _block_contributions(self.elements, pairs, len(diagonal))
+        nodes_per_element, pairs = self.linear_elements.shape[1], self.symbolic.block_pairs
+        start, element, row_corner, column_corner = _block_contributions(self.linear_elements, pairs, len(diagonal))
         return kernels.BlockParts(
             start=start,
             row_place=(4 * (element * nodes_per_element + row_corner)).astype(np.int32),
@@ -95,7 +119,7 @@ class ElasticSystem:
     Attributes:
         position, velocity: of the nodes [mm] and [mm/s], which the caller fills, shape (node_count, 3).
         force: elastic force less the lagged stiffness term, f - (h + b) K v [mN], shape (node_count, 3).
-        rotation: of each element, shape (element_count, 3, 3).
+        rotation: of each linear element, shape (linear_count, 3, 3).
         solver: the direct solver, whose blocks are A.
     """
 
@@ -107,15 +131,19 @@ class ElasticSystem:
         self.solver = Cholesky(elasticity.symbolic)
         data, node_count = elasticity.element_data, len(elasticity.rest_position)
         self.position, self.velocity, self.force = (np.zeros((node_count, 3)) for _ in range(3))
-        self.rotation = np.empty((len(elasticity.elements), 3, 3))
+        self.rotation = np.empty((len(elasticity.linear), 3, 3))
         self._deformation = kernels.Deformation(
             position=self.position.reshape(-1),
             velocity=self.velocity.reshape(-1),
             rotation=self.rotation,
             rotated_gradient=np.zeros_like(data.scaled_gradient),
-            element_force=np.zeros(4 * elasticity.elements.size),
+            element_force=np.zeros(4 * elasticity.linear_elements.size),
         )
         self._matrix = kernels.SystemMatrix(self.force, self.solver.blocks, np.zeros(2, dtype=np.int32))
+        self._domains: DomainSystem | None = None
+        if elasticity.domains is not None:
+            moving = (self.position, self.velocity, self.force)
+            self._domains = DomainSystem(elasticity.domains, *moving, self.solver.blocks)
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
         """Make each element so many times as stiff as it is in the model, its Poisson's ratio unchanged.
@@ -123,7 +151,9 @@ class ElasticSystem:
         Args:
             factor: of each element [-], shape (element_count,); with 1 everywhere the bits are those of the model.
         """
-        model = self._elasticity.element_data
+        if self._domains is not None:
+            self._domains.scale_stiffness(factor)
+        model, factor = self._elasticity.element_data, factor[self._elasticity.linear]
         if (factor == 1.0).all():
             self._elements = model
             return
@@ -143,12 +173,14 @@ class ElasticSystem:
         self._matrix.progress[:] = 0
         elasticity = self._elasticity
         kernels.assemble(
-            elasticity.elements.shape[1],
+            elasticity.linear_elements.shape[1],
             self._elements,
             self._deformation,
             elasticity.block_parts,
             self._matrix,
         )
+        if self._domains is not None:
+            self._domains.add()
 
 
 def internal_force(elasticity: Elasticity, position: np.ndarray) -> np.ndarray:

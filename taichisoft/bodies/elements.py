@@ -2,6 +2,8 @@
 
 import numpy as np
 
+from taichisoft.meshes.second_order import SIDES
+
 
 def linear_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Gradients and volumes of four-node tetrahedra, which need one quadrature point.
@@ -20,6 +22,33 @@ def linear_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarr
     first = -last_three.sum(axis=1, keepdims=True)
     volumes = np.abs(np.linalg.det(edges)) / 6.0
     return np.ascontiguousarray(np.concatenate([first, last_three], axis=1)[:, None]), volumes[:, None]
+
+
+# Four points that integrate quadratic functions over a tetrahedron exactly, as barycentric coordinates.
+QUADRATURE_POINTS = np.full((4, 4), (5.0 - 5.0**0.5) / 20.0) + np.eye(4) * 5.0**-0.5
+
+
+def quadratic_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients and volumes of ten-node tetrahedra, whose sides may be curved, at four quadrature points.
+
+    Args:
+        nodes: rest positions [mm], shape (node_count, 3).
+        elements: node indices, the four corners first and then the middles of `SIDES`, shape (element_count, 10).
+
+    Returns:
+        gradients [1/mm] of the shape functions, shape (element_count, 4, 10, 3), and the volume [mm^3] that each
+        quadrature point stands for, shape (element_count, 4); negative where an element is inside out.
+    """
+    first, second = SIDES.T
+    unit, points = np.eye(4), QUADRATURE_POINTS
+    # Slopes of the shape functions along the barycentric coordinates, then along the last three of them.
+    at_corners = (4.0 * points - 1.0)[:, :, None] * unit
+    at_middles = 4.0 * (points[:, first, None] * unit[second] + points[:, second, None] * unit[first])
+    slopes = np.concatenate([at_corners, at_middles], axis=1)
+    slopes = slopes[..., 1:] - slopes[..., :1]
+    jacobian = np.einsum("eai,qaj->eqij", nodes[elements], slopes)
+    gradients = np.einsum("qaj,eqji->eqai", slopes, np.linalg.inv(jacobian))
+    return np.ascontiguousarray(gradients), np.linalg.det(jacobian) / 24.0
 
 
 def edge_frames(along: np.ndarray, across: np.ndarray) -> np.ndarray:

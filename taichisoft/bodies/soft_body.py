@@ -5,11 +5,13 @@ from functools import cached_property
 
 import numpy as np
 
+from taichisoft.bodies.domains import IntegrationDomains, quadrature_domains, smoothed_domains
 from taichisoft.bodies.elements import lame_parameters
 from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
+from taichisoft.meshes.second_order import linear_parts, with_middle_nodes
 from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
@@ -58,12 +60,13 @@ class SoftBody:
     Attributes:
         name: the body's name in the scene.
         settings: its table in the scene.
-        mesh: what it was made of, not placed yet.
+        mesh: what it was made of, with the middle nodes of quadratic elements, not placed yet.
         nodes: where its nodes stand in the arrays of the model.
         rest_position: placed nodes [mm], shape (node_count, 3).
-        elements: shape (element_count, nodes_per_element).
+        elements: shape (element_count, 4), or (element_count, 10) of quadratic elements.
         lame: Lame's lambda and mu [kPa] of each element at the start of a run, shape (element_count, 2).
         material: number of the material of each element among those of the model, shape (element_count,).
+        domains: its integration domains; None where they are linear tetrahedra under Hooke's law.
         node_mass: [kg], shape (node_count,).
         anchor_stiffness: [mN/mm] of the spring at each node along x, y and z, 0 where there is none, (node_count, 3).
         tip_nodes: what the scene's `tip` selects, None where it has none.
@@ -79,6 +82,7 @@ class SoftBody:
     elements: np.ndarray
     lame: np.ndarray
     material: np.ndarray
+    domains: IntegrationDomains | None
     node_mass: np.ndarray
     anchor_stiffness: np.ndarray
     tip_nodes: np.ndarray | None
@@ -106,6 +110,12 @@ def make_soft_body(
         SceneError: a selection selects nothing.
     """
     key = f"soft_bodies.{name}"
+    if body.element == "quadratic":
+        mesh = with_middle_nodes(mesh)
+    elif mesh.elements.shape[1] != 4:
+        raise MeshError(
+            f'{mesh.source}: has ten-node tetrahedra, with {key}.element = "{body.element}"; use "quadratic"'
+        )
     node_count = len(mesh.nodes)
     turn = rotation_from_degrees(body.rotation)
     rest_position = mesh.nodes @ turn.T + np.asarray(body.translation)
@@ -119,6 +129,7 @@ def make_soft_body(
         elements=mesh.elements,
         lame=lame,
         material=first_material + material,
+        domains=_make_domains(rest_position, mesh.elements, material, body),
         node_mass=_node_masses(mesh, body),
         anchor_stiffness=anchor_stiffness(mesh, body.anchors, f"{key}.anchors"),
         tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
@@ -141,13 +152,24 @@ def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> tuple[np.
     return lame_parameters(young_modulus[material], poisson_ratio[material]), material
 
 
+def _make_domains(
+    rest_position: np.ndarray, elements: np.ndarray, material: np.ndarray, body: settings.SoftBody
+) -> IntegrationDomains | None:
+    if body.element == "smoothed":
+        return smoothed_domains(rest_position, elements, material)
+    return None if body.element == "linear" else quadrature_domains(rest_position, elements)
+
+
 def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:
     node_count = len(mesh.nodes)
     if body.mass is not None:
         return np.full(node_count, body.mass / node_count)
     nodes_per_element = mesh.elements.shape[1]
-    share = (body.density or 0.0) * tetrahedron_volumes(mesh.nodes, mesh.elements) / nodes_per_element
-    return np.bincount(mesh.elements.ravel(), np.repeat(share, nodes_per_element), node_count)
+    # Of the mass of an element: equal parts, or those of the diagonal of the consistent mass matrix (Hinton, Rock and
+    # Zienkiewicz 1976), since the integrals of the quadratic functions of corners are negative.
+    part = np.full(4, 1 / 4) if nodes_per_element == 4 else np.repeat([1 / 36, 4 / 27], [4, 6])
+    share = (body.density or 0.0) * tetrahedron_volumes(mesh.nodes, mesh.elements)
+    return np.bincount(mesh.elements.ravel(), np.outer(share, part).ravel(), node_count)
 
 
 def _collision_surfaces(mesh: VolumeMesh, body: settings.SoftBody) -> tuple[CollisionSurface, ...]:
@@ -204,7 +226,7 @@ def _follow(
     """
     lower, upper = mesh.nodes.min(axis=0), mesh.nodes.max(axis=0)
     margin = EMBEDDING_MARGIN * (upper - lower).max()
-    nodes, weights = embed(vertices, mesh.nodes, mesh.elements, body.embedding)
+    nodes, weights = embed(vertices, mesh.nodes, linear_parts(mesh.elements), body.embedding)
     outside = ((vertices < lower - margin) | (vertices > upper + margin)).any(axis=1)
     outside |= weights.min(axis=1) < SMALLEST_WEIGHT
     if outside.any() and body.points_outside == "refused":

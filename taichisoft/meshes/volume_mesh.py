@@ -15,7 +15,8 @@ class VolumeMesh:
     Attributes:
         source: file or mesher that made the mesh; errors begin with it.
         nodes: rest positions [mm], shape (node_count, 3).
-        elements: node indices, shape (element_count, nodes_per_element); linear tetrahedra have 4.
+        elements: node indices, shape (element_count, 4), or (element_count, 10) with nodes in the middles of the sides,
+            see `second_order.py`.
         surface_groups: named boundary triangles ("outer", "cavity", "base", ...), each (count, 3) node indices.
         element_groups: named sets of elements, each (count,) element indices.
     """
@@ -102,10 +103,22 @@ def tetrahedron_volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
 
 
 def boundary_triangles(elements: np.ndarray) -> np.ndarray:
-    """Faces that belong to one tetrahedron only, outward for positive elements, shape (count, 3) node indices."""
+    """Faces that belong to one tetrahedron only, outward for positive elements, shape (count, 3) node indices.
+
+    Of ten-node tetrahedra each is four triangles.
+    """
     faces = elements[:, [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]].reshape(-1, 3)
     _, first, counts = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    return faces[np.sort(first[counts == 1])]
+    outer = np.sort(first[counts == 1])
+    if elements.shape[1] == 4:
+        return faces[outer]
+    middles = elements[:, [[6, 5, 4], [4, 8, 7], [7, 9, 6], [5, 9, 8]]].reshape(-1, 3)
+    return four_triangles(np.hstack([faces, middles])[outer])
+
+
+def four_triangles(six_nodes: np.ndarray) -> np.ndarray:
+    """Each six-node triangle as four of three nodes: (4 count, 3); its middles are those of the sides 01, 12, 20."""
+    return six_nodes[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]].reshape(-1, 3)
 
 
 def _refuse(mesh: VolumeMesh, bad: np.ndarray, what: str, why: str) -> None:

@@ -256,6 +256,9 @@ class SoftBody(Table):
     """Placement: shift after the rotation [mm]."""
     velocity: Vector = (0.0, 0.0, 0.0)
     """Velocity of all nodes at the start [mm/s]."""
+    element: Literal["linear", "smoothed", "quadratic"] = "linear"
+    """What the tetrahedra of the mesh become: linear elements, which bend too little and lock where Poisson's ratio
+    comes near 0.5; linear ones whose strains are smoothed around edges and nodes, which do neither; quadratic ones."""
     mass: Positive | None = None
     """Mass [kg], spread evenly over the nodes; either this or density."""
     density: Positive | None = None
@@ -270,7 +273,7 @@ class SoftBody(Table):
     """Rayleigh damping with the stiffness [s]."""
     corotation: Literal["polar", "edges"] = "polar"
     """Rotation of an element: the one nearest to its deformation, or that of its first two edges, as SOFA's method
-    "large" has it; the latter depends on the order in which the mesh lists an element's nodes."""
+    "large" has it; the latter, for linear elements alone, depends on the order in which the mesh lists their nodes."""
     embedding: Literal["deepest", "grid"] = "deepest"
     """Which element carries a point of a surface file that lies outside the mesh: the one with the nearest centroid of
     all, as SOFA's MeshTopology, or of some near it on a grid, as its TetrahedronSetTopologyContainer."""

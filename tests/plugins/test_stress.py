@@ -98,4 +98,5 @@ def _body(corotation: str) -> Any:
         lame=lame_parameters(YOUNG, POISSON),
         node_mass=np.ones(len(MESH.nodes)),
         anchor_stiffness=np.zeros((len(MESH.nodes), 3)),
+        domains=None,
     )

@@ -6,6 +6,7 @@ import numpy as np
 
 from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.surfaces import soft_surface
+from taichisoft.meshes.second_order import linear_parts
 from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft_plugins.drawing.style import StyleError
@@ -49,4 +50,4 @@ def _map(vertices: np.ndarray, triangles: np.ndarray, body: RecordedSoftBody, pa
             f"{path}: {outside} of {len(vertices)} vertices lie further from the mesh of '{body.name}' than an element "
             "is long; a surface must be in the coordinates of the body's mesh file, in mm"
         )
-    return MappedSurface(*embed(vertices, body.mesh_nodes, body.elements), triangles)
+    return MappedSurface(*embed(vertices, body.mesh_nodes, linear_parts(body.elements)), triangles)

@@ -1,0 +1,237 @@
+"""Elasticity on integration domains: forces, tangents, and the system matrix by gathering.
+
+A domain is a piece of a body with one deformation gradient, F = sum_a x_a g_a^T over its nodes: a quadrature point of
+an element, or what surrounds an edge or a node of the mesh (`bodies/domains.py`). It has any number of nodes. With P
+the first Piola stress and C = dP/dF of an energy (`laws.py`), and w its volume,
+    f_a = -w P g_a,   (K_ab)_ij = w sum_kl C_ik,jl (g_a)_k (g_b)_l,
+where C has no negative eigenvalues left. Hooke's law is corotated with the polar rotation, which is frozen in C.
+"""
+
+from typing import NamedTuple
+
+from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels.laws import HOOKE, LAMBDA, MU, OGDEN, ogden_law, polynomial_law
+from taichisoft.kernels.rotations import polar_rotation
+from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
+from taichisoft.kernels.symmetric import positive_part, symmetric_eigen
+
+# What a thread does in one go.
+DOMAINS_A_TASK = 32
+BLOCKS_A_TASK = 128
+# What `progress` counts.
+NEXT_TASK, DOMAINS_DONE = range(2)
+# Columns of `volume`.
+SHAPE, DILATION = range(2)
+
+
+class Domains(NamedTuple):
+    """Integration domains of all soft bodies that have them; an entry is a node of a domain.
+
+    Attributes:
+        start: where each domain's entries begin, shape (domain_count + 1,).
+        node: of each entry, shape (entry_count,).
+        gradient: g of each entry, at rest [1/mm], shape (entry_count, 3).
+        volume: for which the energies of shape and of volume count [mm^3], shape (domain_count, 2).
+        law: HOOKE, POLYNOMIAL or OGDEN, shape (domain_count,).
+        modulus: of the law, see `laws.py` [kPa], shape (domain_count, 5).
+        exponent: Ogden's [-], shape (domain_count, 3).
+        lag: h + b [s], 0 in first order dynamics, shape (domain_count,).
+        factor: of K in A, shape (domain_count,).
+    """
+
+    start: Integers
+    node: Integers
+    gradient: Vectors
+    volume: ScalarTable
+    law: Integers
+    modulus: ScalarTable
+    exponent: ScalarTable
+    lag: Scalars
+    factor: Scalars
+
+
+class Strained(NamedTuple):
+    """Domains of a step.
+
+    Attributes:
+        position: of the nodes [mm], shape (node_count, 3).
+        velocity: of the nodes [mm/s], shape (node_count, 3).
+        force: of each domain on its nodes [mN], shape (entry_count, 3).
+        gradient: of each entry, along the axes of `response`, shape (entry_count, 3).
+        response: three matrices an entry: w factor sum_l C_ik,jl (g_b)_l for k = 0, 1, 2, shape (3 entry_count, 3, 3).
+    """
+
+    position: Vectors
+    velocity: Vectors
+    force: Vectors
+    gradient: Vectors
+    response: Matrices
+
+
+class DomainParts(NamedTuple):
+    """Which parts make up the blocks of the system matrix that domains have to do with.
+
+    Attributes:
+        block: number of each of these blocks in the matrix, shape (count,).
+        start: where its parts begin in the lists that follow, shape (count + 1,).
+        row_entry, column_entry: entries of the block's two nodes in a domain.
+        node: that of a block on the diagonal, -1 for others, shape (count,).
+    """
+
+    block: Integers
+    start: Integers
+    row_entry: Integers
+    column_entry: Integers
+    node: Integers
+
+
+class DomainSums(NamedTuple):
+    """What the domains add to.
+
+    Attributes:
+        force: f - (h + b) K v on each node [mN], shape (node_count, 3).
+        blocks: of A, shape (block_count, 3, 3).
+        progress: counters, 0 at the start.
+    """
+
+    force: Vectors
+    blocks: Matrices
+    progress: Integers
+
+
+@ti.func
+def column(matrix: mat3, k: ti.template()) -> vec3:
+    """A column of a matrix."""
+    return vec3(matrix[0, k], matrix[1, k], matrix[2, k])
+
+
+@ti.func
+def rotation_near(deformation: mat3) -> mat3:
+    """The polar rotation, found from the frame of what the first two axes have become."""
+    first = column(deformation, 0).normalized()
+    third = first.cross(column(deformation, 1)).normalized()
+    return polar_rotation(deformation, ti.Matrix.cols([first, third.cross(first), third]))
+
+
+@func
+def strain_by_hooke(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3, domains: Domains, strained: Strained):
+    """Forces and responses of a domain under corotated Hooke's law."""
+    unit = ti.Matrix.identity(ti.f64, 3)
+    first = domains.volume[d, DILATION] * domains.modulus[d, LAMBDA]
+    second = domains.volume[d, SHAPE] * domains.modulus[d, MU]
+    strain = rotation.transpose() @ (deformation + domains.lag[d] * rate) - unit
+    stress = rotation @ (first * strain.trace() * unit + second * (strain + strain.transpose()))
+    first *= domains.factor[d]
+    second *= domains.factor[d]
+    for c in range(domains.start[d], domains.start[d + 1]):
+        g = domains.gradient[c]
+        turned = rotation @ g
+        strained.force[c] = -(stress @ g)
+        strained.gradient[c] = g
+        for k in ti.static(range(3)):
+            axis = column(rotation, k)
+            strained.response[3 * c + k] = first * axis.outer_product(turned) + second * (
+                turned.outer_product(axis) + g[k] * unit
+            )
+
+
+@func
+def strain_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3, domains: Domains, strained: Strained):
+    """Forces and responses of a domain under a law in its principal stretches."""
+    stretch = rotation.transpose() @ deformation
+    stretches, right = symmetric_eigen(0.5 * (stretch + stretch.transpose()))
+    left = rotation @ right
+    shape, dilation = domains.volume[d, SHAPE], domains.volume[d, DILATION]
+    slope, flip, twist = vec3(0.0), vec3(0.0), vec3(0.0)
+    hessian = ti.Matrix.zero(ti.f64, 3, 3)
+    if domains.law[d] == OGDEN:
+        slope, hessian, flip, twist = ogden_law(d, domains.modulus, domains.exponent, shape, dilation, stretches)
+    else:
+        slope, hessian, flip, twist = polynomial_law(d, domains.modulus, shape, dilation, stretches)
+    hessian = positive_part(hessian)
+    flip, twist = ti.max(flip, 0.0), ti.max(twist, 0.0)
+    same, swapped = 0.5 * (flip + twist), 0.5 * (flip - twist)  # C_ik,ik and C_ik,ki of two axes
+    flow = left.transpose() @ rate @ right
+    stress = ti.Matrix.zero(ti.f64, 3, 3)
+    for i in ti.static(range(3)):
+        j, k = ti.static((i + 1) % 3), ti.static((i + 2) % 3)
+        along = hessian[i, 0] * flow[0, 0] + hessian[i, 1] * flow[1, 1] + hessian[i, 2] * flow[2, 2]
+        stress[i, i] = slope[i] + domains.lag[d] * along
+        stress[j, k] = domains.lag[d] * (same[i] * flow[j, k] + swapped[i] * flow[k, j])
+        stress[k, j] = domains.lag[d] * (same[i] * flow[k, j] + swapped[i] * flow[j, k])
+    stress = left @ stress @ right.transpose()
+    factor = domains.factor[d]
+    for c in range(domains.start[d], domains.start[d + 1]):
+        strained.force[c] = -(stress @ domains.gradient[c])
+        g = right.transpose() @ domains.gradient[c]
+        strained.gradient[c] = g
+        for k in ti.static(range(3)):
+            i, j = ti.static((k + 1) % 3), ti.static((k + 2) % 3)
+            part = ti.Matrix.zero(ti.f64, 3, 3)
+            for m in ti.static(range(3)):
+                part[k, m] = factor * hessian[k, m] * g[m]
+            part[i, i], part[i, k] = factor * same[j] * g[k], factor * swapped[j] * g[i]
+            part[j, j], part[j, k] = factor * same[i] * g[k], factor * swapped[i] * g[j]
+            strained.response[3 * c + k] = left @ part @ left.transpose()
+
+
+@func
+def strain_domain(d: ti.i32, domains: Domains, strained: Strained):
+    """A domain's forces on its nodes, and how they respond to motions."""
+    first = domains.start[d]
+    x0, v0 = strained.position[domains.node[first]], strained.velocity[domains.node[first]]
+    deformation, rate = ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3)
+    for c in range(first + 1, domains.start[d + 1]):
+        g = domains.gradient[c]
+        deformation += (strained.position[domains.node[c]] - x0).outer_product(g)
+        rate += (strained.velocity[domains.node[c]] - v0).outer_product(g)
+    rotation = rotation_near(deformation)
+    if domains.law[d] == HOOKE:
+        strain_by_hooke(d, deformation, rate, rotation, domains, strained)
+    else:
+        strain_by_stretches(d, deformation, rate, rotation, domains, strained)
+
+
+@func
+def gather_block(b: ti.i32, strained: Strained, parts: DomainParts, sums: DomainSums):
+    """Add to a block of the matrix, and on the diagonal to the node's force, what the domains of its nodes give."""
+    total = ti.Matrix.zero(ti.f64, 3, 3)
+    for c in range(parts.start[b], parts.start[b + 1]):
+        g = strained.gradient[parts.row_entry[c]]
+        place = 3 * parts.column_entry[c]
+        for k in ti.static(range(3)):
+            total += g[k] * strained.response[place + k]
+    sums.blocks[parts.block[b]] = sums.blocks[parts.block[b]] + total
+    node = parts.node[b]
+    if node >= 0:
+        force = sums.force[node]
+        for c in range(parts.start[b], parts.start[b + 1]):
+            force += strained.force[parts.row_entry[c]]
+        sums.force[node] = force
+
+
+@kernel
+def add_domains(domains: Domains, strained: Strained, parts: DomainParts, sums: DomainSums):
+    """Add the domains' nodal forces f - lag K v, and K times its factor, to forces and matrix.
+
+    Each thread takes the next task until none is left; blocks, which gather their parts in a fixed order, wait for all
+    domains.
+    """
+    domain_count, block_count = domains.law.shape[0], parts.block.shape[0]
+    domain_tasks = (domain_count + DOMAINS_A_TASK - 1) // DOMAINS_A_TASK
+    block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
+    for worker in range(THREADS * CHUNK):
+        if worker % CHUNK == 0:
+            t = ti.atomic_add(sums.progress[NEXT_TASK], 1)
+            while t < domain_tasks:
+                for d in range(t * DOMAINS_A_TASK, ti.min((t + 1) * DOMAINS_A_TASK, domain_count)):
+                    strain_domain(d, domains, strained)
+                ti.atomic_add(sums.progress[DOMAINS_DONE], 1)
+                t = ti.atomic_add(sums.progress[NEXT_TASK], 1)
+            while ti.atomic_max(sums.progress[DOMAINS_DONE], 0) < domain_tasks:  # a load that nothing may move
+                pass
+            while t < domain_tasks + block_tasks:
+                first = (t - domain_tasks) * BLOCKS_A_TASK
+                for b in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
+                    gather_block(b, strained, parts, sums)
+                t = ti.atomic_add(sums.progress[NEXT_TASK], 1)

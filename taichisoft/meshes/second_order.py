@@ -1,0 +1,51 @@
+"""Meshes of ten-node tetrahedra: with nodes in the middles of the sides of four-node ones."""
+
+import numpy as np
+
+from taichisoft.meshes.volume_mesh import VolumeMesh, four_triangles
+
+SIDES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
+"""The corners between which the nodes 4 to 9 of a tetrahedron lie, in VTK's order."""
+
+
+def with_middle_nodes(mesh: VolumeMesh) -> VolumeMesh:
+    """The mesh with straight-sided ten-node tetrahedra, its own nodes first; one that has them already as it is.
+
+    Each triangle of a surface becomes four.
+    """
+    if mesh.elements.shape[1] == 10:
+        return mesh
+    node_count = len(mesh.nodes)
+    sides = np.sort(mesh.elements[:, SIDES], axis=2).astype(np.int64)
+    keys, side = np.unique(sides @ [node_count, 1], return_inverse=True)
+    ends = np.column_stack(np.divmod(keys, node_count))
+
+    def quartered(triangles: np.ndarray) -> np.ndarray:
+        pairs = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2).astype(np.int64)
+        middle = node_count + np.searchsorted(keys, pairs @ [node_count, 1])
+        return four_triangles(np.hstack([triangles, middle])).astype(np.int32)
+
+    return VolumeMesh(
+        mesh.source,
+        np.vstack([mesh.nodes, mesh.nodes[ends].mean(axis=1)]),
+        np.hstack([mesh.elements, node_count + side.reshape(-1, 6)]),
+        {name: quartered(triangles) for name, triangles in mesh.surface_groups.items()},
+        mesh.element_groups,
+    )
+
+
+def linear_parts(elements: np.ndarray) -> np.ndarray:
+    """Each ten-node tetrahedron as eight of four nodes, shape (8 element_count, 4); four-node ones as they are."""
+    if elements.shape[1] == 4:
+        return elements
+    parts = [
+        [0, 4, 6, 7],
+        [4, 1, 5, 8],
+        [6, 5, 2, 9],
+        [7, 8, 9, 3],
+        [4, 9, 5, 6],
+        [4, 9, 6, 7],
+        [4, 9, 7, 8],
+        [4, 9, 8, 5],
+    ]
+    return elements[:, parts].reshape(-1, 4)

@@ -1,0 +1,187 @@
+"""Elements of every kind: patch tests, objectivity, momentum, and tangents that are slopes of the forces."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from blocks import make_block
+from conftest import examples
+from hypothesis import given
+from hypothesis import strategies as st
+from scenes import advance, silicone, simulate, soft_momentum
+from scipy.spatial.transform import Rotation
+
+from taichisoft.bodies.elasticity import ElasticSystem, internal_force
+from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
+from taichisoft.model import Model
+
+SIZE = (30.0, 20.0, 10.0)
+KINDS = ("linear", "smoothed", "quadratic")
+YOUNG, POISSON = 500.0, 0.3
+
+
+@pytest.fixture(scope="module")
+def irregular(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """A block of 162 tetrahedra, its inner nodes shifted by up to a fifth of a cell."""
+    mesh = make_block((3, 3, 3), SIZE)
+    inner = np.setdiff1d(np.arange(len(mesh.nodes)), boundary_triangles(mesh.elements))
+    nodes = mesh.nodes.copy()
+    nodes[inner] += np.random.default_rng(1).uniform(-0.2, 0.2, (len(inner), 3)) * np.array(SIZE) / 3
+    path = tmp_path_factory.mktemp("mesh") / "irregular.msh"
+    write_volume_mesh(VolumeMesh("irregular", nodes, mesh.elements).check(), path)
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def models(irregular: str) -> dict[str, Model]:
+    return {kind: _model(irregular, kind) for kind in KINDS}
+
+
+def _model(mesh: str, kind: str, **changes: Any) -> Model:
+    body = silicone(mesh, element=kind, corotation="polar", **changes)
+    return simulate(soft_bodies={"block": body}).model
+
+
+def _forces(model: Model, position: np.ndarray) -> np.ndarray:
+    assert model.elasticity is not None
+    return internal_force(model.elasticity, position)
+
+
+def _on_boundary(model: Model) -> np.ndarray:
+    return (np.abs(model.rest_position) > 0.5 * np.array(SIZE) * (1 - 1e-9)).any(axis=1)
+
+
+def _random_rotation(seed: int) -> np.ndarray:
+    return Rotation.random(rng=np.random.default_rng(seed)).as_matrix()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@examples(20)
+@given(seed=st.integers(0, 10**6), shift=st.floats(-1e3, 1e3))
+def test_a_moved_body_feels_no_force(models: dict[str, Model], kind: str, seed: int, shift: float) -> None:
+    """f(R X + t) = 0. Tolerance as of the linear elements: strains of 2e-14 on faces of 100 mm^2 are 1e-9 mN."""
+    model = models[kind]
+    assert np.abs(_forces(model, model.rest_position @ _random_rotation(seed).T + shift)).max() < 1e-8
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@examples(20)
+@given(seed=st.integers(0, 10**6), stretch=st.floats(1e-3, 0.3))
+def test_affine_patch(models: dict[str, Model], kind: str, seed: int, stretch: float) -> None:
+    """x = F X: the stress is the same everywhere, so no inner node feels a force; 1e-9 of the largest is round-off."""
+    strain = np.random.default_rng(seed).uniform(-1, 1, (3, 3)) * stretch
+    model, deformation = models[kind], _random_rotation(seed) @ (np.eye(3) + strain)
+    force = np.abs(_forces(model, model.rest_position @ deformation.T))
+    assert force[~_on_boundary(model)].max() <= 1e-9 * force.max()
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_hookes_law_on_faces(models: dict[str, Model], kind: str, axis: int) -> None:
+    """Stretched by e along one axis and held across: s = (lambda + 2 mu) e along it, lambda e across, no shear.
+
+    The nodes of a face carry its traction times its area; tolerance 1e-11: round-off over e = 1e-3.
+    """
+    model, stretch = models[kind], 1e-3
+    first = YOUNG * POISSON / ((1 + POISSON) * (1 - 2 * POISSON))
+    second = YOUNG / (2 * (1 + POISSON))
+    deformation = np.eye(3)
+    deformation[axis, axis] += stretch
+    force = _forces(model, model.rest_position @ deformation)
+    for face in range(3):
+        on_face = np.isclose(model.rest_position[:, face], SIZE[face] / 2)
+        expected = np.zeros(3)
+        expected[face] = -(first + 2 * second * (face == axis)) * stretch * np.prod(SIZE) / SIZE[face]
+        np.testing.assert_allclose(force[on_face].sum(axis=0), expected, rtol=1e-11, atol=1e-9)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_forces_turn_with_the_body_and_balance(models: dict[str, Model], kind: str) -> None:
+    """f(R x) = R f(x), and neither forces nor torques have a sum, for strains of some 20 % that differ everywhere.
+
+    Tolerance 1e-10 of the largest force, and of it times the size of the block: round-off.
+    """
+    model, turn = models[kind], _random_rotation(5)
+    position = model.rest_position + np.random.default_rng(2).uniform(-0.3, 0.3, model.rest_position.shape)
+    force, turned = _forces(model, position), _forces(model, position @ turn.T)
+    scale = np.abs(force).max()
+    np.testing.assert_allclose(turned, force @ turn.T, rtol=0, atol=1e-10 * scale)
+    np.testing.assert_allclose(force.sum(axis=0), 0.0, atol=1e-10 * scale)
+    np.testing.assert_allclose(np.cross(position, force).sum(axis=0), 0.0, atol=1e-10 * scale * max(SIZE))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_forces_do_not_depend_on_the_order_of_nodes_in_elements(
+    irregular: str, kind: str, tmp_path: Any, models: dict[str, Model]
+) -> None:
+    """Even permutations of each element's corners change nothing; 1e-9 of the largest force is round-off."""
+    model, random = models[kind], np.random.default_rng(3)
+    even = np.array([[0, 1, 2, 3], [1, 2, 0, 3], [3, 0, 2, 1], [2, 3, 0, 1], [1, 0, 3, 2]])
+    mesh = model.soft_bodies[0].mesh
+    order = even[random.integers(0, len(even), len(mesh.elements))]
+    path = tmp_path / "renumbered.msh"
+    corners = mesh.elements.max(initial=0, where=np.arange(mesh.elements.shape[1]) < 4) + 1
+    elements = np.take_along_axis(mesh.elements[:, :4], order, 1)
+    write_volume_mesh(VolumeMesh("renumbered", mesh.nodes[:corners], elements).check(), path)
+    position = model.rest_position + random.uniform(-0.3, 0.3, model.rest_position.shape)
+    force = _forces(model, position)
+    np.testing.assert_allclose(_forces(_model(str(path), kind), position), force, atol=1e-9 * np.abs(force).max())
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_matrix_is_the_slope_of_the_forces_at_rest(models: dict[str, Model], kind: str) -> None:
+    """At rest no stress turns, so that -df/dx = K with the rotations frozen; also of f - (h + b) K v along v.
+
+    Central differences of 1e-4 mm over cells of 5 mm have an error of 1e-10, and round-off of 1e-10 of the stiffness.
+    """
+    model = models[kind]
+    assert model.elasticity is not None
+    system = ElasticSystem(model.elasticity)
+    system.position[:] = model.rest_position
+    system.assemble()
+    matrix = _dense(system, len(model.rest_position))
+    lag = model.elasticity.node_lag[0]
+    time_step = model.scene.time.step
+    mass = np.repeat(model.elasticity.node_mass, 3)
+    random = np.random.default_rng(4)
+    for _ in range(5):
+        motion = random.uniform(-1, 1, model.rest_position.shape)
+        ahead, behind = (_forces(model, model.rest_position + sign * 1e-4 * motion) for sign in (1, -1))
+        slope = (ahead - behind) / 2e-4
+        pull = (matrix @ motion.ravel() - mass * motion.ravel()) / (time_step * lag)
+        np.testing.assert_allclose(-slope.ravel(), pull, atol=1e-7 * np.abs(pull).max())
+        system.velocity[:] = motion
+        system.assemble()
+        np.testing.assert_allclose(system.force.ravel(), -lag * pull, atol=1e-9 * np.abs(lag * pull).max())
+
+
+def _dense(system: ElasticSystem, node_count: int) -> np.ndarray:
+    """The system matrix, (3 node_count, 3 node_count)."""
+    matrix = np.zeros((node_count, 3, node_count, 3))
+    for (row, column), block in zip(system.solver.symbolic.block_pairs, system.solver.blocks, strict=True):
+        matrix[row, :, column] = block
+        matrix[column, :, row] = block.T
+    return matrix.reshape(3 * node_count, -1)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_momentum_and_spin_stay(irregular: str, kind: str) -> None:
+    """A free body that starts bent keeps its momentum, and does not begin to turn.
+
+    Momentum to round-off; the angular momentum, which implicit Euler keeps to first order in the step, below 1 % of
+    what the parts of the body have against each other.
+    """
+    simulation = simulate(step=0.001, soft_bodies={"block": silicone(irregular, element=kind, corotation="polar")})
+    rest = simulation.model.rest_position
+    bent = rest + np.column_stack([np.zeros(len(rest)), np.zeros(len(rest)), 0.01 * rest[:, 0] ** 2])
+    simulation.restore(simulation.state.changed(position=bent))
+    assert simulation.model.elasticity is not None
+    mass, largest = simulation.model.elasticity.node_mass, 0.0
+    for _ in range(50):
+        advance(simulation, 0.001)
+        state = simulation.state
+        part = mass[:, None] * np.cross(state.position, state.velocity)
+        largest = max(largest, np.abs(part).sum())
+        assert np.abs(soft_momentum(simulation)).max() < 1e-10
+        assert np.abs(part.sum(axis=0)).max() < 0.01 * largest
