@@ -8,7 +8,7 @@ import numpy as np
 
 from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.kernels import domains as kernels
-from taichisoft.kernels.laws import HOOKE
+from taichisoft.kernels.laws import HOOKE, LAMBDA, MU
 
 if TYPE_CHECKING:
     from taichisoft.bodies.soft_body import SoftBody
@@ -69,16 +69,31 @@ class DomainElasticity:
         place = np.minimum(np.searchsorted(stored[by_key], key), len(stored) - 1)
         found = stored[by_key[place]] == key  # the other half is the transpose of a stored block
         block, row, column = by_key[place[found]], row[found], column[found]
-        order = np.argsort(block, kind="stable")
-        blocks, start = np.unique(block[order], return_index=True)
+        blocks, own_block = np.unique(block, return_inverse=True)
+        domain = np.repeat(np.arange(len(self.data.law)), np.diff(self.data.start))[row]
+        kind_and_block = 3 * own_block.reshape(-1) + self._kind()[domain]
+        order = np.argsort(kind_and_block, kind="stable")
         pairs = block_pairs[blocks]
         self.parts = kernels.DomainParts(
             block=blocks.astype(np.int32),
-            start=np.append(start, len(order)).astype(np.int32),
+            start=np.searchsorted(kind_and_block[order], np.arange(3 * len(blocks) + 1)).astype(np.int32),
             row_entry=row[order].astype(np.int32),
             column_entry=column[order].astype(np.int32),
+            lame_ratio=self._lame_ratio()[domain[order]],
             node=np.where(pairs[:, 0] == pairs[:, 1], pairs[:, 0], -1).astype(np.int32),
         )
+
+    def _kind(self) -> np.ndarray:
+        """What the parts of each domain are, shape (domain_count,)."""
+        shaped = np.where(self.data.volume[:, kernels.SHAPE] > 0.0, kernels.SHAPED, kernels.DILATED)
+        return np.where(self.data.law == HOOKE, shaped, kernels.RESPONDING)
+
+    def _lame_ratio(self) -> np.ndarray:
+        """Lambda over mu of each domain in which both energies of Hooke's law count, shape (domain_count,)."""
+        both = (self.data.law == HOOKE) & (self.data.volume > 0.0).all(axis=1)
+        ratio = np.zeros(len(both))
+        np.divide(self.data.modulus[:, LAMBDA], self.data.modulus[:, MU], out=ratio, where=both)
+        return ratio
 
 
 class DomainSystem:
@@ -104,12 +119,14 @@ class DomainSystem:
         self._data = elasticity.data
         self._own_data: kernels.Domains | None = None  # with room for other stiffnesses than the model's
         entry_count = len(elasticity.data.node)
+        responding = entry_count if (elasticity.data.law != HOOKE).any() else 0
         self._strained = kernels.Strained(
             position=position,
             velocity=velocity,
             force=np.zeros((entry_count, 3)),
-            gradient=np.zeros((entry_count, 3)),
-            response=np.zeros((3 * entry_count, 3, 3)),
+            gradient=_aligned(entry_count, 4),
+            response=_aligned(3 * responding, 8),
+            last_response=_aligned(responding, 4),
         )
         self._sums = kernels.DomainSums(force, blocks, np.zeros(2, dtype=np.int32))
 
@@ -128,3 +145,10 @@ class DomainSystem:
         """Add f - (h + b) K v to the forces, and K with its factor in A to the blocks."""
         self._sums.progress[:] = 0
         kernels.add_domains(self._data, self._strained, self._elasticity.parts, self._sums)
+
+
+def _aligned(count: int, width: int) -> np.ndarray:
+    """Rows of zeros that do not straddle lines of the cache, shape (count, width)."""
+    entries = np.zeros(count * width + 8)
+    skip = -entries.ctypes.data % 64 // 8
+    return entries[skip : skip + count * width].reshape(count, width)

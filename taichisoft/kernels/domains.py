@@ -22,6 +22,13 @@ BLOCKS_A_TASK = 128
 NEXT_TASK, DOMAINS_DONE = range(2)
 # Columns of `volume`.
 SHAPE, DILATION = range(2)
+# Kinds of parts: Hooke's law with an energy of shape, with that of volume alone, and other laws.
+SHAPED, DILATED, RESPONDING = range(3)
+
+vec4 = ti.types.vector(4, ti.f64)
+vec8 = ti.types.vector(8, ti.f64)
+Quads = ti.types.ndarray(dtype=vec4, ndim=1)
+Octets = ti.types.ndarray(dtype=vec8, ndim=1)
 
 
 class Domains(NamedTuple):
@@ -51,21 +58,25 @@ class Domains(NamedTuple):
 
 
 class Strained(NamedTuple):
-    """Domains of a step.
+    """Domains of a step, by entries; rows of 4 and 8 numbers are vectors of the processor.
 
     Attributes:
         position: of the nodes [mm], shape (node_count, 3).
         velocity: of the nodes [mm/s], shape (node_count, 3).
         force: of each domain on its nodes [mN], shape (entry_count, 3).
-        gradient: of each entry, along the axes of `response`, shape (entry_count, 3).
-        response: three matrices an entry: w factor sum_l C_ik,jl (g_b)_l for k = 0, 1, 2, shape (3 entry_count, 3, 3).
+        gradient: under Hooke's law sqrt(w mu factor) R g, with lambda for mu where only the energy of volume counts;
+            under others g along the axes of the response; shape (entry_count, 4).
+        response: under other laws w factor sum_l C_ik,jl (g_b)_l, three rows an entry for k = 0, 1, 2, with all ij but
+            the last, shape (3 entry_count, 8).
+        last_response: the last ij of the three, shape (entry_count, 4).
     """
 
     position: Vectors
     velocity: Vectors
     force: Vectors
-    gradient: Vectors
-    response: Matrices
+    gradient: Quads
+    response: Octets
+    last_response: Quads
 
 
 class DomainParts(NamedTuple):
@@ -73,8 +84,10 @@ class DomainParts(NamedTuple):
 
     Attributes:
         block: number of each of these blocks in the matrix, shape (count,).
-        start: where its parts begin in the lists that follow, shape (count + 1,).
+        start: where the parts of each kind (SHAPED, DILATED, RESPONDING) of each block begin in the lists that follow,
+            shape (3 count + 1,).
         row_entry, column_entry: entries of the block's two nodes in a domain.
+        lame_ratio: lambda / mu of the domain, where both energies count; 0 elsewhere.
         node: that of a block on the diagonal, -1 for others, shape (count,).
     """
 
@@ -82,6 +95,7 @@ class DomainParts(NamedTuple):
     start: Integers
     row_entry: Integers
     column_entry: Integers
+    lame_ratio: Scalars
     node: Integers
 
 
@@ -115,24 +129,21 @@ def rotation_near(deformation: mat3) -> mat3:
 
 @func
 def strain_by_hooke(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3, domains: Domains, strained: Strained):
-    """Forces and responses of a domain under corotated Hooke's law."""
+    """Forces and turned gradients of a domain under corotated Hooke's law."""
     unit = ti.Matrix.identity(ti.f64, 3)
     first = domains.volume[d, DILATION] * domains.modulus[d, LAMBDA]
     second = domains.volume[d, SHAPE] * domains.modulus[d, MU]
     strain = rotation.transpose() @ (deformation + domains.lag[d] * rate) - unit
     stress = rotation @ (first * strain.trace() * unit + second * (strain + strain.transpose()))
-    first *= domains.factor[d]
-    second *= domains.factor[d]
+    weight = second
+    if domains.volume[d, SHAPE] == 0.0:
+        weight = first
+    turn = ti.sqrt(domains.factor[d] * weight) * rotation
     for c in range(domains.start[d], domains.start[d + 1]):
         g = domains.gradient[c]
-        turned = rotation @ g
+        turned = turn @ g
         strained.force[c] = -(stress @ g)
-        strained.gradient[c] = g
-        for k in ti.static(range(3)):
-            axis = column(rotation, k)
-            strained.response[3 * c + k] = first * axis.outer_product(turned) + second * (
-                turned.outer_product(axis) + g[k] * unit
-            )
+        strained.gradient[c] = vec4(turned[0], turned[1], turned[2], 0.0)
 
 
 @func
@@ -164,7 +175,8 @@ def strain_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3
     for c in range(domains.start[d], domains.start[d + 1]):
         strained.force[c] = -(stress @ domains.gradient[c])
         g = right.transpose() @ domains.gradient[c]
-        strained.gradient[c] = g
+        strained.gradient[c] = vec4(g[0], g[1], g[2], 0.0)
+        last = vec4(0.0)
         for k in ti.static(range(3)):
             i, j = ti.static((k + 1) % 3), ti.static((k + 2) % 3)
             part = ti.Matrix.zero(ti.f64, 3, 3)
@@ -172,7 +184,12 @@ def strain_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3
                 part[k, m] = factor * hessian[k, m] * g[m]
             part[i, i], part[i, k] = factor * same[j] * g[k], factor * swapped[j] * g[i]
             part[j, j], part[j, k] = factor * same[i] * g[k], factor * swapped[i] * g[j]
-            strained.response[3 * c + k] = left @ part @ left.transpose()
+            part = left @ part @ left.transpose()
+            strained.response[3 * c + k] = vec8(
+                part[0, 0], part[0, 1], part[0, 2], part[1, 0], part[1, 1], part[1, 2], part[2, 0], part[2, 1]
+            )
+            last[k] = part[2, 2]
+        strained.last_response[c] = last
 
 
 @func
@@ -193,19 +210,59 @@ def strain_domain(d: ti.i32, domains: Domains, strained: Strained):
 
 
 @func
+def gather_hooke(b: ti.i32, strained: Strained, parts: DomainParts) -> mat3:
+    """A block's stiffness from domains under Hooke's law.
+
+    With H_a = sqrt(w mu factor) R g_a and M = sum H_a H_b^T it is sum (lambda / mu) H_a H_b^T + M^T + tr(M) I.
+    """
+    # The columns of M, and of what is proportional to lambda.
+    m0, m1, m2, l0, l1, l2 = vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0), vec4(0.0)
+    for c in range(parts.start[3 * b + SHAPED], parts.start[3 * b + DILATED]):
+        row, other = strained.gradient[parts.row_entry[c]], strained.gradient[parts.column_entry[c]]
+        p0, p1, p2 = other[0] * row, other[1] * row, other[2] * row
+        m0 += p0
+        m1 += p1
+        m2 += p2
+        l0 += parts.lame_ratio[c] * p0
+        l1 += parts.lame_ratio[c] * p1
+        l2 += parts.lame_ratio[c] * p2
+    for c in range(parts.start[3 * b + DILATED], parts.start[3 * b + RESPONDING]):
+        row, other = strained.gradient[parts.row_entry[c]], strained.gradient[parts.column_entry[c]]
+        l0 += other[0] * row
+        l1 += other[1] * row
+        l2 += other[2] * row
+    trace = m0[0] + m1[1] + m2[2]
+    return ti.Matrix(
+        [
+            [l0[0] + m0[0] + trace, l1[0] + m0[1], l2[0] + m0[2]],
+            [l0[1] + m1[0], l1[1] + m1[1] + trace, l2[1] + m1[2]],
+            [l0[2] + m2[0], l1[2] + m2[1], l2[2] + m2[2] + trace],
+        ]
+    )
+
+
+@func
+def gather_responses(b: ti.i32, strained: Strained, parts: DomainParts) -> mat3:
+    """A block's stiffness from domains under other laws."""
+    total, last = vec8(0.0), 0.0
+    for c in range(parts.start[3 * b + RESPONDING], parts.start[3 * b + 3]):
+        g, place = strained.gradient[parts.row_entry[c]], parts.column_entry[c]
+        beside = strained.last_response[place]
+        for k in ti.static(range(3)):
+            total += g[k] * strained.response[3 * place + k]
+            last += g[k] * beside[k]
+    return ti.Matrix([[total[0], total[1], total[2]], [total[3], total[4], total[5]], [total[6], total[7], last]])
+
+
+@func
 def gather_block(b: ti.i32, strained: Strained, parts: DomainParts, sums: DomainSums):
     """Add to a block of the matrix, and on the diagonal to the node's force, what the domains of its nodes give."""
-    total = ti.Matrix.zero(ti.f64, 3, 3)
-    for c in range(parts.start[b], parts.start[b + 1]):
-        g = strained.gradient[parts.row_entry[c]]
-        place = 3 * parts.column_entry[c]
-        for k in ti.static(range(3)):
-            total += g[k] * strained.response[place + k]
+    total = gather_hooke(b, strained, parts) + gather_responses(b, strained, parts)
     sums.blocks[parts.block[b]] = sums.blocks[parts.block[b]] + total
     node = parts.node[b]
     if node >= 0:
         force = sums.force[node]
-        for c in range(parts.start[b], parts.start[b + 1]):
+        for c in range(parts.start[3 * b], parts.start[3 * b + 3]):
             force += strained.force[parts.row_entry[c]]
         sums.force[node] = force
 
