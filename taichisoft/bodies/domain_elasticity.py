@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.bodies.domains import IntegrationDomains
+from taichisoft.bodies.laws import ElasticLaws
 from taichisoft.kernels import domains as kernels
 from taichisoft.kernels.laws import HOOKE, LAMBDA, MU
 
@@ -41,15 +42,15 @@ class DomainElasticity:
         ]
         self.domains = IntegrationDomains.joined(found)
         element = self.domains.element
-        lame = np.vstack([body.lame for body in bodies])
+        laws = ElasticLaws.joined([body.laws for body in bodies]).of(element)
         self.data = kernels.Domains(
             start=self.domains.start,
             node=self.domains.node.astype(np.int32),
             gradient=self.domains.gradient,
             volume=self.domains.volume,
-            law=np.full(len(element), HOOKE, dtype=np.int32),
-            modulus=np.pad(lame[element], ((0, 0), (0, 3))),
-            exponent=np.zeros((len(element), 3)),
+            law=laws.kind,
+            modulus=laws.modulus,
+            exponent=laws.exponent,
             lag=lag[element],
             factor=factor[element],
         )

@@ -6,11 +6,12 @@ from functools import cached_property
 import numpy as np
 
 from taichisoft.bodies.domains import IntegrationDomains, quadrature_domains, smoothed_domains
-from taichisoft.bodies.elements import lame_parameters
 from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.laws import ElasticLaws, elastic_law
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
+from taichisoft.kernels.laws import HOOKE
 from taichisoft.meshes.second_order import linear_parts, with_middle_nodes
 from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
@@ -65,6 +66,7 @@ class SoftBody:
         rest_position: placed nodes [mm], shape (node_count, 3).
         elements: shape (element_count, 4), or (element_count, 10) of quadratic elements.
         lame: Lame's lambda and mu [kPa] of each element at the start of a run, shape (element_count, 2).
+        laws: law of each element.
         material: number of the material of each element among those of the model, shape (element_count,).
         domains: its integration domains; None where they are linear tetrahedra under Hooke's law.
         node_mass: [kg], shape (node_count,).
@@ -81,6 +83,7 @@ class SoftBody:
     rest_position: np.ndarray
     elements: np.ndarray
     lame: np.ndarray
+    laws: ElasticLaws
     material: np.ndarray
     domains: IntegrationDomains | None
     node_mass: np.ndarray
@@ -119,7 +122,7 @@ def make_soft_body(
     node_count = len(mesh.nodes)
     turn = rotation_from_degrees(body.rotation)
     rest_position = mesh.nodes @ turn.T + np.asarray(body.translation)
-    lame, material = _materials(mesh, body, key)
+    laws, material = _materials(mesh, body, key)
     return SoftBody(
         name=name,
         settings=body,
@@ -127,9 +130,10 @@ def make_soft_body(
         nodes=slice(first_node, first_node + node_count),
         rest_position=rest_position,
         elements=mesh.elements,
-        lame=lame,
+        lame=laws.lame,
+        laws=laws,
         material=first_material + material,
-        domains=_make_domains(rest_position, mesh.elements, material, body),
+        domains=_make_domains(rest_position, mesh.elements, material, laws, body),
         node_mass=_node_masses(mesh, body),
         anchor_stiffness=anchor_stiffness(mesh, body.anchors, f"{key}.anchors"),
         tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
@@ -141,23 +145,29 @@ def make_soft_body(
     )
 
 
-def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> tuple[np.ndarray, np.ndarray]:
-    """Lame parameters of each element, and the number of its material: 0 the body's own, from 1 on the regions'."""
+def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> tuple[ElasticLaws, np.ndarray]:
+    """The law of each element, and the number of its material: 0 the body's own, from 1 on the regions'."""
     material = np.zeros(len(mesh.elements), dtype=np.int32)
     for index, region in enumerate(body.regions):
         material[select_elements(mesh, region, f"{key}.regions.{index}")] = 1 + index
-    given = [region.poisson_ratio for region in body.regions]
-    poisson_ratio = np.array([body.poisson_ratio, *(body.poisson_ratio if one is None else one for one in given)])
-    young_modulus = np.array([body.young_modulus, *(region.young_modulus for region in body.regions)])
-    return lame_parameters(young_modulus[material], poisson_ratio[material]), material
+    laws = [elastic_law(body.law, body.young_modulus, body.coefficients, body.poisson_ratio)]
+    for region in body.regions:
+        poisson_ratio = body.poisson_ratio if region.poisson_ratio is None else region.poisson_ratio
+        laws.append(elastic_law(region.law or body.law, region.young_modulus, region.coefficients, poisson_ratio))
+    return ElasticLaws.joined(laws).of(material), material
 
 
 def _make_domains(
-    rest_position: np.ndarray, elements: np.ndarray, material: np.ndarray, body: settings.SoftBody
+    rest_position: np.ndarray,
+    elements: np.ndarray,
+    material: np.ndarray,
+    laws: ElasticLaws,
+    body: settings.SoftBody,
 ) -> IntegrationDomains | None:
     if body.element == "smoothed":
         return smoothed_domains(rest_position, elements, material)
-    return None if body.element == "linear" else quadrature_domains(rest_position, elements)
+    short_way = body.element == "linear" and (laws.kind == HOOKE).all()
+    return None if short_way else quadrature_domains(rest_position, elements)
 
 
 def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:

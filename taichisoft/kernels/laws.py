@@ -23,6 +23,7 @@ HOOKE, POLYNOMIAL, OGDEN = range(3)
 LAMBDA, MU = 0, 1
 C10, C01, C20, C30 = 1, 2, 3, 4
 OGDEN_TERMS = 3
+MODULI = 5
 
 # Below this stretch a power of Ogden's law goes on as its parabola (Stomakhin et al. 2012, Energetically Consistent
 # Invertible Elasticity): it has no value at negative stretches. Rubber is not compressed so far.

@@ -189,10 +189,10 @@ class Scene(Table):
     @property
     def young_moduli(self) -> dict[str, float]:
         """Young's moduli [kPa] by material: each soft body's own ("finger"), then its regions' ("finger.regions.0")."""
-        moduli = {}
+        moduli: dict[str, float] = {}
         for name, body in self.soft_bodies.items():
-            moduli[name] = body.young_modulus
-            moduli |= {f"{name}.regions.{index}": region.young_modulus for index, region in enumerate(body.regions)}
+            names = [name, *(f"{name}.regions.{index}" for index in range(len(body.regions)))]
+            moduli |= dict(zip(names, body.young_moduli, strict=True))
         return moduli
 
     @property

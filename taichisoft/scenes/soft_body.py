@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Discriminator, Field, Tag, field_validator, model_serializer, model_validator
 
 from taichisoft.scenes.colours import Colour
+from taichisoft.scenes.elastic_law import Law, check_coefficients, initial_shear_modulus
 from taichisoft.scenes.table import (
     Groups,
     KeySets,
@@ -56,10 +57,15 @@ class NodeSelection(Selection):
 class Region(Selection):
     """Elements of another material; a later region wins over an earlier one."""
 
-    young_modulus: Positive
-    """Young's modulus [kPa]."""
+    young_modulus: Positive | None = None
+    """Young's modulus [kPa]; either this or coefficients."""
     poisson_ratio: PoissonRatio | None = None
     """Poisson's ratio [-]; the body's own when it is not given."""
+    law: Law | None = None
+    """Law of elasticity; the body's own when it is not given."""
+    coefficients: dict[str, Number] | None = None
+    """Coefficients of the law [kPa]."""
+    alternatives = (("box", "group"), ("young_modulus", "coefficients"))
 
 
 class Anchor(NodeSelection):
@@ -263,10 +269,16 @@ class SoftBody(Table):
     """Mass [kg], spread evenly over the nodes; either this or density."""
     density: Positive | None = None
     """Density [kg/mm^3]; the mass of each element is spread over its nodes."""
-    young_modulus: Positive
-    """Young's modulus [kPa]."""
+    young_modulus: Positive | None = None
+    """Young's modulus at rest [kPa]; either this or coefficients."""
     poisson_ratio: PoissonRatio
-    """Poisson's ratio [-]."""
+    """Poisson's ratio at rest [-]."""
+    law: Law = "hooke"
+    """Law of elasticity: Hooke's, corotated, for strains of some 20 %; beyond them one of rubber. All agree at rest."""
+    coefficients: dict[str, Number] | None = None
+    """Coefficients of laws that have more than Young's modulus: c10 and c01 of Mooney and Rivlin's, c10, c20 and c30 of
+    Yeoh's, mu1, alpha1, and so on up to mu3, alpha3 of Ogden's [kPa]. Poisson's ratio gives the resistance to changes
+    of volume, as in Hooke's law of the same shear modulus."""
     rayleigh_mass: NotNegative = 0.0
     """Rayleigh damping with the mass [1/s]."""
     rayleigh_stiffness: NotNegative = 0.0
@@ -293,7 +305,20 @@ class SoftBody(Table):
     anchors: list[Anchor] = []
     cavities: dict[Name, Cavity] = {}
     cables: dict[Name, Cable] = {}
-    alternatives = (("mass", "density"),)
+    alternatives = (("mass", "density"), ("young_modulus", "coefficients"))
+
+    @model_validator(mode="after")
+    def _check_laws(self) -> Self:
+        check_coefficients(self.law, self.coefficients)
+        for index, region in enumerate(self.regions):
+            try:
+                check_coefficients(region.law or self.law, region.coefficients)
+            except ValueError as error:
+                raise ValueError(f"regions.{index}: {error}") from error
+        ratios = [self.poisson_ratio, *(one.poisson_ratio for one in self.regions if one.poisson_ratio is not None)]
+        if self.element == "smoothed" and min(ratios) < 0.0:
+            raise ValueError(f'poisson_ratio = {min(ratios):g}: must be 0 or more with element = "smoothed"')
+        return self
 
     @model_validator(mode="after")
     def _check_actuator_names(self) -> Self:
@@ -301,6 +326,19 @@ class SoftBody(Table):
         if both:
             raise ValueError(f"a cavity and a cable are both called '{both[0]}'; give one another name")
         return self
+
+    @property
+    def young_moduli(self) -> list[float]:
+        """Young's moduli at rest [kPa]: the body's own, then those of its regions."""
+        materials: list[SoftBody | Region] = [self, *self.regions]
+        return [
+            one.young_modulus
+            if one.young_modulus is not None
+            else 2.0
+            * (1.0 + (self.poisson_ratio if one.poisson_ratio is None else one.poisson_ratio))
+            * initial_shear_modulus(one.law or self.law, one.coefficients or {})
+            for one in materials
+        ]
 
     @field_validator("collision_surface", mode="before")
     @classmethod

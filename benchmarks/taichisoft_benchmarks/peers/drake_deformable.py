@@ -60,7 +60,7 @@ class DrakePeer:
         settings = body.settings
         volume = tetrahedron_volumes(body.rest_position, body.elements).sum()
         material = DeformableBodyConfig()
-        material.set_youngs_modulus(1e3 * settings.young_modulus)
+        material.set_youngs_modulus(1e3 * settings.young_moduli[0])
         material.set_poissons_ratio(settings.poisson_ratio)
         material.set_mass_density(float(body.node_mass.sum() / (volume * METRE**3)))
         material.set_mass_damping_coefficient(settings.rayleigh_mass)

@@ -77,7 +77,7 @@ class MujocoPeer:
             first = self._model.flex_stiffnessadr[index]
             rows = self._model.flex_stiffness[first : first + NUMBERS_PER_ELEMENT * len(body.elements)]
             rows = rows.reshape(-1, NUMBERS_PER_ELEMENT)
-            shear = body.settings.young_modulus / (2.0 * (1.0 + body.settings.poisson_ratio))
+            shear = body.settings.young_moduli[0] / (2.0 * (1.0 + body.settings.poisson_ratio))
             rows *= (body.lame[:, 1] / shear)[:, None]
 
 
@@ -89,7 +89,7 @@ def _flex(body: "SoftBody") -> str:
     return f"""<flexcomp name="{body.name}" type="direct" dim="3" mass="{body.node_mass.sum()}" radius="0.5"
             point="{_numbers(body.rest_position)}" element="{_numbers(body.elements)}">
         {pins}
-        <elasticity young="{settings.young_modulus}" poisson="{settings.poisson_ratio}"
+        <elasticity young="{settings.young_moduli[0]}" poisson="{settings.poisson_ratio}"
             damping="{settings.rayleigh_stiffness}"/>
         <contact selfcollide="none" condim="3"/>
     </flexcomp>"""
