@@ -26,8 +26,8 @@ OGDEN_TERMS = 3
 MODULI = 5
 
 # Below this stretch a power of Ogden's law goes on as its parabola (Stomakhin et al. 2012, Energetically Consistent
-# Invertible Elasticity): it has no value at negative stretches. Rubber is not compressed so far.
-SMALLEST_STRETCH = 0.2
+# Invertible Elasticity): it has no value at negative stretches. A membrane is as thin at 4.5 times its size.
+SMALLEST_STRETCH = 0.05
 # Closer together than this, two stretches count as equal in a difference quotient of slopes.
 EQUAL_STRETCHES = 1e-4
 
