@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.laws import HOOKE, LAMBDA, MU, OGDEN, ogden_law, polynomial_law
-from taichisoft.kernels.rotations import polar_rotation
+from taichisoft.kernels.polar_rotation import polar_rotation
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
 from taichisoft.kernels.symmetric import positive_part, symmetric_eigen
 
@@ -119,14 +119,6 @@ def column(matrix: mat3, k: ti.template()) -> vec3:
     return vec3(matrix[0, k], matrix[1, k], matrix[2, k])
 
 
-@ti.func
-def rotation_near(deformation: mat3) -> mat3:
-    """The polar rotation, found from the frame of what the first two axes have become."""
-    first = column(deformation, 0).normalized()
-    third = first.cross(column(deformation, 1)).normalized()
-    return polar_rotation(deformation, ti.Matrix.cols([first, third.cross(first), third]))
-
-
 @func
 def strain_by_hooke(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3, domains: Domains, strained: Strained):
     """Forces and turned gradients of a domain under corotated Hooke's law."""
@@ -202,7 +194,7 @@ def strain_domain(d: ti.i32, domains: Domains, strained: Strained):
         g = domains.gradient[c]
         deformation += (strained.position[domains.node[c]] - x0).outer_product(g)
         rate += (strained.velocity[domains.node[c]] - v0).outer_product(g)
-    rotation = rotation_near(deformation)
+    rotation = polar_rotation(deformation)
     if domains.law[d] == HOOKE:
         strain_by_hooke(d, deformation, rate, rotation, domains, strained)
     else:
