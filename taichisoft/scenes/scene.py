@@ -33,7 +33,11 @@ class Contact(Table):
     alarm_distance: Positive = 5.0
     """Distance below which a pair becomes a constraint [mm]."""
     spacing: NotNegative = 4.0
-    """Distance [mm] below which only the closest of two contacts of a soft body with another body is kept."""
+    """Distance [mm] within which only the worst contact of two bodies is added to the constraints at a time; this
+    changes how fast a step is, not what comes out."""
+    depth: Literal["position", "velocity"] = "position"
+    """How surfaces that are closer than `contact_distance` at the start of a step come apart: by a shift that adds no
+    speed, or, as in SOFA, by the speed depth / step, which stays."""
     tolerance: Positive = 1e-5
     """The Gauss-Seidel stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
     max_iterations: Annotated[int, Field(strict=True, gt=0)] = 10000
