@@ -104,14 +104,17 @@ class ActiveSet:
     def worth_telling(self) -> np.ndarray:
         """Numbers of the contacts that take part, and of the closest one of bodies that are near without any."""
         chosen, count = self.chosen, len(self.gap)
-        bodies, distance = self.contacts.bodies[:count], self.contacts.distance[:count]
-        pair = bodies[:, 0] * len(self._model.body_names) + bodies[:, 1]
-        others = np.flatnonzero((distance < self._model.scene.contact.alarm_distance) & ~np.isin(pair, pair[chosen]))
+        first, second = self.contacts.bodies[:count].T
+        takes_part = np.zeros((len(self._model.body_names),) * 2, dtype=bool)
+        takes_part[first[chosen], second[chosen]] = True
+        distance = self.contacts.distance[:count]
+        others = np.flatnonzero((distance < self._model.scene.contact.alarm_distance) & ~takes_part[first, second])
+        told = np.flatnonzero(chosen)
         if not len(others):
-            return np.flatnonzero(chosen)
+            return told
         others = others[np.argsort(distance[others], kind="stable")]
-        closest = others[np.unique(pair[others], return_index=True)[1]]
-        return np.sort(np.concatenate([np.flatnonzero(chosen), closest]))
+        pair = first[others] * len(takes_part) + second[others]
+        return np.sort(np.concatenate([told, others[np.unique(pair, return_index=True)[1]]]))
 
     def _measure_gap(self) -> None:
         self.gap = self._time_step * (self._gap_rate + self._speed) + self._kept_depth

@@ -47,6 +47,7 @@ class ContactPrediction:
         settings, surfaces = model.scene.contact, model.surfaces
         self._model = model
         self._time_step = model.scene.time.step
+        self._tolerance = surfaces.gap_tolerance
         self._distance, self._alarm = settings.contact_distance, settings.alarm_distance
         self._moving = MovingSurfaces(surfaces)
         self._detection = ContactDetection(surfaces, self._moving)
@@ -80,10 +81,9 @@ class ContactPrediction:
         if fast.any():
             self._follow(fast, approach, fraction)
         reach = self._reach(approach, fraction)
-        times = np.unique(fraction[self._may_touch]).tolist()
-        return self._joined(
-            part for time in times for part in self._measure(np.where(fraction == time, reach, -1.0), time)
-        )
+        times = np.unique(fraction[self._may_touch]).tolist() if fast.any() else [1.0]
+        parts = (part for time in times for part in self._measure(np.where(fraction == time, reach, -1.0), time))
+        return self._joined(parts)
 
     def _approach(self) -> np.ndarray:
         """The most by which points of two bodies approach each other in the step [mm], (body_count, body_count).
@@ -119,9 +119,10 @@ class ContactPrediction:
         """Fill in the times at which fast bodies first come close, 0 for those that are too close at the start."""
         reach = np.where(fast, self._distance + approach, -1.0)
         nearest = self._nearest(self._search(reach, 0.0))
-        for first, second in sorted(nearest):
-            distance, time, pair = nearest[first, second], 0.0, (first, second)
-            follows = distance >= self._distance - self._model.surfaces.gap_tolerance[pair]
+        for first, second in zip(*np.nonzero(np.triu(np.isfinite(nearest))), strict=True):
+            pair, time = (first, second), 0.0
+            distance = nearest[pair]
+            follows = distance >= self._distance - self._tolerance[pair]
             while follows:
                 time += (distance - NEAREST * self._distance) / approach[pair]
                 if time >= 1.0:
@@ -129,29 +130,25 @@ class ContactPrediction:
                     break
                 only = np.full_like(reach, -1.0)
                 only[pair] = only[pair[::-1]] = self._distance + (1.0 - time) * approach[pair]
-                distance = self._nearest(self._search(only, time)).get(pair, np.inf)
+                distance = self._nearest(self._search(only, time))[pair]
                 follows = distance > NEAR * self._distance
             fraction[pair] = fraction[pair[::-1]] = time
 
     def _measure(self, reach: np.ndarray, time: float) -> Iterator[Found]:
-        """The contacts within reach at this time; of bodies that are too close at the start, those of then.
+        """The contacts within reach at this time; at the end, of bodies that overlap at the start, those of then.
 
         Each part stays as it is until the next one is asked for.
         """
         contacts = self._search(reach, time)
-        too_close = self._too_close(contacts)
-        if time == 0.0 or not too_close.any():
-            yield self._found(contacts, time)
+        too_close = time == 1.0 and self._nearest(contacts) < self._distance - self._tolerance
+        if not np.any(too_close):
+            yield Found(contacts, np.full(contacts.count[0], time))
             return
         ahead = contacts.trimmed()
         at_start = self._search(np.where(too_close, reach, -1.0), 0.0)
-        overlapping = self._too_close(at_start)
-        yield self._found(_chosen(at_start, overlapping), 0.0)
-        yield self._found(_chosen(ahead, ~overlapping), time)
-
-    def _found(self, contacts: Contacts, time: float) -> Found:
-        count = contacts.count[0]
-        return Found(contacts, np.full(count, time))
+        overlapping = self._nearest(at_start) < self._distance - self._tolerance
+        for chosen, when in ((_chosen(at_start, overlapping), 0.0), (_chosen(ahead, ~overlapping), time)):
+            yield Found(chosen, np.full(chosen.count[0], when))
 
     def _joined(self, parts: Iterable[Found]) -> Found:
         """All of them, one after the other, in arrays that stay in place."""
@@ -170,25 +167,12 @@ class ContactPrediction:
         room.count[0] = count
         return Found(room, np.concatenate(fractions))
 
-    def _too_close(self, contacts: Contacts) -> np.ndarray:
-        """Whether two bodies have a contact that is too deep, shape (body_count, body_count)."""
-        table = np.zeros_like(self._may_touch)
-        count = contacts.count[0]
+    def _nearest(self, contacts: Contacts) -> np.ndarray:
+        """Distance of each pair of bodies [mm], infinite where they have no contact, shape (body_count, body_count)."""
+        nearest, count = np.full(self._may_touch.shape, np.inf), contacts.count[0]
         first, second = contacts.bodies[:count].T
-        deep = contacts.distance[:count] < self._distance - self._model.surfaces.gap_tolerance[first, second]
-        first, second = first[deep], second[deep]
-        table[first, second] = table[second, first] = True
-        return table
-
-    def _nearest(self, contacts: Contacts) -> dict[tuple[int, int], float]:
-        """Distance [mm] of each pair of bodies that has contacts."""
-        nearest: dict[tuple[int, int], float] = {}
-        count = contacts.count[0]
-        for (first, second), distance in zip(
-            contacts.bodies[:count].tolist(), contacts.distance[:count].tolist(), strict=True
-        ):
-            nearest[first, second] = min(distance, nearest.get((first, second), np.inf))
-        return nearest
+        np.minimum.at(nearest, (first, second), contacts.distance[:count])
+        return np.minimum(nearest, nearest.T)
 
     def _search(self, reach: np.ndarray, time: float) -> Contacts:
         """Contacts within reach at this time."""
