@@ -29,6 +29,7 @@ class ActiveSet:
         separation: arms, gap rates and speeds of them.
         depth: by how much less than the contact distance each contact was apart at the start of the step [mm], 0 or
             negative, shape (contact_count,).
+        resting_speed: approach below which nothing bounces, that by which gravity adds to it in a step [mm/s].
         gap: of each contact at the end of the step with the velocities last measured [mm], shape (contact_count,).
     """
 
@@ -38,6 +39,7 @@ class ActiveSet:
         self._model, self._rigid = model, rigid
         self._time_step = model.scene.time.step
         self._reduction = ContactReduction(model.surfaces.body_size, settings.spacing, settings.contact_distance)
+        self._gives_back = bool(model.restitution.any())
         self._make_room(0)
 
     def _make_room(self, capacity: int) -> None:
@@ -80,7 +82,13 @@ class ActiveSet:
         self._gap_rate[:] = (gap - self._kept_depth - passed) / self._time_step
         self._reduction.begin(found.contacts, state)
         self._measure_gap()
-        self._reduction.add(self._gap_rate + STEPS_AHEAD * self._speed <= 0.0, self.gap, beside=False)
+        expected = self._gap_rate + STEPS_AHEAD * self._speed <= 0.0
+        if self._gives_back:
+            # An impact may throw anything at its neighbours, as fast as the fastest approach.
+            fastest = self._speed.min(initial=0.0)
+            expected |= self._time_step * (self._gap_rate + self._speed + 2.0 * fastest) < self._tolerance
+        self.resting_speed = max(settings.tolerance, self._time_step * float(np.linalg.norm(state.gravity)))
+        self._reduction.add(expected, self.gap, beside=False)
 
     def add_violated(self, node_velocity: np.ndarray) -> bool:
         """Add contacts that these velocities [mm/s], and those of the rigid bodies, close; were there any?"""

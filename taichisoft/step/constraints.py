@@ -11,6 +11,7 @@ from taichisoft.step.active_set import ActiveSet
 from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.constraint_rows import ConstraintRows
 from taichisoft.step.contact_prediction import Found
+from taichisoft.step.impacts import Impacts
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 
@@ -64,6 +65,9 @@ class Constraints:
         self._geometry, self._actuators = geometry, actuators
         self._time_step = model.scene.time.step
         self._active_set = ActiveSet(model, rigid.state)
+        self._gives_back = bool(model.restitution.any())
+        self._impacts = Impacts(model.scene.contact.tolerance, model.scene.contact.max_iterations)
+        self._node_velocity_before = np.zeros((model.node_count, 3))
         self._removes_depth = model.scene.contact.depth == "position"
         self._problem = ConstraintRows(model, FIRST_CAPACITY)
         self._velocity = np.zeros((model.node_count, 3))  # stays in place for the kernels
@@ -90,13 +94,17 @@ class Constraints:
             self.node_velocity = self._free_velocity().copy()
             return
         self._velocity[:] = state.velocity
+        if self._gives_back:
+            self._node_velocity_before[:] = state.velocity
+            self._rigid_before = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
         self._active_set.begin(found, state, self._velocity)
         self.penetration = -float(self._active_set.depth.min(initial=0.0))
         self._impulse = self._active_set.last_impulse.copy()
         while True:
             self._build_rows(found.contacts)
             self._assemble_compliance()
-            self._find_impulses()
+            strike = self._strike() if self._gives_back and len(self._chosen) else None
+            self._find_impulses(strike)
             self._apply_impulses()
             self._velocity[:] = self.node_velocity
             if not self._active_set.add_violated(self._velocity):
@@ -206,7 +214,31 @@ class Constraints:
             1,
         )
 
-    def _find_impulses(self) -> None:
+    def _strike(self) -> np.ndarray | None:
+        """Impulses of impacts with restitution, which the contacts start from; None without any."""
+        count = len(self._chosen)
+        bodies = self._active_set.contacts.bodies[self._chosen]
+        restitution = self._model.restitution[tuple(bodies.T)]
+        if not restitution.any():
+            return None
+        rows, rigid, end = self._problem.rows, self._rigid.state, 3 * count
+        free, free_motion = rows.free[:end].copy(), rigid.free.copy()
+        rigid.free[:] = self._rigid_before
+        constraint_rows.free_contact_velocity(rows, self._node_velocity_before, rigid)
+        before = rows.free[:end].copy()
+        before[::3] -= rows.gap_rate[:count]
+        rigid.free[:], rows.free[:end] = free_motion, free
+        compliance = self._problem.compliance[: self._row_count**2].reshape(self._row_count, self._row_count)
+        pair = bodies[:, 0] * len(self._model.body_names) + bodies[:, 1]
+        slowest = self._active_set.resting_speed
+        touching = self._model.surfaces.gap_tolerance[tuple(bodies.T)] / self._time_step
+        strike = self._impacts.find(
+            compliance[:end, :end], before, free, touching, pair, restitution, rows.friction[:count], slowest
+        )
+        rows.free[: self._row_count] += compliance[:, :end] @ strike
+        return strike
+
+    def _find_impulses(self, strike: np.ndarray | None) -> None:
         """Gauss-Seidel, from the impulses of the last step, or those found before more contacts took part."""
         solver, rows, contact_count = self._problem.gauss_seidel, self._problem.rows, len(self._chosen)
         if not self._row_count:
@@ -218,6 +250,8 @@ class Constraints:
         solver.impulse[3 * contact_count : self._row_count] = self._actuators.first_impulse
         settings = self._model.scene.contact
         solver.solve(settings.tolerance, settings.max_iterations)
+        if strike is not None:
+            solver.impulse[: len(strike)] += strike
         self.iterations += solver.iterations
         self.residual = solver.residual
 
