@@ -72,7 +72,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "(top level)": scene.Scene,
     "[time]": scene.Time,
     "[contact]": scene.Contact,
-    "[[contact.pairs]]": scene.PairFriction,
+    "[[contact.pairs]]": scene.ContactPair,
     "[controller]": scene.Controller,
     "[limits]": scene.Limits,
     "[[external_forces]]": scene.ExternalForce,

@@ -45,6 +45,7 @@ class Model:
         actuators: coordinates of cavities and cables together.
         surfaces: contact surfaces of all bodies.
         friction: friction coefficients by the numbers of two bodies, shape (body_count, body_count).
+        restitution: coefficients of restitution likewise.
         base_pivot: point about which the base turns [mm], shape (3,).
         rigid_mass: masses of the rigid bodies [kg], shape (rigid_count,).
         rigid_inertia: inertias of the rigid bodies in their own frames [kg mm^2], shape (rigid_count, 3, 3).
@@ -84,7 +85,8 @@ class Model:
         self.cables = Cables(soft, self.rigid_bodies, self.obstacles)
         self.actuators = Actuators(self.cavities, self.cables)
         self.surfaces = ContactSurfaces(soft, self.rigid_bodies, self.obstacles)
-        self.friction = self._friction_table()
+        self.friction = self._pair_table("friction")
+        self.restitution = self._pair_table("restitution")
         self.base_pivot = self._find_base_pivot()
         self.rigid_mass = np.array([body.mass for body in self.rigid_bodies])
         self.rigid_inertia = np.array([body.inertia for body in self.rigid_bodies]).reshape(-1, 3, 3)
@@ -172,11 +174,13 @@ class Model:
         """Name of the soft body that has a node."""
         return next(body.name for body in self.soft_bodies if body.nodes.start <= node < body.nodes.stop)
 
-    def _friction_table(self) -> np.ndarray:
-        table = np.full((len(self.body_names), len(self.body_names)), self.scene.contact.friction)
+    def _pair_table(self, key: str) -> np.ndarray:
+        """What the scene says of each pair of bodies, shape (body_count, body_count)."""
+        table = np.full((len(self.body_names), len(self.body_names)), getattr(self.scene.contact, key))
         for pair in self.scene.contact.pairs:
             first, second = (self.body_names.index(name) for name in pair.bodies)
-            table[first, second] = table[second, first] = pair.friction
+            if getattr(pair, key) is not None:
+                table[first, second] = table[second, first] = getattr(pair, key)
         return table
 
     def _find_base_pivot(self) -> np.ndarray:

@@ -6,9 +6,6 @@ from functools import partial
 import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
-from taichisoft.contact.detection import ContactDetection
-from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.contact.reduction import ContactReduction
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.control.observer import Observer
@@ -18,13 +15,13 @@ from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.constraints import Constraints
+from taichisoft.step.contact_prediction import ContactPrediction, Found
 from taichisoft.step.divergence import DivergenceCheck
 from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 
-NO_CONTACTS = Contacts.with_room(0)
-NO_IMPULSES = np.zeros((0, 3))
+NO_CONTACTS = Found(Contacts.with_room(0), np.zeros(0))
 
 
 class Simulation:
@@ -45,9 +42,7 @@ class Simulation:
         self._actuators = ActuatorRows(model, self._geometry)
         self._soft = SoftMotion(model, model.elasticity, self._geometry) if model.elasticity is not None else None
         self._rigid = RigidMotion(model)
-        self._moving = MovingSurfaces(model.surfaces)
-        self._detection = ContactDetection(model.surfaces, self._moving)
-        self._reduction = ContactReduction(model.surfaces.body_size, model.scene.contact.spacing)
+        self._prediction = ContactPrediction(model)
         self._constraints = Constraints(model, self._soft, self._rigid, self._geometry, self._actuators)
         self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model)
@@ -73,12 +68,12 @@ class Simulation:
         start = apply_control(self.model, self.state, control)
         self._begin_actuators(start)
         self._solve_free_motion(start)
-        contacts, last_impulse, max_penetration = self._find_contacts(start)
-        self._constraints.solve(start, contacts, last_impulse)
-        end = self._integrate(start, contacts)
+        found = self._find_contacts(start)
+        self._constraints.solve(start, found)
+        end = self._integrate(start, found.contacts)
         self._divergence_check.check(start, end)
         self.state = end
-        self.report = self._make_report(end, control, max_penetration, started)
+        self.report = self._make_report(end, control, self._constraints.penetration, started)
         return self.report
 
     def observe(self) -> Observation:
@@ -96,19 +91,11 @@ class Simulation:
             self._soft.solve_free_motion(start, self._actuators.load)
         self._rigid.solve_free_motion(start)
 
-    def _find_contacts(self, start: State) -> tuple[Contacts, np.ndarray, float]:
-        """The contacts that become constraints, the impulse of each in the last step, and the deepest penetration."""
-        settings = self.model.scene.contact
-        if not self._detection.is_needed:
-            return NO_CONTACTS, NO_IMPULSES, 0.0
-        self._moving.update(start.position, start.rigid_position, self._rigid.state.rotation)
-        found = self._detection.find(reach=settings.alarm_distance, depth=settings.alarm_distance)
-        contacts = self._reduction.reduce(found, start)
-        radius = max(settings.spacing, settings.contact_distance)
-        last_impulse = self._reduction.last_impulses(contacts, start, radius)
-        nearest = found.distance[: found.count[0]].min(initial=np.inf)
-        penetration = max(0.0, settings.contact_distance - float(nearest))
-        return contacts, last_impulse[: contacts.count[0]], penetration
+    def _find_contacts(self, start: State) -> Found:
+        """The contacts that may become constraints, each where the surfaces are about to be."""
+        if not self._prediction.is_needed:
+            return NO_CONTACTS
+        return self._prediction.find(start, self._rigid.state.rotation)
 
     def _integrate(self, start: State, contacts: Contacts) -> State:
         """The state that the velocities lead to."""
@@ -116,8 +103,10 @@ class Simulation:
         self._rigid.integrate()
         position = time_step * solved.node_velocity
         position += start.position
-        count = len(solved.contact_impulse)
-        points = contacts.points[:count]
+        if solved.node_shift is not None:
+            position += time_step * solved.node_shift
+        told = solved.contacts
+        points = contacts.points[told]
         end = start.changed(
             time=(start.step + 1) * time_step,
             step=start.step + 1,
@@ -131,9 +120,9 @@ class Simulation:
             cavity_volume=self._geometry.volumes.volumes(position),
             cable_tension=solved.cable_tension,
             cable_tension_loss=solved.cable_tension_loss,
-            contact_body_pair=contacts.bodies[:count].copy(),
+            contact_body_pair=contacts.bodies[told],
             contact_point=0.5 * (points[:, 0] + points[:, 1]),
-            contact_normal=contacts.normal[:count].copy(),
+            contact_normal=contacts.normal[told],
             contact_impulse=solved.contact_impulse,
             contact_slip=solved.contact_slip,
         )

@@ -18,6 +18,7 @@ class ContactDetection:
         """Prepare for surfaces and where they are, now and when `find` is called."""
         self._surfaces = surfaces
         self._moved = moving.moved
+        self._reach = np.zeros((len(surfaces.body_size), len(surfaces.body_size)))
         self._make_room(FIRST_CAPACITY)
 
     def _make_room(self, capacity: int) -> None:
@@ -38,21 +39,24 @@ class ContactDetection:
         """Whether anything can touch anything."""
         return len(self._surfaces.topology.pairs) > 0 or len(self._surfaces.planes.body) > 0
 
-    def find(self, reach: float, depth: float) -> Contacts:
+    def find(self, reach: float | np.ndarray, depth: float) -> Contacts:
         """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm].
+
+        The reach may be that of each pair of bodies, shape (body_count, body_count); one below 0 leaves a pair out.
 
         Vertices with triangles come first, then edges, then planes, each in the order of the surfaces' arrays. The
         result is in arrays that the next call uses again.
         """
+        self._reach[:] = reach
         if self.is_needed:
-            self._search(reach, depth)
+            self._search(depth)
             if self._found.count[0] > len(self._found.distance):
                 self._make_room(2 * int(self._found.count[0]))
-                self._search(reach, depth)
+                self._search(depth)
         return self._contacts
 
-    def _search(self, reach: float, depth: float) -> None:
+    def _search(self, depth: float) -> None:
         s = self._surfaces
         find_contacts(
-            reach, depth, s.topology, s.trees, s.planes, self._moved, self._space, self._found, self._contacts
+            self._reach, depth, s.topology, s.trees, s.planes, self._moved, self._space, self._found, self._contacts
         )

@@ -1,9 +1,9 @@
-"""Which of the contacts found become constraints: few and well-spread ones, and what they were in the last step."""
+"""Which contacts of the last step go on, and which others take part first: few and well-spread ones."""
 
 import numpy as np
 
 from taichisoft.kernels import contact_reduction as kernels
-from taichisoft.kernels.contact_reduction import LastContacts, ReductionSpace
+from taichisoft.kernels.contact_reduction import BEFORE, NEW, NONE, WANTED, Choice, LastContacts
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.state import State
 
@@ -12,77 +12,76 @@ FIRST_CAPACITY = 256
 
 
 class ContactReduction:
-    """Chooses contacts; the work space of one simulation."""
+    """Chooses contacts; the work space of one simulation.
 
-    def __init__(self, body_size: np.ndarray, spacing: float):
+    Attributes:
+        impulse: of each contact in the last step, 0 where it is new [mN s], shape (contact_count, 3).
+        taking_part: whether each contact does, shape (contact_count,).
+    """
+
+    def __init__(self, body_size: np.ndarray, spacing: float, contact_distance: float):
         """Prepare for bodies of these sizes.
 
         Args:
             body_size: smallest extent of each body [mm], infinite for those that do not count, shape (body_count,).
-            spacing: distance that contacts are to keep from each other [mm]. It is at most a share of the smaller body,
-                which would tip over a missing contact.
+            spacing: distance within which only one contact is added at a time [mm]. It is at most a share of the
+                smaller body, which would tip over a missing contact.
+            contact_distance: distance that surfaces are kept apart [mm].
         """
+        self._radius = max(spacing, contact_distance)
         self._spacing = np.minimum(spacing, SHARE_OF_BODY * np.minimum(body_size[:, None], body_size))
         self._make_room(0)
         self._make_room_for_last(FIRST_CAPACITY)
 
     def _make_room(self, capacity: int) -> None:
-        self._kept = Contacts.with_room(capacity)
+        self._choice = Choice(status=np.zeros(capacity, dtype=np.int32), gap=np.zeros(capacity))
         self._impulse = np.zeros((capacity, 3))
-        self._space = ReductionSpace(
-            middle=np.zeros((capacity, 3)),
-            matched=np.zeros(capacity, dtype=np.int32),
-            key=np.zeros((capacity, 1)),
-            order=np.zeros(capacity, dtype=np.int32),
-            spare=np.zeros(capacity, dtype=np.int32),
-            chosen=np.zeros(capacity, dtype=np.int32),
-        )
 
     def _make_room_for_last(self, capacity: int) -> None:
         self._last = LastContacts(
             count=np.zeros(1, dtype=np.int32),
             bodies=np.zeros((capacity, 2), dtype=np.int32),
             point=np.zeros((capacity, 3)),
+            normal=np.zeros((capacity, 3)),
             impulse=np.zeros((capacity, 3)),
-            used=np.zeros(capacity, dtype=np.int32),
         )
 
-    def reduce(self, found: Contacts, state: State) -> Contacts:
-        """Of contacts between the same bodies, alike and closer together than the spacing, only the closest.
-
-        Nearly equal contacts give nearly dependent constraints, on which a Gauss-Seidel converges slowly.
-
-        What was a contact in the step that led to `state` stays one unless another is clearly closer: at rest all
-        distances are equal but for round-off, and contacts that change with it find no warm start.
-
-        The result is in arrays that the next call uses again.
-        """
-        if not found.count[0]:
-            self._kept.count[0] = 0
-            return self._kept
-        if len(found.distance) > len(self._kept.distance):
-            self._make_room(len(found.distance))
+    def begin(self, contacts: Contacts, state: State) -> None:
+        """Let those contacts take part that pushed in the step that led to `state`; the others not yet."""
+        self._contacts, count = contacts, contacts.count[0]
+        if len(contacts.distance) != len(self._impulse):
+            self._make_room(len(contacts.distance))
         self._remember(state)
-        kernels.reduce(found, self._last, self._spacing, self._space, self._kept)
-        return self._kept
+        kernels.continue_contacts(contacts, self._last, self._radius, self._choice, self._impulse)
+        self.impulse, self._status = self._impulse[:count], self._choice.status[:count]
+        self.taking_part = self._status == BEFORE
 
-    def last_impulses(self, contacts: Contacts, state: State, radius: float) -> np.ndarray:
-        """Impulses of contacts that `reduce` gave, in the step that led to `state` [mN s], shape (capacity, 3).
+    def add(self, wanted: np.ndarray, gap: np.ndarray, beside: bool) -> bool:
+        """Let the worst of the wanted contacts take part, one of each neighbourhood; was there any?
 
-        They go on from the nearest contact within `radius` [mm] then; the impulse of a new one is 0. The array is used
-        again by the next call.
+        Args:
+            wanted: whether each contact is, shape (contact_count,).
+            gap: at the end of the step [mm]: the least is the worst, shape (contact_count,).
+            beside: whether also those in the neighbourhood of one that takes part already.
         """
-        if contacts.count[0]:
-            self._remember(state)
-            kernels.last_impulses(contacts, self._last, radius, self._space, self._impulse)
-        return self._impulse
+        wanted = wanted & ~self.taking_part
+        if not wanted.any():
+            return False
+        self._status[:] = np.where(self.taking_part, BEFORE, np.where(wanted, WANTED, NONE))
+        self._choice.gap[: len(gap)] = gap
+        kernels.choose_worst(self._contacts, self._spacing, 0 if beside else 1, self._choice)
+        added = self._status == NEW
+        self.taking_part = self.taking_part | added
+        return bool(added.any())
 
     def _remember(self, state: State) -> None:
-        """Copy the contacts of the last step into arrays that stay in place."""
-        count = len(state.contact_point)
+        """Copy the contacts that pushed in the last step into arrays that stay in place."""
+        pushed = state.contact_impulse.any(axis=1)
+        count = int(pushed.sum())
         if count > len(self._last.point):
             self._make_room_for_last(2 * count)
         self._last.count[0] = count
-        self._last.bodies[:count] = state.contact_body_pair
-        self._last.point[:count] = state.contact_point
-        self._last.impulse[:count] = state.contact_impulse
+        self._last.bodies[:count] = state.contact_body_pair[pushed]
+        self._last.point[:count] = state.contact_point[pushed]
+        self._last.normal[:count] = state.contact_normal[pushed]
+        self._last.impulse[:count] = state.contact_impulse[pushed]

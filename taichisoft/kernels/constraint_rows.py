@@ -2,6 +2,8 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.kernels.launch import kernel
@@ -15,6 +17,7 @@ from taichisoft.kernels.runtime import (
     Scalars,
     ScalarTable,
     Vectors,
+    VectorTable,
     mat3,
     ti,
     vec3,
@@ -37,7 +40,7 @@ class Rows(NamedTuple):
         rigid: rigid body on each side of a contact, or -1, shape (contact_capacity, 2).
         rigid_jacobian: derivative of the rows by these bodies' velocities, shape (3 contact_capacity, 2, 6).
         friction: coefficient of each contact, shape (contact_capacity,).
-        gap_rate: gap over time step of each contact [mm/s], shape (contact_capacity,).
+        gap_rate: normal velocity at which each contact closes in the step [mm/s], shape (contact_capacity,).
         coordinate: the coordinate of each actuator row, shape (coordinate_count,).
         target_rate: rate of each that reaches its lower end in this step [mm/s or mm^3/s], shape (coordinate_count,).
         free: velocities without impulses, of actuators less the target rate [mm/s or mm^3/s], shape (row_capacity,).
@@ -61,12 +64,21 @@ class Separation(NamedTuple):
     """All contacts of a step as the active set sees them, in arrays with room for more.
 
     Attributes:
-        gap_rate: gap over time step [mm/s], shape (capacity,).
+        arm: from the centre of mass of the rigid body on each side to the point there, when the contact was measured
+            [mm], shape (capacity, 2, 3).
+        gap_rate: normal velocity at which the gap closes in the step, negative where it must open [mm/s], shape
+            (capacity,).
         speed: normal velocity of the second point relative to the first [mm/s], shape (capacity,).
     """
 
+    arm: VectorTable
     gap_rate: Scalars
     speed: Scalars
+
+    @classmethod
+    def with_room(cls, capacity: int) -> "Separation":
+        """Arrays for so many contacts."""
+        return cls(np.zeros((capacity, 2, 3)), np.zeros(capacity), np.zeros(capacity))
 
 
 @ti.func
@@ -79,6 +91,19 @@ def contact_basis(normal: vec3) -> mat3:
         axis = vec3(0.0, 0.0, 1.0)
     first = normal.cross(axis).normalized()
     return ti.Matrix.rows([normal, first, normal.cross(first)])
+
+
+@kernel
+def place_arms(first_rigid: ti.i32, contacts: Contacts, passed: Scalars, rigid: RigidState, separation: Separation):
+    """Arms of contacts that were measured a time `passed` [s] after the start, with the velocities from before."""
+    ti.loop_config(serialize=True)
+    for c in range(contacts.count[0]):
+        for side in ti.static(range(2)):
+            body = contacts.bodies[c, side] - first_rigid
+            separation.arm[c, side] = vec3(0.0)
+            if body >= 0 and body < rigid.position.shape[0]:
+                centre = rigid.position[body] + passed[c] * rigid.linear[body]
+                separation.arm[c, side] = contacts.points[c, side] - centre
 
 
 @kernel
@@ -104,8 +129,7 @@ def separation_speed(
                         v += weight * node_velocity[carriers.nodes[vertex, m]]
             body = contacts.bodies[c, side] - first_rigid
             if body >= 0 and body < rigid.position.shape[0]:
-                arm = contacts.points[c, side] - rigid.position[body]
-                v = rigid.linear[body] + rigid.angular[body].cross(arm)
+                v = rigid.linear[body] + rigid.angular[body].cross(separation.arm[c, side])
             total += (2.0 * side - 1.0) * contacts.normal[c].dot(v)
         separation.speed[c] = total
 
@@ -144,7 +168,7 @@ def build_rows(
             rows.rigid[r, side] = -1
             if body >= 0 and body < rigid.position.shape[0]:
                 rows.rigid[r, side] = body
-                arm = contacts.points[c, side] - rigid.position[body]
+                arm = separation.arm[c, side]
                 for i in ti.static(range(3)):
                     direction = sign * vec3(frame[i, 0], frame[i, 1], frame[i, 2])
                     moment = arm.cross(direction)

@@ -1,138 +1,112 @@
-"""Which contacts are kept, and which of the last step they continue."""
+"""Which contacts take part in the constraint problem of a step, and which of the last step they continue."""
 
 from typing import NamedTuple
 
-from taichisoft.kernels.contacts import Contacts, copy_contact
+from taichisoft.kernels.contacts import Contacts
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.runtime import Integers, IntegerTable, ScalarTable, Vectors, ti, vec3
-from taichisoft.kernels.sorting import sort_rows
+from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti, vec3
 
 ALIKE = 0.7  # cosine: the two walls of a groove each keep their contacts
-SAME_CONTACT = 0.5  # [mm] moved in a step
-CLEARLY_CLOSER = 0.05  # [mm]
+NONE, WANTED, BEFORE, NEW = range(4)
 
 
 class LastContacts(NamedTuple):
-    """The contacts of the last step, in arrays with room for more.
+    """The contacts that pushed in the last step, in arrays with room for more.
 
     Attributes:
         count: number of contacts, shape (1,).
         bodies: numbers of the two bodies, shape (capacity, 2).
         point: midpoints [mm], shape (capacity, 3).
+        normal: unit vectors from the first body to the second, shape (capacity, 3).
         impulse: impulses on the second body [mN s], shape (capacity, 3).
-        used: whether a contact of this step continues them, shape (capacity,); work space.
     """
 
     count: Integers
     bodies: IntegerTable
     point: Vectors
+    normal: Vectors
     impulse: Vectors
-    used: Integers
 
 
-class ReductionSpace(NamedTuple):
-    """Work space for as many contacts as can be found.
+class Choice(NamedTuple):
+    """Which contacts take part, in arrays with room for more.
 
     Attributes:
-        middle: midpoints [mm], shape (capacity, 3).
-        matched: the contact of the last step that each one continues, -1 for none, shape (capacity,).
-        key: what the contacts are sorted by, shape (capacity, 1).
-        order, spare: their order, and work space to find it, shape (capacity,).
-        chosen: whether each one is kept, shape (capacity,).
+        status: NONE; WANTED, of which the worst of each neighbourhood is to take part; BEFORE and NEW for those that
+            take part already, shape (capacity,).
+        gap: at the end of the step [mm]; the least is the worst, shape (capacity,).
     """
 
-    middle: Vectors
-    matched: Integers
-    key: ScalarTable
-    order: Integers
-    spare: Integers
-    chosen: Integers
-
-
-@func
-def match(contacts: Contacts, last: LastContacts, radius: ti.f64, space: ReductionSpace):
-    """Match each contact with the nearest one of the last step between the same bodies within `radius`.
-
-    Each contact of the last step is matched once at most.
-    """
-    for k in range(last.count[0]):
-        last.used[k] = 0
-    for c in range(contacts.count[0]):
-        middle = 0.5 * (contacts.points[c, 0] + contacts.points[c, 1])
-        nearest = radius * radius
-        matched = -1
-        for k in range(last.count[0]):
-            if (
-                last.bodies[k, 0] == contacts.bodies[c, 0]
-                and last.bodies[k, 1] == contacts.bodies[c, 1]
-                and last.used[k] == 0
-            ):
-                distance = (last.point[k] - middle).norm_sqr()
-                if distance < nearest:
-                    nearest = distance
-                    matched = k
-        if matched >= 0:
-            last.used[matched] = 1
-        space.middle[c] = middle
-        space.matched[c] = matched
-
-
-@func
-def choose(contacts: Contacts, spacing: ScalarTable, space: ReductionSpace):
-    """Choose the contacts, in their order, that are alike in normal with no chosen one of the same bodies nearby."""
-    chosen_count = 0
-    for i in range(contacts.count[0]):
-        c = space.order[i]
-        first, second = contacts.bodies[c, 0], contacts.bodies[c, 1]
-        apart = spacing[first, second]
-        stands_alone = 1
-        for j in range(chosen_count):
-            other = space.spare[j]
-            if (
-                contacts.bodies[other, 0] == first
-                and contacts.bodies[other, 1] == second
-                and (space.middle[other] - space.middle[c]).norm_sqr() < apart * apart
-                and contacts.normal[other].dot(contacts.normal[c]) > ALIKE
-            ):
-                stands_alone = 0
-                break
-        space.chosen[c] = stands_alone
-        if stands_alone:
-            space.spare[chosen_count] = c
-            chosen_count += 1
+    status: Integers
+    gap: Scalars
 
 
 @kernel
-def reduce(found: Contacts, last: LastContacts, spacing: ScalarTable, space: ReductionSpace, kept: Contacts):
-    """Of contacts alike in bodies and normal and closer together than their bodies' `spacing` [mm] keep the closest.
+def continue_contacts(contacts: Contacts, last: LastContacts, radius: ti.f64, choice: Choice, impulse: Vectors):
+    """Let the contact nearest to each one that pushed take part, with its impulse; those of all others are 0.
 
-    What was a contact in the last step stays one unless another is clearly closer. Contacts are kept in the order in
-    which they were found.
+    It has the same bodies, a normal that is alike, and lies within `radius` [mm]; each is taken once at most.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
-        match(found, last, SAME_CONTACT, space)
-        for c in range(found.count[0]):
-            space.key[c, 0] = found.distance[c]
-            if space.matched[c] >= 0:
-                space.key[c, 0] = found.distance[c] - CLEARLY_CLOSER
-        sort_rows(found.count[0], space.key, space.order, space.spare)
-        choose(found, spacing, space)
-        count = 0
-        for c in range(found.count[0]):
-            if space.chosen[c]:
-                copy_contact(found, c, kept, count)
-                count += 1
-        kept.count[0] = count
-
-
-@kernel
-def last_impulses(contacts: Contacts, last: LastContacts, radius: ti.f64, space: ReductionSpace, impulse: Vectors):
-    """Impulses of the contacts of the last step that these continue, 0 for new ones."""
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        match(contacts, last, radius, space)
         for c in range(contacts.count[0]):
             impulse[c] = vec3(0.0)
-            if space.matched[c] >= 0:
-                impulse[c] = last.impulse[space.matched[c]]
+            choice.status[c] = NONE
+        for k in range(last.count[0]):
+            nearest = radius * radius
+            match = -1
+            for c in range(contacts.count[0]):
+                if (
+                    contacts.bodies[c, 0] == last.bodies[k, 0]
+                    and contacts.bodies[c, 1] == last.bodies[k, 1]
+                    and choice.status[c] == NONE
+                ):
+                    middle = 0.5 * (contacts.points[c, 0] + contacts.points[c, 1])
+                    distance = (last.point[k] - middle).norm_sqr()
+                    if distance < nearest and contacts.normal[c].dot(last.normal[k]) > ALIKE:
+                        nearest = distance
+                        match = c
+            if match >= 0:
+                choice.status[match] = BEFORE
+                impulse[match] = last.impulse[k]
+
+
+@kernel
+def choose_worst(contacts: Contacts, spacing: ScalarTable, all_count: ti.i32, choice: Choice):
+    """Let the worst of the wanted contacts of each neighbourhood take part.
+
+    A neighbourhood are contacts of the same bodies, alike in normal, closer to each other than their bodies' `spacing`
+    [mm]. With `all_count` those that took part before count as well: none is wanted next to them.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        if all_count != 0:
+            for c in range(contacts.count[0]):
+                if choice.status[c] == BEFORE:
+                    for other in range(contacts.count[0]):
+                        if choice.status[other] == WANTED and is_near(c, other, contacts, spacing):
+                            choice.status[other] = NONE
+        worst = 0
+        while worst >= 0:
+            worst = -1
+            for c in range(contacts.count[0]):
+                if choice.status[c] == WANTED and (worst < 0 or choice.gap[c] < choice.gap[ti.max(worst, 0)]):
+                    worst = c
+            if worst >= 0:
+                choice.status[worst] = NEW
+                for other in range(contacts.count[0]):
+                    if choice.status[other] == WANTED and is_near(worst, other, contacts, spacing):
+                        choice.status[other] = NONE
+
+
+@func
+def is_near(c: ti.i32, other: ti.i32, contacts: Contacts, spacing: ScalarTable) -> ti.i32:
+    """Whether two contacts belong to one neighbourhood."""
+    near = 0
+    if contacts.bodies[c, 0] == contacts.bodies[other, 0] and contacts.bodies[c, 1] == contacts.bodies[other, 1]:
+        apart = spacing[contacts.bodies[c, 0], contacts.bodies[c, 1]]
+        first = 0.5 * (contacts.points[c, 0] + contacts.points[c, 1])
+        second = 0.5 * (contacts.points[other, 0] + contacts.points[other, 1])
+        if (first - second).norm_sqr() < apart * apart and contacts.normal[c].dot(contacts.normal[other]) > ALIKE:
+            near = 1
+    return near

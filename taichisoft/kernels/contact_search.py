@@ -4,14 +4,14 @@ from taichisoft.kernels.bounding_volumes import Trees
 from taichisoft.kernels.contacts import Contacts, SearchSpace, put_in_order
 from taichisoft.kernels.edge_contacts import edges_against_edges
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import ti
+from taichisoft.kernels.runtime import ScalarTable, ti
 from taichisoft.kernels.surfaces import MovedSurfaces, Planes, Surfaces
 from taichisoft.kernels.vertex_contacts import vertices_against_planes, vertices_against_triangles
 
 
 @kernel
 def find_contacts(
-    reach: ti.f64,
+    reach: ScalarTable,
     depth: ti.f64,
     surfaces: Surfaces,
     trees: Trees,
@@ -21,15 +21,16 @@ def find_contacts(
     found: Contacts,
     contacts: Contacts,
 ):
-    """All contacts nearer than `reach`, and those slipped through by up to `depth` [mm].
+    """All contacts nearer than the `reach` of their two bodies, and those slipped through by up to `depth` [mm].
 
+    A reach of less than 0 leaves a pair of bodies out, shape (body_count, body_count).
     If there are more than `found` has room for, its count tells, and `contacts` is not filled.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
         found.count[0] = 0
         vertices_against_triangles(reach, depth, surfaces, trees, moved, space, found)
-        edges_against_edges(reach, ti.min(depth, reach), surfaces, trees, moved, space, found)
+        edges_against_edges(reach, depth, surfaces, trees, moved, space, found)
         vertices_against_planes(reach, surfaces, trees, planes, moved, space, found)
         if found.count[0] <= found.distance.shape[0]:
             put_in_order(space, found, contacts)

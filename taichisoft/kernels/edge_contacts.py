@@ -9,14 +9,14 @@ from taichisoft.kernels.bounding_volumes import Trees, find_leaves, meets, meets
 from taichisoft.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
 from taichisoft.kernels.launch import func
 from taichisoft.kernels.local_distance import edge_pseudonormal, in_normal_cone, normal_cone
-from taichisoft.kernels.runtime import Vectors, ti, vec3
+from taichisoft.kernels.runtime import ScalarTable, Vectors, ti, vec3
 from taichisoft.kernels.surfaces import MovedSurfaces, Surfaces
 from taichisoft.kernels.vertex_contacts import COINCIDENT
 
 
 @func
 def edges_against_edges(
-    reach: ti.f64,
+    reaches: ScalarTable,
     depth: ti.f64,
     surfaces: Surfaces,
     trees: Trees,
@@ -24,7 +24,7 @@ def edges_against_edges(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Crossing edges of two surfaces closer than `reach`, or not deeper than `depth` when they have slipped through.
+    """Crossing edges of two surfaces within their bodies' reach, or slipped through by up to that and `depth`.
 
     Crossed edges that are deeper than the deepest vertex inside are left out. Where a block has sunk a little into the
     rim of a table, its vertical edge and the table's edge also look as if they had slipped through each other, sideways
@@ -32,11 +32,12 @@ def edges_against_edges(
     """
     for pair in range(surfaces.pairs.shape[0]):
         mine, theirs = surfaces.pairs[pair, 0], surfaces.pairs[pair, 1]
+        reach = reaches[surfaces.body[mine], surfaces.body[theirs]]
         their_low, their_high = moved.lower[trees.root[theirs]] - reach, moved.upper[trees.root[theirs]] + reach
-        least = -depth
+        least = -ti.min(depth, reach)
         if space.deepest[pair] < 0.0:
-            least = ti.max(-depth, space.deepest[pair])
-        node = trees.root[mine]
+            least = ti.max(least, space.deepest[pair])
+        node = ti.select(reach < 0.0, trees.root[mine + 1], trees.root[mine])
         while node < trees.root[mine + 1]:
             if meets(node, their_low, their_high, moved):
                 start, end = trees.edge_start[node], trees.edge_start[node + 1]

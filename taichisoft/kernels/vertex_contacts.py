@@ -8,7 +8,7 @@ from taichisoft.kernels.bounding_volumes import Trees, find_leaves, meets, squar
 from taichisoft.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
 from taichisoft.kernels.launch import func
 from taichisoft.kernels.local_distance import closest_on_triangle, is_local_minimum, outward_normal
-from taichisoft.kernels.runtime import Vectors, ti, vec3
+from taichisoft.kernels.runtime import ScalarTable, Vectors, ti, vec3
 from taichisoft.kernels.surfaces import MovedSurfaces, Planes, Surfaces
 
 COINCIDENT = 1e-9  # [mm]
@@ -16,7 +16,7 @@ COINCIDENT = 1e-9  # [mm]
 
 @func
 def vertices_against_triangles(
-    reach: ti.f64,
+    reaches: ScalarTable,
     depth: ti.f64,
     surfaces: Surfaces,
     trees: Trees,
@@ -26,17 +26,18 @@ def vertices_against_triangles(
 ):
     """Vertices of each surface of a pair against the other's triangles.
 
-    A vertex outside touches at every local minimum closer than `reach`; one inside only at the closest point of
-    all, if it is not deeper than `depth`.
+    A vertex outside touches at every local minimum closer than the reach of its bodies; one inside only at the closest
+    point of all, if it is not deeper than `depth`.
     """
     for task in range(2 * surfaces.pairs.shape[0]):
         pair, flipped = task // 2, task % 2
         mine, theirs = surfaces.pairs[pair, flipped], surfaces.pairs[pair, 1 - flipped]
+        reach = reaches[surfaces.body[mine], surfaces.body[theirs]]
         far = ti.max(reach, depth)
         if flipped == 0:
             space.deepest[pair] = 0.0
         their_low, their_high = moved.lower[trees.root[theirs]] - far, moved.upper[trees.root[theirs]] + far
-        node = trees.root[mine]
+        node = ti.select(reach < 0.0, trees.root[mine + 1], trees.root[mine])
         while node < trees.root[mine + 1]:
             if meets(node, their_low, their_high, moved):
                 start, end = trees.vertex_start[node], trees.vertex_start[node + 1]
@@ -167,7 +168,7 @@ def store(
 
 @func
 def vertices_against_planes(
-    reach: ti.f64,
+    reaches: ScalarTable,
     surfaces: Surfaces,
     trees: Trees,
     planes: Planes,
@@ -175,12 +176,13 @@ def vertices_against_planes(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Vertices of the moving surfaces closer than `reach` to a plane; below it is inside, however deep."""
+    """Vertices of moving surfaces closer to a plane than their bodies' reach; below it is inside, however deep."""
     for plane in range(planes.point.shape[0]):
         up = planes.normal[plane]
         for k in range(surfaces.moving.shape[0]):
             s = surfaces.moving[k]
-            node = trees.root[s]
+            reach = reaches[surfaces.body[s], planes.body[plane]]
+            node = ti.select(reach < 0.0, trees.root[s + 1], trees.root[s])
             while node < trees.root[s + 1]:
                 lowest = 0.0  # of the box above the plane
                 for axis in ti.static(range(3)):

@@ -11,14 +11,24 @@ from taichisoft.scenes.rigid_body import Obstacle, RigidBody
 from taichisoft.scenes.soft_body import SoftBody
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector, check_order
 
+Restitution = Annotated[Number, Field(ge=0.0, le=1.0)]
 
-class PairFriction(Table):
-    """The friction coefficient of one pair of bodies."""
+
+class ContactPair(Table):
+    """What differs between one pair of bodies."""
 
     bodies: tuple[str, str]
     """Names of the two bodies."""
-    friction: NotNegative
-    """Coulomb's friction coefficient [-]."""
+    friction: NotNegative | None = None
+    """Coulomb's friction coefficient [-]; the scene's when it is not given."""
+    restitution: Restitution | None = None
+    """Coefficient of restitution [-]; the scene's when it is not given."""
+
+    @model_validator(mode="after")
+    def _check_something_differs(self) -> Self:
+        if self.friction is None and self.restitution is None:
+            raise ValueError("a pair needs friction or restitution, which are to differ from the scene's")
+        return self
 
 
 class Contact(Table):
@@ -26,14 +36,20 @@ class Contact(Table):
 
     friction: NotNegative = 0.6
     """Coulomb's friction coefficient [-]."""
-    pairs: list[PairFriction] = []
-    """Exceptions from `friction`."""
+    restitution: Restitution = 0.0
+    """Share of the speed of approach that an impact gives back [-] (Newton's law)."""
+    pairs: list[ContactPair] = []
+    """Exceptions from `friction` and `restitution`."""
     contact_distance: Positive = 1.0
     """Distance that surfaces are kept apart [mm]."""
     alarm_distance: Positive = 5.0
     """Distance below which a pair becomes a constraint [mm]."""
     spacing: NotNegative = 4.0
-    """Distance [mm] below which only the closest of two contacts of a soft body with another body is kept."""
+    """Distance [mm] within which only the worst contact of two bodies is added to the constraints at a time; this
+    changes how fast a step is, not what comes out."""
+    depth: Literal["position", "velocity"] = "position"
+    """How surfaces that are closer than `contact_distance` at the start of a step come apart: by a shift that adds no
+    speed, or, as in SOFA, by the speed depth / step, which stays."""
     tolerance: Positive = 1e-5
     """The Gauss-Seidel stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
     max_iterations: Annotated[int, Field(strict=True, gt=0)] = 10000

@@ -10,6 +10,8 @@ from taichisoft.state import State
 from taichisoft.step.active_set import ActiveSet
 from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.constraint_rows import ConstraintRows
+from taichisoft.step.contact_prediction import Found
+from taichisoft.step.impacts import Impacts
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 
@@ -29,11 +31,15 @@ class Constraints:
 
     Attributes:
         node_velocity: of the soft nodes after the step [mm/s], shape (node_count, 3).
-        contact_impulse: on each contact's second body [mN s], shape (contact_count, 3).
+        contacts: numbers of the contacts that took part, and of the closest one of bodies near each other without any.
+        contact_impulse: on the second body of each of these contacts [mN s], shape (contact_count, 3).
         contact_slip: sliding speed of each contact that presses, else 0 [mm/s], shape (contact_count,).
         cavity_pressure: imposed or found [kPa], shape (cavity_count,).
         cable_tension: at the pulled end, imposed or found [mN], shape (cable_count,).
         cable_tension_loss: at the inner points of cables with friction [mN], shape (rubbing_point_count,).
+        node_shift: of the soft nodes out of overlaps, over the time step [mm/s], shape (node_count, 3); None where
+            nothing overlaps. That of the rigid bodies is with their motion.
+        penetration: by how much less than the contact distance surfaces were apart at the start of the step [mm].
         iterations: sweeps of the Gauss-Seidel.
         residual: largest change of a block's own velocity in the last sweep [mm/s, of a volume mm^3/s].
     """
@@ -59,57 +65,100 @@ class Constraints:
         self._geometry, self._actuators = geometry, actuators
         self._time_step = model.scene.time.step
         self._active_set = ActiveSet(model, rigid.state)
+        self._gives_back = bool(model.restitution.any())
+        self._impacts = Impacts(model.scene.contact.tolerance, model.scene.contact.max_iterations)
+        self._node_velocity_before = np.zeros((model.node_count, 3))
+        self._removes_depth = model.scene.contact.depth == "position"
         self._problem = ConstraintRows(model, FIRST_CAPACITY)
         self._velocity = np.zeros((model.node_count, 3))  # stays in place for the kernels
         self._node_impulse = np.zeros((model.node_count, 3))
         self.node_velocity = np.zeros((model.node_count, 3))
 
-    def solve(self, state: State, contacts: Contacts, last_impulse: np.ndarray) -> None:
+    def solve(self, state: State, found: Found) -> None:
         """Find the impulses, and the velocities of all bodies with them.
 
         Contacts that are expected to stay open are left out at first, see `active_set`.
 
         Args:
             state: at the start of the step.
-            contacts: those of the step.
-            last_impulse: of each contact in the last step, 0 where it is new [mN s], shape (contact_count, 3).
+            found: the contacts of the step.
         """
-        count = len(last_impulse)
-        self.iterations, self.residual = 0, 0.0
-        self.contact_impulse, self.contact_slip = np.zeros((count, 3)), np.zeros(count)
+        count = len(found.fraction)
+        self.iterations, self.residual, self.penetration = 0, 0.0, 0.0
+        self.node_shift: np.ndarray | None = None
+        self.contacts = np.zeros(0, dtype=np.int64)
+        self.contact_impulse, self.contact_slip = np.zeros((0, 3)), np.zeros(0)
         if not count and not len(self._actuators.coordinates):
             self._collect_efforts(np.zeros(0))
             self._rigid.apply_impulses()
             self.node_velocity = self._free_velocity().copy()
             return
         self._velocity[:] = state.velocity
-        self._active_set.begin(contacts, last_impulse, self._velocity)
+        if self._gives_back:
+            self._node_velocity_before[:] = state.velocity
+            self._rigid_before = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
+        self._active_set.begin(found, state, self._velocity)
+        self.penetration = -float(self._active_set.depth.min(initial=0.0))
+        self._impulse = self._active_set.last_impulse.copy()
         while True:
-            self._build_rows(contacts)
+            self._build_rows(found.contacts)
             self._assemble_compliance()
-            self._find_impulses(last_impulse)
+            strike = self._strike() if self._gives_back and len(self._chosen) else None
+            self._find_impulses(strike)
             self._apply_impulses()
             self._velocity[:] = self.node_velocity
             if not self._active_set.add_violated(self._velocity):
                 break
         self._collect()
+        if self._removes_depth and self._active_set.add_deep():
+            self._remove_depth(found.contacts)
+
+    def _remove_depth(self, contacts: Contacts) -> None:
+        """Move what overlaps apart, by velocities of this step alone, which nothing keeps (split impulses).
+
+        The same compliance, without friction and actuators: u_n >= -gap / h, where the gap is that at the end of the
+        step (Cline and Pai 2003, Post-stabilization for rigid body simulation with contact and constraints).
+        """
+        rigid, settings = self._rigid, self._model.scene.contact
+        moving = rigid.state.linear.copy(), rigid.state.angular.copy()
+        rigid.state.free[:] = 0.0
+        while True:
+            self._build_rows(contacts, with_actuators=False)
+            rows, count = self._problem.rows, len(self._chosen)
+            self._assemble_compliance()
+            rows.friction[:count] = 0.0
+            rows.free[: 3 * count] = 0.0
+            rows.free[: 3 * count : 3] = self._active_set.gap[self._chosen] / self._time_step
+            solver = self._problem.gauss_seidel
+            solver.impulse[: 3 * count] = 0.0
+            solver.solve(settings.tolerance, settings.max_iterations)
+            self.iterations += solver.iterations
+            self.residual = max(self.residual, solver.residual)
+            self._apply_row_impulses()
+            rigid.apply_impulses()
+            if self._soft is not None:
+                self._velocity[:] = self._soft.response(self._node_impulse)
+            if not self._active_set.add_left_deep(self._velocity):
+                break
+        self.node_shift = self._velocity.copy()
+        rigid.begin_shift(*moving)
 
     def _free_velocity(self) -> np.ndarray:
         return self._soft.free_velocity if self._soft is not None else self._velocity
 
-    def _build_rows(self, contacts: Contacts) -> None:
+    def _build_rows(self, contacts: Contacts, with_actuators: bool = True) -> None:
         """What the rows of the chosen contacts and of the actuators act on."""
         self._chosen = chosen = np.flatnonzero(self._active_set.chosen)
         if len(chosen) > self._problem.contact_capacity:
             self._problem = ConstraintRows(self._model, int(GROWTH * len(chosen)))
         rows, actuators = self._problem.rows, self._actuators
-        actuator_count = len(actuators.coordinates)
+        actuator_count = len(actuators.coordinates) if with_actuators else 0
         rows.size[:] = len(chosen), actuator_count
         self._row_count = 3 * len(chosen) + actuator_count
         rows.contact[: len(chosen)] = chosen
-        rows.coordinate[:actuator_count] = actuators.coordinates
-        rows.target_rate[:actuator_count] = actuators.target_rate
-        self._problem.bounds[:actuator_count] = actuators.bounds
+        rows.coordinate[:actuator_count] = actuators.coordinates[:actuator_count]
+        rows.target_rate[:actuator_count] = actuators.target_rate[:actuator_count]
+        self._problem.bounds[:actuator_count] = actuators.bounds[:actuator_count]
         if len(chosen):
             constraint_rows.build_rows(
                 len(self._model.soft_bodies),
@@ -165,34 +214,52 @@ class Constraints:
             1,
         )
 
-    def _find_impulses(self, last_impulse: np.ndarray) -> None:
-        """Gauss-Seidel, from the impulses of the last step."""
+    def _strike(self) -> np.ndarray | None:
+        """Impulses of impacts with restitution, which the contacts start from; None without any."""
+        count = len(self._chosen)
+        bodies = self._active_set.contacts.bodies[self._chosen]
+        restitution = self._model.restitution[tuple(bodies.T)]
+        if not restitution.any():
+            return None
+        rows, rigid, end = self._problem.rows, self._rigid.state, 3 * count
+        free, free_motion = rows.free[:end].copy(), rigid.free.copy()
+        rigid.free[:] = self._rigid_before
+        constraint_rows.free_contact_velocity(rows, self._node_velocity_before, rigid)
+        before = rows.free[:end].copy()
+        before[::3] -= rows.gap_rate[:count]
+        rigid.free[:], rows.free[:end] = free_motion, free
+        compliance = self._problem.compliance[: self._row_count**2].reshape(self._row_count, self._row_count)
+        pair = bodies[:, 0] * len(self._model.body_names) + bodies[:, 1]
+        slowest = self._active_set.resting_speed
+        touching = self._model.surfaces.gap_tolerance[tuple(bodies.T)] / self._time_step
+        strike = self._impacts.find(
+            compliance[:end, :end], before, free, touching, pair, restitution, rows.friction[:count], slowest
+        )
+        rows.free[: self._row_count] += compliance[:, :end] @ strike
+        return strike
+
+    def _find_impulses(self, strike: np.ndarray | None) -> None:
+        """Gauss-Seidel, from the impulses of the last step, or those found before more contacts took part."""
         solver, rows, contact_count = self._problem.gauss_seidel, self._problem.rows, len(self._chosen)
         if not self._row_count:
             self.residual = 0.0
             return
-        local = np.einsum("cij,cj->ci", rows.basis[:contact_count], last_impulse[self._chosen])
+        local = np.einsum("cij,cj->ci", rows.basis[:contact_count], self._impulse[self._chosen])
         local[local[:, 0] < 0.0] = 0.0
         solver.impulse[: 3 * contact_count] = local.reshape(-1)
         solver.impulse[3 * contact_count : self._row_count] = self._actuators.first_impulse
         settings = self._model.scene.contact
         solver.solve(settings.tolerance, settings.max_iterations)
+        if strike is not None:
+            solver.impulse[: len(strike)] += strike
         self.iterations += solver.iterations
         self.residual = solver.residual
 
     def _apply_impulses(self) -> None:
         """Velocities after the impulses: of the rigid bodies, and of the soft nodes."""
-        problem = self._problem
         if self._row_count:
-            constraint_rows.apply_impulses(
-                problem.rows,
-                self._model.actuators.coordinates,
-                self._geometry.gradient,
-                problem.gauss_seidel.impulse,
-                problem.contact_impulse,
-                self._node_impulse,
-                self._rigid.state,
-            )
+            self._apply_row_impulses()
+            self._impulse[self._chosen] = self._problem.contact_impulse[: len(self._chosen)]
         self._rigid.apply_impulses()
         if self._soft is not None and self._row_count:
             self.node_velocity = self._soft.response(self._node_impulse)
@@ -200,13 +267,28 @@ class Constraints:
         else:
             self.node_velocity = self._free_velocity().copy()
 
+    def _apply_row_impulses(self) -> None:
+        problem = self._problem
+        constraint_rows.apply_impulses(
+            problem.rows,
+            self._model.actuators.coordinates,
+            self._geometry.gradient,
+            problem.gauss_seidel.impulse,
+            problem.contact_impulse,
+            self._node_impulse,
+            self._rigid.state,
+        )
+
     def _collect(self) -> None:
         """What the impulses mean for the contacts and actuators of the step."""
         solver, contact_count = self._problem.gauss_seidel, len(self._chosen)
         rows = solver.velocity[: 3 * contact_count].reshape(-1, 3)
         presses = solver.impulse[: 3 * contact_count : 3] > 0.0
-        self.contact_impulse[self._chosen] = self._problem.contact_impulse[:contact_count]
-        self.contact_slip[self._chosen] = np.where(presses, np.linalg.norm(rows[:, 1:], axis=1), 0.0)
+        slip = np.zeros(len(self._impulse))
+        slip[self._chosen] = np.where(presses, np.linalg.norm(rows[:, 1:], axis=1), 0.0)
+        self._impulse[~self._active_set.chosen] = 0.0
+        self.contacts = self._active_set.worth_telling()
+        self.contact_impulse, self.contact_slip = self._impulse[self.contacts], slip[self.contacts]
         self._collect_efforts(solver.impulse[3 * contact_count : self._row_count])
 
     def _collect_efforts(self, impulse: np.ndarray) -> None:

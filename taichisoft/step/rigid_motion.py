@@ -44,6 +44,7 @@ class RigidMotion:
         rigid.position[:], rigid.quaternion[:] = state.rigid_position, state.rigid_rotation
         rigid.linear[:], rigid.angular[:] = state.rigid_velocity, state.rigid_angular_velocity
         rigid.impulse[:] = 0.0
+        self._shift: tuple[np.ndarray, np.ndarray] | None = None
         self._bodies.gravity[0] = state.gravity
         kernels.solve_free_motion(self._time_step, self._bodies, rigid)
         for first_step, step_count, body, acceleration in self._external_forces:
@@ -55,10 +56,22 @@ class RigidMotion:
         if len(self.state.position):
             kernels.apply_impulses(self.state)
 
+    def begin_shift(self, linear: np.ndarray, angular: np.ndarray) -> None:
+        """Take the present velocities for those of a shift, and these for the bodies' own, each (rigid_count, 3)."""
+        self._shift = self.state.linear.copy(), self.state.angular.copy()
+        self.state.linear[:], self.state.angular[:] = linear, angular
+
     def integrate(self) -> None:
-        """End the step: poses by the velocities."""
-        if len(self.state.position):
-            kernels.integrate(self._time_step, self.state)
+        """End the step: poses by the velocities, and by those of a shift, which do not stay."""
+        rigid = self.state
+        if not len(rigid.position):
+            return
+        kernels.integrate(self._time_step, rigid)
+        if self._shift is not None:
+            own = rigid.linear.copy(), rigid.angular.copy()
+            rigid.linear[:], rigid.angular[:] = self._shift
+            kernels.integrate(self._time_step, rigid)
+            rigid.linear[:], rigid.angular[:] = own
 
 
 def _external_forces(model: Model) -> list[tuple[int, int, int, np.ndarray]]:

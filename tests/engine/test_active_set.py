@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from taichisoft.building.simulation import Simulation
+from taichisoft.contact.surfaces import SOFT_GAP_TOLERANCE
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.step.active_set import ActiveSet
 
@@ -54,12 +55,14 @@ def test_the_motion_is_that_of_all_contacts_together(simulation: Simulation, mon
 
     def begin_with_all(self: ActiveSet, *arguments: object) -> None:
         begin(self, *arguments)  # type: ignore[arg-type]
-        self.chosen[:] = True
+        while self._reduction.add(~self.chosen, self.gap, beside=True):
+            pass
 
     monkeypatch.setattr(ActiveSet, "begin", begin_with_all)
+    # Contacts that are left out may be closer by the tolerance of the gap, in each of the steps.
     for (soft, rigid), (soft_with_all, rigid_with_all) in zip(few, steps(), strict=True):
-        np.testing.assert_allclose(soft, soft_with_all, atol=1e-4)
-        np.testing.assert_allclose(rigid, rigid_with_all, atol=1e-4)
+        np.testing.assert_allclose(soft, soft_with_all, atol=12 * SOFT_GAP_TOLERANCE)
+        np.testing.assert_allclose(rigid, rigid_with_all, atol=12 * SOFT_GAP_TOLERANCE)
 
 
 def test_contacts_left_out_would_have_been_pierced(simulation: Simulation, monkeypatch: pytest.MonkeyPatch) -> None:

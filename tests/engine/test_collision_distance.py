@@ -113,33 +113,38 @@ def test_nothing_is_found_beyond_the_reach(tmp_path: Path) -> None:
     assert find(two_bodies(tmp_path, first, second)).count[0] == 4
 
 
-def test_of_close_contacts_the_closest_is_kept(tmp_path: Path) -> None:
-    """After thinning, no two contacts are closer than the spacing, and each one dropped has a closer neighbour."""
+def first_choice(model: Model, size: list[float], spacing: float) -> tuple[Contacts, np.ndarray]:
+    """All contacts, and which of them are added first of all, the closest being the worst."""
+    pairs, reduction = find(model), ContactReduction(np.array(size), spacing, contact_distance=1.0)
+    reduction.begin(pairs, model.initial_state())
+    assert reduction.add(np.ones(pairs.count[0], dtype=bool), pairs.distance, beside=True)
+    return pairs, reduction.taking_part
+
+
+def test_of_close_contacts_the_closest_is_added_first(tmp_path: Path) -> None:
+    """No two contacts that are added are closer than the spacing, and each one left out has a closer neighbour."""
     ball = trimesh.creation.icosphere(subdivisions=3, radius=10.0)
     box = trimesh.creation.box(extents=[30, 30, 10])
     box.vertices += [0.0, 0.0, 16.0]
-    model = two_bodies(tmp_path, ball, box)
-    pairs = find(model)
-    large = np.array([20.0, np.inf])  # [mm] of the two bodies: 4 mm are at most a fifth of either
-    kept = ContactReduction(large, spacing=4.0).reduce(pairs, model.initial_state()).trimmed()
-    assert 0 < kept.count[0] < pairs.count[0]
-    middle, all_middles = kept.points.mean(axis=1), pairs.points.mean(axis=1)
-    apart = np.linalg.norm(middle[:, None] - middle, axis=2) + 1e3 * np.eye(kept.count[0])
+    pairs, added = first_choice(two_bodies(tmp_path, ball, box), [20.0, np.inf], spacing=4.0)
+    assert 0 < added.sum() < pairs.count[0]
+    all_middles = pairs.points.mean(axis=1)
+    middle = all_middles[added]
+    apart = np.linalg.norm(middle[:, None] - middle, axis=2) + 1e3 * np.eye(added.sum())
     assert apart.min() >= 4.0
     near = np.linalg.norm(all_middles[:, None] - middle, axis=2) < 4.0
-    assert (near & (kept.distance <= pairs.distance[:, None])).any(axis=1).all()
+    assert (near & (pairs.distance[added] <= pairs.distance[:, None])).any(axis=1).all()
 
 
-def test_a_small_body_keeps_contacts_that_lie_close_together(tmp_path: Path) -> None:
+def test_a_small_body_gets_contacts_that_lie_close_together(tmp_path: Path) -> None:
     """A box of 6 mm stands on four corners; a spacing of 9 mm is bounded by a fifth of the box."""
     small, large = trimesh.creation.box(extents=[6, 6, 6]), trimesh.creation.box(extents=[40, 40, 10])
     small.vertices += [0, 0, 9]
     model = two_bodies(tmp_path, small, large)
-    pairs = find(model)
-    assert pairs.count[0] == 4
-    for size, kept_count in (([6.0, 10.0], 4), ([60.0, 60.0], 1)):
-        reduction = ContactReduction(np.array(size), spacing=9.0)
-        assert reduction.reduce(pairs, model.initial_state()).count[0] == kept_count
+    for size, added_count in (([6.0, 10.0], 4), ([60.0, 60.0], 1)):
+        pairs, added = first_choice(model, size, spacing=9.0)
+        assert pairs.count[0] == 4
+        assert added.sum() == added_count
 
 
 @pytest.mark.parametrize("sections", [64, 400])
