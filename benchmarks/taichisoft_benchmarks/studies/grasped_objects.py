@@ -50,14 +50,18 @@ def objects(name: str, mass: float, exact: bool, folder: Path) -> Tables:
 
 def _ball(mass: float, exact: bool, folder: Path) -> Tables:
     radius = SIDE / 2
-    shape = {"sphere": radius} if exact else _surface(trimesh.creation.icosphere(4, radius), folder / "ball.stl")
+    shape = (
+        {"sphere": {"radius": radius}}
+        if exact
+        else _surface(trimesh.creation.icosphere(4, radius), folder / "ball.stl")
+    )
     return _rigid(ball={**shape, "mass": mass, **_standing(radius)})
 
 
 def _cylinder(mass: float, exact: bool, folder: Path, lying: bool) -> Tables:
     radius = SIDE / 2
     surface = trimesh.creation.cylinder(radius, SIDE, sections=128)
-    shape = {"cylinder": (radius, SIDE)} if exact else _surface(surface, folder / "cylinder.stl")
+    shape = {"cylinder": {"radius": radius, "length": SIDE}} if exact else _surface(surface, folder / "cylinder.stl")
     turn = (0.0, 0.0, 0.0) if lying else UPRIGHT
     return _rigid(cylinder={**shape, "mass": mass, **_standing(radius, turn)})
 
