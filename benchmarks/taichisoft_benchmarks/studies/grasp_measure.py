@@ -1,0 +1,167 @@
+"""One grasp, measured in a process of its own: close, lift fast, shake, hold.
+
+It is `python -m taichisoft_benchmarks.studies.grasp_measure GRASP RESULT`, with two files of JSON.
+"""
+
+import json
+import math
+import sys
+from dataclasses import asdict
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichisoft.child_process import run_python
+from taichisoft.errors import TaichisoftError
+from taichisoft_benchmarks.studies.grasp_cases import Grasp
+from taichisoft_benchmarks.studies.grasped_objects import objects
+
+if TYPE_CHECKING:  # a simulation brings Taichi
+    from taichisoft.building.simulation import Simulation
+    from taichisoft.control.control import Control
+
+CLOSED, STILL = 1.2, 1.7
+"""When the pressure is reached that rises from 0.2 s on, and when the lift begins [s]."""
+LIFT, SPEED, ACCELERATION = 100.0, 500.0, 5000.0
+"""How far the base rises [mm], how fast at most [mm/s], and with what acceleration [mm/s^2]."""
+SHAKEN_FROM, SHAKEN_TO = 2.5, 3.5
+"""When the base is shaken along z [s]."""
+FREQUENCY, AMPLITUDE = 5.0, 4.0
+"""Of the shaking [1/s and mm]: 0.4 g."""
+END = 6.5
+"""End of the run [s]; what happens in the second before it is creep."""
+TIME_LIMIT = 600.0
+"""Longest duration of a grasp [s of wall-clock time]: it usually takes some 10."""
+
+
+def measure_in_process(grasp: Grasp) -> dict[str, Any]:
+    """Figures of a grasp, see `measure`; only a `problem`, one line, where there are none."""
+    with TemporaryDirectory(prefix="taichisoft-grasp-") as name:
+        job, result = Path(name) / "grasp.json", Path(name) / "result.json"
+        job.write_text(json.dumps(asdict(grasp)), encoding="utf-8")
+        module = "taichisoft_benchmarks.studies.grasp_measure"
+        problem = run_python(["-m", module, job, result], TIME_LIMIT).problem
+        if problem:
+            return {"problem": problem}
+        answer: dict[str, Any] = json.loads(result.read_text(encoding="utf-8"))
+    return answer
+
+
+def measure(grasp: Grasp) -> dict[str, Any]:
+    """Close the fingers, lift what they hold, shake it, hold it.
+
+    Returns:
+        lift: how far the object that rose least has risen with a base that rose by 100 mm [mm].
+        creep: largest motion of any object in the last second [mm].
+        margin: the friction that the fingers can exert over the weight, before the lift [-].
+        steps, unconverged: number of steps, and of those that did not converge.
+        sweeps_median, sweeps_most: of the solver in a step.
+        penetration: deepest reach into the contact distance of 1 mm [mm].
+        step_ms: median wall-clock time of a step [ms].
+
+    Raises:
+        TaichisoftError: the scene is refused, or the simulation diverged.
+    """
+    from taichisoft.building.simulation import Simulation
+
+    with TemporaryDirectory(prefix="taichisoft-grasp-") as folder:
+        simulation = Simulation(_scene(grasp, Path(folder)))
+    step, grasped = simulation.model.scene.time.step, _Grasped(simulation)
+    reports, places = [], []
+    before, margin = grasped.centres(), 0.0
+    for index in range(round(END / step)):
+        now = index * step
+        if abs(now - STILL) < step / 2:
+            before = grasped.centres()
+            margin = grasp.friction * grasped.normal_force() / (1e-3 * grasp.mass * 9810.0)
+        reports.append(simulation.step(_control(simulation, grasp.pressure, now + step)))
+        places.append(grasped.centres())
+    held = np.array(places[-round(1.0 / step) - 1 :])
+    sweeps = [report.iterations for report in reports]
+    return {
+        "lift": float((held[-1] - before)[:, 0].min()),
+        "creep": float(np.linalg.norm(held - held[0], axis=2).max()),
+        "margin": margin,
+        "steps": len(reports),
+        "unconverged": sum(not report.converged for report in reports),
+        "sweeps_median": float(np.median(sweeps)),
+        "sweeps_most": max(sweeps),
+        "penetration": max(report.max_penetration for report in reports),
+        "step_ms": 1e3 * float(np.median([report.step_time for report in reports])),
+    }
+
+
+class _Grasped:
+    """What is not a finger."""
+
+    def __init__(self, simulation: "Simulation"):
+        self._simulation = simulation
+        self._soft = [body for body in simulation.model.soft_bodies if not body.settings.anchors]
+        self._names = [*simulation.model.scene.rigid_bodies, *(body.name for body in self._soft)]
+
+    def centres(self) -> np.ndarray:
+        """Centres of mass of rigid bodies, and of the nodes of soft ones [mm], shape (count, 3)."""
+        state = self._simulation.state
+        return np.array([*state.rigid_position, *(state.position[body.nodes].mean(axis=0) for body in self._soft)])
+
+    def normal_force(self) -> float:
+        """Sum of the normal forces of the fingers [mN]."""
+        forces = self._simulation.observe().normal_forces
+        return sum(
+            force
+            for pair, force in forces.items()
+            if any(name in self._names for name in pair) and any(name.startswith("finger") for name in pair)
+        )
+
+
+def _scene(grasp: Grasp, folder: Path) -> Any:
+    """The shipped gripper with other objects, whose base may move as fast as it is asked to."""
+    from taichisoft.building.scene_files import load_scene
+    from taichisoft.scenes.file import scene_from_dict
+
+    overrides = [f"contact.friction={grasp.friction}", f"limits.base_speed={10 * SPEED}"]
+    tables = load_scene("gripper", overrides).model_dump(mode="json", exclude_none=True)
+    del tables["goal"], tables["controller"]
+    made = objects(grasp.object, 1e-3 * grasp.mass, grasp.exact, folder)
+    tables["rigid_bodies"] = made["rigid_bodies"]
+    tables["soft_bodies"] |= made["soft_bodies"]
+    return scene_from_dict(tables)
+
+
+def _control(simulation: "Simulation", pressure: float, time: float) -> "Control":
+    """What is asked for at the end of a step."""
+    from taichisoft.control.control import Control
+
+    part = min(max((time - 0.2) / (CLOSED - 0.2), 0.0), 1.0)
+    shaken = min(max(time, SHAKEN_FROM), SHAKEN_TO) - SHAKEN_FROM
+    aside = AMPLITUDE * math.sin(2 * math.pi * FREQUENCY * shaken)
+    smooth = part * part * (3 - 2 * part)
+    return Control(
+        pressure=dict.fromkeys(simulation.model.cavities.names, pressure * smooth),
+        base_translation=np.array([_rise(time - STILL), 0.0, aside]),
+    )
+
+
+def _rise(time: float) -> float:
+    """How far the base has risen [mm], so long [s] after it began: speeding up, at full speed, slowing down."""
+    speeding, moving = SPEED / ACCELERATION, LIFT / SPEED
+    rise = 0.0
+    for start, share in ((0.0, 1.0), (speeding, -1.0), (moving, -1.0), (moving + speeding, 1.0)):
+        rise += share * ACCELERATION * max(time - start, 0.0) ** 2 / 2
+    return rise
+
+
+def main() -> None:
+    """Measure the grasp of one file, and write what was found into the other."""
+    grasp = Grasp(**json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
+    try:
+        answer = measure(grasp)
+    except TaichisoftError as error:
+        answer = {"problem": " ".join(str(error).split())}
+    Path(sys.argv[2]).write_text(json.dumps(answer), encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()
