@@ -7,6 +7,7 @@ from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.kernels.contact_search import find_contacts
 from taichisoft.kernels.contacts import PLACE_COLUMNS, Contacts, SearchSpace
+from taichisoft.kernels.shape_search import find_shape_contacts
 
 FIRST_CAPACITY = 1024
 
@@ -17,12 +18,12 @@ class ContactDetection:
     def __init__(self, surfaces: ContactSurfaces, moving: MovingSurfaces):
         """Prepare for surfaces and where they are, now and when `find` is called."""
         self._surfaces = surfaces
-        self._moved = moving.moved
+        self._moved, self._shapes = moving.moved, moving.shapes
         self._make_room(FIRST_CAPACITY)
 
     def _make_room(self, capacity: int) -> None:
         self._found, self._contacts = Contacts.with_room(capacity), Contacts.with_room(capacity)
-        most_triangles = int(np.diff(self._surfaces.triangle_range).max())
+        most_triangles = int(np.diff(self._surfaces.triangle_range).max(initial=0))
         self._space = SearchSpace(
             leaf=np.zeros(most_leaves(self._surfaces.trees), dtype=np.int32),
             triangle=np.zeros(most_triangles, dtype=np.int32),
@@ -36,13 +37,13 @@ class ContactDetection:
     @property
     def is_needed(self) -> bool:
         """Whether anything can touch anything."""
-        return len(self._surfaces.topology.pairs) > 0 or len(self._surfaces.planes.body) > 0
+        return any(map(len, (self._surfaces.topology.pairs, self._surfaces.planes.body, self._surfaces.shapes.moving)))
 
     def find(self, reach: float, depth: float) -> Contacts:
         """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm].
 
-        Vertices with triangles come first, then edges, then planes, each in the order of the surfaces' arrays. The
-        result is in arrays that the next call uses again.
+        Vertices with triangles come first, then edges, then planes, then round shapes, each in the order of the
+        surfaces' arrays. The result is in arrays that the next call uses again.
         """
         if self.is_needed:
             self._search(reach, depth)
@@ -56,3 +57,8 @@ class ContactDetection:
         find_contacts(
             reach, depth, s.topology, s.trees, s.planes, self._moved, self._space, self._found, self._contacts
         )
+        if len(s.shapes.body):
+            find_shape_contacts(
+                reach, depth, s.topology, s.trees, s.planes, self._moved, s.shapes, self._shapes, self._space,
+                self._found, self._contacts,
+            )  # fmt: skip
