@@ -19,7 +19,7 @@ from pydantic.fields import FieldInfo
 import taichisoft
 from taichisoft.plugin_system import hookspecs
 from taichisoft.plugin_system.registry import hook_names
-from taichisoft.scenes import rigid_body, scene, soft_body, table
+from taichisoft.scenes import rigid_body, scene, shapes, soft_body, table
 from taichisoft_sofa.components.older_names import ALIASES
 from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD
 
@@ -90,6 +90,9 @@ TABLES: dict[str, type[BaseModel]] = {
     "[rigid_bodies.NAME]": rigid_body.RigidBody,
     "[obstacles.NAME]": rigid_body.Obstacle,
     "plane = { ... } of an obstacle": rigid_body.Plane,
+    "sphere = { ... }": shapes.Sphere,
+    "cylinder = { ... }": shapes.Cylinder,
+    "capsule = { ... }": shapes.Capsule,
 }
 
 

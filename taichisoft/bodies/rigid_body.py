@@ -6,6 +6,7 @@ import numpy as np
 import trimesh
 
 from taichisoft.bodies.rotations import quaternion_from_matrix, rotation_from_degrees
+from taichisoft.bodies.shapes import RoundShape, round_shape
 from taichisoft.errors import SceneError
 from taichisoft.meshes.surface import closed_outward, count_open_edges
 from taichisoft.meshes.surface_files import read_surface
@@ -20,6 +21,7 @@ class RigidBody:
         name: the body's name in the scene.
         vertices: of its surface in the body frame [mm], shape (vertex_count, 3).
         triangles: vertex indices, outward, shape (triangle_count, 3).
+        shape: the shape that touches others in the place of its triangles, about the point -centre_of_mass.
         mass: [kg].
         inertia: about the centre of mass in the body frame [kg mm^2], shape (3, 3).
         centre_of_mass: in the coordinates of the scaled surface [mm], shape (3,).
@@ -34,6 +36,7 @@ class RigidBody:
     name: str
     vertices: np.ndarray
     triangles: np.ndarray
+    shape: RoundShape | None
     mass: float
     inertia: np.ndarray
     centre_of_mass: np.ndarray
@@ -44,12 +47,20 @@ class RigidBody:
     collides: bool = True
     groups: frozenset[int] = frozenset()
 
+    @property
+    def radius(self) -> float:
+        """Distance of its farthest point from the centre of mass, or a little more [mm]."""
+        if self.shape is not None:
+            return float(np.linalg.norm(self.centre_of_mass)) + 0.5 * self.shape.length + self.shape.radius
+        return float(np.linalg.norm(self.vertices, axis=1).max())
+
 
 @dataclass(frozen=True)
 class Obstacle:
     """Something static: a surface (vertices and triangles), or an infinite plane (point and unit normal).
 
-    What is at x in the coordinates of its scaled surface stands at turn @ x + shift.
+    A round shape touches others in the place of its triangles. What is at x in the coordinates of its scaled surface
+    stands at turn @ x + shift.
     """
 
     name: str
@@ -57,6 +68,7 @@ class Obstacle:
     triangles: np.ndarray | None = None
     point: np.ndarray | None = None
     normal: np.ndarray | None = None
+    shape: RoundShape | None = None
     groups: frozenset[int] = frozenset()
     turn: np.ndarray = field(default_factory=lambda: np.eye(3))
     shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
@@ -69,17 +81,11 @@ def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
         MeshError: its surface cannot be read or is not closed.
         SceneError: the given inertia is not symmetric positive definite.
     """
-    if body.box is not None:
-        box = trimesh.creation.box(extents=body.box)
-        vertices, triangles = np.array(box.vertices), np.array(box.faces)
-    else:
-        vertices, triangles = read_surface(body.surface or "")
-        triangles = closed_outward(vertices, triangles, body.surface or "")
-        vertices = vertices * body.scale
-    solid = trimesh.Trimesh(vertices, triangles, process=False)
-    solid.density = body.density if body.density is not None else (body.mass or 0.0) / solid.volume
-    centre = np.array(body.centre_of_mass if body.centre_of_mass is not None else solid.center_mass)
-    inertia = np.array(body.inertia) if body.inertia is not None else solid.mass_properties["inertia"]
+    shape = round_shape(body)
+    vertices, triangles = _surface(body, shape)
+    if body.surface is not None:
+        triangles = closed_outward(vertices, triangles, body.surface)
+    mass, centre, inertia = _mass_properties(body, shape, vertices, triangles)
     if not np.allclose(inertia, inertia.T) or np.linalg.eigvalsh(inertia)[0] <= 0.0:
         raise SceneError(f"rigid_bodies.{name}.inertia = {inertia.tolist()}: must be symmetric and positive definite")
     turn = rotation_from_degrees(body.rotation)
@@ -87,7 +93,8 @@ def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
         name=name,
         vertices=vertices - centre,
         triangles=triangles.astype(np.int32),
-        mass=float(solid.mass),
+        shape=shape,
+        mass=mass,
         inertia=inertia,
         centre_of_mass=centre,
         start_position=np.asarray(body.position) + turn @ centre,
@@ -108,10 +115,40 @@ def make_obstacle(name: str, obstacle: settings.Obstacle) -> Obstacle:
     if obstacle.plane is not None:
         normal = np.array(obstacle.plane.normal)
         return Obstacle(name, point=np.array(obstacle.plane.point), normal=normal / np.linalg.norm(normal))
-    vertices, triangles = read_surface(obstacle.surface or "")
-    if count_open_edges(triangles) == 0:
-        triangles = closed_outward(vertices, triangles, obstacle.surface or "")
+    shape = round_shape(obstacle)
+    vertices, triangles = _surface(obstacle, shape)
+    if obstacle.surface is not None and count_open_edges(triangles) == 0:
+        triangles = closed_outward(vertices, triangles, obstacle.surface)
     turn, shift = rotation_from_degrees(obstacle.rotation), np.asarray(obstacle.translation)
-    placed = obstacle.scale * vertices @ turn.T + shift
+    placed = vertices @ turn.T + shift
     groups = frozenset(obstacle.groups)
-    return Obstacle(name, placed, triangles.astype(np.int32), groups=groups, turn=turn, shift=shift)
+    return Obstacle(name, placed, triangles.astype(np.int32), shape=shape, groups=groups, turn=turn, shift=shift)
+
+
+def _mass_properties(
+    body: settings.RigidBody, shape: RoundShape | None, vertices: np.ndarray, triangles: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass [kg], centre of mass [mm], shape (3,), and inertia about it [kg mm^2], shape (3, 3)."""
+    if shape is not None:
+        mass = body.mass if body.mass is not None else (body.density or 0.0) * shape.volume
+        centre, inertia = np.zeros(3), shape.inertia(mass)
+    else:
+        solid = trimesh.Trimesh(vertices, triangles, process=False)
+        solid.density = body.density if body.density is not None else (body.mass or 0.0) / solid.volume
+        mass, centre, inertia = float(solid.mass), solid.center_mass, solid.mass_properties["inertia"]
+    if body.centre_of_mass is not None:
+        centre = np.array(body.centre_of_mass)
+    if body.inertia is not None:
+        inertia = np.array(body.inertia)
+    return mass, centre, inertia
+
+
+def _surface(body: settings.RigidBody | settings.Obstacle, shape: RoundShape | None) -> tuple[np.ndarray, np.ndarray]:
+    """Scaled vertices [mm], shape (vertex_count, 3), and triangles of a body or obstacle with this round shape."""
+    if shape is not None:
+        return shape.triangulated()
+    if body.box is not None:
+        box = trimesh.creation.box(extents=body.box)
+        return np.array(box.vertices), np.array(box.faces)
+    vertices, triangles = read_surface(body.surface or "")
+    return vertices * body.scale, triangles

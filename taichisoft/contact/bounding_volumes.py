@@ -41,7 +41,7 @@ def build(
 
 def most_leaves(trees: Trees) -> int:
     """Leaves of the surface that has most of them: a full binary tree has one more leaf than inner nodes."""
-    return int(np.diff(trees.root).max() + 1) // 2
+    return int(np.diff(trees.root).max(initial=0) + 1) // 2
 
 
 def _grow(some: np.ndarray, centroid: np.ndarray, escape: list[int], owned: list[np.ndarray]) -> None:

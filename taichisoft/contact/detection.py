@@ -7,6 +7,7 @@ from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.kernels.contact_search import find_contacts
 from taichisoft.kernels.contacts import PLACE_COLUMNS, Contacts, SearchSpace
+from taichisoft.kernels.shape_search import find_shape_contacts
 
 FIRST_CAPACITY = 1024
 
@@ -17,13 +18,13 @@ class ContactDetection:
     def __init__(self, surfaces: ContactSurfaces, moving: MovingSurfaces):
         """Prepare for surfaces and where they are, now and when `find` is called."""
         self._surfaces = surfaces
-        self._moved = moving.moved
+        self._moved, self._shapes = moving.moved, moving.shapes
         self._reach = np.zeros((len(surfaces.body_size), len(surfaces.body_size)))
         self._make_room(FIRST_CAPACITY)
 
     def _make_room(self, capacity: int) -> None:
         self._found, self._contacts = Contacts.with_room(capacity), Contacts.with_room(capacity)
-        most_triangles = int(np.diff(self._surfaces.triangle_range).max())
+        most_triangles = int(np.diff(self._surfaces.triangle_range).max(initial=0))
         self._space = SearchSpace(
             leaf=np.zeros(most_leaves(self._surfaces.trees), dtype=np.int32),
             triangle=np.zeros(most_triangles, dtype=np.int32),
@@ -37,15 +38,15 @@ class ContactDetection:
     @property
     def is_needed(self) -> bool:
         """Whether anything can touch anything."""
-        return len(self._surfaces.topology.pairs) > 0 or len(self._surfaces.planes.body) > 0
+        return any(map(len, (self._surfaces.topology.pairs, self._surfaces.planes.body, self._surfaces.shapes.moving)))
 
     def find(self, reach: float | np.ndarray, depth: float) -> Contacts:
         """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm].
 
         The reach may be that of each pair of bodies, shape (body_count, body_count); one below 0 leaves a pair out.
 
-        Vertices with triangles come first, then edges, then planes, each in the order of the surfaces' arrays. The
-        result is in arrays that the next call uses again.
+        Vertices with triangles come first, then edges, then planes, then round shapes, each in the order of the
+        surfaces' arrays. The result is in arrays that the next call uses again.
         """
         self._reach[:] = reach
         if self.is_needed:
@@ -60,3 +61,8 @@ class ContactDetection:
         find_contacts(
             self._reach, depth, s.topology, s.trees, s.planes, self._moved, self._space, self._found, self._contacts
         )
+        if len(s.shapes.body):
+            find_shape_contacts(
+                self._reach, depth, s.topology, s.trees, s.planes, self._moved, s.shapes, self._shapes, self._space,
+                self._found, self._contacts,
+            )  # fmt: skip

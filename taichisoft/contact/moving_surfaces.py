@@ -2,16 +2,19 @@
 
 import numpy as np
 
+from taichisoft.contact import shapes
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.kernels.bounding_volumes import refit
+from taichisoft.kernels.shapes import move_shapes
 from taichisoft.kernels.surfaces import MovedSurfaces, Poses, move_vertices
 
 
 class MovingSurfaces:
-    """The vertices and boxes of contact surfaces, which follow the bodies of one simulation.
+    """The vertices and boxes of contact surfaces, and the round shapes, which follow the bodies of one simulation.
 
     Attributes:
         moved: vertices and boxes now.
+        shapes: axes of the round shapes now.
     """
 
     def __init__(self, surfaces: ContactSurfaces):
@@ -23,6 +26,7 @@ class MovingSurfaces:
             lower=np.zeros((tree_nodes, 3)),
             upper=np.zeros((tree_nodes, 3)),
         )
+        self.shapes = shapes.moved_shapes(surfaces.shapes)
         refit(np.arange(surfaces.count, dtype=np.int32), surfaces.trees, self.moved)
         # Arrays that stay in place: a launch with new ones takes longer than the arithmetic.
         self._poses = Poses(
@@ -39,8 +43,10 @@ class MovingSurfaces:
         poses.rigid_rotation[:] = rigid_rotation
         move_vertices(surfaces.carriers, poses, self.moved)
         refit(surfaces.topology.moving, surfaces.trees, self.moved)
+        if len(surfaces.shapes.moving):
+            move_shapes(surfaces.shapes, poses, self.shapes)
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
-        """Lower and upper corner [mm] of each surface's bounding box, each (surface_count, 3)."""
+        """Lower and upper corner [mm] of each surface's bounding box, each (surface_count, 3); not of shapes."""
         root = self._surfaces.trees.root[:-1]
         return self.moved.lower[root], self.moved.upper[root]

@@ -6,8 +6,10 @@ import numpy as np
 
 from taichisoft.contact.detection import ContactDetection
 from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft.contact.shapes import boxes
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.errors import SceneError
+from taichisoft.kernels.shapes import SHAPE, SURFACE
 from taichisoft.meshes.edge_crossings import boxes_meet, common_points, pairs_of_meeting_boxes
 
 # Surfaces are shrunk by this share of the scene's extent before they are cut with each other: bodies that merely
@@ -29,8 +31,9 @@ def refuse_overlap(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names
 
 
 def _refuse_points_inside(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
-    lower, upper = moving.boxes()
-    largest = float(np.linalg.norm(upper - lower, axis=1).max())
+    (lower, upper), (shape_lower, shape_upper) = moving.boxes(), boxes(surfaces.shapes, moving.shapes)
+    extents = np.vstack([upper - lower, shape_upper - shape_lower])
+    largest = float(np.linalg.norm(extents, axis=1).max())
     pairs = ContactDetection(surfaces, moving).find(reach=0.0, depth=largest).trimmed()
     if pairs.count[0] and pairs.distance.min() < 0.0:
         deepest = int(pairs.distance.argmin())
@@ -43,8 +46,10 @@ def _refuse_points_inside(surfaces: ContactSurfaces, moving: MovingSurfaces, bod
 
 def _refuse_crossed_surfaces(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
     """Crossed bars overlap although no vertex of one is inside the other: their edges go through triangles."""
-    lower, upper = moving.boxes()
     topology, position = surfaces.topology, moving.moved.position
+    if not len(topology.triangles):
+        return
+    lower, upper = moving.boxes()
     margin = SHRINKING * float((upper.max(axis=0) - lower.min(axis=0)).max())
     shrunk = position - margin * _vertex_normals(topology.triangles, position)
     edges = [topology.edges[start:stop] for start, stop in surfaces.edge_range]
@@ -57,10 +62,22 @@ def _refuse_crossed_surfaces(surfaces: ContactSurfaces, moving: MovingSurfaces, 
         if place is None:
             place = _first_crossing(shrunk[edges[second]], shifted[triangles[first]])
         if place is not None:
-            what, advice = _named(*(body_names[topology.body[surface]] for surface in (first, second)))
-            raise SceneError(
-                f"{what} overlap at the start: their surfaces cross at {np.round(place, 2).tolist()} mm; {advice}"
-            )
+            raise _crossing(place, *(body_names[topology.body[surface]] for surface in (first, second)))
+    # A round shape whose ends lie outside goes through a surface with its axis, or meets an edge or vertex of it.
+    shapes, there = surfaces.shapes, moving.shapes
+    half = shapes.half_length[:, None] * there.axis
+    axes = np.stack([there.centre - half, there.centre + half], axis=1)
+    for shape, surface in shapes.surface_pairs[:, [SHAPE, SURFACE]].tolist():
+        place = _first_crossing(axes[shape, None], shrunk[triangles[surface]])
+        if place is not None:
+            raise _crossing(place, body_names[shapes.body[shape]], body_names[topology.body[surface]])
+
+
+def _crossing(place: np.ndarray, first: str, second: str) -> SceneError:
+    what, advice = _named(first, second)
+    return SceneError(
+        f"{what} overlap at the start: their surfaces cross at {np.round(place, 2).tolist()} mm; {advice}"
+    )
 
 
 def _named(first: str, second: str) -> tuple[str, str]:

@@ -9,7 +9,9 @@ from taichisoft.bodies.rigid_body import Obstacle, RigidBody
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.contact import bounding_volumes
 from taichisoft.contact.features import find_features
+from taichisoft.contact.shapes import RoundPart, join_shapes, round_parts
 from taichisoft.kernels.runtime import SOFT, STATIC
+from taichisoft.kernels.shapes import SHAPE, SURFACE, Shapes
 from taichisoft.kernels.surfaces import Carriers, Planes, Surfaces
 from taichisoft.meshes.surface import stacked
 
@@ -44,12 +46,13 @@ class _Part:
 
 
 class ContactSurfaces:
-    """Vertices, edges and triangles of every body's surface, and the half-spaces of planes; nothing of it changes.
+    """Vertices, edges and triangles of every body's surface, round shapes, and planes; nothing of it changes.
 
     Attributes:
         topology: triangles, edges and vertices, and which lie around each other.
         carriers: what the vertices follow.
         planes: the half-spaces.
+        shapes: the round shapes, whose bodies have no surface here.
         trees: trees over the triangles.
         vertex_range, triangle_range, edge_range: where each surface's features stand, shape (surface_count, 2).
         vertex_is_feature, edge_is_feature: whether it may touch other surfaces (flat ones of rigid bodies do not).
@@ -61,7 +64,8 @@ class ContactSurfaces:
 
     def __init__(self, soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]):
         """Put the surfaces together; bodies are numbered in this order."""
-        parts = _parts(soft, rigid, obstacles)
+        parts, rounds = _parts(soft, rigid, obstacles), round_parts(len(soft), rigid, obstacles)
+        self.shapes = _join_shapes(rounds, parts)
         self.node_count, self.rigid_count = sum(body.nodes.stop - body.nodes.start for body in soft), len(rigid)
         first_obstacle = len(soft) + len(rigid)
         planes = [(first_obstacle + i, o.point, o.normal) for i, o in enumerate(obstacles) if o.normal is not None]
@@ -71,8 +75,8 @@ class ContactSurfaces:
             normal=np.array([normal for _, _, normal in planes]).reshape(-1, 3),
         )
         self.carriers = Carriers(
-            owner=np.concatenate([np.full(len(part.vertices), part.owner) for part in parts]).astype(np.int32),
-            local=np.vstack([part.vertices for part in parts]),
+            owner=np.repeat([part.owner for part in parts], [len(part.vertices) for part in parts]).astype(np.int32),
+            local=np.vstack([np.zeros((0, 3)), *(part.vertices for part in parts)]),
             nodes=stacked([part.nodes for part in parts]).astype(np.int32),
             weights=stacked([part.weights for part in parts]),
         )
@@ -89,9 +93,30 @@ class ContactSurfaces:
         for body in {part.body for part in parts if part.owner != STATIC}:
             vertices = np.vstack([part.vertices for part in parts if part.body == body])
             self.body_size[body] = np.ptp(vertices, axis=0).min()
+        for part in rounds:
+            if part.owner != STATIC:
+                self.body_size[part.body] = part.shape.smallest_extent
 
         is_soft = np.arange(len(self.body_size)) < len(soft)
         self.gap_tolerance = np.where(is_soft[:, None] | is_soft, SOFT_GAP_TOLERANCE, RIGID_GAP_TOLERANCE)
+
+    @property
+    def moving_bodies(self) -> np.ndarray:
+        """Numbers of the bodies that move and touch others, shape (count,)."""
+        of_surfaces, of_shapes = self.topology.body[self.topology.moving], self.shapes.body[self.shapes.moving]
+        return np.unique(np.concatenate([of_surfaces, of_shapes]))
+
+    @property
+    def body_pairs(self) -> np.ndarray:
+        """Numbers of two bodies that can touch, planes not counted, shape (count, 2)."""
+        surface, shape = self.topology.body, self.shapes.body
+        shape_of, surface_of = self.shapes.surface_pairs[:, SHAPE], self.shapes.surface_pairs[:, SURFACE]
+        pairs = [
+            surface[self.topology.pairs].reshape(-1, 2),
+            shape[self.shapes.shape_pairs].reshape(-1, 2),
+            np.column_stack([shape[shape_of], surface[surface_of]]),
+        ]
+        return np.unique(np.vstack(pairs), axis=0)
 
     @property
     def count(self) -> int:
@@ -109,7 +134,7 @@ def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequ
             parts.append(_Part(number, SOFT, vertices, surface.triangles, nodes, surface.weights, one.groups, collides))
     others: list[RigidBody | Obstacle] = [*rigid, *obstacles]
     for index, other in enumerate(others):
-        if other.vertices is not None and other.triangles is not None:
+        if other.vertices is not None and other.triangles is not None and other.shape is None:
             owner, no_node = index if index < len(rigid) else STATIC, np.zeros((len(other.vertices), 1))
             collides = other.collides if isinstance(other, RigidBody) else True
             number = len(soft) + index
@@ -127,12 +152,12 @@ def _ranges(counts: Sequence[int] | np.ndarray) -> np.ndarray:
 def _join(parts: Sequence[_Part]) -> Surfaces:
     vertex_counts = [len(part.vertices) for part in parts]
     shifted = [part.triangles + start for part, (start, _) in zip(parts, _ranges(vertex_counts), strict=True)]
-    triangles = np.vstack(shifted).astype(np.int32)
+    triangles = np.vstack([np.zeros((0, 3)), *shifted]).astype(np.int32)
     edges, triangle_edges, edge_triangles = _find_edges(triangles)
     fan_start, fan = _incidence(triangles, sum(vertex_counts))
     star_start, star = _incidence(edges, sum(vertex_counts))
     edge, end = np.divmod(star, 2)
-    moves = np.array([part.owner != STATIC and part.collides for part in parts])
+    moves = np.array([_moves(part) for part in parts], dtype=bool)
     first, second = np.triu_indices(len(parts), 1)
     pairs = zip(first.tolist(), second.tolist(), strict=True)
     touch = np.array([_may_touch(parts[one], parts[other]) for one, other in pairs], dtype=bool)
@@ -152,7 +177,27 @@ def _join(parts: Sequence[_Part]) -> Surfaces:
     )
 
 
-def _may_touch(one: _Part, other: _Part) -> bool:
+def _join_shapes(rounds: Sequence[RoundPart], parts: Sequence[_Part]) -> Shapes:
+    surface_pairs = [
+        (number, surface, part.owner == SOFT)
+        for number, one in enumerate(rounds)
+        for surface, part in enumerate(parts)
+        if _may_touch(one, part) and (_moves(one) or _moves(part))
+    ]
+    shape_pairs = [
+        (first, second)
+        for first, one in enumerate(rounds)
+        for second, other in enumerate(rounds[:first])
+        if _may_touch(one, other) and (_moves(one) or _moves(other))
+    ]
+    return join_shapes(rounds, surface_pairs, [(second, first) for first, second in shape_pairs])
+
+
+def _moves(part: _Part | RoundPart) -> bool:
+    return part.owner != STATIC and part.collides
+
+
+def _may_touch(one: _Part | RoundPart, other: _Part | RoundPart) -> bool:
     return one.collides and other.collides and one.groups.isdisjoint(other.groups)
 
 

@@ -5,18 +5,17 @@ from typing import ClassVar, Self
 from pydantic import model_validator
 
 from taichisoft.scenes.colours import Colour
+from taichisoft.scenes.shapes import SHAPES, Shaped
 from taichisoft.scenes.table import Groups, Positive, Table, Vector
 
 
-class RigidBody(Table):
-    """A rigid object; mass, centre of mass and inertia come from its closed surface unless they are given."""
+class RigidBody(Shaped):
+    """A rigid object; mass, centre of mass and inertia come from its shape or closed surface unless they are given."""
 
     surface: str | None = None
-    """Closed surface file; either this or box."""
-    box: tuple[Positive, Positive, Positive] | None = None
-    """Edge lengths [mm] of a box about the origin."""
+    """Closed surface file; either this or a shape."""
     scale: Positive = 1.0
-    """Factor on the surface's coordinates [-]; not of a box."""
+    """Factor on the surface's coordinates [-]; not of a shape."""
     mass: Positive | None = None
     """Mass [kg]; either this or density."""
     density: Positive | None = None
@@ -39,8 +38,7 @@ class RigidBody(Table):
     """Surfaces that have a group in common do not touch each other."""
     colour: Colour | None = None
     """Colour in pictures and on pages, "#rrggbb"; that of rigid bodies when it is not given."""
-    alternatives = (("surface", "box"), ("mass", "density"))
-    no_effect_beside: ClassVar = {"box": ("scale",)}
+    alternatives = (("surface", *SHAPES), ("mass", "density"))
 
 
 class Plane(Table):
@@ -58,14 +56,14 @@ class Plane(Table):
         return self
 
 
-class Obstacle(Table):
-    """Something that never moves: a plane, or a surface that may be scaled, turned and shifted."""
+class Obstacle(Shaped):
+    """Something that never moves: a plane, or a shape or surface that may be turned and shifted."""
 
     plane: Plane | None = None
     surface: str | None = None
-    """Surface file; either this or plane."""
+    """Surface file; either this, a shape or plane."""
     scale: Positive = 1.0
-    """Factor on the surface's coordinates [-]."""
+    """Factor on the surface's coordinates [-]; not of a shape."""
     rotation: Vector = (0.0, 0.0, 0.0)
     """Turns about the x, y and z axes, in this order [degrees]."""
     translation: Vector = (0.0, 0.0, 0.0)
@@ -74,5 +72,5 @@ class Obstacle(Table):
     """Surfaces that have a group in common do not touch each other; a plane touches all."""
     colour: Colour | None = None
     """Colour in pictures and on pages, "#rrggbb"; that of obstacles, or of the floor, when it is not given."""
-    alternatives = (("plane", "surface"),)
-    no_effect_beside: ClassVar = {"plane": ("scale", "rotation", "translation", "groups")}
+    alternatives = (("plane", "surface", *SHAPES),)
+    no_effect_beside: ClassVar = {**Shaped.no_effect_beside, "plane": ("scale", "rotation", "translation", "groups")}

@@ -52,14 +52,13 @@ class ContactPrediction:
         self._moving = MovingSurfaces(surfaces)
         self._detection = ContactDetection(surfaces, self._moving)
         self._room = Contacts.with_room(FIRST_CAPACITY)
-        self._rigid_radius = np.array([np.linalg.norm(body.vertices, axis=1).max() for body in model.rigid_bodies])
+        self._rigid_radius = np.array([body.radius for body in model.rigid_bodies])
         count = len(model.body_names)
         self._has_curves = np.zeros((count, count), dtype=bool)
-        first, second = surfaces.topology.body[surfaces.topology.pairs].reshape(-1, 2).T
-        self._has_curves[first, second] = self._has_curves[second, first] = True
+        for first, second in surfaces.body_pairs:
+            self._has_curves[first, second] = self._has_curves[second, first] = True
         self._may_touch = self._has_curves.copy()
-        on_planes = np.ix_(surfaces.topology.body[surfaces.topology.moving], surfaces.planes.body)
-        self._may_touch[on_planes] = True
+        self._may_touch[np.ix_(surfaces.moving_bodies, surfaces.planes.body)] = True
         self._may_touch |= self._may_touch.T
 
     @property

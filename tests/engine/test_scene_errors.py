@@ -56,7 +56,10 @@ WRONG = [
     ({"soft_bodies": {"finger": without(SOFT, "mass")}}, "exactly one of mass, density is needed; given: none"),
     (soft(density=1e-6), "soft_bodies.finger: exactly one of mass, density is needed; given: mass, density"),
     (rigid(surface="cube.obj"), "cube.obj: no such file"),
-    ({"rigid_bodies": {"cube": {"mass": 1}}}, "exactly one of surface, box is needed; given: none"),
+    (
+        {"rigid_bodies": {"cube": {"mass": 1}}},
+        "exactly one of surface, box, sphere, cylinder, capsule is needed; given: none",
+    ),
     (soft(anchors=[{}]), "soft_bodies.finger.anchors.0: exactly one of box, group, nodes is needed; given: none"),
     ({}, "a scene needs at least one soft body or rigid body"),
     (

@@ -1,0 +1,90 @@
+"""The round shapes that can touch, of all bodies in one set of arrays."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichisoft.bodies.rigid_body import Obstacle, RigidBody
+from taichisoft.bodies.shapes import RoundShape
+from taichisoft.kernels.runtime import STATIC
+from taichisoft.kernels.shapes import SURFACE_PAIR_COLUMNS, MovedShapes, Shapes
+
+
+@dataclass(frozen=True)
+class RoundPart:
+    """One shape before it is put together with the others.
+
+    Attributes:
+        body: number of its body.
+        owner: rigid body that carries it, or STATIC.
+        shape: what it is.
+        centre, turn: where it is: in the axes of its rigid body, from the centre of mass, or in the world, shapes (3,)
+            [mm] and (3, 3).
+        groups: parts that have one in common do not touch each other.
+        collides: whether it touches any other.
+    """
+
+    body: int
+    owner: int
+    shape: RoundShape
+    centre: np.ndarray
+    turn: np.ndarray
+    groups: frozenset[int]
+    collides: bool
+
+
+def round_parts(first_body: int, rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]) -> list[RoundPart]:
+    """The rigid bodies and obstacles that have a round shape; `first_body` is the number of the first of them all."""
+    parts = []
+    for index, body in enumerate(rigid):
+        if body.shape is not None:
+            parts.append(
+                RoundPart(
+                    first_body + index, index, body.shape, -body.centre_of_mass, np.eye(3), body.groups, body.collides
+                )
+            )
+    for index, obstacle in enumerate(obstacles, start=first_body + len(rigid)):
+        if obstacle.shape is not None:
+            parts.append(
+                RoundPart(index, STATIC, obstacle.shape, obstacle.shift, obstacle.turn, obstacle.groups, collides=True)
+            )
+    return parts
+
+
+def join_shapes(
+    parts: Sequence[RoundPart], surface_pairs: Sequence[tuple[int, int, bool]], shape_pairs: Sequence[tuple[int, int]]
+) -> Shapes:
+    """Shapes in one set of arrays.
+
+    Args:
+        parts: the shapes.
+        surface_pairs: numbers of a shape and of a surface that can touch, and whether the surface is soft.
+        shape_pairs: numbers of two shapes that can touch.
+    """
+    turns = np.array([part.turn for part in parts]).reshape(-1, 3, 3)
+    moves = np.array([part.owner != STATIC and part.collides for part in parts], dtype=bool)
+    return Shapes(
+        body=np.array([part.body for part in parts], dtype=np.int32),
+        owner=np.array([part.owner for part in parts], dtype=np.int32),
+        flat=np.array([part.shape.flat for part in parts], dtype=np.int32),
+        radius=np.array([part.shape.radius for part in parts], dtype=float),
+        half_length=np.array([0.5 * part.shape.length for part in parts], dtype=float),
+        local_centre=np.array([part.centre for part in parts], dtype=float).reshape(-1, 3),
+        local_axis=turns[:, :, 2].copy(),
+        local_side=turns[:, :, 0].copy(),
+        moving=np.flatnonzero(moves).astype(np.int32),
+        surface_pairs=np.array(surface_pairs, dtype=np.int32).reshape(-1, SURFACE_PAIR_COLUMNS),
+        shape_pairs=np.array(shape_pairs, dtype=np.int32).reshape(-1, 2),
+    )
+
+
+def moved_shapes(shapes: Shapes) -> MovedShapes:
+    """Arrays for where the shapes are: those of obstacles in their places, others as if their bodies had not moved."""
+    return MovedShapes(shapes.local_centre.copy(), shapes.local_axis.copy(), shapes.local_side.copy())
+
+
+def boxes(shapes: Shapes, there: MovedShapes) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corners [mm] of boxes around the shapes, each (shape_count, 3)."""
+    extent = shapes.half_length[:, None] * np.abs(there.axis) + shapes.radius[:, None]
+    return there.centre - extent, there.centre + extent
