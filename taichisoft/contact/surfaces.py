@@ -54,6 +54,8 @@ class ContactSurfaces:
         vertex_range, triangle_range, edge_range: where each surface's features stand, shape (surface_count, 2).
         vertex_is_feature, edge_is_feature: whether it may touch other surfaces (flat ones of rigid bodies do not).
         body_size: smallest extent of each body that can move at the start [mm], infinite for others, by body number.
+        may_touch: whether two bodies can touch, shape (body_count, body_count).
+        may_pass_through: whether one could be beyond the other after a step; nothing is beyond a plane.
         gap_tolerance: by how much less than the contact distance two bodies may be apart without being overlapped, and
             what a contact may be left out for [mm], shape (body_count, body_count).
         node_count, rigid_count: numbers of soft nodes and of rigid bodies that carry the vertices.
@@ -90,6 +92,13 @@ class ContactSurfaces:
             vertices = np.vstack([part.vertices for part in parts if part.body == body])
             self.body_size[body] = np.ptp(vertices, axis=0).min()
 
+        count = len(self.body_size)
+        self.may_pass_through, self.may_touch = (np.zeros((count, count), dtype=bool) for _ in range(2))
+        body = self.topology.body
+        self.may_pass_through[tuple(body[self.topology.pairs].reshape(-1, 2).T)] = True
+        self.may_touch[np.ix_(body[self.topology.moving], self.planes.body)] = True
+        self.may_pass_through |= self.may_pass_through.T
+        self.may_touch |= self.may_touch.T | self.may_pass_through
         is_soft = np.arange(len(self.body_size)) < len(soft)
         self.gap_tolerance = np.where(is_soft[:, None] | is_soft, SOFT_GAP_TOLERANCE, RIGID_GAP_TOLERANCE)
 
