@@ -17,7 +17,7 @@ from taichisoft.bodies.soft_body import SoftBody, make_soft_body
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.overlap import refuse_overlap
 from taichisoft.contact.surfaces import ContactSurfaces
-from taichisoft.errors import StateError
+from taichisoft.errors import SceneError, StateError
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.scene import Scene
 from taichisoft.state import State
@@ -85,6 +85,7 @@ class Model:
         self.cables = Cables(soft, self.rigid_bodies, self.obstacles)
         self.actuators = Actuators(self.cavities, self.cables)
         self.surfaces = ContactSurfaces(soft, self.rigid_bodies, self.obstacles)
+        self._refuse_bodies_within_contact_distance()
         self.friction = self._pair_table("friction")
         self.restitution = self._pair_table("restitution")
         self.base_pivot = self._find_base_pivot()
@@ -173,6 +174,16 @@ class Model:
     def body_of_node(self, node: int) -> str:
         """Name of the soft body that has a node."""
         return next(body.name for body in self.soft_bodies if body.nodes.start <= node < body.nodes.stop)
+
+    def _refuse_bodies_within_contact_distance(self) -> None:
+        """Raise SceneError where a body is smaller than the distance it is to be kept from others."""
+        distance = self.scene.contact.contact_distance
+        size = np.where(self.surfaces.may_touch.any(axis=1), self.surfaces.body_size, np.inf)
+        if distance > size.min():
+            raise SceneError(
+                f"contact.contact_distance = {distance:g} mm is larger than '{self.body_names[size.argmin()]}', which "
+                f"measures {size.min():.3g} mm at its thinnest; it must be smaller, such as {0.1 * size.min():.2g} mm"
+            )
 
     def _pair_table(self, key: str) -> np.ndarray:
         """What the scene says of each pair of bodies, shape (body_count, body_count)."""

@@ -73,7 +73,7 @@ class Simulation:
         end = self._integrate(start, found.contacts)
         self._divergence_check.check(start, end)
         self.state = end
-        self.report = self._make_report(end, control, self._constraints.penetration, started)
+        self.report = self._make_report(end, control, started)
         return self.report
 
     def observe(self) -> Observation:
@@ -131,18 +131,19 @@ class Simulation:
             end = end.changed(cable_length=lengths)
         return end
 
-    def _make_report(self, end: State, control: Control, max_penetration: float, started: float) -> StepReport:
-        solved, time_step = self._constraints, self.model.scene.time.step
+    def _make_report(self, end: State, control: Control, started: float) -> StepReport:
+        solved, time_step, names = self._constraints, self.model.scene.time.step, self.model.body_names
         return StepReport(
             step=end.step - 1,
             time=end.time,
             contact_points=end.contact_point,
             contact_forces=end.contact_impulse / time_step,
-            max_penetration=max_penetration,
+            max_penetration=solved.penetration,
             iterations=solved.iterations,
             residual=solved.residual,
             converged=solved.residual < self.model.scene.contact.tolerance,
             signals=dict(control.signals),
             step_time=time.perf_counter() - started,
             observe=partial(self._observer.observe, end),
+            deepest=(names[solved.deepest[0]], names[solved.deepest[1]]) if solved.deepest else None,
         )

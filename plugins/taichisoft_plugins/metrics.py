@@ -84,6 +84,7 @@ class MetricsOutput(Output):
                 rows[f"largest {what}"] = f"{value:z.{digits}f} {unit} ({cable})"
         return rows | {
             "largest penetration of the contact distance": f"{m['max_penetration_mm']:.3g} mm",
+            "steps with surfaces that overlap": f"{m['overlapping_steps']} of {m['steps']}",
             "solver iterations, median and most": f"{m['iterations_median']:.0f} and {m['iterations_max']}",
             "steps not converged": f"{m['unconverged_steps']} of {m['steps']}",
             "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
@@ -105,10 +106,12 @@ class MetricsOutput(Output):
             return {"steps": 0}
         median = float(np.median([report.step_time for report in reports]))
         iterations = [report.iterations for report in reports]
+        distance = self._scene.contact.contact_distance
         return {
             "steps": len(reports),
             "simulated_time_s": reports[-1].time,
             "max_penetration_mm": max(report.max_penetration for report in reports),
+            "overlapping_steps": sum(report.max_penetration > distance for report in reports),
             "iterations_median": float(np.median(iterations)),
             "iterations_max": max(iterations),
             "unconverged_steps": sum(not report.converged for report in reports),

@@ -57,6 +57,8 @@ class ContactSurfaces:
         vertex_range, triangle_range, edge_range: where each surface's features stand, shape (surface_count, 2).
         vertex_is_feature, edge_is_feature: whether it may touch other surfaces (flat ones of rigid bodies do not).
         body_size: smallest extent of each body that can move at the start [mm], infinite for others, by body number.
+        may_touch: whether two bodies can touch, shape (body_count, body_count).
+        may_pass_through: whether one could be beyond the other after a step; nothing is beyond a plane.
         gap_tolerance: by how much less than the contact distance two bodies may be apart without being overlapped, and
             what a contact may be left out for [mm], shape (body_count, body_count).
         node_count, rigid_count: numbers of soft nodes and of rigid bodies that carry the vertices.
@@ -97,18 +99,23 @@ class ContactSurfaces:
             if part.owner != STATIC:
                 self.body_size[part.body] = part.shape.smallest_extent
 
+        count = len(self.body_size)
+        self.may_pass_through, self.may_touch = (np.zeros((count, count), dtype=bool) for _ in range(2))
+        self.may_pass_through[tuple(self._body_pairs().T)] = True
+        of_surfaces, of_shapes = self.topology.body[self.topology.moving], self.shapes.body[self.shapes.moving]
+        self.may_touch[np.ix_(np.concatenate([of_surfaces, of_shapes]), self.planes.body)] = True
+        self.may_pass_through |= self.may_pass_through.T
+        self.may_touch |= self.may_touch.T | self.may_pass_through
         is_soft = np.arange(len(self.body_size)) < len(soft)
         self.gap_tolerance = np.where(is_soft[:, None] | is_soft, SOFT_GAP_TOLERANCE, RIGID_GAP_TOLERANCE)
 
     @property
-    def moving_bodies(self) -> np.ndarray:
-        """Numbers of the bodies that move and touch others, shape (count,)."""
-        of_surfaces, of_shapes = self.topology.body[self.topology.moving], self.shapes.body[self.shapes.moving]
-        return np.unique(np.concatenate([of_surfaces, of_shapes]))
+    def count(self) -> int:
+        """Number of surfaces, planes not counted."""
+        return len(self.topology.body)
 
-    @property
-    def body_pairs(self) -> np.ndarray:
-        """Numbers of two bodies that can touch, planes not counted, shape (count, 2)."""
+    def _body_pairs(self) -> np.ndarray:
+        """Numbers of two bodies whose surfaces or shapes can touch, planes not counted, shape (count, 2)."""
         surface, shape = self.topology.body, self.shapes.body
         shape_of, surface_of = self.shapes.surface_pairs[:, SHAPE], self.shapes.surface_pairs[:, SURFACE]
         pairs = [
@@ -116,12 +123,7 @@ class ContactSurfaces:
             shape[self.shapes.shape_pairs].reshape(-1, 2),
             np.column_stack([shape[shape_of], surface[surface_of]]),
         ]
-        return np.unique(np.vstack(pairs), axis=0)
-
-    @property
-    def count(self) -> int:
-        """Number of surfaces, planes not counted."""
-        return len(self.topology.body)
+        return np.vstack(pairs)
 
 
 def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]) -> list[_Part]:

@@ -98,7 +98,7 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None, sto
     key_handling = KeyHandling(
         session, lambda event: _call(controller, controller.key, event), lambda: _start_anew(session)
     )
-    warned = False
+    warned: set[Callable[..., None]] = set()
     session.pace.restart()
     try:
         while True:
@@ -113,9 +113,7 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None, sto
                 session.pace.restart()
                 continue
             report = _step(session)
-            if not report.converged and not warned:
-                warned = True
-                _warn_not_converged(session, report)
+            _warn_once(session, report, warned)
             if on_step is not None:
                 on_step(report)
             _wait_for_pace(session, stop_if_asked)
@@ -167,12 +165,45 @@ def _wait_for_pace(session: Session, stop_if_asked: Callable[[], None]) -> None:
         stop_if_asked()
 
 
+def _warn_once(session: Session, report: StepReport, warned: set[Callable[..., None]]) -> None:
+    """Say what is wrong with a step, unless the same was wrong with an earlier one."""
+    wrong = {
+        _warn_not_converged: not report.converged,
+        _warn_of_overlap: report.max_penetration > session.simulation.model.scene.contact.contact_distance,
+    }
+    for warn, is_due in wrong.items():
+        if is_due and warn not in warned:
+            warned.add(warn)
+            warn(session, report)
+
+
 def _warn_not_converged(session: Session, report: StepReport) -> None:
     warnings.warn(
         f"step {report.step}: the Gauss-Seidel stopped after {report.iterations} sweeps with a residual of "
         f"{report.residual:.2g} mm/s, above contact.tolerance = {session.simulation.model.scene.contact.tolerance:g}; "
         "later steps are counted, not reported",
-        stacklevel=5,
+        stacklevel=6,
+    )
+
+
+def _warn_of_overlap(session: Session, report: StepReport) -> None:
+    scene = session.simulation.model.scene
+    assert report.deepest is not None
+    first, second = report.deepest
+    if report.step == 0:
+        cause = "they start so; move one of them away"
+    elif not report.converged:
+        cause = "the contact solver has not converged; raise contact.max_iterations"
+    else:
+        cause = (
+            f"what pushes them into each other moved too far in a step of {scene.time.step:g} s; take a smaller "
+            "time.step, or a larger contact.contact_distance"
+        )
+    depth = report.max_penetration - scene.contact.contact_distance
+    warnings.warn(
+        f"step {report.step}: '{first}' and '{second}' overlap by {depth:.2g} mm: {cause}; later overlaps are counted, "
+        "not reported",
+        stacklevel=6,
     )
 
 

@@ -40,6 +40,7 @@ class Constraints:
         node_shift: of the soft nodes out of overlaps, over the time step [mm/s], shape (node_count, 3); None where
             nothing overlaps. That of the rigid bodies is with their motion.
         penetration: by how much less than the contact distance surfaces were apart at the start of the step [mm].
+        deepest: numbers of the two bodies that were; empty where none were.
         iterations: sweeps of the Gauss-Seidel.
         residual: largest change of a block's own velocity in the last sweep [mm/s, of a volume mm^3/s].
     """
@@ -85,6 +86,7 @@ class Constraints:
         """
         count = len(found.fraction)
         self.iterations, self.residual, self.penetration = 0, 0.0, 0.0
+        self.deepest: tuple[int, ...] = ()
         self.node_shift: np.ndarray | None = None
         self.contacts = np.zeros(0, dtype=np.int64)
         self.contact_impulse, self.contact_slip = np.zeros((0, 3)), np.zeros(0)
@@ -99,6 +101,8 @@ class Constraints:
             self._rigid_before = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
         self._active_set.begin(found, state, self._velocity)
         self.penetration = -float(self._active_set.depth.min(initial=0.0))
+        if self.penetration > 0.0:
+            self.deepest = tuple(found.contacts.bodies[self._active_set.depth.argmin()].tolist())
         self._impulse = self._active_set.last_impulse.copy()
         while True:
             self._build_rows(found.contacts)

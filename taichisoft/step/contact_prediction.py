@@ -45,26 +45,22 @@ class ContactPrediction:
     def __init__(self, model: Model):
         """Prepare for the bodies of `model`."""
         settings, surfaces = model.scene.contact, model.surfaces
-        self._model = model
+        self._model, self._surfaces = model, surfaces
         self._time_step = model.scene.time.step
         self._tolerance = surfaces.gap_tolerance
-        self._distance, self._alarm = settings.contact_distance, settings.alarm_distance
+        self._distance = settings.contact_distance
+        smaller = np.minimum(surfaces.body_size[:, None], surfaces.body_size)
+        self._least_reach = np.minimum(settings.alarm_distance, smaller)
         self._moving = MovingSurfaces(surfaces)
         self._detection = ContactDetection(surfaces, self._moving)
         self._room = Contacts.with_room(FIRST_CAPACITY)
         self._rigid_radius = np.array([body.radius for body in model.rigid_bodies])
-        count = len(model.body_names)
-        self._has_curves = np.zeros((count, count), dtype=bool)
-        for first, second in surfaces.body_pairs:
-            self._has_curves[first, second] = self._has_curves[second, first] = True
-        self._may_touch = self._has_curves.copy()
-        self._may_touch[np.ix_(surfaces.moving_bodies, surfaces.planes.body)] = True
-        self._may_touch |= self._may_touch.T
+        self._depth = float(self._least_reach[surfaces.may_touch].max(initial=0.0))
 
     @property
     def is_needed(self) -> bool:
         """Whether anything can touch anything."""
-        return bool(self._may_touch.any())
+        return bool(self._surfaces.may_touch.any())
 
     def find(self, state: State, rotation: np.ndarray) -> Found:
         """All locally closest pairs that can matter in a step.
@@ -75,12 +71,12 @@ class ContactPrediction:
         """
         self._state, self._rotation = state, rotation
         approach = self._approach()
-        fraction = np.where(self._may_touch, 1.0, np.nan)
-        fast = self._has_curves & (approach > NEAREST * self._distance)
+        fraction = np.where(self._surfaces.may_touch, 1.0, np.nan)
+        fast = self._surfaces.may_pass_through & (approach > NEAREST * self._distance)
         if fast.any():
             self._follow(fast, approach, fraction)
         reach = self._reach(approach, fraction)
-        times = np.unique(fraction[self._may_touch]).tolist() if fast.any() else [1.0]
+        times = np.unique(fraction[self._surfaces.may_touch]).tolist() if fast.any() else [1.0]
         parts = (part for time in times for part in self._measure(np.where(fraction == time, reach, -1.0), time))
         return self._joined(parts)
 
@@ -112,7 +108,7 @@ class ContactPrediction:
         strikes = fraction < 1.0
         struck = float(approach[strikes].max()) if strikes.any() else 0.0
         reach: np.ndarray = self._distance + (1.0 - fraction) * approach + falls + struck
-        return np.maximum(reach, self._alarm)
+        return np.maximum(reach, self._least_reach)
 
     def _follow(self, fast: np.ndarray, approach: np.ndarray, fraction: np.ndarray) -> None:
         """Fill in the times at which fast bodies first come close, 0 for those that are too close at the start."""
@@ -168,7 +164,7 @@ class ContactPrediction:
 
     def _nearest(self, contacts: Contacts) -> np.ndarray:
         """Distance of each pair of bodies [mm], infinite where they have no contact, shape (body_count, body_count)."""
-        nearest, count = np.full(self._may_touch.shape, np.inf), contacts.count[0]
+        nearest, count = np.full(self._surfaces.may_touch.shape, np.inf), contacts.count[0]
         first, second = contacts.bodies[:count].T
         np.minimum.at(nearest, (first, second), contacts.distance[:count])
         return np.minimum(nearest, nearest.T)
@@ -182,7 +178,7 @@ class ContactPrediction:
         self._moving.update(
             state.position + passed * state.velocity, state.rigid_position + passed * state.rigid_velocity, rotation
         )
-        return self._detection.find(np.where(self._may_touch, reach, -1.0), self._alarm)
+        return self._detection.find(np.where(self._surfaces.may_touch, reach, -1.0), self._depth)
 
 
 def _turns(vector: np.ndarray) -> np.ndarray:

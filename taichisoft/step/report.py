@@ -26,6 +26,7 @@ class StepReport:
         converged: whether the residual is below the tolerance.
         signals: numbers of the controller's own, by name.
         step_time: wall-clock time that the step took [s].
+        deepest: names of the two bodies with that intrusion; None where there is none.
         observe: function that works the observation out.
     """
 
@@ -40,6 +41,7 @@ class StepReport:
     signals: Mapping[str, float]
     step_time: float
     observe: Callable[[], Observation] = field(repr=False, compare=False)
+    deepest: tuple[str, str] | None = None
 
     @property
     def contact_count(self) -> int:
