@@ -1,18 +1,21 @@
 """Gaussian elimination with partial pivoting, eight columns at a time (Golub and Van Loan 2013, section 3.4)."""
 
 from taichisoft.kernels.axpy import TILE, Tile, add_multiple
-from taichisoft.kernels.runtime import Scalars, ti
+from taichisoft.kernels.runtime import Integers, Scalars, ti
 
 
 @ti.func
-def solve_linear(count: ti.i32, matrix: Scalars, x: Scalars) -> ti.i32:
-    """Solve in place, the matrix stored by rows; returns 0 where a pivot is zero."""
+def factorise(count: ti.i32, matrix: Scalars, order: Integers) -> ti.i32:
+    """P A = L U in place, the matrix stored by rows; returns 0 where a pivot is zero.
+
+    `order` says which row changed places with each pivot's.
+    """
     solvable = 1
     for panel in range((count + TILE - 1) // TILE):
         first = TILE * panel
         last = ti.min(first + TILE, count)
         if solvable != 0:
-            solvable = eliminate_panel(first, last, count, matrix, x)
+            solvable = eliminate_panel(first, last, count, matrix, order)
         if solvable != 0 and last < count:
             for k in range(first + 1, last):
                 for e in range(first, k):
@@ -21,18 +24,31 @@ def solve_linear(count: ti.i32, matrix: Scalars, x: Scalars) -> ti.i32:
                     )
             for i in range(last, count):
                 subtract_rows(matrix, i * count, first, count)
-    if solvable != 0:
-        for k_ in range(count):
-            k = count - 1 - k_
-            total = x[k]
-            for j in range(k + 1, count):
-                total -= matrix[k * count + j] * x[j]
-            x[k] = total / matrix[k * count + k]
     return solvable
 
 
 @ti.func
-def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, matrix: Scalars, x: Scalars) -> ti.i32:
+def substitute(count: ti.i32, matrix: Scalars, order: Integers, x: Scalars):
+    """Solve A x = b in place with the factors."""
+    for k in range(count):
+        other = x[k]
+        x[k] = x[order[k]]
+        x[order[k]] = other
+    for k in range(count):
+        total = x[k]
+        for j in range(k):
+            total -= matrix[k * count + j] * x[j]
+        x[k] = total
+    for k_ in range(count):
+        k = count - 1 - k_
+        total = x[k]
+        for j in range(k + 1, count):
+            total -= matrix[k * count + j] * x[j]
+        x[k] = total / matrix[k * count + k]
+
+
+@ti.func
+def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, matrix: Scalars, order: Integers) -> ti.i32:
     """Choose pivots and eliminate within columns first..last; the factors stay below the diagonal."""
     solvable = 1
     for k in range(first, last):
@@ -40,17 +56,15 @@ def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, matrix: Scalars,
         for i in range(k + 1, count):
             if ti.abs(matrix[i * count + k]) > ti.abs(matrix[pivot * count + k]):
                 pivot = i
+        order[k] = pivot
         if matrix[pivot * count + k] == 0.0:
             solvable = 0
         if solvable != 0:
             if pivot != k:
-                for j in range(first, count):
+                for j in range(count):
                     swapped = matrix[k * count + j]
                     matrix[k * count + j] = matrix[pivot * count + j]
                     matrix[pivot * count + j] = swapped
-                other = x[k]
-                x[k] = x[pivot]
-                x[pivot] = other
             inverse = 1.0 / matrix[k * count + k]
             for i in range(k + 1, count):
                 factor = matrix[i * count + k] * inverse
@@ -58,7 +72,6 @@ def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, matrix: Scalars,
                 if factor != 0.0:
                     for j in range(k + 1, last):
                         matrix[i * count + j] = matrix[i * count + j] - factor * matrix[k * count + j]
-                    x[i] = x[i] - factor * x[k]
     return solvable
 
 

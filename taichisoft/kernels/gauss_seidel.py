@@ -18,24 +18,26 @@ next of the three ways is taken.
 
 from typing import NamedTuple
 
-from taichisoft.kernels.actuator_rows import best_impulse, tension_before
-from taichisoft.kernels.axpy import add_multiple, add_three_multiples
-from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
+from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.newton import Iterate, NewtonSystem, Problem, choose_rows, newton_step, row_count
-from taichisoft.kernels.runtime import Integers, Scalars, mat3, ti, vec3
+from taichisoft.kernels.newton import NewtonSystem, Pull, choose_rows, newton_step
+from taichisoft.kernels.runtime import Integers, Scalars, ti
+from taichisoft.kernels.sweep import ACCELERATED, PLAIN, sweep
 
 PATIENCE = 600  # sweeps; less would switch the conjugate gradients off in a grasp, where they do help
 # Sweeps before the first Newton steps, and how many more to wait after each time that they failed.
 FIRST_NEWTON = 4
 LONGEST_WAIT = 32
+# The matrix of closed contacts is singular where they share a load in many ways (a table has four legs). This share of
+# the diagonal, added to it, chooses among them what is nearest to the present impulses; it does not change the answer,
+# at which the step is zero.
+PROXIMAL_SHARE = 1e-9
 # One after the other before the sweeps go on: those from a wrong guess of which contacts are closed mend the guess.
 NEWTON_STEPS = 2
 
 # Entries of `Progress.count`: sweeps in all, since the residual last halved, and since the last Newton steps; how many
 # to wait for the next ones; which of the ways below the sweeps take.
 SWEEPS, SINCE_BEST, SINCE_NEWTON, WAIT, WAY = range(5)
-ACCELERATED, PLAIN, HALF = range(3)
 # Entries of `Progress.figure`: the residual; when it last halved; squared length of the last sweep's step.
 RESIDUAL, BEST, LAST_NORM = range(3)
 
@@ -67,91 +69,6 @@ class Progress(NamedTuple):
 
 
 @func
-def measure_velocity(problem: Problem, iterate: Iterate):
-    """velocity = free + W impulse."""
-    count = row_count(problem)
-    for k in range(count):
-        iterate.velocity[k] = problem.free[k]
-    for row in range(count):
-        if iterate.impulse[row] != 0.0:
-            add_multiple(iterate.velocity, 0, iterate.impulse[row], problem.compliance, row * count, count)
-
-
-@ti.func
-def solve_contact(block: mat3, velocity: vec3, old: vec3, friction: ti.f64) -> vec3:
-    """Better impulse of one contact with all others fixed: `velocity` belongs to the impulse `old`.
-
-    The normal part, then the tangential one with the larger eigenvalue of its block as scale: the mean of the two
-    (as in SOFA) may overshoot for ever in a direction of little mobility. More turns per visit do not pay: in a
-    grasp the sweeps hardly became fewer.
-    """
-    mean = 0.5 * (block[1, 1] + block[2, 2])
-    largest = mean + ti.sqrt((0.5 * (block[1, 1] - block[2, 2])) ** 2 + block[1, 2] ** 2)
-    impulse = old
-    impulse[0] = ti.max(0.0, old[0] - velocity[0] / block[0, 0])
-    change = impulse[0] - old[0]
-    impulse[1] -= (velocity[1] + block[1, 0] * change) / largest
-    impulse[2] -= (velocity[2] + block[2, 0] * change) / largest
-    size = ti.sqrt(impulse[1] * impulse[1] + impulse[2] * impulse[2])
-    limit = friction * impulse[0]
-    if size > limit:
-        impulse[1] *= limit / size
-        impulse[2] *= limit / size
-    return impulse
-
-
-@func
-def sweep(problem: Problem, iterate: Iterate, way: ti.i32) -> ti.f64:
-    """Visit every block once; returns the largest change of a block's own velocity [mm/s, of a volume mm^3/s].
-
-    The velocities follow every change of an impulse (W is symmetric: a row is a column), so that an open contact that
-    stays open costs nothing. With the way HALF a contact's impulse changes by half of what it should.
-    """
-    w, impulse, velocity = ti.static(problem.compliance, iterate.impulse, iterate.velocity)
-    residual = 0.0
-    rows = row_count(problem)
-    for c in range(problem.size[CONTACTS]):
-        n = 3 * c
-        # The conjugate gradients may have moved the impulse of an open contact to anywhere.
-        acts = impulse[n] != 0.0 or impulse[n + 1] != 0.0 or impulse[n + 2] != 0.0
-        if acts or velocity[n] < 0.0:
-            old, speed = vec3(0.0), vec3(0.0)
-            block = ti.Matrix.zero(ti.f64, 3, 3)
-            for i in ti.static(range(3)):
-                old[i] = impulse[n + i]
-                speed[i] = velocity[n + i]
-                for j in ti.static(range(3)):
-                    block[i, j] = w[(n + i) * rows + n + j]
-            new = solve_contact(block, speed, old, problem.friction[c])
-            change = new - old
-            own = block @ change
-            if way == HALF:
-                change *= 0.5
-                new = old + change
-            for i in ti.static(range(3)):
-                impulse[n + i] = new[i]
-                residual = ti.max(residual, ti.abs(own[i]))
-            add_three_multiples(velocity, change, w, n * rows, rows)
-    first = 3 * problem.size[CONTACTS]
-    for a in range(problem.size[ACTUATORS]):
-        row = first + a
-        own, tension = w[row * rows + row], tension_before(problem.bounds, a, first, impulse)
-        correction = best_impulse(problem.bounds, a, impulse[row], velocity[row], own, tension) - impulse[row]
-        residual = ti.max(residual, ti.abs(own * correction))
-        impulse[row] = impulse[row] + correction
-        add_multiple(velocity, 0, correction, w, row * rows, rows)
-    return residual
-
-
-@func
-def copy_iterate(rows: ti.i32, source: Iterate, target: Iterate):
-    """Impulses and velocities."""
-    for k in range(rows):
-        target.impulse[k] = source.impulse[k]
-        target.velocity[k] = source.velocity[k]
-
-
-@func
 def restart_search(rows: ti.i32, search: Search, progress: Progress):
     """Forget where the last steps went."""
     progress.figure[LAST_NORM] = 0.0
@@ -161,14 +78,16 @@ def restart_search(rows: ti.i32, search: Search, progress: Progress):
 
 
 @func
-def newton_pays(problem: Problem, current: Iterate, newton: NewtonSystem, progress: Progress) -> ti.i32:
+def newton_pays(problem: Problem, current: Iterate, pull: Pull, newton: NewtonSystem, progress: Progress) -> ti.i32:
     """Whether Newton steps are due: after so many sweeps as take about as long.
 
     They need 2 m^3 / 3 operations on m closed rows, a sweep 2 m n on all n.
     """
     pays = 0
     if progress.count[SINCE_NEWTON] >= progress.count[WAIT]:
-        closed = choose_rows(problem, current, newton)
+        for k in range(row_count(problem)):
+            pull.center[k] = current.impulse[k]
+        closed = choose_rows(problem, current, pull, newton)
         if progress.count[SINCE_NEWTON] >= NEWTON_STEPS * closed * closed // (3 * row_count(problem)):
             pays = 1
     return pays
@@ -181,6 +100,7 @@ def try_newton(
     point: Iterate,
     trial: Iterate,
     newton: NewtonSystem,
+    pull: Pull,
     progress: Progress,
     max_iterations: ti.i32,
 ) -> ti.i32:
@@ -192,7 +112,9 @@ def try_newton(
     jumped = 0
     steps = 0
     while jumped == 0 and steps < NEWTON_STEPS and progress.count[SWEEPS] < max_iterations:
-        newton_step(problem, point, newton, trial)
+        for k in range(rows):
+            pull.center[k] = point.impulse[k]
+        newton_step(problem, point, pull, newton, trial)
         measure_velocity(problem, trial)
         copy_iterate(rows, trial, point)
         residual = sweep(problem, trial, PLAIN)
@@ -269,6 +191,7 @@ def solve(
     trial: Iterate,
     search: Search,
     newton: NewtonSystem,
+    pull: Pull,
     progress: Progress,
     tolerance: ti.f64,
     max_iterations: ti.i32,
@@ -278,6 +201,7 @@ def solve(
     for _ in range(1):
         rows = row_count(problem)
         begin(problem, current, search, progress, tolerance)
+        pull.share[0] = PROXIMAL_SHARE
         while progress.count[SWEEPS] < max_iterations and progress.figure[RESIDUAL] >= tolerance:
             for k in range(rows):
                 search.last_impulse[k] = current.impulse[k]
@@ -288,8 +212,8 @@ def solve(
             progress.count[SINCE_NEWTON] += 1
             goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
             restarts = 0
-            if goes_on and newton_pays(problem, current, newton, progress) != 0:
-                restarts = try_newton(problem, current, point, trial, newton, progress, max_iterations)
+            if goes_on and newton_pays(problem, current, pull, newton, progress) != 0:
+                restarts = try_newton(problem, current, point, trial, newton, pull, progress, max_iterations)
                 goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
             if change_way(progress) != 0:
                 restarts = 1

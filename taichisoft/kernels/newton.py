@@ -19,42 +19,12 @@ from taichisoft.kernels.actuator_rows import (
     sliding_share,
     tension_before,
 )
+from taichisoft.kernels.constraint_problem import Iterate, Problem, row_count
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
-from taichisoft.kernels.elimination import solve_linear
+from taichisoft.kernels.elimination import factorise, substitute
 from taichisoft.kernels.launch import func
-from taichisoft.kernels.runtime import Integers, Scalars, ScalarTable, ti
-
-# The matrix of closed contacts is singular where they share a load in many ways (a table has four legs). This share of
-# the diagonal, added to it, chooses among them what is nearest to the present impulses; it does not change the answer,
-# at which the step is zero.
-PROXIMAL_SHARE = 1e-9
-
-
-class Problem(NamedTuple):
-    """The constraint problem: v = free + W l, with the conditions of contact, friction and actuators.
-
-    Contacts' rows come first, then those of actuators, whose impulses are efforts times the time step.
-
-    Attributes:
-        size: number of contacts and of actuator rows, shape (2,).
-        compliance: W by rows [mm/s per mN s, and the like for volumes], shape (row_capacity^2,).
-        free: velocities without impulses [mm/s, of a volume mm^3/s], shape (row_capacity,).
-        friction: coefficient of each contact, shape (contact_capacity,).
-        bounds: what each actuator row obeys, see `actuator_rows`, shape (actuator_capacity, 6).
-    """
-
-    size: Integers
-    compliance: Scalars
-    free: Scalars
-    friction: Scalars
-    bounds: ScalarTable
-
-
-class Iterate(NamedTuple):
-    """Impulses [mN s, of a volume kPa s] and the velocities that belong to them, each of shape (row_capacity,)."""
-
-    impulse: Scalars
-    velocity: Scalars
+from taichisoft.kernels.runtime import Integers, Scalars, ti
+from taichisoft.kernels.sweep import largest_tangential
 
 
 class NewtonSystem(NamedTuple):
@@ -62,35 +32,46 @@ class NewtonSystem(NamedTuple):
 
     Attributes:
         row_of: rows of the problem that take part, shape (row_capacity,).
-        matrix: by rows, shape (row_capacity^2,).
+        matrix: by rows, then its factors, shape (row_capacity^2,).
+        order: of the factors' rows, see `elimination`, shape (row_capacity,).
         step: right-hand side, then the solution, shape (row_capacity,).
     """
 
     row_of: Integers
     matrix: Scalars
+    order: Integers
     step: Scalars
 
 
-@func
-def row_count(problem: Problem) -> ti.i32:
-    """Three rows for a contact, one for an actuator's."""
-    return 3 * problem.size[CONTACTS] + problem.size[ACTUATORS]
+class Pull(NamedTuple):
+    """What a proximal term adds to the velocities: a share of each block's own compliance, times l - center.
+
+    Attributes:
+        center: impulses, shape (row_capacity,).
+        share: shape (1,).
+    """
+
+    center: Scalars
+    share: Scalars
 
 
 @func
-def newton_step(problem: Problem, point: Iterate, newton: NewtonSystem, trial: Iterate):
-    """Fill `trial` with better impulses than those of `point`, or the same if the linear system cannot be solved."""
+def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: NewtonSystem, trial: Iterate):
+    """Fill `trial` with better impulses than those of `point`, or the same if the linear system cannot be solved.
+
+    They may leave the friction cones: a sweep brings them back, but further Newton steps must start from what is here.
+    """
     w, impulse, matrix, step, row_of = ti.static(
         problem.compliance, point.impulse, newton.matrix, newton.step, newton.row_of
     )
-    count = choose_rows(problem, point, newton)
+    count = choose_rows(problem, point, pull, newton)
     rows = row_count(problem)
     for k in range(rows):
         trial.impulse[k] = 0.0
     let_actuators_give_way(problem, point, trial)
     for a in range(count):
         trial.impulse[row_of[a]] = impulse[row_of[a]]
-        step[a] = -point.velocity[row_of[a]]
+        step[a] = -pulled_velocity(row_of[a], problem, point, pull)
     for k in range(rows):
         released = impulse[k] - trial.impulse[k]
         if released != 0.0:
@@ -100,28 +81,42 @@ def newton_step(problem: Problem, point: Iterate, newton: NewtonSystem, trial: I
         row = row_of[a] * rows
         for b in range(count):
             matrix[a * count + b] = w[row + row_of[b]]
-        matrix[a * count + a] = (1.0 + PROXIMAL_SHARE) * w[row + row_of[a]]
+        matrix[a * count + a] = (1.0 + pull.share[0]) * w[row + row_of[a]]
     hold_actuators(count, problem, point, trial.impulse, newton)
     for k in range(count // 3):
         if row_of[3 * k] < 3 * problem.size[CONTACTS]:
-            let_slip(3 * k, count, row_of[3 * k] // 3, problem, trial.impulse, newton)
-    if solve_linear(count, matrix, step):
+            let_slip(3 * k, count, row_of[3 * k] // 3, problem, point, pull, newton)
+    if factorise(count, matrix, newton.order):
+        substitute(count, matrix, newton.order, step)
         for a in range(count):
             trial.impulse[row_of[a]] = trial.impulse[row_of[a]] + step[a]
-        project(problem, trial.impulse)
     else:
         for k in range(rows):
             trial.impulse[k] = impulse[k]
 
 
 @func
-def choose_rows(problem: Problem, point: Iterate, newton: NewtonSystem) -> ti.i32:
+def pulled_velocity(row: ti.i32, problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
+    """Velocity of a row with the proximal term."""
+    own = problem.compliance[row * (row_count(problem) + 1)]
+    return point.velocity[row] + pull.share[0] * own * (point.impulse[row] - pull.center[row])
+
+
+@func
+def pressing(c: ti.i32, problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
+    """Normal impulse that contact c would have with all others fixed; not positive if it opens."""
+    own = problem.compliance[3 * c * (row_count(problem) + 1)]
+    return point.impulse[3 * c] - pulled_velocity(3 * c, problem, point, pull) / own
+
+
+@func
+def choose_rows(problem: Problem, point: Iterate, pull: Pull, newton: NewtonSystem) -> ti.i32:
     """List the rows of contacts that are closed, or close, and of actuators that are held; returns their number."""
     rows = row_count(problem)
     count = 0
     for c in range(problem.size[CONTACTS]):
         n = 3 * c
-        if point.impulse[n] - point.velocity[n] / problem.compliance[n * rows + n] > 0.0:
+        if pressing(c, problem, point, pull) > 0.0:
             for i in ti.static(range(3)):
                 newton.row_of[count + i] = n + i
             count += 3
@@ -205,41 +200,33 @@ def let_rub(
 
 
 @func
-def let_slip(a: ti.i32, count: ti.i32, c: ti.i32, problem: Problem, impulse: Scalars, newton: NewtonSystem):
+def let_slip(a: ti.i32, count: ti.i32, c: ti.i32, problem: Problem, point: Iterate, pull: Pull, newton: NewtonSystem):
     """Where contact c (row a) slips, its tangential rows say l_t = mu l_n z / |z| with z = l_t - r v_t, linearised."""
-    w, matrix, step = ti.static(problem.compliance, newton.matrix, newton.step)
-    n, rows = 3 * c, row_count(problem)
-    scale = 2.0 / (w[(n + 1) * rows + n + 1] + w[(n + 2) * rows + n + 2])
-    z = ti.Vector([impulse[n + 1] + scale * step[a + 1], impulse[n + 2] + scale * step[a + 2]])
-    normal = impulse[n]
-    if normal <= 0.0:
-        normal = step[a] / w[n * rows + n]
-    limit = problem.friction[c] * normal
+    impulse, matrix, step = ti.static(point.impulse, newton.matrix, newton.step)
+    n, mu = 3 * c, problem.friction[c]
+    scale = 1.0 / largest_tangential(c, problem)
+    z = ti.Vector.zero(ti.f64, 2)
+    for i in ti.static(range(2)):
+        z[i] = impulse[n + 1 + i] - scale * pulled_velocity(n + 1 + i, problem, point, pull)
+    limit = mu * pressing(c, problem, point, pull)
     size = z.norm()
     if size > limit:
         d = z / size
         turn = limit / size * (ti.Matrix.identity(ti.f64, 2) - d.outer_product(d))
+        # The rows' right-hand sides have what contacts that open, and actuators that give way, do to the velocities.
+        change = ti.Vector([step[a + 1], step[a + 2]])
+        for i in ti.static(range(2)):
+            change[i] += pulled_velocity(n + 1 + i, problem, point, pull)
         for b in range(count):
             first, second = matrix[(a + 1) * count + b], matrix[(a + 2) * count + b]
             matrix[(a + 1) * count + b] = scale * (turn[0, 0] * first + turn[0, 1] * second)
             matrix[(a + 2) * count + b] = scale * (turn[1, 0] * first + turn[1, 1] * second)
         for i in ti.static(range(2)):
             place = (a + 1 + i) * count + a
-            matrix[place] = matrix[place] - problem.friction[c] * d[i]
+            matrix[place] = matrix[place] - mu * d[i]
             matrix[place + 1 + i] = matrix[place + 1 + i] + 1.0
             for j in ti.static(range(2)):
                 matrix[place + 1 + j] = matrix[place + 1 + j] - turn[i, j]
-            step[a + 1 + i] = limit * d[i] - impulse[n + 1 + i]
-
-
-@func
-def project(problem: Problem, impulse: Scalars):
-    """Move every contact's impulse to its friction cone: no pull, and |l_t| <= mu l_n."""
-    for c in range(problem.size[CONTACTS]):
-        n = 3 * c
-        impulse[n] = ti.max(0.0, impulse[n])
-        size = ti.sqrt(impulse[n + 1] * impulse[n + 1] + impulse[n + 2] * impulse[n + 2])
-        limit = problem.friction[c] * impulse[n]
-        if size > limit:
-            impulse[n + 1] = impulse[n + 1] * (limit / size)
-            impulse[n + 2] = impulse[n + 2] * (limit / size)
+            step[a + 1 + i] = mu * impulse[n] * d[i] - impulse[n + 1 + i]
+            for j in ti.static(range(2)):
+                step[a + 1 + i] = step[a + 1 + i] + scale * turn[i, j] * change[j]

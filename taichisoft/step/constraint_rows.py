@@ -4,8 +4,8 @@ import numpy as np
 
 from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
 from taichisoft.kernels.compliance import GROUP, SparseColumns
+from taichisoft.kernels.constraint_problem import Problem
 from taichisoft.kernels.constraint_rows import Rows
-from taichisoft.kernels.newton import Problem
 from taichisoft.model import Model
 from taichisoft.step.gauss_seidel import GaussSeidel
 

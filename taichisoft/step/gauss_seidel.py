@@ -2,14 +2,26 @@
 
 import numpy as np
 
-from taichisoft.kernels import gauss_seidel as kernels
-from taichisoft.kernels.newton import Iterate, NewtonSystem, Problem
+from taichisoft.kernels import gauss_seidel, interior_point, proximal_newton
+from taichisoft.kernels.constraint_problem import Iterate, Problem
+from taichisoft.kernels.newton import NewtonSystem, Pull
+
+# Sweeps before something else is tried; a grasp's steps take 5 at the median.
+SWEEPS_AT_A_TIME = 64
+# Then Newton steps from there, with this first pull.
+NEWTON_STEPS, NEWTON_PULL = 16, 1e-6
+# Then interior points, and Newton steps from where they end; where those of one turn fail, sweeps and another turn. The
+# share of the way to the boundary that a step goes, and the first pull.
+TURNS = ((0.99, 1e-4), (0.9, 1e-4), (0.99, 1e-2), (0.7, 1e-3))
+LAST_NEWTON_STEPS = 60
 
 
 class GaussSeidel:
     """Finds impulses l with v = free + W l that obey Signorini's and Coulomb's laws and the bounds of actuators.
 
-    See kernels/gauss_seidel.py.
+    Sweeps of a Gauss-Seidel with Newton steps in between (kernels/gauss_seidel.py) find most answers. Where they do
+    not, proximal Newton steps (kernels/proximal_newton.py) go on, then an interior-point method that begins anew
+    (kernels/interior_point.py) and proximal Newton steps from where it ends, and so on in turns.
 
     Attributes:
         impulse: where to start, which the caller fills, then the answer [mN s, of a volume kPa s], shape
@@ -23,16 +35,16 @@ class GaussSeidel:
         """Make room for as many rows as the arrays of `problem` have; the caller fills these."""
         rows = len(problem.free)
         self.iterations, self.residual = 0, 0.0
-        self.impulse, self.velocity = np.empty(rows), np.empty(rows)
-        self._work = (
-            problem,
-            Iterate(self.impulse, self.velocity),
-            Iterate(np.empty(rows), np.empty(rows)),
-            Iterate(np.empty(rows), np.empty(rows)),
-            kernels.Search(*(np.empty(rows) for _ in range(4))),
-            NewtonSystem(np.empty(rows, dtype=np.int32), np.empty(rows**2), np.empty(rows)),
-        )
-        self._progress = kernels.Progress(np.zeros(5, dtype=np.int32), np.zeros(3))
+        self.impulse, self.velocity = np.zeros(rows), np.zeros(rows)
+        self._problem, self._current = problem, Iterate(self.impulse, self.velocity)
+        self._point, self._trial = (Iterate(np.empty(rows), np.empty(rows)) for _ in range(2))
+        self._search = gauss_seidel.Search(*(np.empty(rows) for _ in range(4)))
+        order = np.empty(rows, dtype=np.int32)
+        self._system = NewtonSystem(np.empty(rows, dtype=np.int32), np.empty(rows**2), order, np.empty(rows))
+        self._pull = Pull(np.empty(rows), np.empty(1))
+        self._path = interior_point.Path(*(np.empty(size) for size in (rows,) * 7 + (1,)))
+        self._progress = gauss_seidel.Progress(np.zeros(5, dtype=np.int32), np.zeros(3))
+        self._figure = np.zeros(1)
 
     def solve(self, tolerance: float, max_iterations: int) -> None:
         """Improve `impulse` in place.
@@ -41,6 +53,64 @@ class GaussSeidel:
             tolerance: of the residual, at which the sweeps end.
             max_iterations: sweeps after which they end in any case.
         """
-        kernels.solve(*self._work, self._progress, tolerance, max_iterations)
-        self.iterations = int(self._progress.count[kernels.SWEEPS])
-        self.residual = float(self._progress.figure[kernels.RESIDUAL])
+        self.iterations = 0
+        for share, pull in TURNS:
+            self._sweep(tolerance, min(SWEEPS_AT_A_TIME, max_iterations - self.iterations))
+            if self.residual < tolerance or self.iterations >= max_iterations:
+                return
+            self._improve(tolerance, NEWTON_PULL, NEWTON_STEPS)
+            if self.residual < tolerance:
+                return
+            self._begin_anew(tolerance, share, pull)
+            if self.residual < tolerance:
+                return
+        self._sweep(tolerance, max_iterations - self.iterations)
+
+    def _sweep(self, tolerance: float, sweeps: int) -> None:
+        gauss_seidel.solve(
+            self._problem,
+            self._current,
+            self._point,
+            self._trial,
+            self._search,
+            self._system,
+            self._pull,
+            self._progress,
+            tolerance,
+            sweeps,
+        )
+        self.iterations += int(self._progress.count[gauss_seidel.SWEEPS])
+        self.residual = float(self._progress.figure[gauss_seidel.RESIDUAL])
+
+    def _improve(self, tolerance: float, first_pull: float, steps: int) -> None:
+        """Proximal Newton steps; what they do not improve stays."""
+        impulse = self.impulse.copy()
+        self._figure[0] = self.residual
+        proximal_newton.improve(
+            self._problem,
+            self._current,
+            self._point,
+            self._trial,
+            self._system,
+            self._pull,
+            self._figure,
+            tolerance,
+            first_pull,
+            steps,
+        )
+        if np.isfinite(self.impulse).all():
+            self.residual = float(self._figure[0])
+        else:
+            self.impulse[:] = impulse
+
+    def _begin_anew(self, tolerance: float, share: float, first_pull: float) -> None:
+        """Interior points and Newton steps from where they end; back to what was before if that was better."""
+        before, residual = self.impulse.copy(), self.residual
+        interior_point.follow_path(
+            self._problem, self._current, self._trial, self._system, self._path, self._figure, tolerance, share
+        )
+        self.residual = float(self._figure[0])
+        if np.isfinite(self.impulse).all():
+            self._improve(tolerance, first_pull, LAST_NEWTON_STEPS)
+        if not (np.isfinite(self.impulse).all() and self.residual < residual):
+            self.impulse[:], self.residual = before, residual

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.building.simulation import Simulation
-from taichisoft.kernels import newton as kernels
+from taichisoft.kernels import constraint_problem as kernels
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.step.actuator_rows import IMPOSED
 from taichisoft.step.gauss_seidel import GaussSeidel

@@ -1,0 +1,111 @@
+"""The proximal point method with Newton steps, for what sweeps leave.
+
+The matrix of closed contacts is singular where they share a load in many ways, and nearly so where light rigid bodies
+are held by soft ones: a Newton step from there may lead anywhere. With a proximal term, a pull towards a center, the
+impulses are nearly always found in a few steps; the center then moves there, and the pull becomes weaker (Rockafellar
+1976, Monotone operators and the proximal point algorithm; for friction Acary, Bremond and Huber 2018, On solving
+contact problems with Coulomb friction). Where the center no longer moves the pull is nothing: it does not change the
+answer.
+"""
+
+from taichisoft.kernels.actuator_rows import best_impulse, tension_before
+from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
+from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels.newton import NewtonSystem, Pull, newton_step, pressing, pulled_velocity
+from taichisoft.kernels.runtime import Scalars, ti
+from taichisoft.kernels.sweep import PLAIN, largest_tangential, sweep
+
+# Newton steps with one center, and how many of them let the next pull be weaker.
+LONGEST = 12
+QUICK = 5
+WEAKER, STRONGER, WEAKEST = 0.1, 10.0, 1e-9
+# Each center's problem is solved to this share of the residual there, or of the tolerance.
+SHARE_OF_RESIDUAL = 0.01
+SHARE_OF_TOLERANCE = 0.1
+
+
+@func
+def natural_residual(problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
+    """Largest velocity [mm/s, of a volume mm^3/s] by which a block misses its law, each with all others fixed."""
+    worst = 0.0
+    rows = row_count(problem)
+    for c in range(problem.size[CONTACTS]):
+        n = 3 * c
+        normal, own = pressing(c, problem, point, pull), problem.compliance[n * (rows + 1)]
+        scale = largest_tangential(c, problem)
+        worst = ti.max(worst, own * ti.abs(point.impulse[n] - ti.max(0.0, normal)))
+        z = ti.Vector.zero(ti.f64, 2)
+        for i in ti.static(range(2)):
+            z[i] = point.impulse[n + 1 + i] - pulled_velocity(n + 1 + i, problem, point, pull) / scale
+        limit, size = problem.friction[c] * ti.max(0.0, normal), z.norm()
+        if size > limit:
+            z *= limit / size
+        for i in ti.static(range(2)):
+            worst = ti.max(worst, scale * ti.abs(point.impulse[n + 1 + i] - z[i]))
+    first = 3 * problem.size[CONTACTS]
+    for a in range(problem.size[ACTUATORS]):
+        row = first + a
+        own, tension = problem.compliance[row * (rows + 1)], tension_before(problem.bounds, a, first, point.impulse)
+        velocity = pulled_velocity(row, problem, point, pull)
+        best = best_impulse(problem.bounds, a, point.impulse[row], velocity, own, tension)
+        worst = ti.max(worst, own * ti.abs(best - point.impulse[row]))
+    return worst
+
+
+@kernel
+def improve(
+    problem: Problem,
+    current: Iterate,
+    point: Iterate,
+    trial: Iterate,
+    system: NewtonSystem,
+    pull: Pull,
+    figure: Scalars,
+    tolerance: ti.f64,
+    first_share: ti.f64,
+    most_steps: ti.i32,
+):
+    """Newton steps until a sweep from there finds less than the tolerance to change, which `figure` then has.
+
+    `figure` begins with that of `current`. `current` ends with the best impulses and velocities that a sweep left.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        rows = row_count(problem)
+        for k in range(rows):
+            pull.center[k] = current.impulse[k]
+        pull.share[0] = first_share
+        steps, residual = 0, figure[0]
+        while steps < most_steps and figure[0] >= tolerance:
+            for k in range(rows):
+                point.impulse[k] = pull.center[k]
+            bound = ti.max(SHARE_OF_TOLERANCE * tolerance, SHARE_OF_RESIDUAL * residual)
+            taken = 0
+            measure_velocity(problem, point)
+            miss = natural_residual(problem, point, pull)
+            while taken < LONGEST and miss >= bound:
+                newton_step(problem, point, pull, system, trial)
+                for k in range(rows):
+                    point.impulse[k] = trial.impulse[k]
+                measure_velocity(problem, point)
+                miss = natural_residual(problem, point, pull)
+                taken += 1
+            copy_iterate(rows, point, trial)
+            found = sweep(problem, trial, PLAIN)
+            if miss < bound:
+                residual = found
+                for k in range(rows):
+                    pull.center[k] = point.impulse[k]
+                if taken <= QUICK:
+                    pull.share[0] = ti.max(WEAKER * pull.share[0], WEAKEST)
+            else:
+                if found < residual:
+                    residual = found
+                    for k in range(rows):
+                        pull.center[k] = trial.impulse[k]
+                pull.share[0] = STRONGER * pull.share[0]
+            if found < figure[0]:
+                figure[0] = found
+                copy_iterate(rows, trial, current)
+            steps += ti.max(taken, 1)
