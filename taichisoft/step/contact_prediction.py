@@ -4,10 +4,10 @@ The inequality of a contact is linear in the velocities of the step, and true to
 contact was measured. So surfaces are measured where they will be at the end of the step if they go on as they do now: a
 ball that rolls touches the ground below its centre then, and what flies past an edge is past it and not in front of it.
 
-No pair of bodies may reach into each other on the way there. Where two could come closer than half of the contact
-distance, conservative advancement (Mirtich 1996, Impulse-based Dynamic Simulation of Rigid Body Systems) finds the
-first time at which they do, and they are measured there; so nothing passes through at any speed. Bodies that reach
-into each other at the start of the step are measured then, since their depth is what counts.
+No pair of bodies may reach into each other on the way there. Where two could approach each other by more than the
+contact distance, conservative advancement (Mirtich 1996, Impulse-based Dynamic Simulation of Rigid Body Systems) finds
+the first time at which they come close, and they are measured there; so nothing passes through at any speed. Bodies
+that reach into each other at the start of the step are measured then, since their depth is what counts.
 """
 
 from collections.abc import Iterable, Iterator
@@ -72,7 +72,7 @@ class ContactPrediction:
         self._state, self._rotation = state, rotation
         approach = self._approach()
         fraction = np.where(self._surfaces.may_touch, 1.0, np.nan)
-        fast = self._surfaces.may_pass_through & (approach > NEAREST * self._distance)
+        fast = self._surfaces.may_pass_through & (approach > self._distance)
         if fast.any():
             self._follow(fast, approach, fraction)
         reach = self._reach(approach, fraction)
