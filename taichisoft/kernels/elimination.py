@@ -1,35 +1,82 @@
-"""Gaussian elimination with partial pivoting, eight columns at a time (Golub and Van Loan 2013, section 3.4)."""
+"""Gaussian elimination with partial pivoting, in panels of eight columns and blocks of 32.
 
-from taichisoft.kernels.axpy import TILE, Tile, add_multiple
+Golub and Van Loan 2013, section 3.4. Nearly all of the work is in `subtract_block`, whose tiles of 8 x 8 stay in
+registers while it reads what a block has eliminated; see `tiles.py`, also for `one`.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from taichisoft.kernels.launch import func
 from taichisoft.kernels.runtime import Integers, Scalars, ti
+from taichisoft.kernels.tiles import TILE, Columns, advance, opaque, tiles_in
+
+BLOCK = 32
+
+
+class LinearSystem(NamedTuple):
+    """Linear equations for some rows of a larger problem; the matrix gives way to its factors.
+
+    Attributes:
+        row_of: rows of the problem that take part, shape (row_capacity,).
+        matrix: by rows, each padded to whole tiles, `row_length` numbers long, shape (row_capacity row_length,).
+        tiles: the same memory by eights, shape (row_capacity row_length / 8, 8).
+        order: which row changed places with each pivot's, shape (row_capacity,).
+        step: right-hand side, then the solution, shape (row_capacity,).
+    """
+
+    row_of: Integers
+    matrix: Scalars
+    tiles: Columns
+    order: Integers
+    step: Scalars
 
 
 @ti.func
-def factorise(count: ti.i32, matrix: Scalars, order: Integers) -> ti.i32:
-    """P A = L U in place, the matrix stored by rows; returns 0 where a pivot is zero.
+def row_length(count: ti.i32) -> ti.i32:
+    """Numbers from one row of the matrix to the next."""
+    return TILE * tiles_in(count)
 
-    `order` says which row changed places with each pivot's.
-    """
+
+@func
+def factorise(count: ti.i32, system: LinearSystem, one: ti.i32) -> ti.i32:
+    """P A = L U in place; returns 0 where a pivot is zero."""
     solvable = 1
-    for panel in range((count + TILE - 1) // TILE):
-        first = TILE * panel
-        last = ti.min(first + TILE, count)
-        if solvable != 0:
-            solvable = eliminate_panel(first, last, count, matrix, order)
-        if solvable != 0 and last < count:
-            for k in range(first + 1, last):
-                for e in range(first, k):
-                    add_multiple(
-                        matrix, k * count + last, -matrix[k * count + e], matrix, e * count + last, count - last
-                    )
-            for i in range(last, count):
-                subtract_rows(matrix, i * count, first, count)
+    for block in range((count + BLOCK - 1) // BLOCK):
+        start = BLOCK * block
+        end = ti.min(start + BLOCK, count)
+        for panel in range(tiles_in(end - start)):
+            first = start + TILE * panel
+            last = ti.min(first + TILE, end)
+            if solvable != 0:
+                solvable = eliminate_panel(first, last, count, system)
+            if solvable != 0 and last < end:
+                solve_upper(first, last, tiles_in(last), tiles_in(end), count, system)
+                for i in range(last, count):
+                    subtract_panel(i, first, tiles_in(end), count, system)
+        if solvable != 0 and end < count:
+            solve_upper(start, end, tiles_in(end), tiles_in(count), count, system)
+            subtract_block(start, end, count, system, one)
     return solvable
 
 
-@ti.func
-def substitute(count: ti.i32, matrix: Scalars, order: Integers, x: Scalars):
+@func
+def solve_upper(first: ti.i32, last: ti.i32, tile: ti.i32, end: ti.i32, count: ti.i32, system: LinearSystem):
+    """Rows first..last of U in the columns of tiles tile..end."""
+    row = tiles_in(count)
+    for k in range(first + 1, last):
+        for e in range(first, k):
+            factor = system.matrix[k * TILE * row + e]
+            for t in range(tile, end):
+                system.tiles[k * row + t] = system.tiles[k * row + t] - factor * system.tiles[e * row + t]
+
+
+@func
+def substitute(count: ti.i32, system: LinearSystem):
     """Solve A x = b in place with the factors."""
+    matrix, order, x = ti.static(system.matrix, system.order, system.step)
+    row = row_length(count)
     for k in range(count):
         other = x[k]
         x[k] = x[order[k]]
@@ -37,65 +84,86 @@ def substitute(count: ti.i32, matrix: Scalars, order: Integers, x: Scalars):
     for k in range(count):
         total = x[k]
         for j in range(k):
-            total -= matrix[k * count + j] * x[j]
+            total -= matrix[k * row + j] * x[j]
         x[k] = total
     for k_ in range(count):
         k = count - 1 - k_
         total = x[k]
         for j in range(k + 1, count):
-            total -= matrix[k * count + j] * x[j]
-        x[k] = total / matrix[k * count + k]
+            total -= matrix[k * row + j] * x[j]
+        x[k] = total / matrix[k * row + k]
 
 
-@ti.func
-def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, matrix: Scalars, order: Integers) -> ti.i32:
+@func
+def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, system: LinearSystem) -> ti.i32:
     """Choose pivots and eliminate within columns first..last; the factors stay below the diagonal."""
+    matrix, tiles = ti.static(system.matrix, system.tiles)
+    row = row_length(count)
     solvable = 1
     for k in range(first, last):
         pivot = k
         for i in range(k + 1, count):
-            if ti.abs(matrix[i * count + k]) > ti.abs(matrix[pivot * count + k]):
+            if ti.abs(matrix[i * row + k]) > ti.abs(matrix[pivot * row + k]):
                 pivot = i
-        order[k] = pivot
-        if matrix[pivot * count + k] == 0.0:
+        system.order[k] = pivot
+        if matrix[pivot * row + k] == 0.0:
             solvable = 0
         if solvable != 0:
             if pivot != k:
-                for j in range(count):
-                    swapped = matrix[k * count + j]
-                    matrix[k * count + j] = matrix[pivot * count + j]
-                    matrix[pivot * count + j] = swapped
-            inverse = 1.0 / matrix[k * count + k]
+                for t in range(tiles_in(count)):
+                    swapped = tiles[k * tiles_in(count) + t]
+                    tiles[k * tiles_in(count) + t] = tiles[pivot * tiles_in(count) + t]
+                    tiles[pivot * tiles_in(count) + t] = swapped
+            inverse = 1.0 / matrix[k * row + k]
             for i in range(k + 1, count):
-                factor = matrix[i * count + k] * inverse
-                matrix[i * count + k] = factor
+                factor = matrix[i * row + k] * inverse
+                matrix[i * row + k] = factor
                 if factor != 0.0:
                     for j in range(k + 1, last):
-                        matrix[i * count + j] = matrix[i * count + j] - factor * matrix[k * count + j]
+                        matrix[i * row + j] = matrix[i * row + j] - factor * matrix[k * row + j]
     return solvable
 
 
-@ti.func
-def subtract_rows(matrix: Scalars, row: ti.i32, first: ti.i32, count: ti.i32):
-    """From the row at `row` subtract the eight rows from `first` on, times the factors in its columns there."""
-    factors = Tile(0.0)
-    for e in ti.static(range(TILE)):
-        factors[e] = matrix[row + first + e]
-    last = first + TILE
-    tiles = (count - last) // TILE
-    for tile in range(tiles):
-        column = last + TILE * tile
-        total = Tile(0.0)
-        for a in ti.static(range(TILE)):
-            total[a] = matrix[row + column + a]
+@func
+def subtract_panel(i: ti.i32, first: ti.i32, end: ti.i32, count: ti.i32, system: LinearSystem):
+    """From row i, up to the tile `end`, subtract the eight rows from `first` on, times its factors there."""
+    row = tiles_in(count)
+    place = i * TILE * row + first
+    for t in range(first // TILE + 1, end):
+        total = system.tiles[i * row + t]
         for e in ti.static(range(TILE)):
-            source = (first + e) * count + column
-            for a in ti.static(range(TILE)):
-                total[a] -= factors[e] * matrix[source + a]
-        for a in ti.static(range(TILE)):
-            matrix[row + column + a] = total[a]
-    for j in range(last + TILE * tiles, count):
-        rest = matrix[row + j]
-        for e in ti.static(range(TILE)):
-            rest -= factors[e] * matrix[(first + e) * count + j]
-        matrix[row + j] = rest
+            total -= system.matrix[place + e] * system.tiles[(first + e) * row + t]
+        system.tiles[i * row + t] = total
+
+
+@func
+def subtract_block(start: ti.i32, end: ti.i32, count: ti.i32, system: LinearSystem, one: ti.i32):
+    """From the rows and columns after `end` subtract the product of the block's factors and its rows of U."""
+    matrix, tiles = ti.static(system.matrix, system.tiles)
+    row = tiles_in(count)
+    strips = (count - end) // TILE
+    for strip in range(strips):
+        for t in range(end // TILE, row):
+            target = opaque((end + TILE * strip) * row, one)
+            total = [tiles[target + r * row + t] for r in range(TILE)]
+            e = start
+            while e < end:
+                above = tiles[e * row + t]
+                for r in ti.static(range(TILE)):
+                    total[r] -= matrix[TILE * (target + r * row) + e] * above
+                e = advance(e, 1, one)
+            for r in ti.static(range(TILE)):
+                tiles[target + r * row + t] = total[r]
+    for i in range(end + TILE * strips, count):
+        for t in range(end // TILE, row):
+            rest = tiles[i * row + t]
+            for e in range(start, end):
+                rest -= matrix[i * TILE * row + e] * tiles[e * row + t]
+            tiles[i * row + t] = rest
+
+
+def make_linear_system(capacity: int) -> LinearSystem:
+    """Room for that many rows; the padding of the matrix is 0."""
+    tiles = np.zeros((capacity * -(-capacity // TILE), TILE))
+    rows, order = np.empty(capacity, dtype=np.int32), np.empty(capacity, dtype=np.int32)
+    return LinearSystem(rows, tiles.reshape(-1), tiles, order, np.empty(capacity))

@@ -19,8 +19,9 @@ next of the three ways is taken.
 from typing import NamedTuple
 
 from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
+from taichisoft.kernels.elimination import LinearSystem
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.newton import NewtonSystem, Pull, choose_rows, newton_step
+from taichisoft.kernels.newton import Pull, choose_rows, newton_step
 from taichisoft.kernels.runtime import Integers, Scalars, ti
 from taichisoft.kernels.sweep import ACCELERATED, PLAIN, sweep
 
@@ -78,7 +79,7 @@ def restart_search(rows: ti.i32, search: Search, progress: Progress):
 
 
 @func
-def newton_pays(problem: Problem, current: Iterate, pull: Pull, newton: NewtonSystem, progress: Progress) -> ti.i32:
+def newton_pays(problem: Problem, current: Iterate, pull: Pull, newton: LinearSystem, progress: Progress) -> ti.i32:
     """Whether Newton steps are due: after so many sweeps as take about as long.
 
     They need 2 m^3 / 3 operations on m closed rows, a sweep 2 m n on all n.
@@ -99,10 +100,11 @@ def try_newton(
     current: Iterate,
     point: Iterate,
     trial: Iterate,
-    newton: NewtonSystem,
+    newton: LinearSystem,
     pull: Pull,
     progress: Progress,
     max_iterations: ti.i32,
+    one: ti.i32,
 ) -> ti.i32:
     """Newton steps from `current`, each checked by a sweep; returns whether one was taken."""
     rows = row_count(problem)
@@ -114,7 +116,7 @@ def try_newton(
     while jumped == 0 and steps < NEWTON_STEPS and progress.count[SWEEPS] < max_iterations:
         for k in range(rows):
             pull.center[k] = point.impulse[k]
-        newton_step(problem, point, pull, newton, trial)
+        newton_step(problem, point, pull, newton, trial, one)
         measure_velocity(problem, trial)
         copy_iterate(rows, trial, point)
         residual = sweep(problem, trial, PLAIN)
@@ -190,11 +192,12 @@ def solve(
     point: Iterate,
     trial: Iterate,
     search: Search,
-    newton: NewtonSystem,
+    newton: LinearSystem,
     pull: Pull,
     progress: Progress,
     tolerance: ti.f64,
     max_iterations: ti.i32,
+    one: ti.i32,
 ):
     """Improve the impulses of `current` until the residual is below the tolerance; its velocities follow."""
     ti.loop_config(serialize=True)
@@ -213,7 +216,7 @@ def solve(
             goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
             restarts = 0
             if goes_on and newton_pays(problem, current, pull, newton, progress) != 0:
-                restarts = try_newton(problem, current, point, trial, newton, pull, progress, max_iterations)
+                restarts = try_newton(problem, current, point, trial, newton, pull, progress, max_iterations, one)
                 goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
             if change_way(progress) != 0:
                 restarts = 1

@@ -18,9 +18,8 @@ from typing import NamedTuple
 from taichisoft.kernels.actuator_rows import AT_UPPER_END, GRIP, LOWER_END, NOT_HELD, UPPER_END, held_end
 from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
-from taichisoft.kernels.elimination import factorise, substitute
+from taichisoft.kernels.elimination import LinearSystem, factorise, row_length, substitute
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.newton import NewtonSystem
 from taichisoft.kernels.runtime import Scalars, ti, vec3
 from taichisoft.kernels.sweep import PLAIN, sweep
 
@@ -111,7 +110,7 @@ def way_to_boundary(x: vec3, step: vec3) -> ti.f64:
 
 
 @func
-def begin(problem: Problem, current: Iterate, system: NewtonSystem, path: Path) -> ti.i32:
+def begin(problem: Problem, current: Iterate, system: LinearSystem, path: Path) -> ti.i32:
     """Choose rows, units and the first point; returns the number of rows. `current` keeps the fixed impulses only."""
     rows, contacts = row_count(problem), problem.size[CONTACTS]
     w = ti.static(problem.compliance)
@@ -158,7 +157,7 @@ def begin(problem: Problem, current: Iterate, system: NewtonSystem, path: Path) 
 
 
 @func
-def measure_miss(count: ti.i32, problem: Problem, current: Iterate, system: NewtonSystem, path: Path):
+def measure_miss(count: ti.i32, problem: Problem, current: Iterate, system: LinearSystem, path: Path):
     """By how much y is not the velocity of x with |y_t| added to its normal part; `current` gets the impulses of x."""
     for k in range(count):
         current.impulse[system.row_of[k]] = path.unit[0] * path.scale[k] * path.x[k]
@@ -170,13 +169,13 @@ def measure_miss(count: ti.i32, problem: Problem, current: Iterate, system: Newt
 
 
 @func
-def fill_matrix(count: ti.i32, problem: Problem, system: NewtonSystem, path: Path):
+def fill_matrix(count: ti.i32, problem: Problem, system: LinearSystem, path: Path):
     """The matrix of a step: W in the units of x, and what x changes in y where x o y stays."""
-    rows = row_count(problem)
+    rows, length = row_count(problem), row_length(count)
     for a in range(count):
         for b in range(count):
             entry = problem.compliance[system.row_of[a] * rows + system.row_of[b]]
-            system.matrix[a * count + b] = path.scale[a] * path.scale[b] * entry
+            system.matrix[a * length + b] = path.scale[a] * path.scale[b] * entry
     for c in range(problem.size[CONTACTS]):
         x, y = entries(path.x, c), entries(path.y, c)
         for j in ti.static(range(3)):
@@ -184,13 +183,13 @@ def fill_matrix(count: ti.i32, problem: Problem, system: NewtonSystem, path: Pat
             unit[j] = 1.0
             column = shear(y, cone_quotient(x, cone_product(y, unit)))
             for i in ti.static(range(3)):
-                place = (3 * c + i) * count + 3 * c + j
+                place = (3 * c + i) * length + 3 * c + j
                 system.matrix[place] = system.matrix[place] + column[i]
 
 
 @func
 def find_direction(
-    count: ti.i32, contacts: ti.i32, target: ti.f64, corrected: ti.f64, system: NewtonSystem, path: Path
+    count: ti.i32, contacts: ti.i32, target: ti.f64, corrected: ti.f64, system: LinearSystem, path: Path
 ):
     """Fill in the steps of x and y that aim at x o y = target e, less a share of the product of the last steps."""
     for c in range(contacts):
@@ -201,7 +200,7 @@ def find_direction(
         put(system.step, c, shear(y, change) - entries(path.miss, c))
     for k in range(3 * contacts, count):
         system.step[k] = -path.miss[k]
-    substitute(count, system.matrix, system.order, system.step)
+    substitute(count, system)
     for k in range(count):
         path.x_step[k] = system.step[k]
     for c in range(contacts):
@@ -235,11 +234,12 @@ def follow_path(
     problem: Problem,
     current: Iterate,
     trial: Iterate,
-    system: NewtonSystem,
+    system: LinearSystem,
     path: Path,
     figure: Scalars,
     tolerance: ti.f64,
     share: ti.f64,
+    one: ti.i32,
 ):
     """Interior-point steps until a sweep from there finds less than the tolerance to change, which `figure` then has.
 
@@ -255,7 +255,7 @@ def follow_path(
             steps += 1
             measure_miss(count, problem, current, system, path)
             fill_matrix(count, problem, system, path)
-            if not factorise(count, system.matrix, system.order):
+            if not factorise(count, system, one):
                 steps = STEPS
             # The predictor aims at 0; how far it comes tells where the corrected step should aim. A corrected step that
             # ends at once is replaced by one towards the middle.

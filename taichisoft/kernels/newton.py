@@ -21,26 +21,10 @@ from taichisoft.kernels.actuator_rows import (
 )
 from taichisoft.kernels.constraint_problem import Iterate, Problem, row_count
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
-from taichisoft.kernels.elimination import factorise, substitute
+from taichisoft.kernels.elimination import LinearSystem, factorise, row_length, substitute
 from taichisoft.kernels.launch import func
-from taichisoft.kernels.runtime import Integers, Scalars, ti
+from taichisoft.kernels.runtime import Scalars, ti
 from taichisoft.kernels.sweep import largest_tangential
-
-
-class NewtonSystem(NamedTuple):
-    """Linear system on the closed contacts and the actuators that are held.
-
-    Attributes:
-        row_of: rows of the problem that take part, shape (row_capacity,).
-        matrix: by rows, then its factors, shape (row_capacity^2,).
-        order: of the factors' rows, see `elimination`, shape (row_capacity,).
-        step: right-hand side, then the solution, shape (row_capacity,).
-    """
-
-    row_of: Integers
-    matrix: Scalars
-    order: Integers
-    step: Scalars
 
 
 class Pull(NamedTuple):
@@ -56,7 +40,7 @@ class Pull(NamedTuple):
 
 
 @func
-def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: NewtonSystem, trial: Iterate):
+def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: LinearSystem, trial: Iterate, one: ti.i32):
     """Fill `trial` with better impulses than those of `point`, or the same if the linear system cannot be solved.
 
     They may leave the friction cones: a sweep brings them back, but further Newton steps must start from what is here.
@@ -77,17 +61,18 @@ def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: NewtonSyst
         if released != 0.0:
             for a in range(count):
                 step[a] = step[a] + w[k * rows + row_of[a]] * released
+    length = row_length(count)
     for a in range(count):
         row = row_of[a] * rows
         for b in range(count):
-            matrix[a * count + b] = w[row + row_of[b]]
-        matrix[a * count + a] = (1.0 + pull.share[0]) * w[row + row_of[a]]
+            matrix[a * length + b] = w[row + row_of[b]]
+        matrix[a * length + a] = (1.0 + pull.share[0]) * w[row + row_of[a]]
     hold_actuators(count, problem, point, trial.impulse, newton)
     for k in range(count // 3):
         if row_of[3 * k] < 3 * problem.size[CONTACTS]:
             let_slip(3 * k, count, row_of[3 * k] // 3, problem, point, pull, newton)
-    if factorise(count, matrix, newton.order):
-        substitute(count, matrix, newton.order, step)
+    if factorise(count, newton, one):
+        substitute(count, newton)
         for a in range(count):
             trial.impulse[row_of[a]] = trial.impulse[row_of[a]] + step[a]
     else:
@@ -110,7 +95,7 @@ def pressing(c: ti.i32, problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
 
 
 @func
-def choose_rows(problem: Problem, point: Iterate, pull: Pull, newton: NewtonSystem) -> ti.i32:
+def choose_rows(problem: Problem, point: Iterate, pull: Pull, newton: LinearSystem) -> ti.i32:
     """List the rows of contacts that are closed, or close, and of actuators that are held; returns their number."""
     rows = row_count(problem)
     count = 0
@@ -144,7 +129,7 @@ def let_actuators_give_way(problem: Problem, point: Iterate, trial: Iterate):
 
 
 @func
-def hold_actuators(count: ti.i32, problem: Problem, point: Iterate, impulse: Scalars, newton: NewtonSystem):
+def hold_actuators(count: ti.i32, problem: Problem, point: Iterate, impulse: Scalars, newton: LinearSystem):
     """Rows of actuators say that the coordinate is at its end, or that the tension lost at a point is that of sliding.
 
     `impulse` are those that the step is added to.
@@ -175,13 +160,13 @@ def let_rub(
     tension: ti.f64,
     problem: Problem,
     impulse: Scalars,
-    newton: NewtonSystem,
+    newton: LinearSystem,
 ):
     """Row k, friction of actuator row a, says l = share T, with T the cable's l less those of the points before."""
-    first = 3 * problem.size[CONTACTS]
+    first, length = 3 * problem.size[CONTACTS], row_length(count)
     for b in range(count):
-        newton.matrix[k * count + b] = 0.0
-    newton.matrix[k * count + k] = 1.0
+        newton.matrix[k * length + b] = 0.0
+    newton.matrix[k * length + k] = 1.0
     newton.step[k] = share * tension - impulse[first + a]
     b = k - 1
     above = a - 1
@@ -190,9 +175,9 @@ def let_rub(
         if takes_part:
             takes_part = newton.row_of[b] == first + above
         if takes_part:
-            newton.matrix[k * count + b] = share
+            newton.matrix[k * length + b] = share
             if problem.bounds[above, GRIP] < 0.0:
-                newton.matrix[k * count + b] = -share
+                newton.matrix[k * length + b] = -share
             b -= 1
         if problem.bounds[above, GRIP] < 0.0:
             above = -1
@@ -200,10 +185,10 @@ def let_rub(
 
 
 @func
-def let_slip(a: ti.i32, count: ti.i32, c: ti.i32, problem: Problem, point: Iterate, pull: Pull, newton: NewtonSystem):
+def let_slip(a: ti.i32, count: ti.i32, c: ti.i32, problem: Problem, point: Iterate, pull: Pull, newton: LinearSystem):
     """Where contact c (row a) slips, its tangential rows say l_t = mu l_n z / |z| with z = l_t - r v_t, linearised."""
     impulse, matrix, step = ti.static(point.impulse, newton.matrix, newton.step)
-    n, mu = 3 * c, problem.friction[c]
+    n, mu, length = 3 * c, problem.friction[c], row_length(count)
     scale = 1.0 / largest_tangential(c, problem)
     z = ti.Vector.zero(ti.f64, 2)
     for i in ti.static(range(2)):
@@ -218,11 +203,11 @@ def let_slip(a: ti.i32, count: ti.i32, c: ti.i32, problem: Problem, point: Itera
         for i in ti.static(range(2)):
             change[i] += pulled_velocity(n + 1 + i, problem, point, pull)
         for b in range(count):
-            first, second = matrix[(a + 1) * count + b], matrix[(a + 2) * count + b]
-            matrix[(a + 1) * count + b] = scale * (turn[0, 0] * first + turn[0, 1] * second)
-            matrix[(a + 2) * count + b] = scale * (turn[1, 0] * first + turn[1, 1] * second)
+            first, second = matrix[(a + 1) * length + b], matrix[(a + 2) * length + b]
+            matrix[(a + 1) * length + b] = scale * (turn[0, 0] * first + turn[0, 1] * second)
+            matrix[(a + 2) * length + b] = scale * (turn[1, 0] * first + turn[1, 1] * second)
         for i in ti.static(range(2)):
-            place = (a + 1 + i) * count + a
+            place = (a + 1 + i) * length + a
             matrix[place] = matrix[place] - mu * d[i]
             matrix[place + 1 + i] = matrix[place + 1 + i] + 1.0
             for j in ti.static(range(2)):

@@ -11,8 +11,9 @@ answer.
 from taichisoft.kernels.actuator_rows import best_impulse, tension_before
 from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
+from taichisoft.kernels.elimination import LinearSystem
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.newton import NewtonSystem, Pull, newton_step, pressing, pulled_velocity
+from taichisoft.kernels.newton import Pull, newton_step, pressing, pulled_velocity
 from taichisoft.kernels.runtime import Scalars, ti
 from taichisoft.kernels.sweep import PLAIN, largest_tangential, sweep
 
@@ -59,12 +60,13 @@ def improve(
     current: Iterate,
     point: Iterate,
     trial: Iterate,
-    system: NewtonSystem,
+    system: LinearSystem,
     pull: Pull,
     figure: Scalars,
     tolerance: ti.f64,
     first_share: ti.f64,
     most_steps: ti.i32,
+    one: ti.i32,
 ):
     """Newton steps until a sweep from there finds less than the tolerance to change, which `figure` then has.
 
@@ -85,7 +87,7 @@ def improve(
             measure_velocity(problem, point)
             miss = natural_residual(problem, point, pull)
             while taken < LONGEST and miss >= bound:
-                newton_step(problem, point, pull, system, trial)
+                newton_step(problem, point, pull, system, trial, one)
                 for k in range(rows):
                     point.impulse[k] = trial.impulse[k]
                 measure_velocity(problem, point)

@@ -4,7 +4,8 @@ import numpy as np
 
 from taichisoft.kernels import gauss_seidel, interior_point, proximal_newton
 from taichisoft.kernels.constraint_problem import Iterate, Problem
-from taichisoft.kernels.newton import NewtonSystem, Pull
+from taichisoft.kernels.elimination import make_linear_system
+from taichisoft.kernels.newton import Pull
 
 # Sweeps before something else is tried; a grasp's steps take 5 at the median.
 SWEEPS_AT_A_TIME = 64
@@ -39,8 +40,7 @@ class GaussSeidel:
         self._problem, self._current = problem, Iterate(self.impulse, self.velocity)
         self._point, self._trial = (Iterate(np.empty(rows), np.empty(rows)) for _ in range(2))
         self._search = gauss_seidel.Search(*(np.empty(rows) for _ in range(4)))
-        order = np.empty(rows, dtype=np.int32)
-        self._system = NewtonSystem(np.empty(rows, dtype=np.int32), np.empty(rows**2), order, np.empty(rows))
+        self._system = make_linear_system(rows)
         self._pull = Pull(np.empty(rows), np.empty(1))
         self._path = interior_point.Path(*(np.empty(size) for size in (rows,) * 7 + (1,)))
         self._progress = gauss_seidel.Progress(np.zeros(5, dtype=np.int32), np.zeros(3))
@@ -78,6 +78,7 @@ class GaussSeidel:
             self._progress,
             tolerance,
             sweeps,
+            1,
         )
         self.iterations += int(self._progress.count[gauss_seidel.SWEEPS])
         self.residual = float(self._progress.figure[gauss_seidel.RESIDUAL])
@@ -97,6 +98,7 @@ class GaussSeidel:
             tolerance,
             first_pull,
             steps,
+            1,
         )
         if np.isfinite(self.impulse).all():
             self.residual = float(self._figure[0])
@@ -107,7 +109,7 @@ class GaussSeidel:
         """Interior points and Newton steps from where they end; back to what was before if that was better."""
         before, residual = self.impulse.copy(), self.residual
         interior_point.follow_path(
-            self._problem, self._current, self._trial, self._system, self._path, self._figure, tolerance, share
+            self._problem, self._current, self._trial, self._system, self._path, self._figure, tolerance, share, 1
         )
         self.residual = float(self._figure[0])
         if np.isfinite(self.impulse).all():
