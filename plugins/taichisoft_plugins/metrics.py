@@ -58,6 +58,8 @@ class MetricsOutput(Output):
         goal = self._scene.goal
         shortcomings = self._shortcomings() if goal is not None and outcome == "completed" else []
         self.metrics["held"] = None if goal is None else outcome == "completed" and not shortcomings
+        if self.metrics["held"]:
+            self.metrics["held_is_doubtful"] = self.metrics["unconverged_hold_steps"] > 0
         self._write()
         if goal is not None and shortcomings:
             raise GoalMissed(f"'{goal.object}' is not held: {'; '.join(shortcomings)}")
@@ -70,7 +72,7 @@ class MetricsOutput(Output):
         rows = {}
         if self._scene.goal is not None:
             rows = {
-                f"{self._scene.goal.object} held": "yes" if m["held"] else "no",
+                f"{self._scene.goal.object} held": self._verdict(),
                 f"{self._scene.goal.object} lifted by": f"{m['object_lift_mm']:z.2f} of {m['base_lift_mm']:z.2f} mm",
                 "slip": f"{m['object_slip_mm']:.3f} mm",
                 "creep while held": f"{m['object_creep_mm']:.4f} mm in {self._scene.goal.hold:g} s",
@@ -90,6 +92,19 @@ class MetricsOutput(Output):
             "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
             "real-time factor": f"{m['real_time_factor']:.2f}",
         }
+
+    def _verdict(self) -> str:
+        """Whether the object was held, and whether that can be trusted."""
+        unconverged = self.metrics["unconverged_hold_steps"]
+        if not self.metrics["held"] or not unconverged:
+            return "yes" if self.metrics["held"] else "no"
+        return f"yes, but doubtful: {unconverged} of {self._hold_steps()} steps of the hold did not converge"
+
+    def _hold_steps(self) -> int:
+        """Number of the steps at the end in which the object must stand still."""
+        goal = self._scene.goal
+        assert goal is not None
+        return min(len(self._reports), max(1, round(goal.hold / self._scene.time.step)))
 
     def _write(self) -> None:
         path = self.folder / FILE_NAME
@@ -140,8 +155,8 @@ class MetricsOutput(Output):
         before = last_at_rest(base) or 0
         base_lift = float((base[-1] - base[before]) @ self._scene.up)
         object_lift = float((position[-1] - position[before]) @ self._scene.up)
-        hold_steps = max(1, round(goal.hold / self._scene.time.step))
-        held = position[-1 - min(len(self._reports), hold_steps) :]
+        hold_steps = self._hold_steps()
+        held = position[-1 - hold_steps :]
         forces = np.array([self._normal_force(report, self._scene.soft_bodies) for report in self._reports])
         final = self._reports[-1].observation
         return {
@@ -149,6 +164,7 @@ class MetricsOutput(Output):
             "base_lift_mm": base_lift,
             "object_slip_mm": base_lift - object_lift,
             "object_creep_mm": float(np.linalg.norm(held - held[0], axis=1).max()),
+            "unconverged_hold_steps": sum(not report.converged for report in self._reports[-hold_steps:]),
             "peak_normal_force_mN": float(forces.max()),
             "mean_normal_force_mN": float(forces[-len(held) + 1 :].mean()),
             "final_normal_forces_mN": {"|".join(pair): force for pair, force in final.normal_forces.items()},

@@ -127,6 +127,28 @@ def test_the_file_has_the_figures_of_the_steps(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("step", "doubtful"), [(3, False), (len(RISE + HOLD) - 2, True)], ids=["before", "in the hold"]
+)
+def test_what_is_held_in_steps_that_did_not_converge_is_doubtful(tmp_path: Path, step: int, doubtful: bool) -> None:
+    """The hold is what is judged: an unconverged step before it is counted, and casts no doubt."""
+    changes = {step: {"converged": False}}
+    metrics = follow(tmp_path, RISE + HOLD, cube_heights(), changes=changes)
+    assert (metrics["held"], metrics["unconverged_steps"]) == (True, 1)
+    assert metrics["unconverged_hold_steps"] == int(doubtful)
+    assert metrics["held_is_doubtful"] is doubtful
+
+
+def test_the_table_that_closes_a_run_says_what_is_doubtful(tmp_path: Path) -> None:
+    output = MetricsOutput(tmp_path)
+    output.begin(model(), state(0.0, 0.0))
+    heights = list(zip((RISE + HOLD)[1:], cube_heights()[1:], strict=True))
+    for step, (base, cube) in enumerate(heights):
+        output.record(state(base, cube), report(step, converged=step < len(heights) - 3))
+    output.end("completed")
+    assert output.summary()["cube held"] == "yes, but doubtful: 3 of 20 steps of the hold did not converge"
+
+
+@pytest.mark.parametrize(
     ("base", "cube", "changes", "why"),
     [
         (RISE + HOLD, cube_heights(slip=1.2), {}, "lifted by 28.75 mm with a base that rose 30.00 mm (tolerance 1 mm)"),

@@ -148,6 +148,14 @@ def test_everything_is_escaped(folder: Path) -> None:
     assert "<script" not in page and "not held" in page
 
 
+def test_a_grasp_that_is_doubtful_is_not_shown_as_good(folder: Path) -> None:
+    (folder / "metrics.json").unlink()
+    figures = {"outcome": "completed", "held": True, "held_is_doubtful": True, "unconverged_hold_steps": 7}
+    (folder / "metrics.json").write_text(json.dumps(figures))
+    page = write_report(folder / "recording.h5").read_text(encoding="utf-8")
+    assert '<span class="pill bad">held, doubtful: 7 steps of it did not converge</span>' in page
+
+
 def test_what_is_missing_is_said(run: Path, tmp_path: Path) -> None:
     (tmp_path / "recording.h5").symlink_to(run)
     page = page_of(tmp_path)

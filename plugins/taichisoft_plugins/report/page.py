@@ -69,7 +69,7 @@ def report_page(contents: ReportContents, folder: Path) -> str:
     versions = {**recording.versions, "report by taichisoft": taichisoft.__version__}
     parts = [
         f"<h1>{title}</h1>",
-        _status(recording, contents.metrics.get("held")),
+        _status(recording, contents.metrics),
         _headlines(contents.metrics),
         _gallery("Pictures", contents.pictures, folder),
         _gallery("Video", contents.videos, folder),
@@ -91,11 +91,14 @@ def report_page(contents: ReportContents, folder: Path) -> str:
     )
 
 
-def _status(recording: Recording, held: bool | None) -> str:
-    """How the run ended, whether its object was held, and how long it took."""
+def _status(recording: Recording, metrics: Mapping[str, Any]) -> str:
+    """How the run ended, whether its object was held and how sure that is, and how long it took."""
+    held = metrics.get("held")
     pills = [("good" if recording.outcome == "completed" else "bad", recording.outcome)]
     if held is not None:
         pills.insert(0, ("good", "held") if held else ("bad", "not held"))
+        if held and metrics.get("held_is_doubtful"):
+            pills[0] = ("bad", f"held, doubtful: {metrics.get('unconverged_hold_steps')} steps of it did not converge")
     times = recording.times
     restarts = int((times[1:] < times[:-1]).sum())
     texts = [f"{times[-1]:g} s simulated"]
