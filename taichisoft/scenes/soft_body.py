@@ -6,6 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Discriminator, Field, Tag, field_validator, model_serializer, model_validator
 
 from taichisoft.scenes.colours import Colour
+from taichisoft.scenes.material import Material, with_material
 from taichisoft.scenes.table import (
     Groups,
     KeySets,
@@ -56,10 +57,17 @@ class NodeSelection(Selection):
 class Region(Selection):
     """Elements of another material; a later region wins over an earlier one."""
 
+    material: Material | None = None
+    """Name of a material, as for the body; instead of young_modulus and poisson_ratio."""
     young_modulus: Positive
     """Young's modulus [kPa]."""
     poisson_ratio: PoissonRatio | None = None
-    """Poisson's ratio [-]; the body's own when it is not given."""
+    """Poisson's ratio [-]; that of the material, or the body's own, when it is not given."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_material(cls, value: Any) -> Any:
+        return with_material(value, ("young_modulus", "poisson_ratio"))
 
 
 class Anchor(NodeSelection):
@@ -256,6 +264,9 @@ class SoftBody(Table):
     """Placement: shift after the rotation [mm]."""
     velocity: Vector = (0.0, 0.0, 0.0)
     """Velocity of all nodes at the start [mm/s]."""
+    material: Material | None = None
+    """Name of a material (`taichisoft materials` lists them), or a file (.toml); instead of young_modulus. What it says
+    of density and Poisson's ratio gives way to these keys."""
     mass: Positive | None = None
     """Mass [kg], spread evenly over the nodes; either this or density."""
     density: Positive | None = None
@@ -291,6 +302,11 @@ class SoftBody(Table):
     cavities: dict[Name, Cavity] = {}
     cables: dict[Name, Cable] = {}
     alternatives = (("mass", "density"),)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_material(cls, value: Any) -> Any:
+        return with_material(value, ("young_modulus", "poisson_ratio", "density"))
 
     @model_validator(mode="after")
     def _check_actuator_names(self) -> Self:
