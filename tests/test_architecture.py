@@ -73,6 +73,7 @@ LAYERS = {
     "taichisoft_plugins": [
         "__init__",
         "doctor",
+        "materials",
         "report",
         "rendering",
         "web",

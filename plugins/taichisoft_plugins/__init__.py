@@ -63,8 +63,9 @@ def taichisoft_run_begins(session: "Session") -> None:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """`taichisoft resume`, `render`, `view`, `plot`, `report`, `export` and `doctor`."""
+    """`taichisoft resume`, `render`, `view`, `plot`, `report`, `export`, `doctor` and `materials`."""
     from taichisoft_plugins.doctor.command import doctor
+    from taichisoft_plugins.materials.command import materials
     from taichisoft_plugins.paraview.command import export
     from taichisoft_plugins.plots.command import plot
     from taichisoft_plugins.recording.resume_command import resume
@@ -74,6 +75,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
 
     for command in (resume, render, view, plot, report, export, doctor):
         application.command()(command)
+    application.add_typer(materials, name="materials")
 
 
 @hookimpl

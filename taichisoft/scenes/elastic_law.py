@@ -49,8 +49,16 @@ def check_coefficients(law: Law, coefficients: Mapping[str, float] | None) -> No
         raise ValueError(f"coefficients: the shear modulus at rest, {formula}, must be positive")
 
 
-def initial_shear_modulus(law: Law, coefficients: Mapping[str, float]) -> float:
-    """The shear modulus at rest [kPa] of a law with coefficients."""
+def initial_shear_modulus(law: Law, coefficients: Mapping[str, float], poisson_ratio: float = 0.5) -> float:
+    """The shear modulus at rest [kPa] of a law with coefficients.
+
+    Those of materials include young_modulus of Hooke's law, of which Poisson's ratio is needed, and mu of the
+    neo-Hookean one.
+    """
+    if law == "hooke":
+        return coefficients["young_modulus"] / (2.0 * (1.0 + poisson_ratio))
+    if law == "neo-hookean":
+        return coefficients["mu"]
     if law == "ogden":
         return 0.5 * sum(mu * alpha for mu, alpha in ogden_terms(coefficients))
     return 2.0 * (coefficients["c10"] + coefficients.get("c01", 0.0))

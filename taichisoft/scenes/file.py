@@ -25,6 +25,7 @@ FILE_KEYS = {
     "collision_surface": ("meshes", SURFACE_SUFFIXES),
     "points": ("meshes", POINT_SUFFIXES),
     "script": ("scripts", (".toml", ".csv")),
+    "material": ("materials", (".toml",)),
 }
 # Keys whose value may also be a table with the key `file`, or a list of such tables.
 FILE_TABLES = ("mesh", "collision_surface")
@@ -86,9 +87,18 @@ def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:
                     f"there are: {', '.join(resolved) or 'none'}"
                 )
             own = {key: value for key, value in table.items() if key != "like"}
-            table = {**resolved[str(table["like"])], **own}
+            table = {**_without_material(resolved[str(table["like"])], own), **own}
         resolved[name] = table
     return resolved
+
+
+def _without_material(inherited: dict[str, Any], own: dict[str, Any]) -> dict[str, Any]:
+    """What a body inherits beside a material, or a Young's modulus, of its own: these replace the other's material."""
+    if "material" in own:
+        left_out: tuple[str, ...] = ("material", "young_modulus", "poisson_ratio", "density")
+    else:
+        left_out = ("material",) if "young_modulus" in own else ()
+    return {key: value for key, value in inherited.items() if key not in left_out}
 
 
 def _with_files(value: Any, folder: Path, where: str, name: str = "") -> Any:

@@ -7,6 +7,7 @@ from pydantic import Discriminator, Field, Tag, field_validator, model_serialize
 
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.elastic_law import Law, check_coefficients, initial_shear_modulus
+from taichisoft.scenes.material import ELASTICITY, Material, with_material
 from taichisoft.scenes.table import (
     Groups,
     KeySets,
@@ -57,6 +58,8 @@ class NodeSelection(Selection):
 class Region(Selection):
     """Elements of another material; a later region wins over an earlier one."""
 
+    material: Material | None = None
+    """Name of a material, as for the body; instead of law, young_modulus and coefficients."""
     young_modulus: Positive | None = None
     """Young's modulus [kPa]; either this or coefficients."""
     poisson_ratio: PoissonRatio | None = None
@@ -66,6 +69,11 @@ class Region(Selection):
     coefficients: dict[str, Number] | None = None
     """Coefficients of the law [kPa]."""
     alternatives = (("box", "group"), ("young_modulus", "coefficients"))
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_material(cls, value: Any) -> Any:
+        return with_material(value, (*ELASTICITY, "poisson_ratio"))
 
 
 class Anchor(NodeSelection):
@@ -265,6 +273,10 @@ class SoftBody(Table):
     element: Literal["linear", "smoothed", "quadratic"] = "linear"
     """What the tetrahedra of the mesh become: linear elements, which bend too little and lock where Poisson's ratio
     comes near 0.5; linear ones whose strains are smoothed around edges and nodes, which do neither; quadratic ones."""
+    material: Material | None = None
+    """Name of a material (`taichisoft materials` lists them), or a file (.toml); instead of law, young_modulus and
+    coefficients. What it says
+    of density and Poisson's ratio gives way to these keys."""
     mass: Positive | None = None
     """Mass [kg], spread evenly over the nodes; either this or density."""
     density: Positive | None = None
@@ -319,6 +331,11 @@ class SoftBody(Table):
         if self.element == "smoothed" and min(ratios) < 0.0:
             raise ValueError(f'poisson_ratio = {min(ratios):g}: must be 0 or more with element = "smoothed"')
         return self
+
+    @model_validator(mode="before")
+    @classmethod
+    def _take_material(cls, value: Any) -> Any:
+        return with_material(value, (*ELASTICITY, "poisson_ratio", "density"))
 
     @model_validator(mode="after")
     def _check_actuator_names(self) -> Self:

@@ -26,8 +26,8 @@ class StepReport:
         converged: whether the residual is below the tolerance.
         signals: numbers of the controller's own, by name.
         step_time: wall-clock time that the step took [s].
-        deepest: names of the two bodies with that intrusion; None where there is none.
         observe: function that works the observation out.
+        deepest: names of the two bodies with that intrusion; None where there is none.
     """
 
     step: int

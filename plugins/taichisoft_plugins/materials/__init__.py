@@ -1,0 +1,1 @@
+"""`taichisoft materials`: laws of rubber fitted to tension tests, listed and drawn."""

@@ -1,0 +1,92 @@
+"""Materials by name: a file with the law of a silicone, its density, and where its numbers come from.
+
+A soft body or region that names a material takes the keys of `material_keys` from it. The engine sees only these.
+"""
+
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import Field, ValidationError
+
+from taichisoft.scenes.elastic_law import Law, initial_shear_modulus
+from taichisoft.scenes.table import Number, PoissonRatio, Positive, Table
+
+ELASTICITY = ("law", "young_modulus", "coefficients")
+"""Keys of a body or region that a material takes the place of."""
+
+
+class Material(Table):
+    """A rubber: `material = "NAME"` names a shipped one, or a file (.toml) with these keys."""
+
+    name: str
+    """What it is called."""
+    law: Law
+    """Law of elasticity to which the coefficients belong."""
+    coefficients: dict[str, Number]
+    """Coefficients of the law: young_modulus of Hooke's, mu of the neo-Hookean one, c10 and c01 of Mooney and Rivlin's,
+    c10, c20, c30 of Yeoh's, mu1 and alpha1 to mu3 and alpha3 of Ogden's [kPa, alpha -]."""
+    poisson_ratio: PoissonRatio
+    """Poisson's ratio at rest [-]."""
+    density: Positive
+    """Density [kg/mm^3]."""
+    highest_stretch: Annotated[float, Field(strict=True, gt=1)]
+    """Stretch up to which the law was fitted [-]; a run that goes beyond says so."""
+    error: Number | None = None
+    """Root mean square of the misfit over the largest stress of the fit [-]."""
+    source: str
+    """Where the numbers come from, and under which licence."""
+
+    @property
+    def shear_modulus(self) -> float:
+        """At rest [kPa]."""
+        return initial_shear_modulus(self.law, self.coefficients, self.poisson_ratio)
+
+
+def material_keys(material: Material) -> dict[str, Any]:
+    """The keys of a soft body that follow from its material."""
+    keys: dict[str, Any] = {"law": material.law, "poisson_ratio": material.poisson_ratio, "density": material.density}
+    if material.law in ("hooke", "neo-hookean"):
+        return keys | {"young_modulus": 2.0 * (1.0 + material.poisson_ratio) * material.shear_modulus}
+    return keys | {"coefficients": material.coefficients}
+
+
+def read_material(path: str | Path) -> Material:
+    """Read a material's file.
+
+    Raises:
+        ValueError: it is not readable, or not valid; begins with the path.
+    """
+    try:
+        return Material.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
+    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise ValueError(f"{path}: not readable as TOML: {error}") from error
+    except ValidationError as error:
+        first = error.errors()[0]
+        key = ".".join(str(part) for part in first["loc"])
+        raise ValueError(f"{path}: {key}: {first['msg'][:1].lower()}{first['msg'][1:]}") from error
+
+
+def with_material(table: Any, wanted: tuple[str, ...]) -> Any:
+    """A table of a scene in which the keys `wanted` come from its material where it does not give them itself.
+
+    Raises:
+        ValueError: the material cannot be read, or the table has a law or modulus of its own beside it.
+    """
+    if not isinstance(table, dict) or table.get("material") is None:
+        return table
+    material = table["material"]
+    if isinstance(material, str):
+        useless = [key for key in ELASTICITY if table.get(key) is not None]
+        if useless:
+            raise ValueError(f"beside material there is no effect of {', '.join(useless)}; remove one of them")
+        material = read_material(material)
+    elif isinstance(material, dict):
+        material = Material.model_validate(material)
+    elif not isinstance(material, Material):
+        raise ValueError(f"material = {material!r}: must be the name of a material, or of a file (.toml)")
+    keys = {key: value for key, value in material_keys(material).items() if key in wanted}
+    if table.get("mass") is not None:
+        keys.pop("density", None)
+    given = {key: value for key, value in table.items() if value is not None}
+    return {**keys, **given, "material": material}
