@@ -5,9 +5,9 @@ import numpy as np
 from taichisoft.contact.bounding_volumes import most_leaves
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.surfaces import ContactSurfaces
+from taichisoft.kernels import shape_search
 from taichisoft.kernels.contact_search import find_contacts
 from taichisoft.kernels.contacts import PLACE_COLUMNS, Contacts, SearchSpace
-from taichisoft.kernels.shape_search import find_shape_contacts
 
 FIRST_CAPACITY = 1024
 
@@ -62,7 +62,14 @@ class ContactDetection:
             self._reach, depth, s.topology, s.trees, s.planes, self._moved, self._space, self._found, self._contacts
         )
         if len(s.shapes.body):
-            find_shape_contacts(
-                self._reach, depth, s.topology, s.trees, s.planes, self._moved, s.shapes, self._shapes, self._space,
-                self._found, self._contacts,
-            )  # fmt: skip
+            self._search_shapes(depth)
+
+    def _search_shapes(self, depth: float) -> None:
+        s, reach, there, space, found = self._surfaces, self._reach, self._shapes, self._space, self._found
+        if len(s.shapes.surface_pairs):
+            shape_search.find_on_surfaces(reach, depth, s.topology, s.trees, self._moved, s.shapes, there, space, found)
+        if len(s.planes.body):
+            shape_search.find_on_planes(reach, s.planes, s.shapes, there, space, found)
+        if len(s.shapes.shape_pairs):
+            shape_search.find_on_shapes(reach, s.shapes, there, space, found)
+        shape_search.order_contacts(space, found, self._contacts)

@@ -7,6 +7,7 @@ from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.kernels.bounding_volumes import refit
 from taichisoft.kernels.shapes import move_shapes
 from taichisoft.kernels.surfaces import MovedSurfaces, Poses, move_vertices
+from taichisoft.state import State
 
 
 class MovingSurfaces:
@@ -45,6 +46,11 @@ class MovingSurfaces:
         refit(surfaces.topology.moving, surfaces.trees, self.moved)
         if len(surfaces.shapes.moving):
             move_shapes(surfaces.shapes, poses, self.shapes)
+
+    def follow_load(self, state: State) -> None:
+        """Tell level ends of cylinders, where they are now, where the load of the step before `state` went through."""
+        if self._surfaces.shapes.flat.any():
+            shapes.update_lean(self._surfaces.shapes, self.shapes, state)
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner [mm] of each surface's bounding box, each (surface_count, 3); not of shapes."""
