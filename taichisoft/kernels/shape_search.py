@@ -1,7 +1,7 @@
 """The search for contacts of round shapes, in kernels that only scenes with such shapes launch, and compile."""
 
 from taichisoft.kernels.bounding_volumes import Trees
-from taichisoft.kernels.contacts import Contacts, SearchSpace, put_in_order
+from taichisoft.kernels.contacts import Contacts, SearchSpace
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import ScalarTable, ti
 from taichisoft.kernels.shape_contacts import shapes_against_planes, shapes_against_shapes
@@ -35,7 +35,7 @@ def find_on_surfaces(
 def find_on_planes(
     reach: ScalarTable, planes: Planes, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts
 ):
-    """Add the contacts of shapes with planes nearer than the reach of their bodies [mm]; their count may exceed the room."""
+    """Add the contacts of shapes with planes nearer than their reach [mm]; their count may exceed the room."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         shapes_against_planes(reach, ON_PLANES, planes, shapes, there, space, found)
@@ -43,16 +43,7 @@ def find_on_planes(
 
 @kernel
 def find_on_shapes(reach: ScalarTable, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts):
-    """Add the contacts of shapes with each other nearer than the reach of their bodies [mm]; their count may exceed the room."""
+    """Add the contacts of shapes with each other nearer than their reach [mm]; their count may exceed the room."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         shapes_against_shapes(reach, ON_SHAPES, shapes, there, space, found)
-
-
-@kernel
-def order_contacts(space: SearchSpace, found: Contacts, contacts: Contacts):
-    """Write all contacts found to `contacts` in their order, if there is room for them."""
-    ti.loop_config(serialize=True)
-    for _ in range(1):
-        if found.count[0] <= found.distance.shape[0]:
-            put_in_order(space, found, contacts)
