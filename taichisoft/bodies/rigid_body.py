@@ -8,6 +8,7 @@ import trimesh
 from taichisoft.bodies.rotations import quaternion_from_matrix, rotation_from_degrees
 from taichisoft.bodies.shapes import RoundShape, round_shape
 from taichisoft.errors import SceneError
+from taichisoft.meshes.smooth_normals import refuse_unsmooth
 from taichisoft.meshes.surface import closed_outward, count_open_edges
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft.scenes import rigid_body as settings
@@ -31,6 +32,7 @@ class RigidBody:
         start_angular_velocity: [rad/s], shape (3,).
         collides: whether it touches other bodies.
         groups: surfaces that have one in common do not touch each other.
+        smooth: whether the surface stands for a curved one.
     """
 
     name: str
@@ -46,6 +48,7 @@ class RigidBody:
     start_angular_velocity: np.ndarray
     collides: bool = True
     groups: frozenset[int] = frozenset()
+    smooth: bool = False
 
     @property
     def radius(self) -> float:
@@ -59,8 +62,8 @@ class RigidBody:
 class Obstacle:
     """Something static: a surface (vertices and triangles), or an infinite plane (point and unit normal).
 
-    A round shape touches others in the place of its triangles. What is at x in the coordinates of its scaled surface
-    stands at turn @ x + shift.
+    A round shape touches others in the place of its triangles; a smooth surface stands for a curved one. What is at x
+    in the coordinates of its scaled surface stands at turn @ x + shift.
     """
 
     name: str
@@ -70,6 +73,7 @@ class Obstacle:
     normal: np.ndarray | None = None
     shape: RoundShape | None = None
     groups: frozenset[int] = frozenset()
+    smooth: bool = False
     turn: np.ndarray = field(default_factory=lambda: np.eye(3))
     shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
@@ -78,13 +82,15 @@ def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
     """Compute a rigid body from its table in the scene.
 
     Raises:
-        MeshError: its surface cannot be read or is not closed.
+        MeshError: its surface cannot be read, is not closed, or is not smooth although it should be.
         SceneError: the given inertia is not symmetric positive definite.
     """
     shape = round_shape(body)
     vertices, triangles = _surface(body, shape)
     if body.surface is not None:
         triangles = closed_outward(vertices, triangles, body.surface)
+    if body.smooth:
+        refuse_unsmooth(vertices, triangles, f"rigid_bodies.{name}.smooth = true")
     mass, centre, inertia = _mass_properties(body, shape, vertices, triangles)
     if not np.allclose(inertia, inertia.T) or np.linalg.eigvalsh(inertia)[0] <= 0.0:
         raise SceneError(f"rigid_bodies.{name}.inertia = {inertia.tolist()}: must be symmetric and positive definite")
@@ -103,6 +109,7 @@ def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
         start_angular_velocity=np.array(body.angular_velocity),
         collides=body.collides,
         groups=frozenset(body.groups),
+        smooth=body.smooth,
     )
 
 
@@ -110,7 +117,7 @@ def make_obstacle(name: str, obstacle: settings.Obstacle) -> Obstacle:
     """Compute an obstacle from its table in the scene; its surface need not be closed, but a closed one faces outward.
 
     Raises:
-        MeshError: its surface cannot be read, or is closed and encloses no volume.
+        MeshError: its surface cannot be read, is closed and encloses no volume, or is not smooth although it should be.
     """
     if obstacle.plane is not None:
         normal = np.array(obstacle.plane.normal)
@@ -119,10 +126,20 @@ def make_obstacle(name: str, obstacle: settings.Obstacle) -> Obstacle:
     vertices, triangles = _surface(obstacle, shape)
     if obstacle.surface is not None and count_open_edges(triangles) == 0:
         triangles = closed_outward(vertices, triangles, obstacle.surface)
+    if obstacle.smooth:
+        refuse_unsmooth(vertices, triangles, f"obstacles.{name}.smooth = true")
     turn, shift = rotation_from_degrees(obstacle.rotation), np.asarray(obstacle.translation)
     placed = vertices @ turn.T + shift
-    groups = frozenset(obstacle.groups)
-    return Obstacle(name, placed, triangles.astype(np.int32), shape=shape, groups=groups, turn=turn, shift=shift)
+    return Obstacle(
+        name,
+        placed,
+        triangles.astype(np.int32),
+        shape=shape,
+        groups=frozenset(obstacle.groups),
+        smooth=obstacle.smooth,
+        turn=turn,
+        shift=shift,
+    )
 
 
 def _mass_properties(

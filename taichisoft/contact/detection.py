@@ -5,9 +5,10 @@ import numpy as np
 from taichisoft.contact.bounding_volumes import most_leaves
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.surfaces import ContactSurfaces
-from taichisoft.kernels.contact_search import find_contacts
+from taichisoft.kernels import shape_search
+from taichisoft.kernels.contact_search import find_contacts, order_contacts
 from taichisoft.kernels.contacts import PLACE_COLUMNS, Contacts, SearchSpace
-from taichisoft.kernels.shape_search import find_shape_contacts
+from taichisoft.kernels.smooth_contacts import smooth_against_planes, smooth_against_surfaces
 
 FIRST_CAPACITY = 1024
 
@@ -18,7 +19,7 @@ class ContactDetection:
     def __init__(self, surfaces: ContactSurfaces, moving: MovingSurfaces):
         """Prepare for surfaces and where they are, now and when `find` is called."""
         self._surfaces = surfaces
-        self._moved, self._shapes = moving.moved, moving.shapes
+        self._moved, self._shapes, self._smooth = moving.moved, moving.shapes, moving.smooth
         self._reach = np.zeros((len(surfaces.body_size), len(surfaces.body_size)))
         self._make_room(FIRST_CAPACITY)
 
@@ -61,8 +62,25 @@ class ContactDetection:
         find_contacts(
             self._reach, depth, s.topology, s.trees, s.planes, self._moved, self._space, self._found, self._contacts
         )
+        if len(self._smooth.vertices):
+            self._search_smooth(depth)
         if len(s.shapes.body):
-            find_shape_contacts(
-                self._reach, depth, s.topology, s.trees, s.planes, self._moved, s.shapes, self._shapes, self._space,
-                self._found, self._contacts,
-            )  # fmt: skip
+            self._search_shapes(depth)
+        if len(self._smooth.vertices) or len(s.shapes.body):
+            order_contacts(self._space, self._found, self._contacts)
+
+    def _search_smooth(self, depth: float) -> None:
+        s, reach, space, found = self._surfaces, self._reach, self._space, self._found
+        if len(self._smooth.pairs):
+            smooth_against_surfaces(reach, depth, s.topology, s.trees, self._moved, self._smooth, space, found)
+        if len(s.planes.body):
+            smooth_against_planes(reach, s.topology, s.trees, s.planes, self._moved, self._smooth, space, found)
+
+    def _search_shapes(self, depth: float) -> None:
+        s, reach, there, space, found = self._surfaces, self._reach, self._shapes, self._space, self._found
+        if len(s.shapes.surface_pairs):
+            shape_search.find_on_surfaces(reach, depth, s.topology, s.trees, self._moved, s.shapes, there, space, found)
+        if len(s.planes.body):
+            shape_search.find_on_planes(reach, s.planes, s.shapes, there, space, found)
+        if len(s.shapes.shape_pairs):
+            shape_search.find_on_shapes(reach, s.shapes, there, space, found)

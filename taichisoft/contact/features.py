@@ -10,11 +10,15 @@ from taichisoft.kernels.surfaces import Carriers, Surfaces
 FLAT_ANGLE = 0.02
 
 
-def find_features(topology: Surfaces, carriers: Carriers) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each vertex and each edge may touch other surfaces, shapes (vertex_count,) and (edge_count,)."""
+def find_features(topology: Surfaces, carriers: Carriers, is_smooth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Whether each vertex and each edge may touch other surfaces, shapes (vertex_count,) and (edge_count,).
+
+    Vertices of surfaces that stand for smooth ones are none, `is_smooth`, shape (vertex_count,), nor are their edges.
+    """
     edges, edge_triangles, position = topology.edges, topology.edge_triangles, carriers.local
     facet = _find_facets(topology, carriers)[edge_triangles]
     is_edge = (carriers.owner[edges[:, 0]] == SOFT) | (facet[:, 0] != facet[:, 1]) | (edge_triangles[:, 1] < 0)
+    is_edge &= ~is_smooth[edges[:, 0]]
     # A corner joins edges of at least two directions.
     along = position[edges[:, 1]] - position[edges[:, 0]]
     along /= np.linalg.norm(along, axis=1, keepdims=True)
@@ -22,7 +26,7 @@ def find_features(topology: Surfaces, carriers: Carriers) -> tuple[np.ndarray, n
     for end in (0, 1):
         np.add.at(spread, edges[is_edge, end], along[is_edge, :, None] * along[is_edge, None, :])
     middle_direction = np.linalg.eigvalsh(spread)[:, 1]
-    return (carriers.owner == SOFT) | (middle_direction > FLAT_ANGLE**2), is_edge
+    return ((carriers.owner == SOFT) | (middle_direction > FLAT_ANGLE**2)) & ~is_smooth, is_edge
 
 
 def _find_facets(topology: Surfaces, carriers: Carriers) -> np.ndarray:

@@ -6,7 +6,9 @@ from taichisoft.contact import shapes
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.kernels.bounding_volumes import refit
 from taichisoft.kernels.shapes import move_shapes
+from taichisoft.kernels.smooth_surfaces import turn_normals
 from taichisoft.kernels.surfaces import MovedSurfaces, Poses, move_vertices
+from taichisoft.state import State
 
 
 class MovingSurfaces:
@@ -15,6 +17,7 @@ class MovingSurfaces:
     Attributes:
         moved: vertices and boxes now.
         shapes: axes of the round shapes now.
+        smooth: the surfaces that stand for curved ones, with their normals now.
     """
 
     def __init__(self, surfaces: ContactSurfaces):
@@ -27,6 +30,7 @@ class MovingSurfaces:
             upper=np.zeros((tree_nodes, 3)),
         )
         self.shapes = shapes.moved_shapes(surfaces.shapes)
+        self.smooth = surfaces.smooth._replace(normal=surfaces.smooth.local_normal.copy())
         refit(np.arange(surfaces.count, dtype=np.int32), surfaces.trees, self.moved)
         # Arrays that stay in place: a launch with new ones takes longer than the arithmetic.
         self._poses = Poses(
@@ -45,6 +49,13 @@ class MovingSurfaces:
         refit(surfaces.topology.moving, surfaces.trees, self.moved)
         if len(surfaces.shapes.moving):
             move_shapes(surfaces.shapes, poses, self.shapes)
+        if len(surfaces.smooth.moving):
+            turn_normals(self.smooth, surfaces.carriers, poses)
+
+    def follow_load(self, state: State) -> None:
+        """Tell level ends of cylinders, where they are now, where the load of the step before `state` went through."""
+        if self._surfaces.shapes.flat.any():
+            shapes.update_lean(self._surfaces.shapes, self.shapes, state)
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:
         """Lower and upper corner [mm] of each surface's bounding box, each (surface_count, 3); not of shapes."""

@@ -8,7 +8,12 @@ import numpy as np
 from taichisoft.bodies.rigid_body import Obstacle, RigidBody
 from taichisoft.bodies.shapes import RoundShape
 from taichisoft.kernels.runtime import STATIC
+from taichisoft.kernels.shape_distance import FACING
 from taichisoft.kernels.shapes import SURFACE_PAIR_COLUMNS, MovedShapes, Shapes
+from taichisoft.state import State
+
+# A load leans to one side when it goes through an end farther from the axis than this share of the radius.
+CLEAR_LEAN = 0.5
 
 
 @dataclass(frozen=True)
@@ -81,7 +86,29 @@ def join_shapes(
 
 def moved_shapes(shapes: Shapes) -> MovedShapes:
     """Arrays for where the shapes are: those of obstacles in their places, others as if their bodies had not moved."""
-    return MovedShapes(shapes.local_centre.copy(), shapes.local_axis.copy(), shapes.local_side.copy())
+    lean = np.repeat(shapes.local_side[:, None], 2, axis=1)
+    return MovedShapes(shapes.local_centre.copy(), shapes.local_axis.copy(), shapes.local_side.copy(), lean)
+
+
+def update_lean(shapes: Shapes, there: MovedShapes, state: State) -> None:
+    """Let the rims of cylinders be divided from where the load went through in the step that led to `state`.
+
+    On the edge of tipping it goes through one point of the rim, which must then be a contact. A load near the middle
+    has no direction: there the division is fixed on the cylinder.
+    """
+    pressing = np.abs((state.contact_impulse * state.contact_normal).sum(axis=1))
+    for shape in np.flatnonzero(shapes.flat).tolist():
+        axis, centre = there.axis[shape], there.centre[shape]
+        mine = (state.contact_body_pair == shapes.body[shape]).any(axis=1)
+        mine &= np.abs(state.contact_normal @ axis) > FACING
+        arms = state.contact_point - centre
+        for end, on_end in enumerate((arms @ axis < 0.0, arms @ axis >= 0.0)):
+            weights = np.where(mine & on_end, pressing, 0.0)
+            offset = weights @ arms / max(weights.sum(), 1e-300)
+            offset -= offset @ axis * axis
+            length = float(np.linalg.norm(offset))
+            clear = length > CLEAR_LEAN * shapes.radius[shape]
+            there.lean[shape, end] = offset / length if clear else there.side[shape]
 
 
 def boxes(shapes: Shapes, there: MovedShapes) -> tuple[np.ndarray, np.ndarray]:

@@ -10,6 +10,7 @@ from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.contact import bounding_volumes
 from taichisoft.contact.features import find_features
 from taichisoft.contact.shapes import RoundPart, join_shapes, round_parts
+from taichisoft.contact.smooth import find_smooth
 from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.kernels.shapes import SHAPE, SURFACE, Shapes
 from taichisoft.kernels.surfaces import Carriers, Planes, Surfaces
@@ -33,6 +34,7 @@ class _Part:
         nodes, weights: soft nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
         groups: parts that have one in common do not touch each other.
         collides: whether it touches any other.
+        smooth: whether it stands for a curved surface.
     """
 
     body: int
@@ -43,6 +45,7 @@ class _Part:
     weights: np.ndarray
     groups: frozenset[int] = frozenset()
     collides: bool = True
+    smooth: bool = False
 
 
 class ContactSurfaces:
@@ -53,6 +56,7 @@ class ContactSurfaces:
         carriers: what the vertices follow.
         planes: the half-spaces.
         shapes: the round shapes, whose bodies have no surface here.
+        smooth: the surfaces that stand for curved ones.
         trees: trees over the triangles.
         vertex_range, triangle_range, edge_range: where each surface's features stand, shape (surface_count, 2).
         vertex_is_feature, edge_is_feature: whether it may touch other surfaces (flat ones of rigid bodies do not).
@@ -87,7 +91,11 @@ class ContactSurfaces:
         self.triangle_range = _ranges([len(part.triangles) for part in parts])
         surface_of_edge = np.searchsorted(self.vertex_range[:, 1], self.topology.edges[:, 0], side="right")
         self.edge_range = _ranges(np.bincount(surface_of_edge, minlength=len(parts)))
-        self.vertex_is_feature, self.edge_is_feature = find_features(self.topology, self.carriers)
+        self.smooth = find_smooth(
+            [part.smooth for part in parts], self.topology, self.carriers, self.vertex_range, self.triangle_range
+        )
+        is_smooth = self.smooth.is_smooth.astype(bool)
+        self.vertex_is_feature, self.edge_is_feature = find_features(self.topology, self.carriers, is_smooth)
         self.trees = bounding_volumes.build(
             self.topology, self.triangle_range, self.carriers.local, self.vertex_is_feature, self.edge_is_feature
         )
@@ -141,7 +149,17 @@ def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequ
             collides = other.collides if isinstance(other, RigidBody) else True
             number = len(soft) + index
             parts.append(
-                _Part(number, owner, other.vertices, other.triangles, no_node, no_node, other.groups, collides)
+                _Part(
+                    number,
+                    owner,
+                    other.vertices,
+                    other.triangles,
+                    no_node,
+                    no_node,
+                    other.groups,
+                    collides,
+                    other.smooth,
+                )
             )
     return parts
 

@@ -34,3 +34,12 @@ def find_contacts(
         vertices_against_planes(reach, surfaces, trees, planes, moved, space, found)
         if found.count[0] <= found.distance.shape[0]:
             put_in_order(space, found, contacts)
+
+
+@kernel
+def order_contacts(space: SearchSpace, found: Contacts, contacts: Contacts):
+    """Write all contacts found to `contacts` in their order, if there is room for them."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        if found.count[0] <= found.distance.shape[0]:
+            put_in_order(space, found, contacts)

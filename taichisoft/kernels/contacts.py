@@ -136,6 +136,26 @@ def set_side(c: ti.i32, side: ti.i32, vertices: ivec3, weights: vec3, point: vec
 
 
 @func
+def append_points(
+    group: ti.i32,
+    feature: ti.i32,
+    k: ti.i32,
+    first_body: ti.i32,
+    second_body: ti.i32,
+    first_point: vec3,
+    second_point: vec3,
+    normal: vec3,
+    distance: ti.f64,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Add a contact of two points on things without vertices."""
+    c = append(group, feature, k, first_body, second_body, normal, distance, space, found)
+    set_side(c, 0, ivec3(-1), vec3(0.0), first_point, found)
+    set_side(c, 1, ivec3(-1), vec3(0.0), second_point, found)
+
+
+@func
 def put_in_order(space: SearchSpace, found: Contacts, contacts: Contacts):
     """Write the contacts found to `contacts` in the order of their places."""
     sort_rows(found.count[0], space.place, space.order, space.spare)

@@ -1,17 +1,10 @@
 """Narrow phase: round shapes against planes and against each other."""
 
-from taichisoft.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
+from taichisoft.kernels.contacts import Contacts, SearchSpace, append_points
+from taichisoft.kernels.cylinder_contacts import cylinder_against_cylinder
 from taichisoft.kernels.launch import func
-from taichisoft.kernels.runtime import ScalarTable, ti, vec3
-from taichisoft.kernels.shape_distance import (
-    END,
-    SIDE,
-    ball,
-    ball_count,
-    lowest_along,
-    side_by_side,
-    signed_distance,
-)
+from taichisoft.kernels.runtime import ScalarTable, ti
+from taichisoft.kernels.shape_distance import END, SIDE, ball, ball_count, lowest_along, side_by_side, signed_distance
 from taichisoft.kernels.shapes import MovedShapes, Shapes
 from taichisoft.kernels.surfaces import Planes
 
@@ -39,7 +32,7 @@ def shapes_against_planes(
                 centre, radius = ball(k, count, up, s, shapes, there)
                 height = (centre - planes.point[plane]).dot(up)
                 if height - radius < reach:
-                    store_points(
+                    append_points(
                         first_group + plane, s, k, shapes.body[s], planes.body[plane], centre - radius * up,
                         centre - height * up, -up, height - radius, space, found,
                     )  # fmt: skip
@@ -58,7 +51,10 @@ def shapes_against_shapes(
         reach = reaches[shapes.body[seen], shapes.body[s]]
         extent = shapes.half_length[seen] + shapes.radius[seen] + shapes.half_length[s] + shapes.radius[s] + reach
         if reach >= 0.0 and (there.centre[seen] - there.centre[s]).norm_sqr() < extent * extent:
-            axis_against_shape(pair, first_group + pair, reach, seen, s, shapes, there, space, found)
+            if shapes.flat[seen]:
+                cylinder_against_cylinder(pair, first_group + pair, reach, shapes, there, space, found)
+            else:
+                axis_against_shape(pair, first_group + pair, reach, seen, s, shapes, there, space, found)
 
 
 @func
@@ -105,26 +101,6 @@ def axis_against_shape(
             point, foot = x - shapes.radius[seen] * out, x - distance * out
             gap = distance - shapes.radius[seen]
             if seen == shapes.shape_pairs[pair, 0]:
-                store_points(group, pair, k, shapes.body[seen], shapes.body[s], point, foot, -out, gap, space, found)
+                append_points(group, pair, k, shapes.body[seen], shapes.body[s], point, foot, -out, gap, space, found)
             else:
-                store_points(group, pair, k, shapes.body[s], shapes.body[seen], foot, point, out, gap, space, found)
-
-
-@func
-def store_points(
-    group: ti.i32,
-    feature: ti.i32,
-    k: ti.i32,
-    first_body: ti.i32,
-    second_body: ti.i32,
-    first_point: vec3,
-    second_point: vec3,
-    normal: vec3,
-    distance: ti.f64,
-    space: SearchSpace,
-    found: Contacts,
-):
-    """Add a contact of two things without vertices."""
-    c = append(group, feature, k, first_body, second_body, normal, distance, space, found)
-    set_side(c, 0, ivec3(-1), vec3(0.0), first_point, found)
-    set_side(c, 1, ivec3(-1), vec3(0.0), second_point, found)
+                append_points(group, pair, k, shapes.body[s], shapes.body[seen], foot, point, out, gap, space, found)

@@ -16,8 +16,8 @@ SIDE, END, RIM = range(3)
 TINY = 1e-12  # [mm]
 HALVINGS = 60  # of a segment: to the last bit
 
-# An end whose rim is level with a plane to this [mm] stands on as many points as this, fixed on the rim: without a
-# lowest point a choice of few would depend on round-off, and a standing cylinder rock on them.
+# An end whose rim is level with a plane to this [mm] stands on as many points as this, which begin at the direction in
+# which the load leans: without a lowest point a choice of few would depend on round-off, and a standing cylinder rock.
 LEVEL = 1e-5
 RIM_POINTS = 16
 # An end that faces a plane, at more than 60 degrees to the axis, stands on its lowest point and three others a quarter
@@ -148,7 +148,7 @@ def ball(k: ti.i32, count: ti.i32, normal: vec3, s: ti.i32, shapes: Shapes, ther
                 end = -end
         else:
             if count == RIM_POINTS:
-                direction = there.side[s]
+                direction = there.lean[s, ti.i32(rise < 0.0)]
             angle = 2.0 * math.pi * k / count
             direction = ti.cos(angle) * direction + ti.sin(angle) * axis.cross(direction)
         centre += end * axis + radius * direction + ball_radius * normal

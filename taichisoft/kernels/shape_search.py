@@ -1,40 +1,49 @@
-"""The search for contacts of round shapes; scenes without them do not launch it."""
+"""The search for contacts of round shapes, in kernels that only scenes with such shapes launch, and compile."""
 
 from taichisoft.kernels.bounding_volumes import Trees
-from taichisoft.kernels.contacts import Contacts, SearchSpace, put_in_order
+from taichisoft.kernels.contacts import Contacts, SearchSpace
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import ScalarTable, ti
 from taichisoft.kernels.shape_contacts import shapes_against_planes, shapes_against_shapes
-from taichisoft.kernels.shape_surface_contacts import FEATURES, shapes_against_surfaces
+from taichisoft.kernels.shape_surface_contacts import shapes_against_surfaces
 from taichisoft.kernels.shapes import MovedShapes, Shapes
 from taichisoft.kernels.surfaces import MovedSurfaces, Planes, Surfaces
 
+# The groups of these contacts stand behind those of `find_contacts`, whose numbers grow with the pairs of surfaces.
+ON_SURFACES, ON_PLANES, ON_SHAPES = 1 << 28, 1 << 29, 1 << 30
+
 
 @kernel
-def find_shape_contacts(
+def find_on_surfaces(
     reach: ScalarTable,
     depth: ti.f64,
     surfaces: Surfaces,
     trees: Trees,
-    planes: Planes,
     moved: MovedSurfaces,
     shapes: Shapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
-    contacts: Contacts,
 ):
-    """Add the contacts of shapes nearer than the `reach` of their bodies [mm] to those that `find_contacts` found.
-
-    If there are more than `found` has room for, its count tells, and `contacts` is not filled.
-    """
+    """Add the contacts of shapes with surfaces, see `shapes_against_surfaces`; their count may exceed the room."""
     ti.loop_config(serialize=True)
     for _ in range(1):
-        # Behind the groups of `find_contacts`, whose places are still there.
-        group = 3 * surfaces.pairs.shape[0] + planes.point.shape[0]
-        shapes_against_surfaces(reach, depth, group, surfaces, trees, moved, shapes, there, space, found)
-        group += FEATURES * shapes.surface_pairs.shape[0]
-        shapes_against_planes(reach, group, planes, shapes, there, space, found)
-        shapes_against_shapes(reach, group + planes.point.shape[0], shapes, there, space, found)
-        if found.count[0] <= found.distance.shape[0]:
-            put_in_order(space, found, contacts)
+        shapes_against_surfaces(reach, depth, ON_SURFACES, surfaces, trees, moved, shapes, there, space, found)
+
+
+@kernel
+def find_on_planes(
+    reach: ScalarTable, planes: Planes, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts
+):
+    """Add the contacts of shapes with planes nearer than their reach [mm]; their count may exceed the room."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        shapes_against_planes(reach, ON_PLANES, planes, shapes, there, space, found)
+
+
+@kernel
+def find_on_shapes(reach: ScalarTable, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts):
+    """Add the contacts of shapes with each other nearer than their reach [mm]; their count may exceed the room."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        shapes_against_shapes(reach, ON_SHAPES, shapes, there, space, found)

@@ -7,7 +7,7 @@ instead of round ones.
 from typing import NamedTuple
 
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, Vectors, ti
+from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, Vectors, VectorTable, ti
 from taichisoft.kernels.surfaces import Poses
 
 # Columns of `Shapes.surface_pairs`.
@@ -50,11 +50,14 @@ class MovedShapes(NamedTuple):
     Attributes:
         centre: middles of the axes [mm], shape (shape_count, 3).
         axis, side: unit vectors along and across the axes, shape (shape_count, 3).
+        lean: unit vectors across the axes on which the rims of level ends are divided, of the end at the beginning of
+            the axis and of that at its end, shape (shape_count, 2, 3).
     """
 
     centre: Vectors
     axis: Vectors
     side: Vectors
+    lean: VectorTable
 
 
 @kernel
@@ -68,3 +71,5 @@ def move_shapes(shapes: Shapes, poses: Poses, there: MovedShapes):
             there.centre[s] = turn @ shapes.local_centre[s] + poses.rigid_position[owner]
             there.axis[s] = turn @ shapes.local_axis[s]
             there.side[s] = turn @ shapes.local_side[s]
+            for end in ti.static(range(2)):
+                there.lean[s, end] = there.side[s]

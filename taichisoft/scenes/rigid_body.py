@@ -16,6 +16,8 @@ class RigidBody(Shaped):
     """Closed surface file; either this or a shape."""
     scale: Positive = 1.0
     """Factor on the surface's coordinates [-]; not of a shape."""
+    smooth: bool = False
+    """Whether the surface stands for a curved one without edges, such as a ball's: it touches as that one does."""
     mass: Positive | None = None
     """Mass [kg]; either this or density."""
     density: Positive | None = None
@@ -64,6 +66,8 @@ class Obstacle(Shaped):
     """Surface file; either this, a shape or plane."""
     scale: Positive = 1.0
     """Factor on the surface's coordinates [-]; not of a shape."""
+    smooth: bool = False
+    """Whether the surface stands for a curved one without edges, such as a ball's: it touches as that one does."""
     rotation: Vector = (0.0, 0.0, 0.0)
     """Turns about the x, y and z axes, in this order [degrees]."""
     translation: Vector = (0.0, 0.0, 0.0)
@@ -73,4 +77,7 @@ class Obstacle(Shaped):
     colour: Colour | None = None
     """Colour in pictures and on pages, "#rrggbb"; that of obstacles, or of the floor, when it is not given."""
     alternatives = (("plane", "surface", *SHAPES),)
-    no_effect_beside: ClassVar = {**Shaped.no_effect_beside, "plane": ("scale", "rotation", "translation", "groups")}
+    no_effect_beside: ClassVar = {
+        **Shaped.no_effect_beside,
+        "plane": ("scale", "smooth", "rotation", "translation", "groups"),
+    }

@@ -44,4 +44,4 @@ class Shaped(Table):
     """A round cylinder about the origin, along z, by its radius and length."""
     capsule: Capsule | None = None
     """A cylinder along z that ends in half balls, by its radius and the length between their centres."""
-    no_effect_beside: ClassVar = {shape: ("scale",) for shape in SHAPES}
+    no_effect_beside: ClassVar = {shape: ("scale", "smooth") for shape in SHAPES}

@@ -178,6 +178,7 @@ class ContactPrediction:
         self._moving.update(
             state.position + passed * state.velocity, state.rigid_position + passed * state.rigid_velocity, rotation
         )
+        self._moving.follow_load(state)
         return self._detection.find(np.where(self._surfaces.may_touch, reach, -1.0), self._depth)
 
 

@@ -123,6 +123,7 @@ PAIRS = [
     ("sphere", "box"), ("capsule", "box"), ("cylinder", "box"), ("coin", "box"),
     ("sphere", "sphere"), ("sphere", "capsule"), ("sphere", "cylinder"), ("sphere", "coin"),
     ("capsule", "capsule"), ("capsule", "cylinder"), ("capsule", "coin"),
+    ("cylinder", "cylinder"), ("cylinder", "coin"), ("coin", "coin"),
 ]  # fmt: skip
 
 

@@ -9,6 +9,7 @@ from conftest import Figures
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, advance, simulate
 
 from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
 
 RADIUS, LENGTH = 20.0, 50.0
 SPHERE = {"sphere": {"radius": RADIUS}}
@@ -109,3 +110,51 @@ def test_at_rest_it_stays(table: dict[str, Any], floor: dict[str, Any], figures:
     moved = simulation.state.rigid_position[0] - simulation.model.rigid_bodies[0].start_position
     figures.at_most("moved in 1 s [mm]", float(np.abs(moved).max()), 1e-8)
     figures.close("force of the floor over the weight", report.contact_forces[:, 2].sum() / -490.5, 1.0, 1e-6)
+
+
+STANDING = {"cylinder": {"radius": 10.0, "length": 40.0}, "position": [0.0, 0.0, 20.0 + CONTACT_DISTANCE]}
+LIMIT = math.degrees(math.atan(10.0 / 20.0))
+
+
+def tilt(simulation: Simulation) -> float:
+    """Angle between the axis of the body and the vertical [degrees]."""
+    return math.degrees(2.0 * math.hypot(*simulation.state.rigid_rotation[0, 1:3]))
+
+
+@pytest.mark.parametrize("direction", [0.0, 17.0, 130.0])
+def test_a_standing_cylinder_topples_at_its_angle(direction: float, figures: Figures) -> None:
+    """It stands until the weight points past the rim, tan(angle) = r / (L/2), whatever the direction; to 0.05 degrees.
+
+    The floor is tilted by turning gravity, within a second up to half a degree below that angle, then at 0.5 degrees/s.
+    """
+    simulation = on_the_floor(STANDING, 0.002, friction=1.5)
+    toward = np.array([math.cos(math.radians(direction)), math.sin(math.radians(direction)), 0.0])
+    angle = began = highest = 0.0
+    while tilt(simulation) < 0.5 and angle < LIMIT + 1.0:
+        angle = min(simulation.state.time, 1.0) * (LIMIT - 0.5) + 0.5 * max(0.0, simulation.state.time - 1.0)
+        down = math.sin(math.radians(angle)) * toward - [0.0, 0.0, math.cos(math.radians(angle))]
+        simulation.step(Control(gravity=GRAVITY * down))
+        highest = max(highest, tilt(simulation) if angle < LIMIT - 0.05 else 0.0)
+        if tilt(simulation) < 0.01:
+            began = angle
+    figures.close("angle at which it begins to fall [degrees]", began, LIMIT, 0.05)
+    figures.at_most("tilt before [degrees]", highest, 0.01)
+
+
+def test_cylinders_stacked_and_crossed_stay(figures: Figures) -> None:
+    """A cylinder on a coin, off its middle, and a rod across a lying cylinder: nothing moves."""
+    bodies = {
+        "base": {"cylinder": {"radius": 15.0, "length": 4.0}, "position": [0, 0, 3]},
+        "middle": {"cylinder": {"radius": 8.0, "length": 20.0}, "position": [2, 0, 16]},
+        "lying": {"cylinder": {"radius": 10.0, "length": 30.0}, "position": [60, 0, 11], "rotation": [90, 0, 0]},
+        "rod": {"cylinder": {"radius": 3.0, "length": 30.0}, "position": [60, 0, 25], "rotation": [0, 90, 0]},
+    }
+    simulation = simulate(
+        step=0.005,
+        gravity=(0.0, 0.0, -GRAVITY),
+        rigid_bodies={name: {"mass": 0.02, **table} for name, table in bodies.items()},
+        obstacles={"floor": FLOOR},
+    )
+    advance(simulation, 0.5)
+    start = np.array([body.start_position for body in simulation.model.rigid_bodies])
+    figures.at_most("moved in 0.5 s [mm]", float(np.abs(simulation.state.rigid_position - start).max()), 1e-4)
