@@ -1,0 +1,92 @@
+"""Meshes of a hollow sphere and of a tube, and of a bar, for bodies whose deformation is known in closed form."""
+
+from itertools import permutations
+
+import numpy as np
+
+from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+
+PRISM = np.array([[0, 1, 2, 5], [0, 1, 5, 4], [0, 4, 5, 3]])
+"""Three tetrahedra in a prism with the ends 0, 1, 2 and 3, 4, 5, whose nodes must ascend."""
+
+
+def hollow_sphere(inner: float, outer: float, halvings: int, layers: int) -> VolumeMesh:
+    """A sphere about the origin with radii in mm; the edges of an icosahedron are halved so many times.
+
+    The inner surface is the group "cavity".
+    """
+    vertices, triangles = _icosphere(halvings)
+    radii = np.geomspace(inner, outer, layers + 1)
+    nodes = (radii[:, None, None] * vertices).reshape(-1, 3)
+    return _extruded("hollow sphere", nodes, triangles, len(vertices), layers, triangles)
+
+
+def tube(inner: float, outer: float, length: float, around: int, layers: int, along: int) -> VolumeMesh:
+    """A tube about the z axis from z = 0 on, with sizes in mm and numbers of cells; "cavity" is closed by flat lids."""
+    angles = 2 * np.pi * np.arange(around) / around
+    ring = np.column_stack([np.cos(angles), np.sin(angles)])
+    z = np.linspace(0, length, along + 1)
+    first = (np.arange(along)[:, None] * around + np.arange(around)).ravel()
+    beside = (np.arange(along)[:, None] * around + (np.arange(around) + 1) % around).ravel()
+    wall = np.vstack(
+        [np.column_stack([first, beside, beside + around]), np.column_stack([first, beside + around, first + around])]
+    )
+    radii = np.geomspace(inner, outer, layers + 1)
+    shell = [np.column_stack([np.tile(r * ring, (along + 1, 1)), np.repeat(z, around)]) for r in radii]
+    # Air to silicone is outward from the air: the lids face down at the bottom and up at the top.
+    fan = np.column_stack([np.zeros(around - 2, dtype=int), np.arange(1, around - 1), np.arange(2, around)])
+    lids = np.vstack([fan[:, ::-1], fan + along * around])
+    return _extruded("tube", np.vstack(shell), wall, (along + 1) * around, layers, np.vstack([wall, lids]))
+
+
+def bar(cells: tuple[int, int, int], size: tuple[float, float, float]) -> VolumeMesh:
+    """A box from the origin on, [mm], of boxes that are cut into six tetrahedra each."""
+    grid = np.stack(np.meshgrid(*(np.arange(n + 1) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    strides = np.array([(cells[1] + 1) * (cells[2] + 1), cells[2] + 1, 1])
+    corner = np.stack(np.meshgrid(*(np.arange(n) for n in cells), indexing="ij"), axis=-1).reshape(-1, 3)
+    paths = [
+        np.cumsum([np.zeros(3, dtype=int), *np.eye(3, dtype=int)[list(order)]], axis=0)
+        for order in permutations(range(3))
+    ]
+    elements = ((corner[:, None, None, :] + np.array(paths)) @ strides).reshape(-1, 4)
+    return _righted("bar", grid / cells * size, elements, {})
+
+
+def _icosphere(halvings: int) -> tuple[np.ndarray, np.ndarray]:
+    golden = (1 + 5**0.5) / 2
+    vertices = np.array([[s, t * golden, 0.0] for s in (-1, 1) for t in (-1, 1)])
+    vertices = np.vstack([vertices, np.roll(vertices, 1, axis=1), np.roll(vertices, 2, axis=1)])
+    from scipy.spatial import ConvexHull
+
+    triangles = ConvexHull(vertices).simplices
+    for _ in range(halvings):
+        edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
+        ends, middle = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
+        a, b, c = triangles.T
+        ab, bc, ca = len(vertices) + middle.reshape(-1, 3).T
+        triangles = np.vstack([np.column_stack(some) for some in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+        vertices = np.vstack([vertices, vertices[ends].mean(axis=1)])
+        vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
+    vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
+    outward = np.einsum("ti,ti->t", vertices[triangles[:, 0]], _normals(vertices, triangles)) > 0
+    return vertices, np.where(outward[:, None], triangles, triangles[:, ::-1])
+
+
+def _normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
+    a, b, c = np.moveaxis(vertices[triangles], 1, 0)
+    return np.cross(b - a, c - a)
+
+
+def _extruded(
+    name: str, nodes: np.ndarray, triangles: np.ndarray, stride: int, layers: int, cavity: np.ndarray
+) -> VolumeMesh:
+    """Layers over triangles, whose nodes are `stride` further on in each."""
+    ascending = np.sort(triangles, axis=1)
+    prisms = np.vstack([np.hstack([ascending, ascending + stride]) + stride * layer for layer in range(layers)])
+    return _righted(name, nodes, prisms[:, PRISM].reshape(-1, 4), {"cavity": cavity})
+
+
+def _righted(name: str, nodes: np.ndarray, elements: np.ndarray, groups: dict[str, np.ndarray]) -> VolumeMesh:
+    inverted = tetrahedron_volumes(nodes, elements) < 0
+    elements[inverted] = elements[inverted][:, [0, 2, 1, 3]]
+    return VolumeMesh(name, nodes, elements, groups).check()
