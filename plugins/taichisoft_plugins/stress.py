@@ -66,17 +66,22 @@ class StressLaw:
 
 
 def recorded_stress(recording: "Recording") -> Callable[[int], list[np.ndarray]]:
-    """Gives the stresses [kPa] of the elements of each soft body in a frame, each of shape (element_count, 3, 3)."""
+    """Gives the stresses [kPa] of the `tetrahedra` of each soft body in a frame, each of shape (count, 3, 3)."""
     settings, bodies = recording.scene.soft_bodies, recording.soft_bodies
     laws = [
-        StressLaw(body.rest_position, body.elements, body.poisson_ratio, settings[body.name].corotation == "polar")
+        StressLaw(
+            body.rest_position,
+            body.tetrahedra,
+            np.repeat(body.poisson_ratio, body.parts),
+            settings[body.name].corotation == "polar" or settings[body.name].element != "linear",
+        )
         for body in bodies
     ]
 
     def stresses(frame: int) -> list[np.ndarray]:
         position, young_modulus = recording.row("position", frame), recording.row("young_modulus", frame)
         return [
-            law.stress(position[body.nodes], young_modulus[body.material])
+            law.stress(position[body.nodes], np.repeat(young_modulus[body.material], body.parts))
             for law, body in zip(laws, bodies, strict=True)
         ]
 

@@ -110,7 +110,7 @@ def stress(recording: Recording) -> NodeValues:
 
     def values(frame: int) -> np.ndarray:
         of_bodies = [
-            nodal_mean(von_mises(of_body), body.elements, body.rest_position)
+            nodal_mean(von_mises(of_body), body.tetrahedra, body.rest_position)
             for body, of_body in zip(recording.soft_bodies, stresses(frame), strict=True)
         ]
         return np.concatenate([np.zeros(0), *of_bodies])

@@ -5,6 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from taichisoft_plugins.paraview.vtu_file import TETRAHEDRON, Grid
+from taichisoft_plugins.recording.bodies import RecordedSoftBody
 from taichisoft_plugins.recording.reader import Recording
 from taichisoft_plugins.stress import recorded_stress, von_mises
 
@@ -20,20 +21,20 @@ class SoftBodyGrid:
         self._recording = recording
         self._bodies = recording.soft_bodies
         self._stresses = recorded_stress(recording)
-        self._material = np.concatenate([body.material for body in self._bodies])
+        self._material = np.concatenate([np.repeat(body.material, body.parts) for body in self._bodies])
         self._rest_position = np.vstack([body.rest_position for body in self._bodies])
-        self._cells = np.vstack([body.elements + body.nodes.start for body in self._bodies])
+        self._cells = np.vstack([body.tetrahedra + body.nodes.start for body in self._bodies])
         # Soft bodies are the first of all bodies, so that their places are their numbers.
         numbers = np.arange(len(self._bodies), dtype=np.int32)
         node_counts = [len(body.rest_position) for body in self._bodies]
-        element_counts = [len(body.elements) for body in self._bodies]
+        element_counts = [len(body.tetrahedra) for body in self._bodies]
         self._point_data = {
             "body": np.repeat(numbers, node_counts),
             **_members("surface", node_counts, [body.surface_groups for body in self._bodies]),
         }
         self._cell_data = {
             "body": np.repeat(numbers, element_counts),
-            **_members("group", element_counts, [body.element_groups for body in self._bodies]),
+            **_members("group", element_counts, [_of_parts(body) for body in self._bodies]),
         }
 
     def __call__(self, frame: int) -> Grid:
@@ -48,6 +49,12 @@ class SoftBodyGrid:
             "young_modulus": self._recording.row("young_modulus", frame)[self._material],
         }
         return Grid(position, self._cells, TETRAHEDRON, moving | self._point_data, present | self._cell_data)
+
+
+def _of_parts(body: RecordedSoftBody) -> dict[str, np.ndarray]:
+    """The element groups of a body, as groups of its tetrahedra."""
+    parts = np.arange(body.parts)
+    return {name: (body.parts * group[:, None] + parts).ravel() for name, group in body.element_groups.items()}
 
 
 def _members(prefix: str, counts: Sequence[int], groups: Sequence[Mapping[str, np.ndarray]]) -> dict[str, np.ndarray]:

@@ -13,6 +13,7 @@ import numpy as np
 import taichisoft
 from taichisoft.bodies.cable_paths import CablePath, cable_paths
 from taichisoft.bodies.surfaces import BodySurface, Plane, Surface, soft_surface
+from taichisoft.meshes.second_order import linear_parts
 from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.file import scene_to_toml
@@ -68,6 +69,16 @@ class RecordedSoftBody:
     element_groups: dict[str, np.ndarray]
     surface_groups: dict[str, np.ndarray]
     mesh_nodes: np.ndarray
+
+    @property
+    def tetrahedra(self) -> np.ndarray:
+        """The elements as tetrahedra of four nodes, (count, 4): quadratic ones are `parts` of them each, in order."""
+        return linear_parts(self.elements)
+
+    @property
+    def parts(self) -> int:
+        """How many of `tetrahedra` an element is."""
+        return len(self.tetrahedra) // len(self.elements)
 
     def mesh(self, source: str) -> VolumeMesh:
         """The mesh that the body was made of; errors about it begin with `source`."""
