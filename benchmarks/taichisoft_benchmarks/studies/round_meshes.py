@@ -10,12 +10,12 @@ PRISM = np.array([[0, 1, 2, 5], [0, 1, 5, 4], [0, 4, 5, 3]])
 """Three tetrahedra in a prism with the ends 0, 1, 2 and 3, 4, 5, whose nodes must ascend."""
 
 
-def hollow_sphere(inner: float, outer: float, halvings: int, layers: int) -> VolumeMesh:
-    """A sphere about the origin with radii in mm; the edges of an icosahedron are halved so many times.
+def hollow_sphere(inner: float, outer: float, parts: int, layers: int) -> VolumeMesh:
+    """A sphere about the origin with radii in mm; the sides of an icosahedron are cut into so many parts.
 
     The inner surface is the group "cavity".
     """
-    vertices, triangles = _icosphere(halvings)
+    vertices, triangles = _icosphere(parts)
     radii = np.geomspace(inner, outer, layers + 1)
     nodes = (radii[:, None, None] * vertices).reshape(-1, 3)
     return _extruded("hollow sphere", nodes, triangles, len(vertices), layers, triangles)
@@ -52,22 +52,18 @@ def bar(cells: tuple[int, int, int], size: tuple[float, float, float]) -> Volume
     return _righted("bar", grid / cells * size, elements, {})
 
 
-def _icosphere(halvings: int) -> tuple[np.ndarray, np.ndarray]:
-    golden = (1 + 5**0.5) / 2
-    vertices = np.array([[s, t * golden, 0.0] for s in (-1, 1) for t in (-1, 1)])
-    vertices = np.vstack([vertices, np.roll(vertices, 1, axis=1), np.roll(vertices, 2, axis=1)])
+def _icosphere(parts: int) -> tuple[np.ndarray, np.ndarray]:
+    """A unit sphere of outward triangles: the sides of an icosahedron are cut into so many parts."""
     from scipy.spatial import ConvexHull
 
-    triangles = ConvexHull(vertices).simplices
-    for _ in range(halvings):
-        edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]], axis=2)
-        ends, middle = np.unique(edges.reshape(-1, 2), axis=0, return_inverse=True)
-        a, b, c = triangles.T
-        ab, bc, ca = len(vertices) + middle.reshape(-1, 3).T
-        triangles = np.vstack([np.column_stack(some) for some in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
-        vertices = np.vstack([vertices, vertices[ends].mean(axis=1)])
-        vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
+    golden = (1 + 5**0.5) / 2
+    corners = np.array([[s, t * golden, 0.0] for s in (-1, 1) for t in (-1, 1)])
+    corners = np.vstack([corners, np.roll(corners, 1, axis=1), np.roll(corners, 2, axis=1)])
+    shares = np.array([[i, j, parts - i - j] for i in range(parts + 1) for j in range(parts + 1 - i)]) / parts
+    vertices = np.einsum("sc,tci->tsi", shares, corners[ConvexHull(corners).simplices]).reshape(-1, 3)
     vertices /= np.linalg.norm(vertices, axis=1, keepdims=True)
+    vertices = vertices[np.unique(np.round(vertices, 9), axis=0, return_index=True)[1]]
+    triangles = ConvexHull(vertices).simplices
     outward = np.einsum("ti,ti->t", vertices[triangles[:, 0]], _normals(vertices, triangles)) > 0
     return vertices, np.where(outward[:, None], triangles, triangles[:, ::-1])
 
