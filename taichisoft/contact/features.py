@@ -10,6 +10,26 @@ from taichisoft.kernels.surfaces import Carriers, Surfaces
 FLAT_ANGLE = 0.02
 
 
+# Where the faces around a vertex differ by less than this from their mean, the vertex stands for a round surface [rad].
+ROUND_ANGLE = 0.05
+
+
+def find_round_vertices(topology: Surfaces, carriers: Carriers) -> np.ndarray:
+    """Whether each vertex of a surface that keeps its shape stands for a round one, shape (vertex_count,)."""
+    corners = carriers.local[topology.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    mean = np.zeros_like(carriers.local)
+    for corner in range(3):
+        np.add.at(mean, topology.triangles[:, corner], normals)
+    mean /= np.maximum(np.linalg.norm(mean, axis=1, keepdims=True), 1e-300)
+    least = np.ones(len(mean))
+    for corner in range(3):
+        vertex = topology.triangles[:, corner]
+        np.minimum.at(least, vertex, np.einsum("td,td->t", mean[vertex], normals))
+    return least > np.cos(ROUND_ANGLE)
+
+
 def find_features(topology: Surfaces, carriers: Carriers, is_smooth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Whether each vertex and each edge may touch other surfaces, shapes (vertex_count,) and (edge_count,).
 

@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft.bodies.rigid_body import Obstacle, RigidBody
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.contact import bounding_volumes
-from taichisoft.contact.features import find_features
+from taichisoft.contact.features import find_features, find_round_vertices
 from taichisoft.contact.shapes import RoundPart, join_shapes, round_parts
 from taichisoft.contact.smooth import find_smooth
 from taichisoft.kernels.runtime import SOFT, STATIC
@@ -60,6 +60,7 @@ class ContactSurfaces:
         trees: trees over the triangles.
         vertex_range, triangle_range, edge_range: where each surface's features stand, shape (surface_count, 2).
         vertex_is_feature, edge_is_feature: whether it may touch other surfaces (flat ones of rigid bodies do not).
+        vertex_is_round: 1 for a vertex that stands for a round surface, else 0.
         body_size: smallest extent of each body that can move at the start [mm], infinite for others, by body number.
         may_touch: whether two bodies can touch, shape (body_count, body_count).
         may_pass_through: whether one could be beyond the other after a step; nothing is beyond a plane.
@@ -96,6 +97,7 @@ class ContactSurfaces:
         )
         is_smooth = self.smooth.is_smooth.astype(bool)
         self.vertex_is_feature, self.edge_is_feature = find_features(self.topology, self.carriers, is_smooth)
+        self.vertex_is_round = find_round_vertices(self.topology, self.carriers).astype(np.int32)
         self.trees = bounding_volumes.build(
             self.topology, self.triangle_range, self.carriers.local, self.vertex_is_feature, self.edge_is_feature
         )

@@ -6,7 +6,7 @@ import numpy as np
 
 from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.contacts import Contacts
-from taichisoft.kernels.launch import kernel
+from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.rigid_motion import RigidState
 from taichisoft.kernels.runtime import (
     SOFT,
@@ -93,17 +93,69 @@ def contact_basis(normal: vec3) -> mat3:
     return ti.Matrix.rows([normal, first, normal.cross(first)])
 
 
+@func
+def turned(vector: vec3, turn: vec3) -> vec3:
+    """A vector turned by a rotation vector [rad] (Rodrigues)."""
+    angle = turn.norm()
+    result = vector
+    if angle > 0.0:
+        axis = turn / angle
+        across = axis.cross(vector)
+        result = vector + ti.sin(angle) * across + (1.0 - ti.cos(angle)) * axis.cross(across)
+    return result
+
+
 @kernel
-def place_arms(first_rigid: ti.i32, contacts: Contacts, passed: Scalars, rigid: RigidState, separation: Separation):
-    """Arms of contacts that were measured a time `passed` [s] after the start, with the velocities from before."""
+def place_arms(
+    first_rigid: ti.i32,
+    contacts: Contacts,
+    passed: Scalars,
+    gap: Scalars,
+    touching: Scalars,
+    is_round: Integers,
+    rigid: RigidState,
+    separation: Separation,
+):
+    """Arms of contacts that were measured a time `passed` [s] after the start, with the velocities from before.
+
+    They are those of that time, the `gap` [mm] too. But where a corner or an edge touches at the start already, by a
+    gap below `touching`, and goes on to touch, the arms of the middle of that time: over them the impulse does the work
+    that belongs to the change of the gap, and a body that topples over a corner gains no energy. A round surface passes
+    its contact on from vertex to vertex instead.
+    """
     ti.loop_config(serialize=True)
     for c in range(contacts.count[0]):
+        turns = 0
+        start_gap = gap[c]
         for side in ti.static(range(2)):
             body = contacts.bodies[c, side] - first_rigid
             separation.arm[c, side] = vec3(0.0)
             if body >= 0 and body < rigid.position.shape[0]:
-                centre = rigid.position[body] + passed[c] * rigid.linear[body]
-                separation.arm[c, side] = contacts.points[c, side] - centre
+                arm = contacts.points[c, side] - rigid.position[body] - passed[c] * rigid.linear[body]
+                separation.arm[c, side] = arm
+                if is_corner(c, side, contacts, is_round):
+                    turns = 1
+                    arm = turned(arm, -0.5 * passed[c] * rigid.angular[body])
+                speed = contacts.normal[c].dot(rigid.linear[body] + rigid.angular[body].cross(arm))
+                start_gap -= (2.0 * side - 1.0) * passed[c] * speed
+        if turns != 0 and start_gap < touching[c]:
+            for side in ti.static(range(2)):
+                if is_corner(c, side, contacts, is_round):
+                    body = contacts.bodies[c, side] - first_rigid
+                    back = -0.5 * passed[c] * rigid.angular[body]
+                    separation.arm[c, side] = turned(separation.arm[c, side], back)
+
+
+@func
+def is_corner(c: ti.i32, side: ti.i32, contacts: Contacts, is_round: Integers) -> ti.i32:
+    """Whether a contact is at a corner or edge of a rigid body, which stands for no round surface."""
+    sharp = 0
+    weights = contacts.weights[c, side]
+    if contacts.vertices[c, side, 0] >= 0 and weights[0] * weights[1] * weights[2] == 0.0:
+        for k in ti.static(range(3)):
+            if weights[k] > 0.0 and is_round[contacts.vertices[c, side, k]] == 0:
+                sharp = 1
+    return sharp
 
 
 @kernel

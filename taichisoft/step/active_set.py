@@ -44,7 +44,7 @@ class ActiveSet:
 
     def _make_room(self, capacity: int) -> None:
         self.separation = kernels.Separation.with_room(capacity)
-        self._passed = np.zeros(capacity)
+        self._passed, self._measured_gap, self._touching = (np.zeros(capacity) for _ in range(3))
 
     @property
     def chosen(self) -> np.ndarray:
@@ -68,14 +68,24 @@ class ActiveSet:
         capacity, count = len(found.contacts.distance), len(found.fraction)
         if capacity != len(self._passed):
             self._make_room(capacity)
-        np.multiply(self._time_step, found.fraction, out=self._passed[:count])
-        kernels.place_arms(len(self._model.soft_bodies), found.contacts, self._passed, self._rigid, self.separation)
-        self._speed, self._gap_rate = self.separation.speed[:count], self.separation.gap_rate[:count]
-        self._measure_speeds(node_velocity)
         settings = self._model.scene.contact
         gap = found.contacts.distance[:count] - settings.contact_distance
-        passed = self._passed[:count] * self._speed
         self._tolerance = self._model.surfaces.gap_tolerance[tuple(found.contacts.bodies[:count].T)]
+        self._passed[:count] = self._time_step * found.fraction
+        self._measured_gap[:count], self._touching[:count] = gap, self._tolerance
+        kernels.place_arms(
+            len(self._model.soft_bodies),
+            found.contacts,
+            self._passed,
+            self._measured_gap,
+            self._touching,
+            self._model.surfaces.vertex_is_round,
+            self._rigid,
+            self.separation,
+        )
+        self._speed, self._gap_rate = self.separation.speed[:count], self.separation.gap_rate[:count]
+        self._measure_speeds(node_velocity)
+        passed = self._passed[:count] * self._speed
         at_start = np.where(found.fraction > 0.0, np.maximum(gap - passed, -self._tolerance), gap)
         self.depth = np.minimum(np.maximum(gap, at_start), 0.0)
         self._kept_depth = self.depth if settings.depth == "position" else np.zeros(count)
