@@ -19,6 +19,7 @@ from taichisoft.kernels.actuator_rows import AT_UPPER_END, GRIP, LOWER_END, NOT_
 from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
 from taichisoft.kernels.elimination import LinearSystem, factorise, row_length, substitute
+from taichisoft.kernels.friction_cone import cone_product, cone_quotient, way_to_boundary
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.runtime import Scalars, ti, vec3
 from taichisoft.kernels.sweep import PLAIN, sweep
@@ -66,19 +67,6 @@ def put(values: Scalars, k: ti.i32, entry: vec3):
 
 
 @ti.func
-def cone_product(a: vec3, b: vec3) -> vec3:
-    """The product of the cone's algebra."""
-    return vec3(a.dot(b), a[0] * b[1] + b[0] * a[1], a[0] * b[2] + b[0] * a[2])
-
-
-@ti.func
-def cone_quotient(a: vec3, b: vec3) -> vec3:
-    """The z with a o z = b, for an a inside the cone."""
-    first = (a[0] * b[0] - a[1] * b[1] - a[2] * b[2]) / (a[0] * a[0] - a[1] * a[1] - a[2] * a[2])
-    return vec3(first, (b[1] - a[1] * first) / a[0], (b[2] - a[2] * first) / a[0])
-
-
-@ti.func
 def shear(y: vec3, z: vec3) -> vec3:
     """The change of y less that of |y_t| in its first entry, for a change z of y."""
     size = ti.sqrt(y[1] * y[1] + y[2] * y[2])
@@ -86,27 +74,6 @@ def shear(y: vec3, z: vec3) -> vec3:
     if size > 1e-12:
         first -= (y[1] * z[1] + y[2] * z[2]) / size
     return vec3(first, z[1], z[2])
-
-
-@ti.func
-def way_to_boundary(x: vec3, step: vec3) -> ti.f64:
-    """The largest t for which x + t step is in the cone, at most 1e30."""
-    a = step[0] * step[0] - step[1] * step[1] - step[2] * step[2]
-    b = x[0] * step[0] - x[1] * step[1] - x[2] * step[2]
-    c = x[0] * x[0] - x[1] * x[1] - x[2] * x[2]
-    t = 1e30
-    if step[0] < 0.0:
-        t = -x[0] / step[0]
-    root = b * b - a * c
-    if root >= 0.0:
-        q = -(b + ti.sqrt(root))
-        if b < 0.0:
-            q = -(b - ti.sqrt(root))
-        if q != 0.0 and c / q > 0.0:
-            t = ti.min(t, c / q)
-        if a != 0.0 and q / a > 0.0:
-            t = ti.min(t, q / a)
-    return t
 
 
 @func

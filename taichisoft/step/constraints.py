@@ -254,6 +254,9 @@ class Constraints:
         solver.impulse[3 * contact_count : self._row_count] = self._actuators.first_impulse
         settings = self._model.scene.contact
         solver.solve(settings.tolerance, settings.max_iterations)
+        # Soft bodies give under each of their contacts, and so determine it.
+        rigid = np.flatnonzero((rows.node[:contact_count] < 0).all(axis=1))
+        solver.choose_smallest(rigid, settings.tolerance)
         if strike is not None:
             solver.impulse[: len(strike)] += strike
         self.iterations += solver.iterations

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichisoft.kernels import gauss_seidel, interior_point, proximal_newton
+from taichisoft.kernels import gauss_seidel, interior_point, proximal_newton, smallest_impulses
 from taichisoft.kernels.constraint_problem import Iterate, Problem
 from taichisoft.kernels.elimination import make_linear_system
 from taichisoft.kernels.newton import Pull
@@ -45,6 +45,7 @@ class GaussSeidel:
         self._path = interior_point.Path(*(np.empty(size) for size in (rows,) * 7 + (1,)))
         self._progress = gauss_seidel.Progress(np.zeros(5, dtype=np.int32), np.zeros(3))
         self._figure = np.zeros(1)
+        self._last_shares: smallest_impulses.Shares | None = None
 
     def solve(self, tolerance: float, max_iterations: int) -> None:
         """Improve `impulse` in place.
@@ -65,6 +66,47 @@ class GaussSeidel:
             if self.residual < tolerance:
                 return
         self._sweep(tolerance, max_iterations - self.iterations)
+
+    def choose_smallest(self, contacts: np.ndarray, tolerance: float) -> None:
+        """Of all answers that move everything alike, take the one with the smallest impulses of these contacts.
+
+        Args:
+            contacts: indices of contacts whose impulses W may leave undetermined: those of rigid bodies alone, (n,).
+            tolerance: of the residual; nothing is changed where the solution has not reached it.
+        """
+        if len(contacts) < 2 or not self.residual < tolerance:
+            return
+        self._figure[0] = self.residual
+        impulse = self.impulse.copy()
+        smallest_impulses.choose_smallest(
+            self._problem,
+            self._current,
+            self._point,
+            self._trial,
+            self._system,
+            self._shares(contacts),
+            self._figure,
+            tolerance,
+            1,
+        )
+        if np.isfinite(self.impulse).all():
+            self.residual = float(self._figure[0])
+        else:
+            self.impulse[:] = impulse
+
+    def _shares(self, contacts: np.ndarray) -> smallest_impulses.Shares:
+        """Room for these contacts' unknowns; that of the last call if they are as many."""
+        count = len(contacts)
+        if self._last_shares is None or len(self._last_shares.contact) != count:
+            self._last_shares = smallest_impulses.Shares(
+                contact=np.empty(count, dtype=np.int32),
+                state=np.empty(count, dtype=np.int32),
+                unknown=np.empty(3 * count, dtype=np.int32),
+                direction=np.empty((3 * count, 3)),
+                aim=np.empty(3 * count),
+            )
+        self._last_shares.contact[:] = contacts
+        return self._last_shares
 
     def _sweep(self, tolerance: float, sweeps: int) -> None:
         gauss_seidel.solve(
