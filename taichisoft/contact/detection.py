@@ -8,17 +8,30 @@ from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.kernels import shape_search
 from taichisoft.kernels.contact_search import find_contacts, order_contacts
 from taichisoft.kernels.contacts import PLACE_COLUMNS, Contacts, SearchSpace
+from taichisoft.kernels.self_contacts import SelfTouching, find_self_contacts
 from taichisoft.kernels.smooth_contacts import smooth_against_planes, smooth_against_surfaces
 
 FIRST_CAPACITY = 1024
+# Parts of a body that are nearer to each other at rest than this many contact distances do not touch each other.
+NEIGHBOURHOOD = 2.0
 
 
 class ContactDetection:
     """Finds the contacts of a set of surfaces; the work space of one simulation."""
 
-    def __init__(self, surfaces: ContactSurfaces, moving: MovingSurfaces):
-        """Prepare for surfaces and where they are, now and when `find` is called."""
+    def __init__(self, surfaces: ContactSurfaces, moving: MovingSurfaces, contact_distance: float | None = None):
+        """Prepare for surfaces and where they are, now and when `find` is called.
+
+        Args:
+            surfaces: the surfaces.
+            moving: where they are.
+            contact_distance: distance that surfaces are kept apart [mm]; no surface touches itself where it is None.
+        """
         self._surfaces = surfaces
+        self._touching_itself: SelfTouching | None = None
+        if contact_distance is not None and len(surfaces.touching_itself):
+            limits = np.array([NEIGHBOURHOOD * contact_distance, contact_distance])
+            self._touching_itself = SelfTouching(surfaces.touching_itself, surfaces.carriers.local, limits)
         self._moved, self._shapes, self._smooth = moving.moved, moving.shapes, moving.smooth
         self._reach = np.zeros((len(surfaces.body_size), len(surfaces.body_size)))
         self._make_room(FIRST_CAPACITY)
@@ -39,15 +52,18 @@ class ContactDetection:
     @property
     def is_needed(self) -> bool:
         """Whether anything can touch anything."""
-        return any(map(len, (self._surfaces.topology.pairs, self._surfaces.planes.body, self._surfaces.shapes.moving)))
+        surfaces = self._surfaces
+        with_others = any(map(len, (surfaces.topology.pairs, surfaces.planes.body, surfaces.shapes.moving)))
+        return with_others or self._touching_itself is not None
 
     def find(self, reach: float | np.ndarray, depth: float) -> Contacts:
         """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm].
 
         The reach may be that of each pair of bodies, shape (body_count, body_count); one below 0 leaves a pair out.
 
-        Vertices with triangles come first, then edges, then planes, then round shapes, each in the order of the
-        surfaces' arrays. The result is in arrays that the next call uses again.
+        Vertices with triangles come first, then edges, then planes, then what surfaces have with themselves and round
+        shapes with others, each in the order of the surfaces' arrays. The result is in arrays that the next call uses
+        again.
         """
         self._reach[:] = reach
         if self.is_needed:
@@ -66,7 +82,10 @@ class ContactDetection:
             self._search_smooth(depth)
         if len(s.shapes.body):
             self._search_shapes(depth)
-        if len(self._smooth.vertices) or len(s.shapes.body):
+        if self._touching_itself is not None:
+            space, found = self._space, self._found
+            find_self_contacts(self._reach, self._touching_itself, s.topology, s.trees, self._moved, space, found)
+        if len(self._smooth.vertices) or len(s.shapes.body) or self._touching_itself is not None:
             order_contacts(self._space, self._found, self._contacts)
 
     def _search_smooth(self, depth: float) -> None:

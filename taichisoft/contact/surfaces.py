@@ -34,6 +34,7 @@ class _Part:
         nodes, weights: soft nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
         groups: parts that have one in common do not touch each other.
         collides: whether it touches any other.
+        touches_itself: whether parts of it touch each other.
         smooth: whether it stands for a curved surface.
     """
 
@@ -46,6 +47,7 @@ class _Part:
     groups: frozenset[int] = frozenset()
     collides: bool = True
     smooth: bool = False
+    touches_itself: bool = False
 
 
 class ContactSurfaces:
@@ -58,6 +60,7 @@ class ContactSurfaces:
         shapes: the round shapes, whose bodies have no surface here.
         smooth: the surfaces that stand for curved ones.
         trees: trees over the triangles.
+        touching_itself: surfaces whose parts touch each other, shape (count,).
         vertex_range, triangle_range, edge_range: where each surface's features stand, shape (surface_count, 2).
         vertex_is_feature, edge_is_feature: whether it may touch other surfaces (flat ones of rigid bodies do not).
         vertex_is_round: 1 for a vertex that stands for a round surface, else 0.
@@ -88,6 +91,7 @@ class ContactSurfaces:
             weights=stacked([part.weights for part in parts]),
         )
         self.topology = _join(parts)
+        self.touching_itself = np.flatnonzero([part.touches_itself for part in parts]).astype(np.int32)
         self.vertex_range = _ranges([len(part.vertices) for part in parts])
         self.triangle_range = _ranges([len(part.triangles) for part in parts])
         surface_of_edge = np.searchsorted(self.vertex_range[:, 1], self.topology.edges[:, 0], side="right")
@@ -112,6 +116,8 @@ class ContactSurfaces:
         count = len(self.body_size)
         self.may_pass_through, self.may_touch = (np.zeros((count, count), dtype=bool) for _ in range(2))
         self.may_pass_through[tuple(self._body_pairs().T)] = True
+        itself = self.topology.body[self.touching_itself]
+        self.may_pass_through[itself, itself] = True
         of_surfaces, of_shapes = self.topology.body[self.topology.moving], self.shapes.body[self.shapes.moving]
         self.may_touch[np.ix_(np.concatenate([of_surfaces, of_shapes]), self.planes.body)] = True
         self.may_pass_through |= self.may_pass_through.T
@@ -142,8 +148,10 @@ def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequ
         for one in body.collision_surfaces:
             surface, vertices = one.surface, one.surface.positions(body.rest_position)
             nodes = surface.nodes + body.nodes.start
-            collides = body.settings.collides
-            parts.append(_Part(number, SOFT, vertices, surface.triangles, nodes, surface.weights, one.groups, collides))
+            collides, itself = body.settings.collides, body.settings.collides and body.settings.self_contact
+            carried = nodes, surface.weights, one.groups, collides
+            part = _Part(number, SOFT, vertices, surface.triangles, *carried, touches_itself=itself)
+            parts.append(part)
     others: list[RigidBody | Obstacle] = [*rigid, *obstacles]
     for index, other in enumerate(others):
         if other.vertices is not None and other.triangles is not None and other.shape is None:

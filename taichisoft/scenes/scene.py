@@ -255,10 +255,10 @@ class Scene(Table):
                 raise ValueError(f"{key} names '{name}', which is no body; there are: {', '.join(names)}")
         for pair in self.contact.pairs:
             name, other = pair.bodies
-            if name == other and (name not in self.soft_bodies or len(self.soft_bodies[name].collision_surface) < 2):
+            if name == other and not (name in self.soft_bodies and self.soft_bodies[name].may_touch_itself):
                 raise ValueError(
                     f"contact.pairs names '{name}' with itself; a body touches itself only where it is soft and has "
-                    "several collision surfaces, name two bodies"
+                    "self_contact or several collision surfaces, name two bodies"
                 )
         rigid = {f"external_forces.{index}.body": push.body for index, push in enumerate(self.external_forces)}
         if self.goal is not None:

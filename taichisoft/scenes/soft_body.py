@@ -309,6 +309,9 @@ class SoftBody(Table):
     the mesh's outer boundary when it is not given."""
     collides: bool = True
     """Whether the body touches others; one that does not goes through them."""
+    self_contact: bool = False
+    """Whether parts of the body touch each other, such as chambers of a finger that bends; those that are nearer to
+    each other at rest than twice the contact distance do not."""
     colour: Colour | None = None
     """Colour in pictures and on pages, "#rrggbb"; that of silicone when it is not given."""
     tip: Tip | None = None
@@ -336,6 +339,11 @@ class SoftBody(Table):
     @classmethod
     def _take_material(cls, value: Any) -> Any:
         return with_material(value, (*ELASTICITY, "poisson_ratio", "density"))
+
+    @property
+    def may_touch_itself(self) -> bool:
+        """Whether parts of the body may touch each other."""
+        return self.self_contact or len(self.collision_surface) > 1
 
     @model_validator(mode="after")
     def _check_actuator_names(self) -> Self:

@@ -52,7 +52,7 @@ class ContactPrediction:
         smaller = np.minimum(surfaces.body_size[:, None], surfaces.body_size)
         self._least_reach = np.minimum(settings.alarm_distance, smaller)
         self._moving = MovingSurfaces(surfaces)
-        self._detection = ContactDetection(surfaces, self._moving)
+        self._detection = ContactDetection(surfaces, self._moving, settings.contact_distance)
         self._room = Contacts.with_room(FIRST_CAPACITY)
         self._rigid_radius = np.array([body.radius for body in model.rigid_bodies])
         self._depth = float(self._least_reach[surfaces.may_touch].max(initial=0.0))

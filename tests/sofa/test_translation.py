@@ -421,7 +421,10 @@ def test_a_container_of_tetrahedra_carries_points_by_a_grid_as_in_sofa(folder: P
 @pytest.mark.parametrize(
     ("create", "line"),
     [
-        ("collisions(root)\nsurface(body(root), 'block.stl', selfCollision=True)", "does not touch itself"),
+        (
+            "collisions(root)\nsurface(body(root), 'block.stl', selfCollision=True)",
+            "touches itself where it is not nearer to itself at rest than twice the contact distance",
+        ),
         ("node = body(root)\n" + CAVITY.format(mesh="block.stl", settings=""), "there is no FreeMotionAnimationLoop"),
         (
             "free_motion(root)\nn = body(root)\nn.addObject('CableConstraint', indices=[0, 9], valueType='force', "
@@ -439,6 +442,13 @@ def test_a_departure_is_one_line(folder: Path, create: str, line: str) -> None:
     translation = translated(folder, create)
     assert not translation.refused
     assert len([said for said in translation.departures if line in said]) == 1
+
+
+@pytest.mark.parametrize("asked", [True, False])
+def test_self_collision_becomes_self_contact(folder: Path, asked: bool) -> None:
+    create = f"collisions(root)\nsurface(body(root), 'block.stl', selfCollision={asked})"
+    table = translated(folder, create).tables["soft_bodies"]["body"]
+    assert table.get("self_contact", False) is asked
 
 
 def test_an_unknown_component_is_one_line_with_its_place_and_purpose(folder: Path) -> None:

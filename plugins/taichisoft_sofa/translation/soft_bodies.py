@@ -176,9 +176,13 @@ def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
         if not len(surface.triangles):
             draft.refuse(surface.component, "its topology has no triangles; points and lines alone do not collide here")
         if surface.self_collision:
+            table["self_contact"] = True
             draft.depart(
-                f"{node_of(surface.component).getPathName()}: does not touch itself, which selfCollision asks for"
+                f"{node_of(surface.component).getPathName()}: touches itself where it is not nearer to itself at rest "
+                "than twice the contact distance; in SOFA neighbours in the mesh alone are left out"
             )
+    if table.get("self_contact") and not all(surface.self_collision for surface in surfaces):
+        draft.depart(f"{name}: all its surfaces touch themselves, of which selfCollision asks it of some")
     if not surfaces or not collides(draft):
         table["collides"] = False
     names = unique([clean(node_of(surface.component).getName()) for surface in surfaces])
