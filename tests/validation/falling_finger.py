@@ -1,6 +1,7 @@
 """A short run with everything in it: `python falling_finger.py` prints the hash of its last state.
 
-The shipped finger is inflated while its base moves, a cube falls onto it and a soft block onto the cube.
+The shipped finger is inflated while its base moves, a cube falls onto it and another finger, of smoothed elements, onto
+the cube.
 """
 
 import hashlib
@@ -14,6 +15,8 @@ from taichisoft.scenes.scene import Scene
 from taichisoft.state import State
 
 STEPS = 12
+REGION = {"box": [[-100.0, 22.5, -8.0], [-19.0, 28.0, 8.0]], "law": "hooke", "young_modulus": 1500}
+UPPER = {"element": "smoothed", "law": "neo-hookean", "regions": [REGION]}
 
 
 def make_scene() -> Scene:
@@ -30,7 +33,7 @@ def make_scene() -> Scene:
     return scene_from_dict(
         {
             "gravity": [0, -9810, 0],
-            "soft_bodies": {"finger": finger, "upper": {**finger, "translation": [0, 75, 0]}},
+            "soft_bodies": {"finger": finger, "upper": {**finger, **UPPER, "translation": [0, 75, 0]}},
             "rigid_bodies": {"cube": {"box": [40, 40, 40], "mass": 0.01, "position": [-80, 52, 0]}},
             "obstacles": {"floor": {"plane": {"point": [0, -2, 0], "normal": [0, 1, 0]}}},
         }
