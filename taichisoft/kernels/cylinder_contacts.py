@@ -99,7 +99,7 @@ def rim_against_cylinder(
     for k in range(RIM_POINTS):
         low, high = k * sector, (k + 1) * sector
         if level:
-            touch_rim(pair, group, side, end, k, low, reach, mine, other, shapes, there, space, found)
+            touch_rim(pair, group, side, end, k, low, 1.0, reach, mine, other, shapes, there, space, found)
         elif (
             rim_slope(low, end, mine, other, shapes, there) < 0.0
             and rim_slope(high, end, mine, other, shapes, there) >= 0.0
@@ -110,7 +110,7 @@ def rim_against_cylinder(
                     low = middle
                 else:
                     high = middle
-            touch_rim(pair, group, side, end, k, high, reach, mine, other, shapes, there, space, found)
+            touch_rim(pair, group, side, end, k, high, ROUNDING, reach, mine, other, shapes, there, space, found)
             x, _outward = rim_point(high, end, mine, shapes, there)
             distance, _out, _where = signed_distance(x, other, shapes, there)
             if distance < least:
@@ -119,7 +119,20 @@ def rim_against_cylinder(
         for quarter in range(1, QUARTERS):
             angle = least_angle + 2.0 * math.pi * quarter / QUARTERS
             touch_rim(
-                pair, group, side, end, RIM_POINTS + quarter, angle, reach, mine, other, shapes, there, space, found
+                pair,
+                group,
+                side,
+                end,
+                RIM_POINTS + quarter,
+                angle,
+                1.0,
+                reach,
+                mine,
+                other,
+                shapes,
+                there,
+                space,
+                found,
             )
 
 
@@ -131,6 +144,7 @@ def touch_rim(
     end: ti.i32,
     k: ti.i32,
     angle: ti.f64,
+    inward: ti.f64,
     reach: ti.f64,
     mine: ti.i32,
     other: ti.i32,
@@ -139,11 +153,14 @@ def touch_rim(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contact of a rim's point, if the way to the other cylinder leaves the one that it belongs to."""
+    """Store the contact of a rim's point, if the way to the other cylinder leaves the end that it belongs to.
+
+    At a minimum it leaves the side as well; at other points of an end it may lead `inward` across the rim (cosine).
+    """
     x, outward = rim_point(angle, end, mine, shapes, there)
     distance, out, _where = signed_distance(x, other, shapes, there)
     beyond = ti.select(end == 0, -1.0, 1.0) * there.axis[mine]
-    if distance < reach and out.dot(outward) <= ROUNDING and out.dot(beyond) <= ROUNDING:
+    if distance < reach and out.dot(outward) <= inward and out.dot(beyond) <= ROUNDING:
         foot = x - distance * out
         number = ti.select(side == 0, 0, CROSSING + 1) + end * (RIM_POINTS + QUARTERS) + k
         if side == 0:

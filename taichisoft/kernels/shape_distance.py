@@ -18,7 +18,7 @@ HALVINGS = 60  # of a segment: to the last bit
 
 # An end whose rim is level with a plane to this [mm] stands on as many points as this, which begin at the direction in
 # which the load leans: without a lowest point a choice of few would depend on round-off, and a standing cylinder rock.
-LEVEL = 1e-5
+LEVEL = 5e-4
 RIM_POINTS = 16
 # An end that faces a plane, at more than 60 degrees to the axis, stands on its lowest point and three others a quarter
 # of a turn apart.

@@ -155,7 +155,7 @@ def test_the_least_distance(first: str, second: str, in_turn: bool) -> None:
 def test_a_plane(name: str, turn: tuple[float, ...], normal: tuple[float, ...], height: float) -> None:
     """The lowest point of the shape, at its true depth; its arm ends on the shape's own surface.
 
-    A rim that is level to 1e-5 mm stands on 16 fixed points, which miss its lowest one by 2 % of that.
+    A rim that is level to 5e-4 mm stands on 16 points, which miss its lowest one by 2 % of that.
     """
     up = np.array([0.0, 0.0, 1.0])
     model = cached(
@@ -173,7 +173,7 @@ def test_a_plane(name: str, turn: tuple[float, ...], normal: tuple[float, ...], 
         lowest = kind["radius"] + 0.5 * kind.get("length", 0.0) * abs(down[2])
     place = np.array([normal[0], normal[1], lowest + height])
     pairs = find(model, [place], [rotation], reach=5.0)
-    assert pairs.distance.min() == pytest.approx(height, abs=2e-7)
+    assert pairs.distance.min() == pytest.approx(height, abs=1e-5)
     np.testing.assert_allclose(pairs.normal, np.tile(-up, (len(pairs.normal), 1)), atol=1e-12)
     local = (pairs.points[:, 0] - place) @ rotation
     assert (distance_from(table, local) < 1e-9).all()  # points of the body
