@@ -12,8 +12,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.bodies.elements import edge_frames, lame_parameters, linear_tetrahedra
+from taichisoft_plugins.rubber_stress import rubber_stress
 
 if TYPE_CHECKING:
+    from taichisoft_plugins.recording.bodies import RecordedSoftBody
     from taichisoft_plugins.recording.reader import Recording
 
 
@@ -67,25 +69,42 @@ class StressLaw:
 
 def recorded_stress(recording: "Recording") -> Callable[[int], list[np.ndarray]]:
     """Gives the stresses [kPa] of the `tetrahedra` of each soft body in a frame, each of shape (count, 3, 3)."""
-    settings, bodies = recording.scene.soft_bodies, recording.soft_bodies
-    laws = [
-        StressLaw(
-            body.rest_position,
-            body.tetrahedra,
-            np.repeat(body.poisson_ratio, body.parts),
-            settings[body.name].corotation == "polar" or settings[body.name].element != "linear",
-        )
-        for body in bodies
-    ]
+    bodies = [_BodyStress(recording, body) for body in recording.soft_bodies]
 
     def stresses(frame: int) -> list[np.ndarray]:
         position, young_modulus = recording.row("position", frame), recording.row("young_modulus", frame)
-        return [
-            law.stress(position[body.nodes], np.repeat(young_modulus[body.material], body.parts))
-            for law, body in zip(laws, bodies, strict=True)
-        ]
+        return [body(position, young_modulus) for body in bodies]
 
     return stresses
+
+
+class _BodyStress:
+    """The stress of a recorded body, each of whose materials has a law of its own."""
+
+    def __init__(self, recording: "Recording", body: "RecordedSoftBody"):
+        settings = recording.scene.soft_bodies[body.name]
+        self._nodes, self._tetrahedra = body.nodes, body.tetrahedra
+        self._material = np.repeat(body.material, body.parts)
+        self._poisson_ratio = np.repeat(body.poisson_ratio, body.parts)
+        self._gradients = linear_tetrahedra(body.rest_position, body.tetrahedra)[0][:, 0]
+        polar = settings.corotation == "polar" or settings.element != "linear"
+        self._hooke = StressLaw(body.rest_position, body.tetrahedra, self._poisson_ratio, polar)
+        first = list(recording.scene.young_moduli).index(body.name)
+        self._rubbers = [
+            (np.flatnonzero(self._material == first + number), one.law or settings.law, one.coefficients)
+            for number, one in enumerate(settings.materials)
+            if (one.law or settings.law) != "hooke"
+        ]
+
+    def __call__(self, position: np.ndarray, young_modulus: np.ndarray) -> np.ndarray:
+        """Stresses [kPa] at positions of all nodes [mm] and with the present modulus of each material [kPa]."""
+        position, young_modulus = position[self._nodes], young_modulus[self._material]
+        stress = self._hooke.stress(position, young_modulus)
+        for some, law, coefficients in self._rubbers:
+            deformation = np.swapaxes(position[self._tetrahedra[some]], 1, 2) @ self._gradients[some]
+            ratio = self._poisson_ratio[some]
+            stress[some] = rubber_stress(deformation, law, coefficients, young_modulus[some], ratio)
+        return stress
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:

@@ -150,10 +150,10 @@ def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> tuple[Ela
     material = np.zeros(len(mesh.elements), dtype=np.int32)
     for index, region in enumerate(body.regions):
         material[select_elements(mesh, region, f"{key}.regions.{index}")] = 1 + index
-    laws = [elastic_law(body.law, body.young_modulus, body.coefficients, body.poisson_ratio)]
-    for region in body.regions:
-        poisson_ratio = body.poisson_ratio if region.poisson_ratio is None else region.poisson_ratio
-        laws.append(elastic_law(region.law or body.law, region.young_modulus, region.coefficients, poisson_ratio))
+    laws = []
+    for one in body.materials:
+        poisson_ratio = body.poisson_ratio if one.poisson_ratio is None else one.poisson_ratio
+        laws.append(elastic_law(one.law or body.law, one.young_modulus, one.coefficients, poisson_ratio))
     return ElasticLaws.joined(laws).of(material), material
 
 

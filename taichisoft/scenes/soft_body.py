@@ -353,16 +353,20 @@ class SoftBody(Table):
         return self
 
     @property
+    def materials(self) -> "list[SoftBody | Region]":
+        """What has a material: the body itself, then its regions."""
+        return [self, *self.regions]
+
+    @property
     def young_moduli(self) -> list[float]:
-        """Young's moduli at rest [kPa]: the body's own, then those of its regions."""
-        materials: list[SoftBody | Region] = [self, *self.regions]
+        """Young's moduli at rest [kPa] of `materials`."""
         return [
             one.young_modulus
             if one.young_modulus is not None
             else 2.0
             * (1.0 + (self.poisson_ratio if one.poisson_ratio is None else one.poisson_ratio))
             * initial_shear_modulus(one.law or self.law, one.coefficients or {})
-            for one in materials
+            for one in self.materials
         ]
 
     @field_validator("collision_surface", mode="before")
