@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.atomic_file import atomic_file
+from taichisoft.bodies.strain import Stretches
 from taichisoft.errors import GoalMissed
 from taichisoft.session.output import Output
 from taichisoft_plugins.base_motion import last_at_rest
@@ -18,6 +19,10 @@ if TYPE_CHECKING:
     from taichisoft.step.report import StepReport
 
 FILE_NAME = "metrics.json"
+STRETCH_EVERY = 20
+"""Steps from one look at the stretches to the next."""
+MOST = 0.99
+"""Share of a body's elements whose stretches lie below the second figure."""
 
 
 class MetricsOutput(Output):
@@ -31,6 +36,9 @@ class MetricsOutput(Output):
         """Look up the object of the scene's goal."""
         self._scene = model.scene
         self._cables = model.cables.names
+        self._soft = [
+            (body.name, body.nodes, Stretches(body.rest_position, body.elements)) for body in model.soft_bodies
+        ]
         goal = self._scene.goal
         self._object = list(self._scene.rigid_bodies).index(goal.object) if goal is not None else None
         self.restart(state)
@@ -38,6 +46,8 @@ class MetricsOutput(Output):
     def restart(self, state: "State") -> None:
         """Forget all steps before: the figures are those since the last start."""
         self._reports: list[StepReport] = []
+        self._stretch = {name: (1.0, 1.0) for name, _, _ in self._soft}
+        self._last_state = state
         self._object_positions = [self._object_position(state)]
         self._base_positions = [state.base_translation]
 
@@ -46,6 +56,9 @@ class MetricsOutput(Output):
         self._reports.append(report)
         self._object_positions.append(self._object_position(state))
         self._base_positions.append(state.base_translation)
+        self._last_state = state
+        if len(self._reports) % STRETCH_EVERY == 0:
+            self._look_at_stretches()
 
     def end(self, outcome: str) -> None:
         """Write metrics.json.
@@ -54,7 +67,14 @@ class MetricsOutput(Output):
             GoalMissed: the run was completed, but its goal was not reached.
             TaichisoftError: the file cannot be written.
         """
-        self.metrics = {"outcome": outcome, **self._step_metrics(), **self._cable_metrics(), **self._goal_metrics()}
+        self._look_at_stretches()
+        self.metrics = {
+            "outcome": outcome,
+            **self._step_metrics(),
+            **self._stretch_metrics(),
+            **self._cable_metrics(),
+            **self._goal_metrics(),
+        }
         goal = self._scene.goal
         shortcomings = self._shortcomings() if goal is not None and outcome == "completed" else []
         self.metrics["held"] = None if goal is None else outcome == "completed" and not shortcomings
@@ -84,6 +104,10 @@ class MetricsOutput(Output):
             if largest:
                 cable, value = max(largest.items(), key=lambda item: abs(item[1]))
                 rows[f"largest {what}"] = f"{value:z.{digits}f} {unit} ({cable})"
+        if self._stretch:
+            name = max(self._stretch, key=lambda body: self._stretch[body])
+            largest, most = self._stretch[name]
+            rows["largest stretch, and of 99 % of the elements"] = f"{largest:.2f} and {most:.2f} ({name})"
         return rows | {
             "largest penetration of the contact distance": f"{m['max_penetration_mm']:.3g} mm",
             "steps with surfaces that overlap": f"{m['overlapping_steps']} of {m['steps']}",
@@ -132,6 +156,22 @@ class MetricsOutput(Output):
             "unconverged_steps": sum(not report.converged for report in reports),
             "step_time_median_ms": 1e3 * median,
             "real_time_factor": self._scene.time.step / median,
+        }
+
+    def _look_at_stretches(self) -> None:
+        """Keep the largest stretches of each body, and those that 99 % of its elements stay below."""
+        for name, nodes, stretches in self._soft:
+            found = stretches.largest(self._last_state.position[nodes])
+            largest, most = self._stretch[name]
+            self._stretch[name] = (max(largest, float(found.max())), max(most, float(np.quantile(found, MOST))))
+
+    def _stretch_metrics(self) -> dict[str, Any]:
+        """The largest principal stretch of each soft body in the run; nothing where there is none."""
+        if not self._stretch:
+            return {}
+        return {
+            "largest_stretch": {name: largest for name, (largest, _) in self._stretch.items()},
+            "stretch_99_percent": {name: most for name, (_, most) in self._stretch.items()},
         }
 
     def _cable_metrics(self) -> dict[str, Any]:

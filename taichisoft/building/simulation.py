@@ -1,6 +1,7 @@
 """From a scene to a simulation: its meshes are read from files, or made of a geometry by the plug-in that knows how."""
 
 import inspect
+import warnings
 from collections.abc import Container
 from pathlib import Path
 
@@ -13,6 +14,9 @@ from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import provided
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.soft_body import BodyMesh
+
+HIGHEST_RATIO = 0.45
+"""Poisson's ratio above which linear tetrahedra lock: a finger bends 21.8 mm at 0.3, 6.7 at 0.49, 2.0 at 0.499."""
 
 
 class Simulation(simulation.Simulation):
@@ -41,7 +45,20 @@ def make_model(scene: Scene) -> Model:
         SceneError: something in the scene does not fit its meshes, or bodies overlap at the start.
         PluginError: the plug-in that makes a mesh failed.
     """
+    _warn_of_locking(scene)
     return Model(scene, load_meshes(scene))
+
+
+def _warn_of_locking(scene: Scene) -> None:
+    """Say which linear elements resist bending because they cannot keep their volumes and bend."""
+    for name, body in scene.soft_bodies.items():
+        ratios = [body.poisson_ratio, *(one.poisson_ratio for one in body.regions if one.poisson_ratio is not None)]
+        if body.element == "linear" and max(ratios) > HIGHEST_RATIO:
+            warnings.warn(
+                f"soft_bodies.{name}.poisson_ratio = {max(ratios):g}: linear elements lock above {HIGHEST_RATIO:g}, "
+                'and bend far too little; element = "smoothed" does not, or take a smaller one',
+                stacklevel=3,
+            )
 
 
 def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:

@@ -12,6 +12,7 @@ from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import notify
 from taichisoft.running.interruption import deferred_signals
 from taichisoft.running.key_handling import KeyHandling
+from taichisoft.running.strain_watch import StrainWatch
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
 from taichisoft.session.output import Output
 from taichisoft.session.session import Session
@@ -99,6 +100,7 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None, sto
         session, lambda event: _call(controller, controller.key, event), lambda: _start_anew(session)
     )
     warned: set[Callable[..., None]] = set()
+    strain_watch = StrainWatch(session.simulation.model)
     session.pace.restart()
     try:
         while True:
@@ -114,6 +116,9 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None, sto
                 continue
             report = _step(session)
             _warn_once(session, report, warned)
+            complaint = strain_watch.complaint(session.simulation.state)
+            if complaint is not None:
+                warnings.warn(complaint, stacklevel=4)
             if on_step is not None:
                 on_step(report)
             _wait_for_pace(session, stop_if_asked)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from taichisoft.bodies.strain import Stretches, valid_stretch
 from taichisoft.errors import SimulationDiverged
 from taichisoft.kernels import divergence as kernels
 from taichisoft.model import Model
@@ -24,6 +25,7 @@ class DivergenceCheck:
     def __init__(self, model: Model):
         """Lay out the bodies."""
         soft, rigid = model.soft_bodies, model.rigid_bodies
+        self._bodies = soft
         node_starts = [*(body.nodes.start for body in soft), model.node_count]
         self._time_step = model.scene.time.step
         self._soft = _Leaps([body.name for body in soft], [body.rest_position for body in soft], node_starts)
@@ -50,15 +52,23 @@ class DivergenceCheck:
         self._soft.check(before.position, before.velocity, after.position, step, self._time_step)
         self._rigid.check(before.rigid_position, before.rigid_velocity, after.rigid_position, step, self._time_step)
         if self._soft.names:
-            self._check_inverted(step)
+            self._check_inverted(before, step)
 
-    def _check_inverted(self, step: int) -> None:
+    def _check_inverted(self, before: State, step: int) -> None:
         kernels.count_inverted(self._inverted, self._soft.points.after)
         bad = self._inverted.count > self._largest_inverted
         if bad.any():
             body = int(np.argmax(bad))
             count = f"{self._inverted.count[body]} of {self._element_counts[body]}"
-            raise SimulationDiverged(self._soft.names[body], step, f"has {count} elements turned inside out", ADVICE)
+            cause = f"has {count} elements turned inside out{self._beyond_its_law(body, before)}"
+            raise SimulationDiverged(self._soft.names[body], step, cause, ADVICE)
+
+    def _beyond_its_law(self, number: int, state: State) -> str:
+        """What there is to say where a body was stretched beyond the range of its law before the step."""
+        body = self._bodies[number]
+        found = Stretches(body.rest_position, body.elements).largest(state.position[body.nodes]).max()
+        limit, law = valid_stretch(body.settings)
+        return f" after being stretched {found:.2f}-fold, where {law} holds up to {limit:g}" if found > limit else ""
 
 
 class _Leaps:

@@ -10,7 +10,7 @@ from PIL import Image
 
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.meshes.surface_files import read_surface, write_stl
-from taichisoft_plugins.drawing.colouring import PLAIN, Colouring, displacement, stress
+from taichisoft_plugins.drawing.colouring import PLAIN, Colouring, displacement, strain, stress
 from taichisoft_plugins.drawing.force_arrows import ForceArrows
 from taichisoft_plugins.drawing.overlay import caption_parts, paint_caption
 from taichisoft_plugins.drawing.scales import AIR, SOFT, ColourScale, round_up
@@ -68,6 +68,31 @@ def test_stress_is_nothing_at_rest_and_highest_where_fibres_are_longest(gripper)
     # The elements at the outer side reach a few millimetres inwards.
     assert outer == pytest.approx(500.0 / 1.3 * 0.45 * 30.0 / 115.0, rel=0.1)
     assert inner < 0.5 * outer
+
+
+def test_strain_is_that_of_the_longest_fibres(gripper):
+    """0.45 * 30 / 115 at the outer side, nothing at rest; elements at the outer side reach some mm inwards."""
+    values = strain(gripper)
+    body = gripper.soft_bodies[0]
+    assert np.allclose(values(0)[body.nodes], 0.0, atol=1e-7)
+    middle = np.abs(body.mesh_nodes[:, 0] + 60.0) < 30.0
+    outer = values(1)[body.nodes][middle & (body.mesh_nodes[:, 1] < 2.0)].mean()
+    assert outer == pytest.approx(0.45 * 30.0 / 115.0, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("style", "opacity", "scales"),
+    [
+        (Style(colour_by="stress"), 1.0, ["stress [kPa]"]),
+        (Style(colour_by="strain"), 1.0, ["largest strain [-]"]),
+        (Style(colour_by="strain", opacity=0.5), 0.5, ["largest strain [-]", "pressure [kPa]"]),
+        (Style(colour_by="displacement"), 0.6, ["displacement [mm]", "pressure [kPa]"]),
+    ],
+)
+def test_stress_and_strain_are_drawn_opaque_unless_asked_otherwise(gripper, style, opacity, scales):
+    """Cavities that shine through would change the colours, and then those of the bar mean nothing."""
+    assert style.soft_opacity == opacity
+    assert [scale.title for scale in Colouring(gripper, style, FRAMES, gripper.surfaces).scales] == scales
 
 
 def test_colours_of_soft_bodies_and_cavities_mean_what_the_bars_say(gripper):

@@ -8,6 +8,7 @@ import pytest
 import pyvista
 import tiny_run
 
+from taichisoft.bodies.strain import Stretches
 from taichisoft_plugins.paraview.export import ExportError, chosen_frames, export_vtu
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.reader import Recording, read_recording
@@ -78,6 +79,8 @@ def test_cells_have_stress_material_body_and_groups(exported: Path, recording: R
         law = StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar=True)
         stress = law.stress(position, np.full(len(body.elements), 100.0))
         close(soft.cell_data["von_mises"][cells], von_mises(stress))
+        stretches = Stretches(body.rest_position, body.elements)
+        close(soft.cell_data["largest_stretch"][cells], stretches.largest(position))
         xx_yy_zz_xy_yz_xz = stress[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
         close(soft.cell_data["stress"][cells], xx_yy_zz_xy_yz_xz)
     assert (soft.cell_data["young_modulus"] == 100.0).all()

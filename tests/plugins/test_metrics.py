@@ -5,6 +5,7 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import fake_run
 import numpy as np
 import pytest
 
@@ -32,7 +33,7 @@ def model(goal: bool = True) -> Any:
             "rigid_bodies": {name: {"box": [10, 10, 10], "mass": 0.001} for name in ("other", "cube")},
         }
     )
-    return SimpleNamespace(scene=scene, cables=SimpleNamespace(names=()))
+    return SimpleNamespace(scene=scene, soft_bodies=(), cables=SimpleNamespace(names=()))
 
 
 def report(step: int, **changes: Any) -> Any:
@@ -233,3 +234,18 @@ def test_a_new_start_forgets_what_came_before(tmp_path):
         output.record(state(1.0, 1.0), report(0))
         output.end("completed")
     assert first.metrics == second.metrics
+
+
+def test_the_largest_stretch_of_each_body_is_kept(tmp_path: Path) -> None:
+    """Of all looks and of the last state: a tetrahedron pulled to 1.5 of its length, then let go to 1.25."""
+    model = fake_run.fake_model()
+    model.cables = SimpleNamespace(names=())
+    output = MetricsOutput(tmp_path)
+    rest = SimpleNamespace(position=fake_run.REST, rigid_position=np.zeros((1, 3)), base_translation=np.zeros(3))
+    output.begin(model, rest)
+    assert output._stretch == {"finger": (1.0, 1.0)}
+    for stretch in (1.5, 1.25):
+        output._last_state = SimpleNamespace(position=fake_run.REST * [stretch, 1.0, 1.0])
+        output._look_at_stretches()
+    assert output._stretch_metrics()["largest_stretch"]["finger"] == pytest.approx(1.5)
+    assert output._stretch_metrics()["stretch_99_percent"]["finger"] == pytest.approx(1.5)

@@ -152,7 +152,7 @@ def test_legends_hide_no_curve_and_axes_have_units(recording: Recording) -> None
         [make(run) for name, make in PANELS.items() if name not in CABLE_PANELS], ["left", "right", "cube"]
     )
     figure.draw_without_rendering()
-    for axes in figure.axes:
+    for axes in filter(lambda axes: axes.get_visible(), figure.axes):
         assert "[" in axes.get_xlabel() and "[" in axes.get_ylabel()
         legend = axes.get_legend().get_window_extent()
         assert not any(legend.overlaps(others.get_window_extent()) for others in figure.axes)
@@ -199,3 +199,18 @@ def test_unknown_names_are_refused_with_the_known_ones(recording: Recording) -> 
         draw_plots(recording, "png", ["pressures"])
     with pytest.raises(PlotError, match="--format pdf: there are: png, svg"):
         draw_plots(recording, "pdf")
+
+
+def test_the_stretch_is_that_of_the_recorded_positions(recording: Recording) -> None:
+    """The largest singular value of any element's deformation, frame by frame."""
+    panel = PANELS["stretch"](RunCurves(recording))
+    assert [curve.label for curve in panel.curves] == [body.name for body in recording.soft_bodies]
+    frame = len(recording.times) - 1
+    for curve, body in zip(panel.curves, recording.soft_bodies, strict=True):
+        position = recording.row("position", frame)[body.nodes]
+        rest, now = (
+            np.swapaxes(x[body.elements[:, 1:]] - x[body.elements[:, :1]], 1, 2) for x in (body.rest_position, position)
+        )
+        largest = np.linalg.svd(now @ np.linalg.inv(rest))[1].max()
+        assert curve.y[-1] == pytest.approx(largest, rel=1e-7)
+        assert largest > 1.001

@@ -1,7 +1,7 @@
 """The colours of the surfaces of a recording in its frames, before light falls on them.
 
-Bodies have the colours of the scene, or soft ones those of their displacement or stress; cavities have those of their
-pressure, cables those of their tension.
+Bodies have the colours of the scene, or soft ones those of their displacement, stress or strain; cavities have those
+of their pressure, cables those of their tension.
 """
 
 from collections.abc import Callable, Sequence
@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from taichisoft.bodies.cable_paths import segment_tensions
+from taichisoft.bodies.strain import Stretches
 from taichisoft_plugins.drawing.cable_tubes import CableTube
 from taichisoft_plugins.drawing.scales import AIR, LINE, SOFT, ColourScale, round_up, sample_frames
 from taichisoft_plugins.drawing.scene_colours import body_colours
@@ -57,7 +58,7 @@ class Colouring:
             quantity, title = QUANTITIES[style.colour_by]
             self._values = quantity(recording)
             self._scale = ColourScale(title, 0.0, self._high_end(frames), SOFT)
-        seen = style.cavity_pressure and style.opacity < 1.0
+        seen = style.cavity_pressure and style.soft_opacity < 1.0
         self._pressure_scale = _pressure_scale(recording, frames) if seen else None
         self._tension_scale = _tension_scale(recording, frames) if style.cable_tension else None
         scales = (self._scale, self._pressure_scale, self._tension_scale)
@@ -118,7 +119,26 @@ def stress(recording: Recording) -> NodeValues:
     return values
 
 
-QUANTITIES = {"displacement": (displacement, "displacement [mm]"), "stress": (stress, "stress [kPa]")}
+def strain(recording: Recording) -> NodeValues:
+    """Largest principal strain at each node [-], the stretch less one: the mean of the elements around it."""
+    laws = [Stretches(body.rest_position, body.elements) for body in recording.soft_bodies]
+
+    def values(frame: int) -> np.ndarray:
+        position = recording.row("position", frame)
+        of_bodies = [
+            nodal_mean(law.largest(position[body.nodes]) - 1.0, body.tetrahedra, body.rest_position)
+            for law, body in zip(laws, recording.soft_bodies, strict=True)
+        ]
+        return np.concatenate([np.zeros(0), *of_bodies])
+
+    return values
+
+
+QUANTITIES = {
+    "displacement": (displacement, "displacement [mm]"),
+    "stress": (stress, "stress [kPa]"),
+    "strain": (strain, "largest strain [-]"),
+}
 
 
 def _pressure_scale(recording: Recording, frames: Sequence[int]) -> ColourScale | None:

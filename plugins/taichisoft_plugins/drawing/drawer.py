@@ -66,7 +66,7 @@ class Drawer:
         triangles = {surface.name: surface.triangles for surface in self._surfaces}
         triangles |= {name: of_wall for name, _, of_wall in self._walls}
         soft = [surface.name for surface in self._surfaces if surface.kind == "soft"]
-        self._painter = SurfacePainter(style.size, triangles, soft, style.opacity, scene_axes(up))
+        self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, scene_axes(up))
         self._hide_what_is_under(floors[-1:], points)
 
     def image(self, frame: int) -> np.ndarray:

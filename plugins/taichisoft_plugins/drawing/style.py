@@ -13,7 +13,9 @@ if TYPE_CHECKING:
     from taichisoft.scenes.scene import Scene
 
 VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
-COLOURINGS = ("none", "displacement", "stress")
+COLOURINGS = ("none", "displacement", "stress", "strain")
+TRANSLUCENT = 0.6
+"""Opacity of soft bodies whose colours need not be compared with a bar."""
 SMALLEST, LARGEST = 16, 8192
 """Least and greatest width and height that can be drawn [pixels]."""
 BACKGROUND = (0.86, 0.90, 0.94)
@@ -34,9 +36,11 @@ class Style:
             frames), or "follow:BODY" (from iso, moving with that body); None for the scene's own camera, or iso.
         eye: position of the camera [mm], which takes the place of `view`.
         target: point that a camera at `eye` looks at [mm]; None for the middle of the scene.
-        opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden.
+        opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden. None for 1 where
+            they show stress or strain, so that the colours are those of the bar, else for TRANSLUCENT.
         background: red, green and blue [-], each from 0 to 1; or "#rrggbb"; None for the scene's own.
-        colour_by: what the colours of soft bodies mean: "none", "displacement" [mm] or "stress" (von Mises) [kPa].
+        colour_by: what the colours of soft bodies mean: "none", "displacement" [mm], "stress" (von Mises) [kPa]
+            or "strain" (the largest principal one) [-].
         cavity_pressure: whether cavities have the colour of their pressure.
         cable_tension: whether cables have the colour of their tension.
         arrows: whether contact forces are drawn as arrows.
@@ -53,7 +57,7 @@ class Style:
     view: str | None = None
     eye: tuple[float, float, float] | None = None
     target: tuple[float, float, float] | None = None
-    opacity: float = 0.6
+    opacity: float | None = None
     background: tuple[float, float, float] | str | None = None
     colour_by: str = "none"
     cavity_pressure: bool = True
@@ -71,7 +75,7 @@ class Style:
         self._set("size", (int(width), int(height)))
         if self.view not in (None, *VIEWS[:-1]) and not re.fullmatch("follow:.+", self.view):
             raise StyleError(f"no view is called '{self.view}'; there are: {', '.join(VIEWS)}")
-        if not 0.0 < self.opacity <= 1.0:
+        if self.opacity is not None and not 0.0 < self.opacity <= 1.0:
             raise StyleError(f"opacity {self.opacity:g} must be above 0 and at most 1")
         if self.colour_by not in COLOURINGS:
             raise StyleError(
@@ -88,6 +92,13 @@ class Style:
             raise StyleError(f"eye and target are one point, {self.eye}: the camera would look nowhere")
         if self.surface is not None:
             self._set("surface", Path(self.surface))
+
+    @property
+    def soft_opacity(self) -> float:
+        """Opacity of the soft bodies [-]."""
+        if self.opacity is not None:
+            return self.opacity
+        return 1.0 if self.colour_by in ("stress", "strain") else TRANSLUCENT
 
     @property
     def followed(self) -> str | None:

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from taichisoft.bodies.strain import Stretches
 from taichisoft_plugins.paraview.vtu_file import TETRAHEDRON, Grid
 from taichisoft_plugins.recording.bodies import RecordedSoftBody
 from taichisoft_plugins.recording.reader import Recording
@@ -21,6 +22,7 @@ class SoftBodyGrid:
         self._recording = recording
         self._bodies = recording.soft_bodies
         self._stresses = recorded_stress(recording)
+        self._stretches = [Stretches(body.rest_position, body.elements) for body in self._bodies]
         self._material = np.concatenate([np.repeat(body.material, body.parts) for body in self._bodies])
         self._rest_position = np.vstack([body.rest_position for body in self._bodies])
         self._cells = np.vstack([body.tetrahedra + body.nodes.start for body in self._bodies])
@@ -46,6 +48,9 @@ class SoftBodyGrid:
         present = {
             "stress": stress[:, ROWS, COLUMNS],
             "von_mises": von_mises(stress),
+            "largest_stretch": np.concatenate(
+                [one.largest(position[body.nodes]) for one, body in zip(self._stretches, self._bodies, strict=True)]
+            ),
             "young_modulus": self._recording.row("young_modulus", frame)[self._material],
         }
         return Grid(position, self._cells, TETRAHEDRON, moving | self._point_data, present | self._cell_data)

@@ -5,12 +5,15 @@ from functools import cached_property
 
 import numpy as np
 
+from taichisoft.bodies.strain import Stretches
 from taichisoft_plugins.base_motion import last_at_rest
 from taichisoft_plugins.plots.figure import Curve, Panel, pieces
 from taichisoft_plugins.plots.fingertips import TipMotion, tip_motion
 from taichisoft_plugins.recording.reader import Recording
 
 TIME_AXIS = "time [s]"
+STRETCH_FRAMES = 100
+"""Frames, at most, whose elements are looked at: there may be thousands of frames."""
 
 
 class RunCurves:
@@ -77,6 +80,19 @@ def bending(run: RunCurves) -> Panel:
     return Panel(TIME_AXIS, "bending angle [degrees]", curves)
 
 
+def stretch(run: RunCurves) -> Panel:
+    """Largest principal stretches of the soft bodies, in up to STRETCH_FRAMES frames."""
+    frames = np.unique(np.linspace(0, len(run.times) - 1, STRETCH_FRAMES).astype(int))
+    laws = [(body, Stretches(body.rest_position, body.elements)) for body in run.recording.soft_bodies]
+    rows = [run.recording.row("position", int(frame)) for frame in frames]
+    curves = [
+        Curve(body.name, body.name, run.times[frames], found, run.times[frames])
+        for body, law in laws
+        for found in [np.array([law.largest(row[body.nodes]).max() for row in rows])]
+    ]
+    return Panel(TIME_AXIS, "largest stretch [-]", curves)
+
+
 def height(run: RunCurves) -> Panel:
     """Heights of objects and base over those at the start."""
     names = _objects(run.recording)
@@ -138,6 +154,7 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "tension": tension,
     "pull": pull,
     "bending": bending,
+    "stretch": stretch,
     "height": height,
     "tips-side": tips_side,
     "tips-above": tips_above,

@@ -47,7 +47,10 @@ def render(
         str | None,
         typer.Option(metavar="X,Y,Z", help="What it looks at from there \\[mm]  \\[default: middle of the scene]"),
     ] = None,
-    opacity: Annotated[float, typer.Option(help="Opacity of soft bodies, up to 1.")] = STYLE.opacity,
+    opacity: Annotated[
+        float | None,
+        typer.Option(help="Opacity of soft bodies, up to 1  \\[default: 1 for stress and strain, else 0.6]"),
+    ] = None,
     background: Annotated[
         str | None, typer.Option(metavar="#RRGGBB", help="Colour behind everything  \\[default: the scene's]")
     ] = None,
