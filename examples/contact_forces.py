@@ -10,7 +10,7 @@ Prints:
     finger1 on cube        92.7     55.6
     finger2 on cube       200.2    120.1
     finger3 on cube       200.3    120.2
-    cube on floor         299.1     70.5
+    cube on floor         299.1     51.6
     All contacts together push the cube up with 9.81 mN; its weight is 9.81 mN.
     centre of finger1's force: (-112.56, 47.72, -1.00) mm
 """

@@ -9,10 +9,10 @@ Run it with a folder to keep the surface: python examples/own_object.py out/own_
 Prints:
 
     mass of the can: 6.098 g
-    finger1 and can: 92.2 mN
-    finger2 and can: 92.2 mN
-    finger3 and can: 92.2 mN
-    can and floor: 224.3 mN
+    finger1 and can: 92.7 mN
+    finger2 and can: 92.7 mN
+    finger3 and can: 92.7 mN
+    can and floor: 226.7 mN
 """
 
 import sys

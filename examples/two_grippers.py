@@ -6,7 +6,7 @@ state of its own. They may be stepped in any order: each gives the bits that it 
 Prints:
 
     gentle: the fingers press with 19.4, 138.4, 138.4 mN
-    firm: the fingers press with 236.2, 345.0, 344.8 mN
+    firm: the fingers press with 235.8, 345.0, 344.8 mN
     the same state as alone, bit for bit: True
 """
 
