@@ -20,7 +20,7 @@ import pytest
 import trimesh
 from conftest import examples
 from energy import gain_by_turning, normal_impulse, total_energy
-from hypothesis import Phase, given
+from hypothesis import given
 from hypothesis import strategies as st
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, silicone, simulate
 
@@ -75,7 +75,7 @@ def energy_gains(simulation: Simulation) -> list[float]:
 
 
 @pytest.mark.parametrize("wall", [False, True], ids=["floor", "floor and wall"])
-@examples(30, phases=(Phase.explicit, Phase.generate))  # a scene tells as much as a smaller one
+@examples(30)
 @given(
     shape=st.sampled_from(sorted(UNITS)),
     size=st.floats(5.0, 30.0),

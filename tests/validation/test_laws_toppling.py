@@ -13,15 +13,8 @@ from taichisoft.building.simulation import Simulation
 CLOSE = {"contact_distance": 0.1, "alarm_distance": 1.0}
 
 
-@pytest.mark.parametrize(
-    ("excess", "falls", "step"),
-    [
-        (-0.05, False, 0.01),
-        (-0.05, False, 0.002),
-        (0.05, True, 0.01),
-        (0.05, True, 0.002),
-    ],
-)
+@pytest.mark.parametrize(("excess", "falls"), [(-0.05, False), (0.05, True)])
+@pytest.mark.parametrize("step", [0.01, 0.002])
 def test_a_box_topples_at_its_angle(figures: Figures, excess: float, falls: bool, step: float) -> None:
     """It tips over its lower edge if tan t > width / height; 0.05 degrees on either side of it, with friction enough.
 
