@@ -21,7 +21,7 @@ from typing import NamedTuple
 from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
 from taichisoft.kernels.elimination import LinearSystem
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.newton import Pull, choose_rows, newton_step
+from taichisoft.kernels.newton import Pull, choose_rows, newton_step, weigh_rows
 from taichisoft.kernels.runtime import Integers, Scalars, ti
 from taichisoft.kernels.sweep import ACCELERATED, PLAIN, sweep
 
@@ -205,6 +205,7 @@ def solve(
         rows = row_count(problem)
         begin(problem, current, search, progress, tolerance)
         pull.share[0] = PROXIMAL_SHARE
+        weigh_rows(problem, pull)
         while progress.count[SWEEPS] < max_iterations and progress.figure[RESIDUAL] >= tolerance:
             for k in range(rows):
                 search.last_impulse[k] = current.impulse[k]

@@ -28,14 +28,16 @@ from taichisoft.kernels.sweep import largest_tangential
 
 
 class Pull(NamedTuple):
-    """What a proximal term adds to the velocities: a share of each block's own compliance, times l - center.
+    """What a proximal term adds to the velocities: share weight (l - center).
 
     Attributes:
         center: impulses, shape (row_capacity,).
+        weight: a compliance, usually that of each row itself, shape (row_capacity,).
         share: shape (1,).
     """
 
     center: Scalars
+    weight: Scalars
     share: Scalars
 
 
@@ -55,7 +57,7 @@ def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
     let_actuators_give_way(problem, point, trial)
     for a in range(count):
         trial.impulse[row_of[a]] = impulse[row_of[a]]
-        step[a] = -pulled_velocity(row_of[a], problem, point, pull)
+        step[a] = -pulled_velocity(row_of[a], point, pull)
     for k in range(rows):
         released = impulse[k] - trial.impulse[k]
         if released != 0.0:
@@ -66,7 +68,7 @@ def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
         row = row_of[a] * rows
         for b in range(count):
             matrix[a * length + b] = w[row + row_of[b]]
-        matrix[a * length + a] = (1.0 + pull.share[0]) * w[row + row_of[a]]
+        matrix[a * length + a] = w[row + row_of[a]] + pull.share[0] * pull.weight[row_of[a]]
     hold_actuators(count, problem, point, trial.impulse, newton)
     for k in range(count // 3):
         if row_of[3 * k] < 3 * problem.size[CONTACTS]:
@@ -81,17 +83,24 @@ def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
 
 
 @func
-def pulled_velocity(row: ti.i32, problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
+def pulled_velocity(row: ti.i32, point: Iterate, pull: Pull) -> ti.f64:
     """Velocity of a row with the proximal term."""
-    own = problem.compliance[row * (row_count(problem) + 1)]
-    return point.velocity[row] + pull.share[0] * own * (point.impulse[row] - pull.center[row])
+    return point.velocity[row] + pull.share[0] * pull.weight[row] * (point.impulse[row] - pull.center[row])
+
+
+@func
+def weigh_rows(problem: Problem, pull: Pull):
+    """Each row's weight is its own compliance."""
+    rows = row_count(problem)
+    for k in range(rows):
+        pull.weight[k] = problem.compliance[k * (rows + 1)]
 
 
 @func
 def pressing(c: ti.i32, problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
     """Normal impulse that contact c would have with all others fixed; not positive if it opens."""
     own = problem.compliance[3 * c * (row_count(problem) + 1)]
-    return point.impulse[3 * c] - pulled_velocity(3 * c, problem, point, pull) / own
+    return point.impulse[3 * c] - pulled_velocity(3 * c, point, pull) / own
 
 
 @func
@@ -192,7 +201,7 @@ def let_slip(a: ti.i32, count: ti.i32, c: ti.i32, problem: Problem, point: Itera
     scale = 1.0 / largest_tangential(c, problem)
     z = ti.Vector.zero(ti.f64, 2)
     for i in ti.static(range(2)):
-        z[i] = impulse[n + 1 + i] - scale * pulled_velocity(n + 1 + i, problem, point, pull)
+        z[i] = impulse[n + 1 + i] - scale * pulled_velocity(n + 1 + i, point, pull)
     limit = mu * pressing(c, problem, point, pull)
     size = z.norm()
     if size > limit:
@@ -201,7 +210,7 @@ def let_slip(a: ti.i32, count: ti.i32, c: ti.i32, problem: Problem, point: Itera
         # The rows' right-hand sides have what contacts that open, and actuators that give way, do to the velocities.
         change = ti.Vector([step[a + 1], step[a + 2]])
         for i in ti.static(range(2)):
-            change[i] += pulled_velocity(n + 1 + i, problem, point, pull)
+            change[i] += pulled_velocity(n + 1 + i, point, pull)
         for b in range(count):
             first, second = matrix[(a + 1) * length + b], matrix[(a + 2) * length + b]
             matrix[(a + 1) * length + b] = scale * (turn[0, 0] * first + turn[0, 1] * second)

@@ -13,7 +13,7 @@ from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
 from taichisoft.kernels.elimination import LinearSystem
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.newton import Pull, newton_step, pressing, pulled_velocity
+from taichisoft.kernels.newton import Pull, newton_step, pressing, pulled_velocity, weigh_rows
 from taichisoft.kernels.runtime import Scalars, ti
 from taichisoft.kernels.sweep import PLAIN, largest_tangential, sweep
 
@@ -38,7 +38,7 @@ def natural_residual(problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
         worst = ti.max(worst, own * ti.abs(point.impulse[n] - ti.max(0.0, normal)))
         z = ti.Vector.zero(ti.f64, 2)
         for i in ti.static(range(2)):
-            z[i] = point.impulse[n + 1 + i] - pulled_velocity(n + 1 + i, problem, point, pull) / scale
+            z[i] = point.impulse[n + 1 + i] - pulled_velocity(n + 1 + i, point, pull) / scale
         limit, size = problem.friction[c] * ti.max(0.0, normal), z.norm()
         if size > limit:
             z *= limit / size
@@ -48,10 +48,22 @@ def natural_residual(problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
     for a in range(problem.size[ACTUATORS]):
         row = first + a
         own, tension = problem.compliance[row * (rows + 1)], tension_before(problem.bounds, a, first, point.impulse)
-        velocity = pulled_velocity(row, problem, point, pull)
+        velocity = pulled_velocity(row, point, pull)
         best = best_impulse(problem.bounds, a, point.impulse[row], velocity, own, tension)
         worst = ti.max(worst, own * ti.abs(best - point.impulse[row]))
     return worst
+
+
+@func
+def weigh_contacts_alike(problem: Problem, pull: Pull):
+    """Contacts' rows all get the largest weight of theirs, so that the pull measures lengths; actuators' get none."""
+    largest = 0.0
+    for k in range(3 * problem.size[CONTACTS]):
+        largest = ti.max(largest, pull.weight[k])
+    for k in range(row_count(problem)):
+        pull.weight[k] = 0.0
+        if k < 3 * problem.size[CONTACTS]:
+            pull.weight[k] = largest
 
 
 @kernel
@@ -66,33 +78,45 @@ def improve(
     tolerance: ti.f64,
     first_share: ti.f64,
     most_steps: ti.i32,
+    to_zero: ti.i32,
     one: ti.i32,
 ):
     """Newton steps until a sweep from there finds less than the tolerance to change, which `figure` then has.
 
     `figure` begins with that of `current`. `current` ends with the best impulses and velocities that a sweep left.
+
+    With `to_zero` there is one center, 0, and the pull stays: of many answers that chooses the one with small impulses,
+    which `current` becomes if a sweep confirms it. The pull is weak and decides alone, so the steps go on until
+    round-off ends them.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
         rows = row_count(problem)
+        weigh_rows(problem, pull)
+        if to_zero != 0:
+            weigh_contacts_alike(problem, pull)
         for k in range(rows):
+            point.impulse[k] = current.impulse[k]
             pull.center[k] = current.impulse[k]
+            if to_zero != 0:
+                pull.center[k] = 0.0
         pull.share[0] = first_share
         steps, residual = 0, figure[0]
-        while steps < most_steps and figure[0] >= tolerance:
-            for k in range(rows):
-                point.impulse[k] = pull.center[k]
+        while steps < most_steps and (figure[0] >= tolerance or to_zero != 0):
             bound = ti.max(SHARE_OF_TOLERANCE * tolerance, SHARE_OF_RESIDUAL * residual)
             taken = 0
             measure_velocity(problem, point)
             miss = natural_residual(problem, point, pull)
-            while taken < LONGEST and miss >= bound:
+            goes_on = miss >= bound or to_zero != 0
+            while taken < LONGEST and goes_on:
+                last = miss
                 newton_step(problem, point, pull, system, trial, one)
                 for k in range(rows):
                     point.impulse[k] = trial.impulse[k]
                 measure_velocity(problem, point)
                 miss = natural_residual(problem, point, pull)
                 taken += 1
+                goes_on = miss >= bound or (to_zero != 0 and miss < 0.5 * last)
             copy_iterate(rows, point, trial)
             found = sweep(problem, trial, PLAIN)
             if miss < bound:
@@ -107,7 +131,13 @@ def improve(
                     for k in range(rows):
                         pull.center[k] = trial.impulse[k]
                 pull.share[0] = STRONGER * pull.share[0]
-            if found < figure[0]:
+            better = found < figure[0]
+            if to_zero != 0:
+                better = miss < bound and found < tolerance
+                steps = most_steps
+            if better:
                 figure[0] = found
                 copy_iterate(rows, trial, current)
             steps += ti.max(taken, 1)
+            for k in range(rows):
+                point.impulse[k] = pull.center[k]

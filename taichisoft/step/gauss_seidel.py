@@ -15,6 +15,8 @@ NEWTON_STEPS, NEWTON_PULL = 16, 1e-6
 # share of the way to the boundary that a step goes, and the first pull.
 TURNS = ((0.99, 1e-4), (0.9, 1e-4), (0.99, 1e-2), (0.7, 1e-3))
 LAST_NEWTON_STEPS = 60
+# A pull towards no impulses, which changes velocities by this share of those that the impulses give.
+PULL_TO_ZERO = 1e-8
 
 
 class GaussSeidel:
@@ -41,7 +43,7 @@ class GaussSeidel:
         self._point, self._trial = (Iterate(np.empty(rows), np.empty(rows)) for _ in range(2))
         self._search = gauss_seidel.Search(*(np.empty(rows) for _ in range(4)))
         self._system = make_linear_system(rows)
-        self._pull = Pull(np.empty(rows), np.empty(1))
+        self._pull = Pull(np.empty(rows), np.empty(rows), np.empty(1))
         self._path = interior_point.Path(*(np.empty(size) for size in (rows,) * 7 + (1,)))
         self._progress = gauss_seidel.Progress(np.zeros(5, dtype=np.int32), np.zeros(3))
         self._figure = np.zeros(1)
@@ -76,6 +78,7 @@ class GaussSeidel:
         """
         if len(contacts) < 2 or not self.residual < tolerance:
             return
+        self._improve(tolerance, PULL_TO_ZERO, NEWTON_STEPS, to_zero=True)
         self._figure[0] = self.residual
         impulse = self.impulse.copy()
         smallest_impulses.choose_smallest(
@@ -125,7 +128,7 @@ class GaussSeidel:
         self.iterations += int(self._progress.count[gauss_seidel.SWEEPS])
         self.residual = float(self._progress.figure[gauss_seidel.RESIDUAL])
 
-    def _improve(self, tolerance: float, first_pull: float, steps: int) -> None:
+    def _improve(self, tolerance: float, first_pull: float, steps: int, to_zero: bool = False) -> None:
         """Proximal Newton steps; what they do not improve stays."""
         impulse = self.impulse.copy()
         self._figure[0] = self.residual
@@ -140,6 +143,7 @@ class GaussSeidel:
             tolerance,
             first_pull,
             steps,
+            int(to_zero),
             1,
         )
         if np.isfinite(self.impulse).all():
