@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
-from taichisoft.kernels.newton import Problem
+from taichisoft.kernels.constraint_problem import Problem
 from taichisoft.step.gauss_seidel import GaussSeidel
 
 
