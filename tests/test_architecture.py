@@ -83,6 +83,7 @@ LAYERS = {
         "metrics",
         "drawing",
         "stress",
+        "rubber_stress",
         "recording",
         "base_motion",
         "system_libraries",
