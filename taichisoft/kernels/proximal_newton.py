@@ -24,6 +24,8 @@ WEAKER, STRONGER, WEAKEST = 0.1, 10.0, 1e-9
 # Each center's problem is solved to this share of the residual there, or of the tolerance.
 SHARE_OF_RESIDUAL = 0.01
 SHARE_OF_TOLERANCE = 0.1
+# Steps towards no impulses end where they move these by no more than this share of the largest.
+STILL = 1e-9
 
 
 @func
@@ -55,15 +57,23 @@ def natural_residual(problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
 
 
 @func
-def weigh_contacts_alike(problem: Problem, pull: Pull):
-    """Contacts' rows all get the largest weight of theirs, so that the pull measures lengths; actuators' get none."""
+def aim_at_zero(problem: Problem, current: Iterate, pull: Pull, tolerance: ti.f64):
+    """Pull contacts towards no impulses, all with the largest weight, so that the pull measures lengths; nothing else.
+
+    Velocities below the tolerance are what the sweeps left, and what tilts a body by less than 1e-6 mm. They would
+    decide more than the weak pull does, so the center makes up for them.
+    """
     largest = 0.0
     for k in range(3 * problem.size[CONTACTS]):
         largest = ti.max(largest, pull.weight[k])
+    measure_velocity(problem, current)
     for k in range(row_count(problem)):
+        pull.center[k] = 0.0
         pull.weight[k] = 0.0
         if k < 3 * problem.size[CONTACTS]:
             pull.weight[k] = largest
+            if ti.abs(current.velocity[k]) < tolerance:
+                pull.center[k] = current.velocity[k] / (pull.share[0] * largest)
 
 
 @kernel
@@ -86,21 +96,19 @@ def improve(
     `figure` begins with that of `current`. `current` ends with the best impulses and velocities that a sweep left.
 
     With `to_zero` there is one center, 0, and the pull stays: of many answers that chooses the one with small impulses,
-    which `current` becomes if a sweep confirms it. The pull is weak and decides alone, so the steps go on until
-    round-off ends them.
+    which `current` becomes if a sweep confirms it. The pull is weak and decides alone, so the steps go on until they
+    move nothing.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
         rows = row_count(problem)
         weigh_rows(problem, pull)
-        if to_zero != 0:
-            weigh_contacts_alike(problem, pull)
         for k in range(rows):
             point.impulse[k] = current.impulse[k]
             pull.center[k] = current.impulse[k]
-            if to_zero != 0:
-                pull.center[k] = 0.0
         pull.share[0] = first_share
+        if to_zero != 0:
+            aim_at_zero(problem, current, pull, tolerance)
         steps, residual = 0, figure[0]
         while steps < most_steps and (figure[0] >= tolerance or to_zero != 0):
             bound = ti.max(SHARE_OF_TOLERANCE * tolerance, SHARE_OF_RESIDUAL * residual)
@@ -109,14 +117,16 @@ def improve(
             miss = natural_residual(problem, point, pull)
             goes_on = miss >= bound or to_zero != 0
             while taken < LONGEST and goes_on:
-                last = miss
                 newton_step(problem, point, pull, system, trial, one)
+                moved, largest = 0.0, 0.0
                 for k in range(rows):
+                    moved = ti.max(moved, ti.abs(trial.impulse[k] - point.impulse[k]))
+                    largest = ti.max(largest, ti.abs(trial.impulse[k]))
                     point.impulse[k] = trial.impulse[k]
                 measure_velocity(problem, point)
                 miss = natural_residual(problem, point, pull)
                 taken += 1
-                goes_on = miss >= bound or (to_zero != 0 and miss < 0.5 * last)
+                goes_on = miss >= bound or (to_zero != 0 and moved > STILL * largest)
             copy_iterate(rows, point, trial)
             found = sweep(problem, trial, PLAIN)
             if miss < bound:
