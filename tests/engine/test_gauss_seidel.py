@@ -221,5 +221,5 @@ def test_where_acceleration_restarts_for_ever_plain_sweeps_go_on(friction: float
     simulation = Simulation(scene_from_dict({**scene, "contact": contact}))
     reports = [simulation.step() for _ in range(30)]
     assert all(report.converged for report in reports)
-    assert reports[0].contact_count == 64
+    assert max(report.contact_count for report in reports) == 64
     assert np.abs(simulation.state.rigid_velocity).max() < 1e-3
