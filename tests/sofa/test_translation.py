@@ -107,6 +107,38 @@ def test_points_in_no_tetrahedron_take_their_share_of_the_mass_with_them(folder:
 
 
 @pytest.mark.parametrize(
+    ("settings", "made"),
+    [
+        ("materialName='StVenantKirchhoff', ParameterSet='192 288'", ("hooke", 499.2, 0.3)),
+        ("materialName='NeoHookean', ParameterSet=[192, 416]", ("neo-hookean", 499.2, 0.3)),
+        (
+            "materialName='Ogden', ParameterSet='1 2 3'",
+            "materialName 'Ogden'; known are: StVenantKirchhoff, NeoHookean",
+        ),
+        ("materialName='NeoHookean', ParameterSet='1'", "ParameterSet = [1.0]; NeoHookean has two"),
+        ("materialName='NeoHookean', ParameterSet='1 -2'", "makes a Poisson's ratio of"),
+    ],
+)
+def test_hyperelastic_force_fields_become_laws(folder: Path, settings: str, made: Any) -> None:
+    """With mu = 192 and lambda = 288 kPa, or a bulk modulus of 416: E = mu (3 lambda + 2 mu) / (lambda + mu)."""
+    translation = translated(
+        folder,
+        f"""
+        node = body(root)
+        node.removeObject(node.TetrahedronFEMForceField)
+        node.addObject("TetrahedronHyperelasticityFEMForceField", {settings})
+        """,
+    )
+    if isinstance(made, str):
+        assert any(made in line for line in translation.refused)
+        return
+    assert not translation.refused
+    table = translation.tables["soft_bodies"]["body"]
+    assert (table["law"], table["young_modulus"], table["poisson_ratio"]) == (made[0], *map(pytest.approx, made[1:]))
+    assert any("energy differs for large strains" in line for line in translation.departures)
+
+
+@pytest.mark.parametrize(
     ("fixed", "directions"), [("0 1 0", ["y"]), ("1 0 1", ["x", "z"]), ("1 1 1", None), ("0 0 0", "free")]
 )
 def test_points_may_be_fixed_along_some_axes(folder: Path, fixed: str, directions: object) -> None:

@@ -24,6 +24,7 @@ class Material:
         young_modulus: [kPa], shape (count,).
         poisson_ratio: [-], shape (count,).
         corotation: "edges" or "polar".
+        law: the native law of elasticity.
     """
 
     component: "Component"
@@ -31,6 +32,7 @@ class Material:
     young_modulus: np.ndarray
     poisson_ratio: np.ndarray
     corotation: str
+    law: str = "hooke"
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 HELD = 1e12
 """Stiffness [mN/mm] that holds a point where a constraint fixes it."""
 ENGINES = {"BoxROI", "SphereROI"}
+HYPERELASTIC = {"StVenantKirchhoff": "hooke", "NeoHookean": "neo-hookean"}
+"""Native laws by SOFA's names."""
 COROTATIONS = {"large": "edges", "qr": "edges", "polar": "polar", "polar2": "polar", "svd": "polar"}
 
 
@@ -112,15 +114,52 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     if method not in COROTATIONS:
         draft.refuse(component, f"method '{method}'; valid: {', '.join(COROTATIONS)}")
         return
+    tetrahedra = _tetrahedra_of(component, draft)
+    count = len(tetrahedra)
+    if not count:
+        return
+    young, poisson = young_modulus(component, count), _of_tetrahedra(component, "poissonRatio", 0.45, count)
+    body.materials.append(Material(component, tetrahedra, young, poisson, COROTATIONS[method]))
+
+
+def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
+    """A law of rubber for the tetrahedra of the nearest topology, by the moduli that it has at rest."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    material, values = text(component, "materialName"), numbers(component, "ParameterSet")
+    if material not in HYPERELASTIC:
+        draft.refuse(component, f"materialName '{material}'; known are: {', '.join(HYPERELASTIC)}")
+        return
+    if len(values) != 2 or values[0] <= 0.0:
+        draft.refuse(component, f"ParameterSet = {values.tolist()}; {material} has two, of which the first is positive")
+        return
+    # The second one is Lame's lambda, or the bulk modulus.
+    shear = values[0]
+    dilation = values[1] if material == "StVenantKirchhoff" else values[1] - 2.0 * shear / 3.0
+    ratio = dilation / (2.0 * (dilation + shear))
+    if not -1.0 < ratio < 0.5:
+        draft.refuse(component, f"ParameterSet = {values.tolist()} makes a Poisson's ratio of {ratio:.3g}")
+        return
+    tetrahedra = _tetrahedra_of(component, draft)
+    if not len(tetrahedra):
+        return
+    draft.depart(
+        f"{component.getPathName()}: {material} is the law '{HYPERELASTIC[material]}' of the same moduli at rest; its "
+        "energy differs for large strains"
+    )
+    young, poisson = np.full(len(tetrahedra), 2.0 * (1.0 + ratio) * shear), np.full(len(tetrahedra), ratio)
+    body.materials.append(Material(component, tetrahedra, young, poisson, "polar", HYPERELASTIC[material]))
+
+
+def _tetrahedra_of(component: Component, draft: "SceneDraft") -> np.ndarray:
+    """The tetrahedra of the nearest topology that has some, shape (count, 4); none is refused."""
     link = text(component, "topology")
     topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_tetrahedra)
     tetrahedra = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
     if not len(tetrahedra):
         draft.refuse(component, "finds no tetrahedra in a topology container of its node or above")
-        return
-    count = len(tetrahedra)
-    young, poisson = young_modulus(component, count), _of_tetrahedra(component, "poissonRatio", 0.45, count)
-    body.materials.append(Material(component, tetrahedra, young, poisson, COROTATIONS[method]))
+    return tetrahedra
 
 
 def _has_tetrahedra(topology: Component) -> bool:

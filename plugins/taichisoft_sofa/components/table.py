@@ -107,6 +107,7 @@ UNDERSTOOD: dict[str, Contribution] = {
     "TetrahedronFEMForceField": dynamics.tetrahedron_elasticity,
     "FastTetrahedralCorotationalForceField": dynamics.tetrahedron_elasticity,
     "TetrahedralCorotationalFEMForceField": dynamics.tetrahedron_elasticity,
+    "TetrahedronHyperelasticityFEMForceField": dynamics.hyperelasticity,
     "RestShapeSpringsForceField": dynamics.rest_shape_springs,
     "FixedProjectiveConstraint": dynamics.fixed_points,
     "PartialFixedProjectiveConstraint": dynamics.fixed_points,

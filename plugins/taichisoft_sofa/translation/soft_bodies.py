@@ -84,10 +84,12 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     topology = _topology(body)
     if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
         table["embedding"] = "grid"
-    kinds = {material.corotation for material in body.materials}
+    kinds = {(material.corotation, material.law) for material in body.materials}
     if len(kinds) > 1:
-        draft.refuse(body.materials[1].component, "force fields of one body must take the rotation of elements alike")
-    table["corotation"] = next(iter(kinds), "edges")
+        draft.refuse(
+            body.materials[1].component, "force fields of one body must take law and rotation of elements alike"
+        )
+    table["corotation"], table["law"] = next(iter(kinds), ("edges", "hooke"))
     place = np.full(len(body.position), -1)
     place[points] = np.arange(len(points))
     anchors = body.anchors if moves else [Anchor(body.state, np.arange(len(body.position)), STANDING, False)]
