@@ -83,12 +83,12 @@ def main() -> None:
     arguments = parser.parse_args()
     grasps = all_grasps()
     try:
-        page = arguments.output.read_text(encoding="utf-8") if arguments.output else ""
-        if arguments.output and not MARKED.search(page):
+        if arguments.output and not MARKED.search(arguments.output.read_text(encoding="utf-8")):
             raise BenchmarkError(f"{arguments.output}: has no line <!-- grasps -->")
         measure_all([grasp for grasp in grasps if arguments.only in grasp.name], arguments.results)
         drawn = table(read_all(grasps, arguments.results))
         if arguments.output:
+            page = arguments.output.read_text(encoding="utf-8")  # it may have changed in the meantime
             filled = MARKED.sub(lambda match: f"{match[1]}{drawn}\n{match[2]}", page)
             arguments.output.write_text(filled, encoding="utf-8")
         else:
