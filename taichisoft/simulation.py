@@ -42,7 +42,7 @@ class Simulation:
         self._actuators = ActuatorRows(model, self._geometry)
         self._soft = SoftMotion(model, model.elasticity, self._geometry) if model.elasticity is not None else None
         self._rigid = RigidMotion(model)
-        self._prediction = ContactPrediction(model)
+        self._prediction = ContactPrediction(model, self._rigid.state)
         self._constraints = Constraints(model, self._soft, self._rigid, self._geometry, self._actuators)
         self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model)
@@ -70,7 +70,7 @@ class Simulation:
         self._solve_free_motion(start)
         found = self._find_contacts(start)
         self._constraints.solve(start, found)
-        end = self._integrate(start, found.contacts)
+        end = self._integrate(start)
         self._divergence_check.check(start, end)
         self.state = end
         self.report = self._make_report(end, control, started)
@@ -95,9 +95,9 @@ class Simulation:
         """The contacts that may become constraints, each where the surfaces are about to be."""
         if not self._prediction.is_needed:
             return NO_CONTACTS
-        return self._prediction.find(start, self._rigid.state.rotation)
+        return self._prediction.find(start)
 
-    def _integrate(self, start: State, contacts: Contacts) -> State:
+    def _integrate(self, start: State) -> State:
         """The state that the velocities lead to."""
         time_step, rigid, solved = self.model.scene.time.step, self._rigid.state, self._constraints
         self._rigid.integrate()
@@ -105,8 +105,7 @@ class Simulation:
         position += start.position
         if solved.node_shift is not None:
             position += time_step * solved.node_shift
-        told = solved.contacts
-        points = contacts.points[told]
+        told, count = solved.told, int(solved.told.count[0])
         end = start.changed(
             time=(start.step + 1) * time_step,
             step=start.step + 1,
@@ -120,11 +119,11 @@ class Simulation:
             cavity_volume=self._geometry.volumes.volumes(position),
             cable_tension=solved.cable_tension,
             cable_tension_loss=solved.cable_tension_loss,
-            contact_body_pair=contacts.bodies[told],
-            contact_point=0.5 * (points[:, 0] + points[:, 1]),
-            contact_normal=contacts.normal[told],
-            contact_impulse=solved.contact_impulse,
-            contact_slip=solved.contact_slip,
+            contact_body_pair=told.bodies[:count].copy(),
+            contact_point=told.point[:count].copy(),
+            contact_normal=told.normal[:count].copy(),
+            contact_impulse=told.impulse[:count].copy(),
+            contact_slip=told.slip[:count].copy(),
         )
         if self.model.cables.names:
             lengths = self._geometry.measure_cables(end, self.model.placed_pull_points(end))

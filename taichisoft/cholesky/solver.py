@@ -40,8 +40,8 @@ class Cholesky:
             next_task=np.zeros(1, dtype=np.int32),
         )
         x = np.zeros(3 * len(symbolic.order) + TILE)  # the last tile may read and write beyond the end
-        self._solution = Solution(symbolic.solve_trees, x, _allocate(symbolic.work_size))
-        self._x_of_positions = x[:-TILE].reshape(-1, 3)
+        given, found = (np.zeros((len(symbolic.order), 3)) for _ in range(2))
+        self._solution = Solution(symbolic.solve_trees, symbolic.order, given, found, x, _allocate(symbolic.work_size))
         self._solve = solve_trees_serially if symbolic.factor_entries < SMALL_FACTOR else solve_trees
 
     def factorise(self) -> None:
@@ -61,9 +61,9 @@ class Cholesky:
 
     def solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve A x = b with the last factorisation, b and x of shape (node_count, 3)."""
-        np.take(right_hand_side, self.symbolic.order, axis=0, out=self._x_of_positions, mode="clip")
+        self._solution.given[:] = right_hand_side
         self._solve(self.symbolic.fronts, self.factor, self._solution, 1)
-        return self._x_of_positions.take(self.symbolic.tree.position_of_node, axis=0)
+        return self._solution.found.copy()
 
 
 def _allocate(count: int) -> np.ndarray:

@@ -33,6 +33,8 @@ class ContactDetection:
             limits = np.array([NEIGHBOURHOOD * contact_distance, contact_distance])
             self._touching_itself = SelfTouching(surfaces.touching_itself, surfaces.carriers.local, limits)
         self._moved, self._shapes, self._smooth = moving.moved, moving.shapes, moving.smooth
+        with_others = any(map(len, (surfaces.topology.pairs, surfaces.planes.body, surfaces.shapes.moving)))
+        self._is_needed = with_others or self._touching_itself is not None
         self._reach = np.zeros((len(surfaces.body_size), len(surfaces.body_size)))
         self._make_room(FIRST_CAPACITY)
 
@@ -49,13 +51,6 @@ class ContactDetection:
             spare=np.zeros(capacity, dtype=np.int32),
         )
 
-    @property
-    def is_needed(self) -> bool:
-        """Whether anything can touch anything."""
-        surfaces = self._surfaces
-        with_others = any(map(len, (surfaces.topology.pairs, surfaces.planes.body, surfaces.shapes.moving)))
-        return with_others or self._touching_itself is not None
-
     def find(self, reach: float | np.ndarray, depth: float) -> Contacts:
         """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm].
 
@@ -66,7 +61,7 @@ class ContactDetection:
         again.
         """
         self._reach[:] = reach
-        if self.is_needed:
+        if self._is_needed:
             self._search(depth)
             if self._found.count[0] > len(self._found.distance):
                 self._make_room(2 * int(self._found.count[0]))

@@ -5,6 +5,8 @@ import numpy as np
 from taichisoft.contact import shapes
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.kernels.bounding_volumes import refit
+from taichisoft.kernels.contact_prediction import SoftMotion, move_bodies
+from taichisoft.kernels.rigid_motion import RigidState
 from taichisoft.kernels.shapes import move_shapes
 from taichisoft.kernels.smooth_surfaces import turn_normals
 from taichisoft.kernels.surfaces import MovedSurfaces, Poses, move_vertices
@@ -23,6 +25,7 @@ class MovingSurfaces:
     def __init__(self, surfaces: ContactSurfaces):
         """Begin with all vertices where they are at rest, those of rigid bodies in body axes."""
         self._surfaces = surfaces
+        self._has_level_ends = bool(surfaces.shapes.flat.any())
         tree_nodes = len(surfaces.trees.escape)
         self.moved = MovedSurfaces(
             position=surfaces.carriers.local.copy(),
@@ -41,10 +44,19 @@ class MovingSurfaces:
 
     def update(self, node_position: np.ndarray, rigid_position: np.ndarray, rigid_rotation: np.ndarray) -> None:
         """Move the vertices and boxes with the nodes (N, 3) [mm] and rigid poses, (R, 3) [mm] and (R, 3, 3)."""
-        poses, surfaces = self._poses, self._surfaces
+        poses = self._poses
         poses.node_position[:] = node_position
         poses.rigid_position[:] = rigid_position
         poses.rigid_rotation[:] = rigid_rotation
+        self._follow_poses()
+
+    def move(self, passed: float, soft: SoftMotion, rigid: RigidState) -> None:
+        """Move everything to where it is a time `passed` [s] after the start of a step, as the bodies move then."""
+        move_bodies(passed, soft, rigid, self._poses)
+        self._follow_poses()
+
+    def _follow_poses(self) -> None:
+        poses, surfaces = self._poses, self._surfaces
         move_vertices(surfaces.carriers, poses, self.moved)
         refit(surfaces.topology.moving, surfaces.trees, self.moved)
         if len(surfaces.shapes.moving):
@@ -54,7 +66,7 @@ class MovingSurfaces:
 
     def follow_load(self, state: State) -> None:
         """Tell level ends of cylinders, where they are now, where the load of the step before `state` went through."""
-        if self._surfaces.shapes.flat.any():
+        if self._has_level_ends:
             shapes.update_lean(self._surfaces.shapes, self.shapes, state)
 
     def boxes(self) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichisoft.kernels import contact_reduction as kernels
-from taichisoft.kernels.contact_reduction import BEFORE, NEW, NONE, WANTED, Choice, LastContacts
+from taichisoft.kernels.contact_reduction import ADDED, BEFORE, Choice, LastContacts
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.state import State
 
@@ -15,8 +15,8 @@ class ContactReduction:
     """Chooses contacts; the work space of one simulation.
 
     Attributes:
-        impulse: of each contact in the last step, 0 where it is new [mN s], shape (contact_count, 3).
-        taking_part: whether each contact does, shape (contact_count,).
+        choice: which contacts take part, in arrays with room for more.
+        all_impulse: of each contact in the last step, 0 where it is new [mN s], shape (capacity, 3).
     """
 
     def __init__(self, body_size: np.ndarray, spacing: float, contact_distance: float):
@@ -34,8 +34,13 @@ class ContactReduction:
         self._make_room_for_last(FIRST_CAPACITY)
 
     def _make_room(self, capacity: int) -> None:
-        self._choice = Choice(status=np.zeros(capacity, dtype=np.int32), gap=np.zeros(capacity))
-        self._impulse = np.zeros((capacity, 3))
+        self.choice = Choice(
+            status=np.zeros(capacity, dtype=np.int32),
+            wanted=np.zeros(capacity, dtype=np.int32),
+            gap=np.zeros(capacity),
+            count=np.zeros(2, dtype=np.int32),
+        )
+        self.all_impulse = np.zeros((capacity, 3))
 
     def _make_room_for_last(self, capacity: int) -> None:
         self._last = LastContacts(
@@ -46,15 +51,28 @@ class ContactReduction:
             impulse=np.zeros((capacity, 3)),
         )
 
+    @property
+    def impulse(self) -> np.ndarray:
+        """Of each contact in the last step, 0 where it is new [mN s], shape (contact_count, 3)."""
+        return self.all_impulse[: self._contacts.count[0]]
+
+    @property
+    def taking_part(self) -> np.ndarray:
+        """Whether each contact does, shape (contact_count,)."""
+        taking_part: np.ndarray = self.choice.status[: self._contacts.count[0]] >= BEFORE
+        return taking_part
+
+    def make_room(self, contacts: Contacts) -> None:
+        """Have as much room as these arrays."""
+        if len(contacts.distance) != len(self.all_impulse):
+            self._make_room(len(contacts.distance))
+
     def begin(self, contacts: Contacts, state: State) -> None:
         """Let those contacts take part that pushed in the step that led to `state`; the others not yet."""
-        self._contacts, count = contacts, contacts.count[0]
-        if len(contacts.distance) != len(self._impulse):
-            self._make_room(len(contacts.distance))
+        self._contacts = contacts
+        self.make_room(contacts)
         self._remember(state)
-        kernels.continue_contacts(contacts, self._last, self._radius, self._choice, self._impulse)
-        self.impulse, self._status = self._impulse[:count], self._choice.status[:count]
-        self.taking_part = self._status == BEFORE
+        kernels.continue_contacts(contacts, self._last, self._radius, self.choice, self.all_impulse)
 
     def add(self, wanted: np.ndarray, gap: np.ndarray, beside: bool) -> bool:
         """Let the worst of the wanted contacts take part, one of each neighbourhood; was there any?
@@ -64,24 +82,21 @@ class ContactReduction:
             gap: at the end of the step [mm]: the least is the worst, shape (contact_count,).
             beside: whether also those in the neighbourhood of one that takes part already.
         """
-        wanted = wanted & ~self.taking_part
-        if not wanted.any():
-            return False
-        self._status[:] = np.where(self.taking_part, BEFORE, np.where(wanted, WANTED, NONE))
-        self._choice.gap[: len(gap)] = gap
-        kernels.choose_worst(self._contacts, self._spacing, 0 if beside else 1, self._choice)
-        added = self._status == NEW
-        self.taking_part = self.taking_part | added
-        return bool(added.any())
+        self.choice.wanted[: len(wanted)], self.choice.gap[: len(gap)] = wanted, gap
+        return self.add_wanted(beside)
+
+    def add_wanted(self, beside: bool) -> bool:
+        """As `add`, for what `choice` says is wanted."""
+        kernels.choose_worst(self._contacts, self._spacing, 0 if beside else 1, self.choice)
+        return bool(self.choice.count[ADDED])
 
     def _remember(self, state: State) -> None:
-        """Copy the contacts that pushed in the last step into arrays that stay in place."""
-        pushed = state.contact_impulse.any(axis=1)
-        count = int(pushed.sum())
+        """Copy the contacts of the last step into arrays that stay in place."""
+        count = len(state.contact_impulse)
         if count > len(self._last.point):
             self._make_room_for_last(2 * count)
         self._last.count[0] = count
-        self._last.bodies[:count] = state.contact_body_pair[pushed]
-        self._last.point[:count] = state.contact_point[pushed]
-        self._last.normal[:count] = state.contact_normal[pushed]
-        self._last.impulse[:count] = state.contact_impulse[pushed]
+        self._last.bodies[:count] = state.contact_body_pair
+        self._last.point[:count] = state.contact_point
+        self._last.normal[:count] = state.contact_normal
+        self._last.impulse[:count] = state.contact_impulse

@@ -2,9 +2,8 @@
 
 from typing import NamedTuple
 
-import numpy as np
-
 from taichisoft.kernels.actuators import Coordinates, Gradient
+from taichisoft.kernels.contact_reduction import BEFORE, Choice
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.rigid_motion import RigidState
@@ -17,11 +16,11 @@ from taichisoft.kernels.runtime import (
     Scalars,
     ScalarTable,
     Vectors,
-    VectorTable,
     mat3,
     ti,
     vec3,
 )
+from taichisoft.kernels.separation import Separation
 from taichisoft.kernels.surfaces import Carriers
 
 # Entries of `Rows.size`.
@@ -34,6 +33,8 @@ class Rows(NamedTuple):
     Attributes:
         size: number of contacts and of actuator rows, shape (2,).
         contact: index of each row's contact in `Contacts`, shape (contact_capacity,).
+        on_rigid: contacts, by their rows, that act on no soft body, shape (contact_capacity,).
+        on_rigid_count: how many they are, shape (1,).
         basis: normal and two tangents of each contact, as rows, shape (contact_capacity, 3, 3).
         node, weight: soft nodes that a contact acts on and their weights, -1 and 0 in empty slots, shape
             (contact_capacity, slots); the weights are those of the second point's velocity less the first's.
@@ -48,6 +49,8 @@ class Rows(NamedTuple):
 
     size: Integers
     contact: Integers
+    on_rigid: Integers
+    on_rigid_count: Integers
     basis: Matrices
     node: IntegerTable
     weight: ScalarTable
@@ -58,27 +61,6 @@ class Rows(NamedTuple):
     coordinate: Integers
     target_rate: Scalars
     free: Scalars
-
-
-class Separation(NamedTuple):
-    """All contacts of a step as the active set sees them, in arrays with room for more.
-
-    Attributes:
-        arm: from the centre of mass of the rigid body on each side to the point there, when the contact was measured
-            [mm], shape (capacity, 2, 3).
-        gap_rate: normal velocity at which the gap closes in the step, negative where it must open [mm/s], shape
-            (capacity,).
-        speed: normal velocity of the second point relative to the first [mm/s], shape (capacity,).
-    """
-
-    arm: VectorTable
-    gap_rate: Scalars
-    speed: Scalars
-
-    @classmethod
-    def with_room(cls, capacity: int) -> "Separation":
-        """Arrays for so many contacts."""
-        return cls(np.zeros((capacity, 2, 3)), np.zeros(capacity), np.zeros(capacity))
 
 
 @ti.func
@@ -93,140 +75,83 @@ def contact_basis(normal: vec3) -> mat3:
     return ti.Matrix.rows([normal, first, normal.cross(first)])
 
 
-@func
-def turned(vector: vec3, turn: vec3) -> vec3:
-    """A vector turned by a rotation vector [rad] (Rodrigues)."""
-    angle = turn.norm()
-    result = vector
-    if angle > 0.0:
-        axis = turn / angle
-        across = axis.cross(vector)
-        result = vector + ti.sin(angle) * across + (1.0 - ti.cos(angle)) * axis.cross(across)
-    return result
-
-
-@kernel
-def place_arms(
-    first_rigid: ti.i32,
-    contacts: Contacts,
-    passed: Scalars,
-    gap: Scalars,
-    touching: Scalars,
-    is_round: Integers,
-    rigid: RigidState,
-    separation: Separation,
-):
-    """Arms of contacts that were measured a time `passed` [s] after the start, with the velocities from before.
-
-    They are those of that time, the `gap` [mm] too. But where a corner or an edge touches at the start already, by a
-    gap below `touching`, and goes on to touch, the arms of the middle of that time: over them the impulse does the work
-    that belongs to the change of the gap, and a body that topples over a corner gains no energy. A round surface passes
-    its contact on from vertex to vertex instead.
-    """
-    ti.loop_config(serialize=True)
-    for c in range(contacts.count[0]):
-        turns = 0
-        start_gap = gap[c]
-        for side in ti.static(range(2)):
-            body = contacts.bodies[c, side] - first_rigid
-            separation.arm[c, side] = vec3(0.0)
-            if body >= 0 and body < rigid.position.shape[0]:
-                arm = contacts.points[c, side] - rigid.position[body] - passed[c] * rigid.linear[body]
-                separation.arm[c, side] = arm
-                if is_corner(c, side, contacts, is_round):
-                    turns = 1
-                    arm = turned(arm, -0.5 * passed[c] * rigid.angular[body])
-                speed = contacts.normal[c].dot(rigid.linear[body] + rigid.angular[body].cross(arm))
-                start_gap -= (2.0 * side - 1.0) * passed[c] * speed
-        if turns != 0 and start_gap < touching[c]:
-            for side in ti.static(range(2)):
-                if is_corner(c, side, contacts, is_round):
-                    body = contacts.bodies[c, side] - first_rigid
-                    back = -0.5 * passed[c] * rigid.angular[body]
-                    separation.arm[c, side] = turned(separation.arm[c, side], back)
-
-
-@func
-def is_corner(c: ti.i32, side: ti.i32, contacts: Contacts, is_round: Integers) -> ti.i32:
-    """Whether a contact is at a corner or edge of a rigid body, which stands for no round surface."""
-    sharp = 0
-    weights = contacts.weights[c, side]
-    if contacts.vertices[c, side, 0] >= 0 and weights[0] * weights[1] * weights[2] == 0.0:
-        for k in ti.static(range(3)):
-            if weights[k] > 0.0 and is_round[contacts.vertices[c, side, k]] == 0:
-                sharp = 1
-    return sharp
-
-
-@kernel
-def separation_speed(
-    first_rigid: ti.i32,
-    contacts: Contacts,
-    carriers: Carriers,
-    node_velocity: Vectors,
-    rigid: RigidState,
-    separation: Separation,
-):
-    """Normal velocity of each contact's second point relative to its first [mm/s]."""
-    ti.loop_config(serialize=True)
-    for c in range(contacts.count[0]):
-        total = 0.0
-        for side in range(2):
-            v = vec3(0.0)
-            for k in ti.static(range(3)):
-                vertex = contacts.vertices[c, side, k]
-                if vertex >= 0 and carriers.owner[vertex] == SOFT and contacts.weights[c, side][k] != 0.0:
-                    for m in range(carriers.nodes.shape[1]):
-                        weight = contacts.weights[c, side][k] * carriers.weights[vertex, m]
-                        v += weight * node_velocity[carriers.nodes[vertex, m]]
-            body = contacts.bodies[c, side] - first_rigid
-            if body >= 0 and body < rigid.position.shape[0]:
-                v = rigid.linear[body] + rigid.angular[body].cross(separation.arm[c, side])
-            total += (2.0 * side - 1.0) * contacts.normal[c].dot(v)
-        separation.speed[c] = total
-
-
 @kernel
 def build_rows(
     first_rigid: ti.i32,
     contacts: Contacts,
+    choice: Choice,
     separation: Separation,
     carriers: Carriers,
     friction: ScalarTable,
     rigid: RigidState,
+    contact_impulse: Vectors,
+    rows: Rows,
+    impulse: Scalars,
+):
+    """Bases of the contacts that take part, and the soft nodes and rigid bodies that they act on.
+
+    `impulse` gets where the solver starts: the impulses that these contacts have by now, without what would pull.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        r = 0
+        rows.on_rigid_count[0] = 0
+        for c in range(contacts.count[0]):
+            if choice.status[c] >= BEFORE:
+                rows.contact[r] = c
+                fill_contact(r, c, first_rigid, contacts, separation, carriers, rigid, rows)
+                rows.friction[r] = friction[contacts.bodies[c, 0], contacts.bodies[c, 1]]
+                local = rows.basis[r] @ contact_impulse[c]
+                if local[0] < 0.0:
+                    local = vec3(0.0)
+                for i in ti.static(range(3)):
+                    impulse[3 * r + i] = local[i]
+                r += 1
+
+
+@func
+def fill_contact(
+    r: ti.i32,
+    c: ti.i32,
+    first_rigid: ti.i32,
+    contacts: Contacts,
+    separation: Separation,
+    carriers: Carriers,
+    rigid: RigidState,
     rows: Rows,
 ):
-    """Bases of the contacts that `rows.contact` lists, and the soft nodes and rigid bodies that they act on."""
-    ti.loop_config(serialize=True)
-    for r in range(rows.size[CONTACTS]):
-        c = rows.contact[r]
-        frame = contact_basis(contacts.normal[c])
-        rows.basis[r] = frame
-        rows.friction[r] = friction[contacts.bodies[c, 0], contacts.bodies[c, 1]]
-        rows.gap_rate[r] = separation.gap_rate[c]
-        for side in range(2):
-            sign = 2.0 * side - 1.0
-            for k in ti.static(range(3)):
-                v = contacts.vertices[c, side, k]
-                for m in range(carriers.nodes.shape[1]):
-                    slot = (side * 3 + k) * carriers.nodes.shape[1] + m
-                    rows.node[r, slot] = -1
-                    rows.weight[r, slot] = 0.0
-                    carried = v >= 0 and carriers.owner[v] == SOFT
-                    if carried and contacts.weights[c, side][k] * carriers.weights[v, m] != 0.0:
-                        rows.node[r, slot] = carriers.nodes[v, m]
-                        rows.weight[r, slot] = sign * contacts.weights[c, side][k] * carriers.weights[v, m]
-            body = contacts.bodies[c, side] - first_rigid
-            rows.rigid[r, side] = -1
-            if body >= 0 and body < rigid.position.shape[0]:
-                rows.rigid[r, side] = body
-                arm = separation.arm[c, side]
-                for i in ti.static(range(3)):
-                    direction = sign * vec3(frame[i, 0], frame[i, 1], frame[i, 2])
-                    moment = arm.cross(direction)
-                    for d in ti.static(range(3)):
-                        rows.rigid_jacobian[3 * r + i, side, d] = direction[d]
-                        rows.rigid_jacobian[3 * r + i, side, 3 + d] = moment[d]
+    """What the rows of contact c act on, as number r."""
+    frame = contact_basis(contacts.normal[c])
+    rows.basis[r] = frame
+    rows.gap_rate[r] = separation.gap_rate[c]
+    soft_nodes = 0
+    for side in range(2):
+        sign = 2.0 * side - 1.0
+        for k in ti.static(range(3)):
+            v = contacts.vertices[c, side, k]
+            for m in range(carriers.nodes.shape[1]):
+                slot = (side * 3 + k) * carriers.nodes.shape[1] + m
+                rows.node[r, slot] = -1
+                rows.weight[r, slot] = 0.0
+                carried = v >= 0 and carriers.owner[v] == SOFT
+                if carried and contacts.weights[c, side][k] * carriers.weights[v, m] != 0.0:
+                    soft_nodes += 1
+                    rows.node[r, slot] = carriers.nodes[v, m]
+                    rows.weight[r, slot] = sign * contacts.weights[c, side][k] * carriers.weights[v, m]
+        body = contacts.bodies[c, side] - first_rigid
+        rows.rigid[r, side] = -1
+        if body >= 0 and body < rigid.position.shape[0]:
+            rows.rigid[r, side] = body
+            arm = separation.arm[c, side]
+            for i in ti.static(range(3)):
+                direction = sign * vec3(frame[i, 0], frame[i, 1], frame[i, 2])
+                moment = arm.cross(direction)
+                for d in ti.static(range(3)):
+                    rows.rigid_jacobian[3 * r + i, side, d] = direction[d]
+                    rows.rigid_jacobian[3 * r + i, side, 3 + d] = moment[d]
+    if soft_nodes == 0:
+        rows.on_rigid[rows.on_rigid_count[0]] = r
+        rows.on_rigid_count[0] = rows.on_rigid_count[0] + 1
 
 
 @kernel
@@ -334,7 +259,10 @@ def apply_impulses(
     node_impulse: Vectors,
     rigid: RigidState,
 ):
-    """J^T impulse on the soft nodes and the rigid bodies, and the impulses on second bodies in world axes."""
+    """J^T impulse on the soft nodes and the rigid bodies, and each contact's impulse on its second body in world axes.
+
+    `contact_impulse` is that of all contacts, of which only those with rows are filled in.
+    """
     ti.loop_config(serialize=True)
     for i in range(node_impulse.shape[0]):
         node_impulse[i] = vec3(0.0)
@@ -345,7 +273,7 @@ def apply_impulses(
     ti.loop_config(serialize=True)
     for c in range(rows.size[CONTACTS]):
         world = rows.basis[c].transpose() @ vec3(impulse[3 * c], impulse[3 * c + 1], impulse[3 * c + 2])
-        contact_impulse[c] = world
+        contact_impulse[rows.contact[c]] = world
         for slot in range(rows.node.shape[1]):
             if rows.node[c, slot] >= 0:
                 node_impulse[rows.node[c, slot]] += rows.weight[c, slot] * world

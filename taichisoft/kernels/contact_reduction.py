@@ -8,10 +8,12 @@ from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, ScalarTa
 
 ALIKE = 0.7  # cosine: the two walls of a groove each keep their contacts
 NONE, WANTED, BEFORE, NEW = range(4)
+# Entries of `Choice.count`.
+TAKING_PART, ADDED = range(2)
 
 
 class LastContacts(NamedTuple):
-    """The contacts that pushed in the last step, in arrays with room for more.
+    """The contacts of the last step, of which some pushed, in arrays with room for more.
 
     Attributes:
         count: number of contacts, shape (1,).
@@ -34,11 +36,15 @@ class Choice(NamedTuple):
     Attributes:
         status: NONE; WANTED, of which the worst of each neighbourhood is to take part; BEFORE and NEW for those that
             take part already, shape (capacity,).
+        wanted: 1 for contacts that should take part, those that do already too, shape (capacity,).
         gap: at the end of the step [mm]; the least is the worst, shape (capacity,).
+        count: of contacts that take part, and of those that were added last, shape (2,).
     """
 
     status: Integers
+    wanted: Integers
     gap: Scalars
+    count: Integers
 
 
 @kernel
@@ -52,8 +58,11 @@ def continue_contacts(contacts: Contacts, last: LastContacts, radius: ti.f64, ch
         for c in range(contacts.count[0]):
             impulse[c] = vec3(0.0)
             choice.status[c] = NONE
+        choice.count[TAKING_PART] = 0
         for k in range(last.count[0]):
             nearest = radius * radius
+            if (last.impulse[k] == 0.0).all():
+                nearest = 0.0
             match = -1
             for c in range(contacts.count[0]):
                 if (
@@ -68,6 +77,7 @@ def continue_contacts(contacts: Contacts, last: LastContacts, radius: ti.f64, ch
                         match = c
             if match >= 0:
                 choice.status[match] = BEFORE
+                choice.count[TAKING_PART] = choice.count[TAKING_PART] + 1
                 impulse[match] = last.impulse[k]
 
 
@@ -80,6 +90,14 @@ def choose_worst(contacts: Contacts, spacing: ScalarTable, all_count: ti.i32, ch
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
+        choice.count[ADDED] = 0
+        for c in range(contacts.count[0]):
+            if choice.status[c] == NEW:
+                choice.status[c] = BEFORE
+            elif choice.status[c] != BEFORE:
+                choice.status[c] = NONE
+                if choice.wanted[c] != 0:
+                    choice.status[c] = WANTED
         if all_count != 0:
             for c in range(contacts.count[0]):
                 if choice.status[c] == BEFORE:
@@ -94,9 +112,11 @@ def choose_worst(contacts: Contacts, spacing: ScalarTable, all_count: ti.i32, ch
                     worst = c
             if worst >= 0:
                 choice.status[worst] = NEW
+                choice.count[ADDED] = choice.count[ADDED] + 1
                 for other in range(contacts.count[0]):
                     if choice.status[other] == WANTED and is_near(worst, other, contacts, spacing):
                         choice.status[other] = NONE
+        choice.count[TAKING_PART] = choice.count[TAKING_PART] + choice.count[ADDED]
 
 
 @func

@@ -35,29 +35,58 @@ class Base(NamedTuple):
     turn: Matrices
 
 
+class Nodes(NamedTuple):
+    """What acts on all nodes, and how they move.
+
+    Attributes:
+        mass: [kg], shape (node_count,).
+        drag: of Rayleigh's damping by mass [kg/s], shape (node_count,).
+        gravity: [mm/s^2], shape (1, 3).
+        position: [mm], shape (node_count, 3).
+        velocity: [mm/s], shape (node_count, 3).
+        elastic: forces of the elements [mN], shape (node_count, 3).
+        impulse: of all forces in a step [mN s], shape (node_count, 3).
+    """
+
+    mass: Scalars
+    drag: Scalars
+    gravity: Vectors
+    position: Vectors
+    velocity: Vectors
+    elastic: Vectors
+    impulse: Vectors
+
+
 @kernel
-def add_anchors_and_actuators(
+def sum_impulses(
+    time_step: ti.f64,
+    nodes: Nodes,
     anchors: Anchors,
     base: Base,
-    position: Vectors,
-    velocity: Vectors,
     coordinates: Coordinates,
     gradient: Gradient,
     effort: Scalars,
-    force: Vectors,
 ):
-    """Add -k (x + lag v - target) of the anchored nodes, and the efforts times their gradients, to the forces.
+    """Impulses on the nodes in a step: of weight, drag and the elements' forces, of anchors and of actuators.
 
-    The targets are the anchors' positions turned and moved with the base. An effort is a pressure [kPa] or a tension
-    [mN].
+    Anchored nodes have -k (x + lag v - target), where the targets are the anchors' positions turned and moved with the
+    base. An effort, which is a pressure [kPa] or a tension [mN], acts along its coordinate's gradient.
     """
+    force = ti.static(nodes.impulse)
+    ti.loop_config(serialize=True)
+    for i in range(nodes.mass.shape[0]):
+        force[i] = nodes.mass[i] * nodes.gravity[0] - nodes.drag[i] * nodes.velocity[i] + nodes.elastic[i]
     ti.loop_config(serialize=True)
     for k in range(anchors.node.shape[0]):
         i = anchors.node[k]
         target = base.turn[0] @ (anchors.position[k] - base.place[0]) + base.place[0] + base.place[1]
-        force[i] -= anchors.stiffness[i] * (position[i] - target + anchors.lag[i] * velocity[i])
+        away = nodes.position[i] - target + anchors.lag[i] * nodes.velocity[i]
+        force[i] -= anchors.stiffness[i] * away
     ti.loop_config(serialize=True)
     for coordinate in range(effort.shape[0]):
         if effort[coordinate] != 0.0:
             for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
                 force[coordinates.entry_node[k]] += effort[coordinate] * gradient.soft[k]
+    ti.loop_config(serialize=True)
+    for i in range(nodes.mass.shape[0]):
+        force[i] = time_step * force[i]

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from taichisoft.kernels.cholesky import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
 from taichisoft.kernels.launch import Kernel, func, kernel
-from taichisoft.kernels.runtime import CHUNK, THREADS, IntegerTable, Scalars, ti
+from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, Vectors, ti, vec3
 from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
 
 # Columns of the table of trees: a range of supernodes, and where the work space of the tree begins.
@@ -12,15 +12,20 @@ FIRST, LAST, WORK = range(3)
 
 
 class Solution(NamedTuple):
-    """A right-hand side that becomes the solution, in elimination order.
+    """A right-hand side that becomes the solution.
 
     Attributes:
         trees: one row for each tree of supernodes; its columns stand above.
-        x: entries, shape (3 node_count + 8,).
+        order: the node at each place of the elimination order, shape (node_count,).
+        given, found: right-hand side and solution by nodes, shape (node_count, 3).
+        x: their entries in elimination order, shape (3 node_count + 8,).
         below: work space.
     """
 
     trees: IntegerTable
+    order: Integers
+    given: Vectors
+    found: Vectors
     x: Scalars
     below: Columns
 
@@ -99,23 +104,39 @@ def solve_backward(s: ti.i32, fronts: Fronts, factor: Factor, solution: Solution
                 x[i + c] = v[c]
 
 
+@ti.func
+def entries(x: Scalars, place: ti.i32) -> vec3:
+    """The three entries of a place in elimination order."""
+    return vec3(x[3 * place], x[3 * place + 1], x[3 * place + 2])
+
+
 def make_solve_trees(workers: int) -> Kernel:
     """The kernel that solves on a number of threads; one does not wake any other."""
 
     @kernel
     def solve_trees(fronts: Fronts, factor: Factor, solution: Solution, one: ti.i32):
-        """Solve L L^T x = b in place for one right-hand side in elimination order, trees dealt out to threads."""
+        """Solve L L^T x = b for one right-hand side, trees dealt out to threads."""
         ti.loop_config(serialize=workers == 1)
         for worker in range(workers * CHUNK):
             if worker % CHUNK == 0:
-                tree = ti.static(solution.trees)
+                tree, table = ti.static(solution.trees, fronts.table)
                 t = worker // CHUNK
                 while t < tree.shape[0]:
+                    # The columns of a tree stand side by side, three to a node.
+                    last = tree[t, LAST] - 1
+                    begin = table[tree[t, FIRST], FIRST_COLUMN] // 3
+                    end = (table[last, FIRST_COLUMN] + table[last, WIDTH]) // 3
+                    for place in range(begin, end):
+                        given = solution.given[solution.order[place]]
+                        for d in ti.static(range(3)):
+                            solution.x[3 * place + d] = given[d]
                     for s in range(tree[t, FIRST], tree[t, LAST]):
                         solve_forward(s, fronts, factor, solution.x, one)
                     for back in range(tree[t, LAST] - tree[t, FIRST]):
                         s = tree[t, LAST] - 1 - back
                         solve_backward(s, fronts, factor, solution, tree[t, WORK], one)
+                    for place in range(begin, end):
+                        solution.found[solution.order[place]] = entries(solution.x, place)
                     t += workers
 
     return solve_trees

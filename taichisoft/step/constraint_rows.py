@@ -20,7 +20,6 @@ class ConstraintRows:
         columns: work space of the compliance.
         bounds: what the actuators' rows obey, see `kernels/actuator_rows.py`, shape (actuator_capacity, 6).
         gauss_seidel: the solver, with impulses and velocities of the rows.
-        contact_impulse: on the second body in world axes [mN s], shape (contact_capacity, 3).
     """
 
     def __init__(self, model: Model, contact_capacity: int):
@@ -32,6 +31,8 @@ class ConstraintRows:
         self.rows = Rows(
             size=np.zeros(2, dtype=np.int32),
             contact=np.empty(contact_capacity, dtype=np.int32),
+            on_rigid=np.empty(contact_capacity, dtype=np.int32),
+            on_rigid_count=np.zeros(1, dtype=np.int32),
             basis=np.empty((contact_capacity, 3, 3)),
             node=np.empty((contact_capacity, slots), dtype=np.int32),
             weight=np.empty((contact_capacity, slots)),
@@ -48,7 +49,6 @@ class ConstraintRows:
         self.gauss_seidel = GaussSeidel(
             Problem(self.rows.size, self.compliance, self.rows.free, self.rows.friction, self.bounds)
         )
-        self.contact_impulse = np.empty((contact_capacity, 3))
         if model.elasticity is not None:
             symbolic, groups = model.elasticity.symbolic, -(-row_capacity // GROUP)
             self.columns = SparseColumns(

@@ -4,7 +4,9 @@ import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.kernels import compliance, constraint_rows
+from taichisoft.kernels.contact_reduction import TAKING_PART
 from taichisoft.kernels.contacts import Contacts
+from taichisoft.kernels.told_contacts import ToldContacts, tell
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.active_set import ActiveSet
@@ -31,9 +33,7 @@ class Constraints:
 
     Attributes:
         node_velocity: of the soft nodes after the step [mm/s], shape (node_count, 3).
-        contacts: numbers of the contacts that took part, and of the closest one of bodies near each other without any.
-        contact_impulse: on the second body of each of these contacts [mN s], shape (contact_count, 3).
-        contact_slip: sliding speed of each contact that presses, else 0 [mm/s], shape (contact_count,).
+        told: the contacts that took part, and the closest one of bodies near each other without any.
         cavity_pressure: imposed or found [kPa], shape (cavity_count,).
         cable_tension: at the pulled end, imposed or found [mN], shape (cable_count,).
         cable_tension_loss: at the inner points of cables with friction [mN], shape (rubbing_point_count,).
@@ -71,6 +71,7 @@ class Constraints:
         self._node_velocity_before = np.zeros((model.node_count, 3))
         self._removes_depth = model.scene.contact.depth == "position"
         self._problem = ConstraintRows(model, FIRST_CAPACITY)
+        self.told = ToldContacts.with_room(0, len(model.body_names))
         self._velocity = np.zeros((model.node_count, 3))  # stays in place for the kernels
         self._node_impulse = np.zeros((model.node_count, 3))
         self.node_velocity = np.zeros((model.node_count, 3))
@@ -84,12 +85,11 @@ class Constraints:
             state: at the start of the step.
             found: the contacts of the step.
         """
-        count = len(found.fraction)
+        count = int(found.contacts.count[0])
         self.iterations, self.residual, self.penetration = 0, 0.0, 0.0
         self.deepest: tuple[int, ...] = ()
         self.node_shift: np.ndarray | None = None
-        self.contacts = np.zeros(0, dtype=np.int64)
-        self.contact_impulse, self.contact_slip = np.zeros((0, 3)), np.zeros(0)
+        self.told.count[0] = 0
         if not count and not len(self._actuators.coordinates):
             self._collect_efforts(np.zeros(0))
             self._rigid.apply_impulses()
@@ -100,20 +100,17 @@ class Constraints:
             self._node_velocity_before[:] = state.velocity
             self._rigid_before = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
         self._active_set.begin(found, state, self._velocity)
-        self.penetration = -float(self._active_set.depth.min(initial=0.0))
-        if self.penetration > 0.0:
-            self.deepest = tuple(found.contacts.bodies[self._active_set.depth.argmin()].tolist())
-        self._impulse = self._active_set.last_impulse.copy()
+        self.penetration, self.deepest = self._active_set.depth, self._active_set.deepest
         while True:
             self._build_rows(found.contacts)
             self._assemble_compliance()
-            strike = self._strike() if self._gives_back and len(self._chosen) else None
+            strike = self._strike() if self._gives_back and self._contact_count else None
             self._find_impulses(strike)
             self._apply_impulses()
             self._velocity[:] = self.node_velocity
             if not self._active_set.add_violated(self._velocity):
                 break
-        self._collect()
+        self._collect(found.contacts)
         if self._removes_depth and self._active_set.add_deep():
             self._remove_depth(found.contacts)
 
@@ -128,11 +125,11 @@ class Constraints:
         rigid.state.free[:] = 0.0
         while True:
             self._build_rows(contacts, with_actuators=False)
-            rows, count = self._problem.rows, len(self._chosen)
+            rows, count = self._problem.rows, self._contact_count
             self._assemble_compliance()
             rows.friction[:count] = 0.0
             rows.free[: 3 * count] = 0.0
-            rows.free[: 3 * count : 3] = self._active_set.gap[self._chosen] / self._time_step
+            rows.free[: 3 * count : 3] = self._active_set.gap[rows.contact[:count]] / self._time_step
             solver = self._problem.gauss_seidel
             solver.impulse[: 3 * count] = 0.0
             solver.solve(settings.tolerance, settings.max_iterations)
@@ -152,31 +149,34 @@ class Constraints:
 
     def _build_rows(self, contacts: Contacts, with_actuators: bool = True) -> None:
         """What the rows of the chosen contacts and of the actuators act on."""
-        self._chosen = chosen = np.flatnonzero(self._active_set.chosen)
-        if len(chosen) > self._problem.contact_capacity:
-            self._problem = ConstraintRows(self._model, int(GROWTH * len(chosen)))
+        self._contact_count = count = int(self._active_set.choice.count[TAKING_PART])
+        if count > self._problem.contact_capacity:
+            self._problem = ConstraintRows(self._model, int(GROWTH * count))
         rows, actuators = self._problem.rows, self._actuators
         actuator_count = len(actuators.coordinates) if with_actuators else 0
-        rows.size[:] = len(chosen), actuator_count
-        self._row_count = 3 * len(chosen) + actuator_count
-        rows.contact[: len(chosen)] = chosen
-        rows.coordinate[:actuator_count] = actuators.coordinates[:actuator_count]
-        rows.target_rate[:actuator_count] = actuators.target_rate[:actuator_count]
-        self._problem.bounds[:actuator_count] = actuators.bounds[:actuator_count]
-        if len(chosen):
+        rows.size[:] = count, actuator_count
+        self._row_count = 3 * count + actuator_count
+        if actuator_count:
+            rows.coordinate[:actuator_count] = actuators.coordinates
+            rows.target_rate[:actuator_count] = actuators.target_rate
+            self._problem.bounds[:actuator_count] = actuators.bounds
+        if count:
             constraint_rows.build_rows(
                 len(self._model.soft_bodies),
                 contacts,
+                self._active_set.choice,
                 self._active_set.separation,
                 self._model.surfaces.carriers,
                 self._model.friction,
                 self._rigid.state,
+                self._active_set.impulse,
                 rows,
+                self._problem.gauss_seidel.impulse,
             )
 
     def _assemble_compliance(self) -> None:
         """The rows' velocities without impulses, and W."""
-        rows, rigid, contact_count = self._problem.rows, self._rigid.state, len(self._chosen)
+        rows, rigid, contact_count = self._problem.rows, self._rigid.state, self._contact_count
         row_count, free_velocity = self._row_count, self._free_velocity()
         if self._soft is not None and row_count:
             self._assemble_soft_compliance(self._soft)
@@ -198,7 +198,8 @@ class Constraints:
         """Compliance of the cables themselves."""
         compliance = self._problem.compliance[: self._row_count**2].reshape(self._row_count, self._row_count)
         for row, stretch in self._actuators.stretch:
-            own = slice(3 * len(self._chosen) + row, 3 * len(self._chosen) + row + len(stretch))
+            first = 3 * self._contact_count + row
+            own = slice(first, first + len(stretch))
             compliance[own, own] += stretch
 
     def _assemble_soft_compliance(self, soft: SoftMotion) -> None:
@@ -220,8 +221,8 @@ class Constraints:
 
     def _strike(self) -> np.ndarray | None:
         """Impulses of impacts with restitution, which the contacts start from; None without any."""
-        count = len(self._chosen)
-        bodies = self._active_set.contacts.bodies[self._chosen]
+        count = self._contact_count
+        bodies = self._active_set.contacts.bodies[self._problem.rows.contact[:count]]
         restitution = self._model.restitution[tuple(bodies.T)]
         if not restitution.any():
             return None
@@ -244,19 +245,17 @@ class Constraints:
 
     def _find_impulses(self, strike: np.ndarray | None) -> None:
         """Gauss-Seidel, from the impulses of the last step, or those found before more contacts took part."""
-        solver, rows, contact_count = self._problem.gauss_seidel, self._problem.rows, len(self._chosen)
+        solver, rows, contact_count = self._problem.gauss_seidel, self._problem.rows, self._contact_count
         if not self._row_count:
             self.residual = 0.0
             return
-        local = np.einsum("cij,cj->ci", rows.basis[:contact_count], self._impulse[self._chosen])
-        local[local[:, 0] < 0.0] = 0.0
-        solver.impulse[: 3 * contact_count] = local.reshape(-1)
-        solver.impulse[3 * contact_count : self._row_count] = self._actuators.first_impulse
+        if self._row_count > 3 * contact_count:
+            solver.impulse[3 * contact_count : self._row_count] = self._actuators.first_impulse
         settings = self._model.scene.contact
         solver.solve(settings.tolerance, settings.max_iterations)
         # Soft bodies give under each of their contacts, and so determine it.
-        rigid = np.flatnonzero((rows.node[:contact_count] < 0).all(axis=1))
-        solver.choose_smallest(rigid, settings.tolerance)
+        on_rigid = int(rows.on_rigid_count[0]) if contact_count else 0
+        solver.choose_smallest(rows.on_rigid[:on_rigid], settings.tolerance)
         if strike is not None:
             solver.impulse[: len(strike)] += strike
         self.iterations += solver.iterations
@@ -266,7 +265,6 @@ class Constraints:
         """Velocities after the impulses: of the rigid bodies, and of the soft nodes."""
         if self._row_count:
             self._apply_row_impulses()
-            self._impulse[self._chosen] = self._problem.contact_impulse[: len(self._chosen)]
         self._rigid.apply_impulses()
         if self._soft is not None and self._row_count:
             self.node_velocity = self._soft.response(self._node_impulse)
@@ -281,22 +279,26 @@ class Constraints:
             self._model.actuators.coordinates,
             self._geometry.gradient,
             problem.gauss_seidel.impulse,
-            problem.contact_impulse,
+            self._active_set.impulse,
             self._node_impulse,
             self._rigid.state,
         )
 
-    def _collect(self) -> None:
+    def _collect(self, contacts: Contacts) -> None:
         """What the impulses mean for the contacts and actuators of the step."""
-        solver, contact_count = self._problem.gauss_seidel, len(self._chosen)
-        rows = solver.velocity[: 3 * contact_count].reshape(-1, 3)
-        presses = solver.impulse[: 3 * contact_count : 3] > 0.0
-        slip = np.zeros(len(self._impulse))
-        slip[self._chosen] = np.where(presses, np.linalg.norm(rows[:, 1:], axis=1), 0.0)
-        self._impulse[~self._active_set.chosen] = 0.0
-        self.contacts = self._active_set.worth_telling()
-        self.contact_impulse, self.contact_slip = self._impulse[self.contacts], slip[self.contacts]
-        self._collect_efforts(solver.impulse[3 * contact_count : self._row_count])
+        solver = self._problem.gauss_seidel
+        if contacts.count[0]:
+            if len(contacts.distance) != len(self.told.slip):
+                self.told = ToldContacts.with_room(len(contacts.distance), len(self._model.body_names))
+            tell(
+                self._model.scene.contact.alarm_distance,
+                contacts,
+                self._active_set.choice,
+                self._active_set.impulse,
+                solver.answer,
+                self.told,
+            )
+        self._collect_efforts(solver.impulse[3 * self._contact_count : self._row_count])
 
     def _collect_efforts(self, impulse: np.ndarray) -> None:
         self.cavity_pressure, self.cable_tension, self.cable_tension_loss = self._actuators.efforts(impulse)

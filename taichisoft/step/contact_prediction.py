@@ -15,10 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.contact.detection import ContactDetection
 from taichisoft.contact.moving_surfaces import MovingSurfaces
+from taichisoft.kernels import contact_prediction as kernels
+from taichisoft.kernels.contact_prediction import FAR, FAST, TOO_CLOSE, BodyPairs
 from taichisoft.kernels.contacts import Contacts
+from taichisoft.kernels.rigid_motion import RigidState
 from taichisoft.model import Model
 from taichisoft.state import State
 
@@ -32,7 +34,7 @@ class Found(NamedTuple):
 
     Attributes:
         contacts: the pairs of points, in arrays with room for more.
-        fraction: of the step at which each one was measured, shape (contact_count,).
+        fraction: of the step at which each one was measured, with as much room, shape (capacity,).
     """
 
     contacts: Contacts
@@ -42,79 +44,75 @@ class Found(NamedTuple):
 class ContactPrediction:
     """Finds the contacts of a step; the work space of one simulation."""
 
-    def __init__(self, model: Model):
-        """Prepare for the bodies of `model`."""
+    def __init__(self, model: Model, rigid: RigidState):
+        """Prepare for the bodies of `model`; the rigid ones have the poses and velocities of `rigid`."""
         settings, surfaces = model.scene.contact, model.surfaces
-        self._model, self._surfaces = model, surfaces
+        self._surfaces, self._rigid = surfaces, rigid
         self._time_step = model.scene.time.step
         self._tolerance = surfaces.gap_tolerance
         self._distance = settings.contact_distance
-        smaller = np.minimum(surfaces.body_size[:, None], surfaces.body_size)
-        self._least_reach = np.minimum(settings.alarm_distance, smaller)
         self._moving = MovingSurfaces(surfaces)
         self._detection = ContactDetection(surfaces, self._moving, settings.contact_distance)
-        self._room = Contacts.with_room(FIRST_CAPACITY)
-        self._rigid_radius = np.array([body.radius for body in model.rigid_bodies])
-        self._depth = float(self._least_reach[surfaces.may_touch].max(initial=0.0))
+        self._soft = kernels.SoftMotion(
+            body_start=np.array([*(body.nodes.start for body in model.soft_bodies), model.node_count], dtype=np.int32),
+            position=np.zeros((model.node_count, 3)),
+            velocity=np.zeros((model.node_count, 3)),
+        )
+        body_count = len(model.body_names)
+        smaller = np.minimum(surfaces.body_size[:, None], surfaces.body_size)
+        self._pairs = BodyPairs(
+            may_touch=surfaces.may_touch.astype(np.int32),
+            may_pass_through=surfaces.may_pass_through.astype(np.int32),
+            least_reach=np.minimum(settings.alarm_distance, smaller),
+            rigid_radius=np.array([body.radius for body in model.rigid_bodies], dtype=float),
+            centre=np.zeros((body_count, 3)),
+            radius=np.zeros(body_count),
+            approach=np.zeros((body_count, body_count)),
+            reach=np.zeros((body_count, body_count)),
+            nearest=np.zeros((body_count, body_count)),
+            count=np.zeros(2, dtype=np.int32),
+        )
+        self._room, self._fraction = Contacts.with_room(FIRST_CAPACITY), np.zeros(FIRST_CAPACITY)
+        self._at_the_end = np.ones(FIRST_CAPACITY)
+        self._depth = float(self._pairs.least_reach[surfaces.may_touch].max(initial=0.0))
+        self.is_needed = bool(surfaces.may_touch.any())
 
-    @property
-    def is_needed(self) -> bool:
-        """Whether anything can touch anything."""
-        return bool(self._surfaces.may_touch.any())
+    def find(self, state: State) -> Found:
+        """All locally closest pairs that can matter in the step that begins with `state`."""
+        self._state, pairs = state, self._pairs
+        self._soft.position[:], self._soft.velocity[:] = state.position, state.velocity
+        self._falls = self._time_step**2 * float(np.linalg.norm(state.gravity))
+        kernels.look_ahead(self._time_step, self._distance, self._falls, self._soft, self._rigid, pairs)
+        if pairs.count[FAST]:
+            return self._find_along_the_way()
+        contacts = self._search(pairs.reach, 1.0)
+        if pairs.count[TOO_CLOSE]:
+            return self._joined(self._with_overlaps(contacts, pairs.reach, 1.0))
+        if len(self._at_the_end) != len(contacts.distance):
+            self._at_the_end = np.ones(len(contacts.distance))
+        return Found(contacts, self._at_the_end)
 
-    def find(self, state: State, rotation: np.ndarray) -> Found:
-        """All locally closest pairs that can matter in a step.
-
-        Args:
-            state: at the start of the step.
-            rotation: body axes of the rigid bodies then, shape (rigid_count, 3, 3).
-        """
-        self._state, self._rotation = state, rotation
-        approach = self._approach()
-        fraction = np.where(self._surfaces.may_touch, 1.0, np.nan)
-        fast = self._surfaces.may_pass_through & (approach > self._distance)
-        if fast.any():
-            self._follow(fast, approach, fraction)
-        reach = self._reach(approach, fraction)
-        times = np.unique(fraction[self._surfaces.may_touch]).tolist() if fast.any() else [1.0]
-        parts = (part for time in times for part in self._measure(np.where(fraction == time, reach, -1.0), time))
-        return self._joined(parts)
-
-    def _approach(self) -> np.ndarray:
-        """The most by which points of two bodies approach each other in the step [mm], (body_count, body_count).
-
-        The velocities of a body lie in a ball around one of them.
-        """
-        state, model = self._state, self._model
-        count = len(model.body_names)
-        centre, radius = np.zeros((count, 3)), np.zeros(count)
-        for number, body in enumerate(model.soft_bodies):
-            velocity = state.velocity[body.nodes]
-            low, high = velocity.min(axis=0), velocity.max(axis=0)
-            centre[number], radius[number] = 0.5 * (low + high), 0.5 * np.linalg.norm(high - low)
-        rigid = slice(len(model.soft_bodies), len(model.soft_bodies) + len(model.rigid_bodies))
-        centre[rigid] = state.rigid_velocity
-        radius[rigid] = np.linalg.norm(state.rigid_angular_velocity, axis=1) * self._rigid_radius
-        apart = np.linalg.norm(centre[:, None] - centre, axis=2)
-        approach: np.ndarray = self._time_step * (apart + radius[:, None] + radius)
-        return approach
-
-    def _reach(self, approach: np.ndarray, fraction: np.ndarray) -> np.ndarray:
-        """How far apart contacts are looked for [mm], (body_count, body_count).
-
-        What is left of the step after the pair was measured, what gravity adds, and what an impact of other bodies may.
-        """
-        falls = self._time_step**2 * float(np.linalg.norm(self._state.gravity))
+    def _find_along_the_way(self) -> Found:
+        """The contacts of a step in which bodies could pass through each other."""
+        may_touch, approach = self._surfaces.may_touch, self._pairs.approach.copy()
+        fraction = np.where(may_touch, 1.0, np.nan)
+        self._follow(self._surfaces.may_pass_through & (approach > self._distance), approach, fraction)
+        # What is left of the step after a pair was measured, what gravity adds, and what an impact of others may.
         strikes = fraction < 1.0
         struck = float(approach[strikes].max()) if strikes.any() else 0.0
-        reach: np.ndarray = self._distance + (1.0 - fraction) * approach + falls + struck
-        return np.maximum(reach, self._least_reach)
+        reach = self._distance + (1.0 - fraction) * approach + self._falls + struck
+        reach = np.maximum(reach, self._pairs.least_reach)
+        times = np.unique(fraction[may_touch]).tolist()
+        return self._joined(
+            part for time in times for part in self._measure(np.where(fraction == time, reach, -1), time)
+        )
 
     def _follow(self, fast: np.ndarray, approach: np.ndarray, fraction: np.ndarray) -> None:
         """Fill in the times at which fast bodies first come close, 0 for those that are too close at the start."""
         reach = np.where(fast, self._distance + approach, -1.0)
-        nearest = self._nearest(self._search(reach, 0.0))
-        for first, second in zip(*np.nonzero(np.triu(np.isfinite(nearest))), strict=True):
+        self._search(reach, 0.0)
+        nearest = self._pairs.nearest.copy()
+        for first, second in zip(*np.nonzero(np.triu(nearest < FAR)), strict=True):
             pair, time = (first, second), 0.0
             distance = nearest[pair]
             follows = distance >= self._distance - self._tolerance[pair]
@@ -125,7 +123,8 @@ class ContactPrediction:
                     break
                 only = np.full_like(reach, -1.0)
                 only[pair] = only[pair[::-1]] = self._distance + (1.0 - time) * approach[pair]
-                distance = self._nearest(self._search(only, time))[pair]
+                self._search(only, time)
+                distance = self._pairs.nearest[pair]
                 follows = distance > NEAR * self._distance
             fraction[pair] = fraction[pair[::-1]] = time
 
@@ -135,57 +134,49 @@ class ContactPrediction:
         Each part stays as it is until the next one is asked for.
         """
         contacts = self._search(reach, time)
-        too_close = time == 1.0 and self._nearest(contacts) < self._distance - self._tolerance
-        if not np.any(too_close):
+        if time == 1.0 and self._pairs.count[TOO_CLOSE]:
+            yield from self._with_overlaps(contacts, reach, time)
+        else:
             yield Found(contacts, np.full(contacts.count[0], time))
-            return
+
+    def _with_overlaps(self, contacts: Contacts, reach: np.ndarray, time: float) -> Iterator[Found]:
+        """These contacts of the end, but those of the start of bodies that overlap then."""
+        too_close = self._too_close()
         ahead = contacts.trimmed()
         at_start = self._search(np.where(too_close, reach, -1.0), 0.0)
-        overlapping = self._nearest(at_start) < self._distance - self._tolerance
+        overlapping = self._too_close()
         for chosen, when in ((_chosen(at_start, overlapping), 0.0), (_chosen(ahead, ~overlapping), time)):
             yield Found(chosen, np.full(chosen.count[0], when))
 
     def _joined(self, parts: Iterable[Found]) -> Found:
         """All of them, one after the other, in arrays that stay in place."""
-        room, count, fractions = self._room, 0, []
+        room, fraction, count = self._room, self._fraction, 0
         for part in parts:
             end = count + part.contacts.count[0]
             if end > len(room.distance):
-                larger = Contacts.with_room(2 * end)
-                for new, old in zip(larger[1:], room[1:], strict=True):
+                larger, fractions = Contacts.with_room(2 * end), np.zeros(2 * end)
+                for new, old in zip((*larger[1:], fractions), (*room[1:], fraction), strict=True):
                     new[:count] = old[:count]
-                room = self._room = larger
+                room, fraction = self._room, self._fraction = larger, fractions
             for target, source in zip(room[1:], part.contacts[1:], strict=True):
                 target[count:end] = source[: end - count]
-            fractions.append(part.fraction)
+            fraction[count:end] = part.fraction
             count = end
         room.count[0] = count
-        return Found(room, np.concatenate(fractions))
+        return Found(room, fraction)
 
-    def _nearest(self, contacts: Contacts) -> np.ndarray:
-        """Distance of each pair of bodies [mm], infinite where they have no contact, shape (body_count, body_count)."""
-        nearest, count = np.full(self._surfaces.may_touch.shape, np.inf), contacts.count[0]
-        first, second = contacts.bodies[:count].T
-        np.minimum.at(nearest, (first, second), contacts.distance[:count])
-        return np.minimum(nearest, nearest.T)
+    def _too_close(self) -> np.ndarray:
+        """Whether two bodies are closer than they are kept by the last search, shape (body_count, body_count)."""
+        too_close: np.ndarray = self._pairs.nearest < self._distance - self._tolerance
+        return too_close
 
     def _search(self, reach: np.ndarray, time: float) -> Contacts:
-        """Contacts within reach at this time."""
-        state, passed = self._state, time * self._time_step
-        rotation = self._rotation
-        if passed and state.rigid_angular_velocity.any():
-            rotation = _turns(passed * state.rigid_angular_velocity) @ rotation
-        self._moving.update(
-            state.position + passed * state.velocity, state.rigid_position + passed * state.rigid_velocity, rotation
-        )
-        self._moving.follow_load(state)
-        return self._detection.find(np.where(self._surfaces.may_touch, reach, -1.0), self._depth)
-
-
-def _turns(vector: np.ndarray) -> np.ndarray:
-    """Matrices of rotation vectors [rad], (count, 3, 3)."""
-    half = 0.5 * np.linalg.norm(vector, axis=1, keepdims=True)
-    return matrices_from_quaternions(np.hstack([np.cos(half), 0.5 * np.sinc(half / np.pi) * vector]))
+        """Contacts within reach at this time, and by them how near bodies are."""
+        self._moving.move(time * self._time_step, self._soft, self._rigid)
+        self._moving.follow_load(self._state)
+        contacts = self._detection.find(reach, self._depth)
+        kernels.measure_nearest(contacts, self._distance, self._tolerance, self._pairs)
+        return contacts
 
 
 def _chosen(contacts: Contacts, pairs: np.ndarray) -> Contacts:

@@ -27,9 +27,9 @@ class GaussSeidel:
     (kernels/interior_point.py) and proximal Newton steps from where it ends, and so on in turns.
 
     Attributes:
-        impulse: where to start, which the caller fills, then the answer [mN s, of a volume kPa s], shape
-            (row_capacity,).
-        velocity: v of the answer [mm/s, of a volume mm^3/s], shape (row_capacity,).
+        answer: impulses l, which the caller fills with where to start, and velocities v, as below.
+        impulse: those of the answer [mN s, of a volume kPa s], shape (row_capacity,).
+        velocity: those of the answer [mm/s, of a volume mm^3/s], shape (row_capacity,).
         iterations: sweeps of the last call, those that check Newton steps included.
         residual: largest change of a block's own velocity in its last sweep [mm/s, of a volume mm^3/s].
     """
@@ -39,7 +39,7 @@ class GaussSeidel:
         rows = len(problem.free)
         self.iterations, self.residual = 0, 0.0
         self.impulse, self.velocity = np.zeros(rows), np.zeros(rows)
-        self._problem, self._current = problem, Iterate(self.impulse, self.velocity)
+        self._problem, self.answer = problem, Iterate(self.impulse, self.velocity)
         self._point, self._trial = (Iterate(np.empty(rows), np.empty(rows)) for _ in range(2))
         self._search = gauss_seidel.Search(*(np.empty(rows) for _ in range(4)))
         self._system = make_linear_system(rows)
@@ -83,7 +83,7 @@ class GaussSeidel:
         impulse = self.impulse.copy()
         smallest_impulses.choose_smallest(
             self._problem,
-            self._current,
+            self.answer,
             self._point,
             self._trial,
             self._system,
@@ -114,7 +114,7 @@ class GaussSeidel:
     def _sweep(self, tolerance: float, sweeps: int) -> None:
         gauss_seidel.solve(
             self._problem,
-            self._current,
+            self.answer,
             self._point,
             self._trial,
             self._search,
@@ -134,7 +134,7 @@ class GaussSeidel:
         self._figure[0] = self.residual
         proximal_newton.improve(
             self._problem,
-            self._current,
+            self.answer,
             self._point,
             self._trial,
             self._system,
@@ -155,7 +155,7 @@ class GaussSeidel:
         """Interior points and Newton steps from where they end; back to what was before if that was better."""
         before, residual = self.impulse.copy(), self.residual
         interior_point.follow_path(
-            self._problem, self._current, self._trial, self._system, self._path, self._figure, tolerance, share, 1
+            self._problem, self.answer, self._trial, self._system, self._path, self._figure, tolerance, share, 1
         )
         self.residual = float(self._figure[0])
         if np.isfinite(self.impulse).all():

@@ -31,11 +31,16 @@ class SoftMotion:
         self._model = model
         self._geometry = geometry
         self.system = ElasticSystem(elasticity)
-        self._mass = elasticity.node_mass[:, None]
-        self._weight = np.empty((model.node_count, 3))
-        self._gravity: np.ndarray | None = None  # that of `weight`
+        self._nodes = kernels.Nodes(
+            mass=elasticity.node_mass,
+            drag=elasticity.node_mass * elasticity.node_rayleigh_mass,
+            gravity=np.empty((1, 3)),
+            position=self.system.position,
+            velocity=self.system.velocity,
+            elastic=self.system.force,
+            impulse=np.empty((model.node_count, 3)),
+        )
         self._young_modulus: np.ndarray | None = None  # that of the system's elements
-        self._drag = self._mass * elasticity.node_rayleigh_mass[:, None]
         self._anchors = kernels.Anchors(
             node=model.anchored_nodes,
             stiffness=elasticity.anchor_stiffness,
@@ -44,7 +49,6 @@ class SoftMotion:
         )
         self._base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
         self._base_rotation: np.ndarray | None = None  # that of `turn`
-        self._force = np.empty((model.node_count, 3))
         self.free_velocity = np.zeros((model.node_count, 3))
 
     def solve_free_motion(self, state: State, load: np.ndarray) -> None:
@@ -66,19 +70,11 @@ class SoftMotion:
             self.system.scale_stiffness(stiffening[self._model.element_material])
         self.system.assemble()
         self._factorise(state)
-        if state.gravity is not self._gravity:
-            self._gravity = state.gravity
-            np.multiply(self._mass, state.gravity, out=self._weight)
-        # In place: the memory of large results that are thrown away costs more than the sums.
-        np.multiply(self._drag, state.velocity, out=self._force)
-        np.subtract(self._weight, self._force, out=self._force)
-        self._force += self.system.force
-        self._add_anchors_and_actuators(state, load)
-        self._force *= self._model.scene.time.step
+        self._sum_impulses(state, load)
         if self._model.scene.time.dynamics == "first order":
-            self.free_velocity[:] = self.response(self._force)
+            self.free_velocity[:] = self.response(self._nodes.impulse)
         else:
-            np.add(self.response(self._force), state.velocity, out=self.free_velocity)
+            np.add(self.response(self._nodes.impulse), state.velocity, out=self.free_velocity)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], (node_count, 3), by impulses on the nodes [mN s], (node_count, 3)."""
@@ -91,19 +87,19 @@ class SoftMotion:
             body = self._model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
 
-    def _add_anchors_and_actuators(self, state: State, load: np.ndarray) -> None:
+    def _sum_impulses(self, state: State, load: np.ndarray) -> None:
+        self._nodes.gravity[0] = state.gravity
         self._anchors.position[:] = state.anchor_position
         self._base.place[1] = state.base_translation
         if state.base_rotation is not self._base_rotation:
             self._base_rotation = state.base_rotation
             self._base.turn[0] = rotation_from_vector(state.base_rotation)
-        kernels.add_anchors_and_actuators(
+        kernels.sum_impulses(
+            self._model.scene.time.step,
+            self._nodes,
             self._anchors,
             self._base,
-            self.system.position,
-            self.system.velocity,
             self._model.actuators.coordinates,
             self._geometry.gradient,
             load,
-            self._force,
         )
