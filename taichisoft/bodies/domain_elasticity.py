@@ -26,13 +26,14 @@ class DomainElasticity:
 
     parts: kernels.DomainParts
 
-    def __init__(self, bodies: "Sequence[SoftBody]", lag: np.ndarray, factor: np.ndarray):
+    def __init__(self, bodies: "Sequence[SoftBody]", lag: np.ndarray, factor: np.ndarray, step: float):
         """Lay out the arrays.
 
         Args:
             bodies: all bodies; those without domains are passed over.
             lag: h + b [s] of each element of all bodies, shape (element_count,).
             factor: of the stiffness in A, likewise.
+            step: time step h [s].
         """
         first_element = np.cumsum([0, *(len(body.elements) for body in bodies)])
         found = [
@@ -53,6 +54,7 @@ class DomainElasticity:
             exponent=laws.exponent,
             lag=lag[element],
             factor=factor[element],
+            undamped=step / np.maximum(lag[element], step),
         )
 
     def node_pairs(self) -> tuple[np.ndarray, np.ndarray]:

@@ -67,7 +67,7 @@ class Elasticity:
         held = np.repeat(stiffness_factor, node_counts)[:, None] * self.anchor_stiffness
         diagonal = (np.repeat(mass_factor, node_counts) * self.node_mass)[:, None] + held
         own_domains = any(body.domains is not None for body in bodies)
-        self.domains = DomainElasticity(bodies, element_lag, element_factor) if own_domains else None
+        self.domains = DomainElasticity(bodies, element_lag, element_factor, time.step) if own_domains else None
         self.symbolic = SymbolicFactor(self._pattern())
         self.block_parts = self._block_parts(diagonal)
         if self.domains is not None:

@@ -44,6 +44,7 @@ class Domains(NamedTuple):
         exponent: Ogden's [-], shape (domain_count, 3).
         lag: h + b [s], 0 in first order dynamics, shape (domain_count,).
         factor: of K in A, shape (domain_count,).
+        undamped: h / (h + b), the share of the lag by which stresses turn, shape (domain_count,).
     """
 
     start: Integers
@@ -55,6 +56,7 @@ class Domains(NamedTuple):
     exponent: ScalarTable
     lag: Scalars
     factor: Scalars
+    undamped: Scalars
 
 
 class Strained(NamedTuple):
@@ -155,13 +157,16 @@ def strain_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3
     flip, twist = ti.max(flip, 0.0), ti.max(twist, 0.0)
     same, swapped = 0.5 * (flip + twist), 0.5 * (flip - twist)  # C_ik,ik and C_ik,ki of two axes
     flow = left.transpose() @ rate @ right
+    # A body that turns turns its stresses, which strains nothing: damping leaves out what resists that, the twists.
+    turning = domains.undamped[d] * twist
     stress = ti.Matrix.zero(ti.f64, 3, 3)
     for i in ti.static(range(3)):
         j, k = ti.static((i + 1) % 3), ti.static((i + 2) % 3)
         along = hessian[i, 0] * flow[0, 0] + hessian[i, 1] * flow[1, 1] + hessian[i, 2] * flow[2, 2]
         stress[i, i] = slope[i] + domains.lag[d] * along
-        stress[j, k] = domains.lag[d] * (same[i] * flow[j, k] + swapped[i] * flow[k, j])
-        stress[k, j] = domains.lag[d] * (same[i] * flow[k, j] + swapped[i] * flow[j, k])
+        bent, turned = flip[i] * (flow[j, k] + flow[k, j]), turning[i] * (flow[j, k] - flow[k, j])
+        stress[j, k] = 0.5 * domains.lag[d] * (bent + turned)
+        stress[k, j] = 0.5 * domains.lag[d] * (bent - turned)
     stress = left @ stress @ right.transpose()
     factor = domains.factor[d]
     for c in range(domains.start[d], domains.start[d + 1]):
