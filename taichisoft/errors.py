@@ -58,6 +58,10 @@ class SimulationDiverged(TaichisoftError):
         self.advice = advice
 
 
+class ForkedProcess(TaichisoftError):
+    """A process that was forked after the simulator had started tried to compute; it would have waited for ever."""
+
+
 class GoalMissed(TaichisoftError):
     """The run went to its end, but not to the goal of its scene."""
 

@@ -13,6 +13,7 @@ that its version is pinned.
 
 import ast
 import inspect
+import os
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.errors import ForkedProcess
 from taichisoft.kernels.runtime import ti
 
 # Sets of arrays that a kernel remembers, for problems of several sizes and models side by side. A set keeps its arrays
@@ -132,6 +134,22 @@ class Kernel:
         self._program = ti.lang.impl.get_runtime().prog
         capabilities = self._program.get_device_caps()
         self._compiled = self._program.compile_kernel(self._program.config(), capabilities, self._taichi_kernel)
+
+
+def _refuse(self: Kernel, *arguments: Any) -> None:
+    raise ForkedProcess(
+        "this process was forked after the simulator had started, and would wait for threads that it does not have; "
+        "start processes with multiprocessing.get_context('spawn') or 'forkserver', or fork before the first simulation"
+    )
+
+
+def _refuse_launches() -> None:
+    """Replace the call for all kernels, so that a launch need not ask whether its process was forked."""
+    Kernel.__call__ = _refuse  # type: ignore[method-assign]
+
+
+if hasattr(os, "register_at_fork"):  # Windows has no fork
+    os.register_at_fork(after_in_child=_refuse_launches)
 
 
 class _Launch:

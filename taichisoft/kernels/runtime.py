@@ -1,7 +1,8 @@
 """Taichi's start, once per process, and the array types that kernels take.
 
-Everything runs in double precision on the CPU. `TAICHISOFT_THREADS` sets the number of threads (all cores
-otherwise); results do not depend on it, because every sum is gathered in a fixed order by one owner.
+Everything runs in double precision on the CPU. `TAICHISOFT_THREADS` sets the number of threads: otherwise all cores, or
+one in a process that multiprocessing started, which has others beside it. Results do not depend on it, because every
+sum is gathered in a fixed order by one owner.
 
 In a parallel loop Taichi turns `array[i] += x` into an atomic operation, which neither vectorises nor keeps its
 order: kernels write `array[i] = array[i] + x` where one task owns the entry.
@@ -14,8 +15,10 @@ NaN inside kernels do no more than end loops.
 import ast
 import atexit
 import contextlib
+import ctypes
 import functools
 import io
+import multiprocessing
 import os
 from typing import Any
 
@@ -65,7 +68,8 @@ kernel_impl._inside_class = lambda level_of_class_stackframe: False
 kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
 kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
 
-THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or "0")
+USUAL_THREADS = "0" if multiprocessing.parent_process() is None else "1"
+THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or USUAL_THREADS)
 
 # ti.init prints which back end it starts.
 with contextlib.redirect_stdout(io.StringIO()), alone_with_kernels():
@@ -80,11 +84,26 @@ with contextlib.redirect_stdout(io.StringIO()), alone_with_kernels():
     )
 
 
+STARTED_BY = os.getpid()
+
+
 @atexit.register
 def _finish() -> None:
-    """Let Taichi write its list of kernels."""
-    with alone_with_kernels():
-        ti.reset()
+    """Let Taichi write its list of kernels; a forked child has none of its own."""
+    if os.getpid() == STARTED_BY:
+        with alone_with_kernels():
+            ti.reset()
+
+
+def _leave_program_alone() -> None:
+    """Keep Taichi's program in a forked child for ever: to delete it, the child would wait for threads that are not
+    there, and so its end would hang."""
+    program = ti.lang.impl.get_runtime().prog
+    ctypes.pythonapi.Py_IncRef(ctypes.py_object(program))
+
+
+if hasattr(os, "register_at_fork"):  # Windows has no fork
+    os.register_at_fork(after_in_child=_leave_program_alone)
 
 
 # On the CPU Taichi 1.7.4 cuts a parallel loop into one stretch of iterations a thread, of at least 512, whatever

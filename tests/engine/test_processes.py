@@ -1,0 +1,109 @@
+"""Many processes: those that are started anew compute the same bits; a forked one is told why it cannot."""
+
+import multiprocessing
+import os
+import subprocess
+import sys
+from collections.abc import Callable, Iterable
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import joblib
+import pytest
+from conftest import PATIENCE
+
+import taichisoft
+from taichisoft.errors import ForkedProcess
+
+needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+
+
+def fall(scene: str, speed: float) -> tuple[bytes, int]:
+    """Where a thrown cube is after ten steps, and the number of threads that computed it."""
+    from taichisoft.kernels.runtime import THREADS
+
+    simulation = taichisoft.Simulation(
+        taichisoft.load_scene(scene, [f"rigid_bodies.cube.velocity=[{speed}, 0.0, 0.0]"])
+    )
+    for _ in range(10):
+        simulation.step()
+    return simulation.state.rigid_position.tobytes(), THREADS
+
+
+def by_pool(method: str, tasks: Iterable[tuple[str, float]]) -> list[Any]:
+    with multiprocessing.get_context(method).Pool(1) as pool:
+        return pool.starmap(fall, tasks)
+
+
+def by_executor(tasks: Iterable[tuple[str, float]]) -> list[Any]:
+    with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as executor:
+        return list(executor.map(fall, *zip(*tasks, strict=True)))
+
+
+def by_joblib(tasks: Iterable[tuple[str, float]]) -> list[Any]:
+    return list(joblib.Parallel(n_jobs=2)(joblib.delayed(fall)(*task) for task in tasks))
+
+
+WAYS: dict[str, Callable[[Iterable[tuple[str, float]]], list[Any]]] = {
+    "multiprocessing, spawn": lambda tasks: by_pool("spawn", tasks),
+    "concurrent.futures": by_executor,
+    "joblib": by_joblib,
+}
+if "forkserver" in multiprocessing.get_all_start_methods():
+    WAYS["multiprocessing, forkserver"] = lambda tasks: by_pool("forkserver", tasks)
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_processes_of_a_started_simulator_compute_the_same_bits_on_a_thread_each(
+    way: str, falling_cube: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    tasks = [(str(falling_cube), 10.0), (str(falling_cube), 20.0)]
+    expected = [fall(*task)[0] for task in tasks]
+    monkeypatch.delenv("TAICHISOFT_THREADS", raising=False)
+    assert WAYS[way](tasks) == [(position, 1) for position in expected]
+
+
+@needs_fork
+def test_a_process_that_was_forked_too_late_gets_an_error_instead_of_waiting_for_ever(falling_cube: Path) -> None:
+    fall(str(falling_cube), 0.0)
+    with multiprocessing.get_context("fork").Pool(1) as pool:
+        answer = pool.apply_async(fall, (str(falling_cube), 0.0))
+        with pytest.raises(ForkedProcess, match=r"get_context\('spawn'\) or 'forkserver'"):
+            answer.get(timeout=PATIENCE)
+    fall(str(falling_cube), 0.0)  # the process itself goes on
+
+
+@needs_fork
+def test_a_process_that_forks_before_the_first_simulation_may(falling_cube: Path, tmp_path: Path) -> None:
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import multiprocessing, taichisoft\n"
+        "def positions(scene):\n"
+        "    simulation = taichisoft.Simulation(scene)\n"
+        "    simulation.step()\n"
+        "    return simulation.state.rigid_position\n"
+        f"scene = taichisoft.load_scene({str(falling_cube)!r})\n"
+        "with multiprocessing.get_context('fork').Pool(1) as pool:\n"
+        "    forked = pool.apply(positions, (scene,))\n"
+        "assert (forked == positions(scene)).all()\n"
+    )
+    done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, timeout=PATIENCE)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+@needs_fork
+def test_a_forked_process_that_computes_nothing_ends(falling_cube: Path, tmp_path: Path) -> None:
+    """The end of Python deletes Taichi's program, which waits for its threads."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import os, sys, taichisoft\n"
+        f"simulation = taichisoft.Simulation(taichisoft.load_scene({str(falling_cube)!r}))\n"
+        "simulation.step()\n"
+        "child = os.fork()\n"
+        "if child:\n"
+        "    assert os.waitpid(child, 0) == (child, 0)\n"
+        "sys.exit(0)\n"
+    )
+    done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, timeout=PATIENCE)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
