@@ -41,7 +41,10 @@ SECTIONS = {
     ],
     "Running": ["run", "make_controller", "make_output", "Controller", "KeyEvent", "Slider", "Output", "Session"],
     "Meshes": ["VolumeMesh", "read_volume_mesh", "write_volume_mesh", "Geometry"],
-    "Plug-ins": ["hookimpl", "RunOption", "load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"],
+    "Plug-ins": [
+        *("hookimpl", "RunOption", "Renderer"),
+        *("load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"),
+    ],
 }
 
 HOOKS = f"""# Hooks

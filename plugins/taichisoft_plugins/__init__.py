@@ -35,6 +35,14 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
 
 
 @hookimpl
+def taichisoft_renderers() -> Mapping[str, Callable[..., Any]]:
+    """What draws for `Simulation.render`."""
+    from taichisoft_plugins.rendering.live_renderer import LiveRenderer
+
+    return {"open3d": LiveRenderer}
+
+
+@hookimpl
 def taichisoft_run_options() -> "Mapping[str, RunOption]":
     """Options of `taichisoft run` that bring these outputs."""
     from taichisoft.plugin_system.hookspecs import RunOption

@@ -2,8 +2,11 @@
 
 import inspect
 import warnings
-from collections.abc import Container
+import weakref
+from collections.abc import Container, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from taichisoft import simulation
 from taichisoft.errors import MeshError, PluginError, SceneError
@@ -11,7 +14,8 @@ from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.model import Model
 from taichisoft.plugin_system.failure import failures_of
-from taichisoft.plugin_system.hooks import provided
+from taichisoft.plugin_system.hooks import find, provided
+from taichisoft.plugin_system.renderer import Renderer
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.soft_body import BodyMesh
 
@@ -32,6 +36,44 @@ class Simulation(simulation.Simulation):
             TaichisoftError: see `make_model`.
         """
         super().__init__(scene if isinstance(scene, Model) else make_model(scene))
+        self._renderers: dict[tuple[object, ...], Renderer] = {}
+        weakref.finalize(self, _close_all, self._renderers)
+
+    def render(
+        self,
+        camera: str | Sequence[Sequence[float]] = "iso",
+        size: tuple[int, int] = (1280, 720),
+        renderer: str = "open3d",
+    ) -> np.ndarray:
+        """Draw the present state: red, green and blue, shape (height, width, 3), dtype uint8.
+
+        The first picture of a camera and size takes some seconds, in which its renderer starts; it then stays ready
+        until `close`, or until the simulation is deleted.
+
+        Args:
+            camera: "iso", "front" or "top", which stands still and sees the scene's start with room around it;
+                "follow:BODY", which moves with a body; or two points [mm], that of the eye and one that it looks at.
+            size: width and height of the picture [pixels].
+            renderer: name of what draws; another than "open3d" comes with a plug-in.
+
+        Raises:
+            PluginError: no renderer has that name.
+            TaichisoftError: the camera or the size is not possible, or drawing is not on this machine.
+        """
+        place = camera if isinstance(camera, str) else tuple(tuple(map(float, point)) for point in camera)
+        key = (renderer, place, *size)
+        if key not in self._renderers:
+            self._renderers[key] = find("renderer", renderer)(model=self.model, size=tuple(size), camera=place)
+        return self._renderers[key].picture(self.state)
+
+    def close(self) -> None:
+        """End the renderers; a later `render` starts them again."""
+        _close_all(self._renderers)
+
+
+def _close_all(renderers: dict[tuple[object, ...], Renderer]) -> None:
+    while renderers:
+        renderers.popitem()[1].close()
 
 
 def make_model(scene: Scene) -> Model:

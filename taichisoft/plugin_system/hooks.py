@@ -23,6 +23,7 @@ KINDS = {
     "mesh maker": "taichisoft_mesh_makers",
     "scene reader": "taichisoft_scene_readers",
     "run option": "taichisoft_run_options",
+    "renderer": "taichisoft_renderers",
 }
 """The kinds of things that a plug-in can provide by name, and the hook that provides each."""
 

@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from taichisoft.control.controller import Controller
     from taichisoft.meshes.volume_mesh import VolumeMesh
     from taichisoft.plugin_system.geometry import Geometry
+    from taichisoft.plugin_system.renderer import Renderer
     from taichisoft.session.output import Output
     from taichisoft.session.session import Session
     from taichisoft.step.report import StepReport
@@ -107,6 +108,14 @@ def taichisoft_scene_readers() -> "Mapping[str, Callable[..., Mapping[str, Any]]
     Overrides, inheritance, file names and checks come after it. Its other arguments, with defaults, are what
     `taichisoft_run_options` without an output may set, and the `reader_settings` of `load_scene`. What it logs to a
     logger below "taichisoft" is shown by `taichisoft run`.
+    """
+
+
+@hookspec
+def taichisoft_renderers() -> "Mapping[str, Callable[..., Renderer]]":  # type: ignore[empty-body]
+    """Renderers by name; called when a simulation is to draw its first picture.
+
+    Each value makes a renderer of the arguments `model`, `size` and `camera`, as `Simulation.render` describes them.
     """
 
 

@@ -30,13 +30,14 @@ class Drawer:
         recording: the recording, which stays open as long as frames are drawn.
         style: what the user chose.
         frames: all frames that will be drawn, in order: the camera and the ranges of the colours suit them all.
+        room: room around what these frames show, in parts of its extent [-]: for more frames, which are not known yet.
 
     Raises:
         StyleError: the style does not fit the recording.
         MeshError: the style's surface file is missing or unreadable.
     """
 
-    def __init__(self, recording: Recording, style: Style, frames: Sequence[int]):
+    def __init__(self, recording: Recording, style: Style, frames: Sequence[int], room: float = 0.0):
         style.check(recording.scene)
         style = style.for_scene(recording.scene)
         width, height = style.size
@@ -47,7 +48,8 @@ class Drawer:
         self._overlay = Overlay(recording, style, frames, self._colouring.scales, radius_around_mean(points))
         side = COLOUR_BAR_WIDTH * height if self._colouring.scales else 0.0
         aspect = max(width - 2 * side, width / 2) / height
-        self._camera = camera_path(style, self._surfaces, frames, points, up, aspect)
+        spread = points + room * (points - points.mean(axis=0))
+        self._camera = camera_path(style, self._surfaces, frames, spread, up, aspect)
         background = np.array(style.background_colour)
         self._background = np.empty((height, width, 3), dtype=np.uint8)
         self._background[:] = np.rint(255 * background)

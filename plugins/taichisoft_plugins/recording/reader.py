@@ -183,6 +183,33 @@ class Recording:
         return self._steps[name]
 
 
+class LiveRecording(Recording):
+    """The recording of a single frame whose quantities are replaced by those of one state after the other."""
+
+    def __init__(self, recording: Recording):
+        """Take over an open recording."""
+        super().__init__(recording.path, recording._file)
+
+    def show(self, values: dict[str, np.ndarray]) -> None:
+        """Take over a state: its fields by the paths of `layout.QUANTITIES`, those of `steps` as a row of one frame."""
+        self._values = values
+
+    def _contact_rows(self, name: str, frame: int) -> np.ndarray:
+        return self._values[f"contacts/{name}"]
+
+    def _quantity(self, name: str) -> Any:
+        return self._values[f"steps/{name}"]
+
+
+def live_values(state: State) -> dict[str, np.ndarray]:
+    """What `LiveRecording.show` takes."""
+    return {
+        path: np.asarray(getattr(state, quantity.state_field))[None if path.startswith("steps") else slice(None)]
+        for path, quantity in QUANTITIES.items()
+        if quantity.state_field
+    }
+
+
 @dataclass(frozen=True)
 class _RecordedPoses:
     """Where nodes and bodies are in a frame; only what is asked for is read."""
