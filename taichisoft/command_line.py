@@ -7,7 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from taichisoft import __version__
-from taichisoft.errors import GoalMissed, TaichisoftError
+from taichisoft.errors import GoalMissed, PluginFailed, TaichisoftError
 from taichisoft.plugin_system import plugins, plugins_command
 from taichisoft.plugin_system.commands import load_requested, with_plugin_commands
 from taichisoft.plugin_system.failure import plugin_traceback
@@ -29,7 +29,7 @@ application = typer.Typer(
 
 application.add_typer(plugins_command.application, name="plugins")
 
-EXIT_GOAL_MISSED = 1
+EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
@@ -49,9 +49,9 @@ def main() -> None:
         if message := error.format_message().rstrip("."):  # empty where help was shown because nothing was asked for
             _complain(f"{message}; see {error.ctx.command_path} --help" if error.ctx else message)
         sys.exit(EXIT_BAD_INPUT)
-    except GoalMissed as error:
+    except (GoalMissed, PluginFailed) as error:
         _complain(error)
-        sys.exit(EXIT_GOAL_MISSED)
+        sys.exit(EXIT_FAILED)
     except TaichisoftError as error:
         _complain(error)
         sys.exit(EXIT_BAD_INPUT)

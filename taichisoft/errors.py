@@ -20,6 +20,10 @@ class PluginError(TaichisoftError):
     """A plug-in cannot be found or loaded, or answered something that is not valid."""
 
 
+class PluginFailed(PluginError):
+    """A plug-in raised something that it should not have; its own exception is the cause of this one."""
+
+
 class ControlError(TaichisoftError):
     """A controller asked for something that the model does not have, or that is not a finite number."""
 

@@ -64,7 +64,7 @@ class Simulation:
             SimulationDiverged: the step failed; `state` is the last good one.
         """
         started = time.perf_counter()
-        control = control or Control()
+        control = Control() if control is None else control
         start = apply_control(self.model, self.state, control)
         self._begin_actuators(start)
         self._solve_free_motion(start)

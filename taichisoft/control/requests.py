@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ def apply_control(model: Model, state: State, control: Control) -> State:
             kind = type(getattr(control, key)).__name__
             raise ControlError(f"control.{key}: must be a dictionary by name, not {kind}")
     for name, value in control.signals.items():
-        if not isinstance(value, int | float):
+        if not isinstance(value, Real) or isinstance(value, bool):
             raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
     changes = _cavity_requests(model, state, control)
     if model.cables.names or control.cable_tension or control.cable_pull or control.pull_points:
@@ -204,7 +205,11 @@ def _finite(value: object, key: str, shape: tuple[int, ...]) -> np.ndarray | flo
 
 
 def _array(value: object, key: str) -> np.ndarray:
+    """A copy as floating-point numbers; text and truth values are none, though numpy would take them for some."""
     try:
-        return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError) as error:
-        raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers") from error
+        given = np.asarray(value)
+        if given.dtype.kind in "iuf":
+            return np.array(given, dtype=np.float64)
+    except (TypeError, ValueError):  # rows of unequal lengths
+        pass
+    raise ControlError(f"{key} = {value!r}: must be a number or an array of numbers")

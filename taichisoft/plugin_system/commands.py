@@ -75,7 +75,7 @@ def commands_by_plugin() -> Iterator[tuple[str, typer.Typer]]:
         try:
             ask(hook, implementation, application=added)
         except PluginError as error:  # which would stand in the way of every command
-            raise PluginError(f"{error}; {DISABLE}={name} leaves it out") from error.__cause__
+            raise type(error)(f"{error}; {DISABLE}={name} leaves it out") from error.__cause__
         yield name, added
 
 

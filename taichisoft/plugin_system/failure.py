@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from types import TracebackType
 
-from taichisoft.errors import PluginError, TaichisoftError
+from taichisoft.errors import PluginError, PluginFailed, TaichisoftError
 
 # Frames of these lead to a plug-in, and say nothing about it.
 OUTSIDE = (str(Path(__file__).parents[1]), str(Path(importlib.__file__).parent), "<frozen importlib")
@@ -18,17 +18,21 @@ def plugin_failure(what: str, error: BaseException) -> PluginError:
     if isinstance(error, TaichisoftError):
         return PluginError(f"{what}: {error}")
     message = " ".join(str(error).split())
-    return PluginError(f"{what}: {type(error).__name__}{': ' if message else ''}{message}{_place(error)}")
+    return PluginFailed(f"{what}: {type(error).__name__}{': ' if message else ''}{message}{_place(error)}")
 
 
 @contextmanager
 def failures_of(what: str) -> Iterator[None]:
-    """Turn what a plug-in raises unexpectedly into a `PluginError` that begins with `what`."""
+    """Turn what a plug-in raises unexpectedly into a `PluginFailed` that begins with `what`.
+
+    So sys.exit() in a plug-in does not end a run behind the back of its outputs. Only an interruption from outside,
+    Ctrl and c, is not the plug-in's.
+    """
     try:
         yield
-    except TaichisoftError:
+    except (TaichisoftError, KeyboardInterrupt):
         raise
-    except Exception as error:
+    except BaseException as error:
         raise plugin_failure(what, error) from error
 
 

@@ -124,9 +124,9 @@ def ask(hook: str, implementation: HookImpl, **arguments: Any) -> Any:
     try:
         answer = implementation.function(*(arguments[argument] for argument in implementation.argnames))
         outcome = f"gave {SHORT.repr(answer)}" if registry.traced else ""
-    except GoalMissed:
+    except (GoalMissed, KeyboardInterrupt):
         raise
-    except Exception as error:
+    except BaseException as error:
         raise plugin_failure(f"plug-in {registry.described(name)} failed in {hook}()", error) from error
     finally:
         if registry.traced:

@@ -163,9 +163,11 @@ def _loading(name: str, origin: Origin, load: Callable[[], Any]) -> Callable[[],
     def loaded() -> Any:
         try:
             return load()
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
             failure = plugin_failure(f"plug-in '{name}' ({origin}) cannot be imported", error)
             hint = f"; {DISABLE}={name} leaves it out" if origin.kind == "distribution" else ""
-            raise PluginError(f"{failure}{hint}") from error
+            raise type(failure)(f"{failure}{hint}") from error
 
     return loaded

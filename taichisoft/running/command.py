@@ -28,6 +28,7 @@ from taichisoft.session.key_log import KeyReplay
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
 
+EXIT_FAILED = 1
 EXIT_INTERRUPTED = 130
 
 
@@ -137,12 +138,15 @@ def _run(session: Session, console: Console, folder: Path, title: str, profile: 
     measured: AbstractContextManager[Profile | None] = profiled(session.simulation) if profile else nullcontext()
     try:
         with _display(session, console, title) as show, measured as times:
-            return run_session(session, show)
+            outcome = run_session(session, show)
     finally:
-        print_summary(console, [session.controller, *session.outputs], folder)
+        complete = print_summary(console, [session.controller, *session.outputs], folder)
         warn_if_slow(console, session)
         if times is not None and times.seconds:
             print_profile(console, times)
+    if not complete:
+        raise typer.Exit(EXIT_FAILED)
+    return outcome
 
 
 def _display(session: Session, console: Console, title: str) -> AbstractContextManager[Callable[[StepReport], None]]:

@@ -62,15 +62,20 @@ def print_profile(console: Console, profile: Profile) -> None:
     console.print(table)
 
 
-def print_summary(console: Console, parts: Sequence[Controller | Output], folder: Path) -> None:
-    """The closing table; a controller or output that cannot give its rows must not hide how the run ended."""
+def print_summary(console: Console, parts: Sequence[Controller | Output], folder: Path) -> bool:
+    """The closing table, and whether all parts gave their rows; one that cannot must not hide how the run ended."""
     table = Table(show_header=False)
+    complete = True
     for part in parts:
         try:
             for quantity, value in part.summary().items():
                 table.add_row(Text(quantity), Text(value))
-        except Exception as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:
+            complete = False
             print_warning(console, str(plugin_failure(f"{type(part).__name__} failed in summary()", error)))
     if table.row_count:
         console.print(table)
     console.print(Text(f"results in {folder}"), soft_wrap=True)
+    return complete

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
-from taichisoft.errors import GoalMissed, PluginError, TaichisoftError
+from taichisoft.errors import ControlError, GoalMissed, PluginError
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import notify
 from taichisoft.running.interruption import deferred_signals
@@ -129,7 +129,13 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None, sto
 def _step(session: Session) -> StepReport:
     """Controller, step, outputs, hooks."""
     simulation = session.simulation
-    report = simulation.step(_next_control(session))
+    control = _next_control(session)
+    try:
+        report = simulation.step(control)
+    except ControlError as error:
+        raise ControlError(
+            f"controller {_name(session.controller)} at step {simulation.state.step}: {error}"
+        ) from error
     session.steps_made += 1
     session.single_steps = max(0, session.single_steps - 1)
     for output in session.outputs:
@@ -151,6 +157,11 @@ def _next_control(session: Session) -> Control:
             f"controller {_name(controller)} took {error.seconds:.3g} s in control() at step "
             f"{simulation.state.step}; controller.time_limit is {limit:g} s"
         ) from error
+    if asked is None:
+        raise ControlError(
+            f"controller {_name(controller)} at step {simulation.state.step}: control() gave None; it must return a "
+            "taichisoft.Control, and Control() asks for nothing new: has it no return?"
+        )
     return asked
 
 
@@ -223,16 +234,17 @@ def _name(part: Controller | Output) -> str:
     return f"{type(part).__module__}.{type(part).__qualname__}"
 
 
-def _end_all(outputs: Sequence[Output], outcome: str) -> list[TaichisoftError]:
-    """End every output, also when one fails; a missed goal matters less than an output that could not do its job."""
+def _end_all(outputs: Sequence[Output], outcome: str) -> list[BaseException]:
+    """End every output, also when one fails or is interrupted; an output that could not do its job matters more than a
+    missed goal."""
     problems = [problem for output in outputs for problem in _problems(_call, output, output.end, outcome)]
     return sorted(problems, key=lambda problem: isinstance(problem, GoalMissed))
 
 
-def _problems(function: Callable[..., Any], *arguments: Any, **named: Any) -> list[TaichisoftError]:
-    """Call, and return the error instead of raising it."""
+def _problems(function: Callable[..., Any], *arguments: Any, **named: Any) -> list[BaseException]:
+    """Call, and return what it raises instead of raising it: what comes after it is done in any case."""
     try:
         function(*arguments, **named)
-    except TaichisoftError as error:
+    except BaseException as error:
         return [error]
     return []

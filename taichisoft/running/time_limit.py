@@ -21,8 +21,8 @@ class TimeLimitExceeded(Exception):
         self.seconds = seconds
 
 
-class _Alarm(BaseException):
-    """Not an Exception: the code that is interrupted must not take it for one of its own."""
+class _Alarm(KeyboardInterrupt):
+    """An interruption, not an Exception: the code that is interrupted must not take it for one of its own."""
 
 
 def call_within(limit: float | None, function: Callable[..., Answer], *arguments: Any) -> Answer:

@@ -124,7 +124,7 @@ def test_a_plugin_that_fails_is_reported_with_its_own_traceback(command: Command
     (tmp_path / "wave.py").write_text(WAVE.replace("    @application", "    arms\n    @application"))
     code, _, errors = command("--help", "--plugin", "wave.py")
     line, *traceback = errors.splitlines()
-    assert code == 2
+    assert code == 1
     where = f"plug-in 'wave' ({tmp_path / 'wave.py'}) failed in taichisoft_commands()"
     problem = "NameError: name 'arms' is not defined (wave.py, line 14)"
     assert line == f"taichisoft: {where}: {problem}; TAICHISOFT_DISABLE_PLUGINS=wave leaves it out"
@@ -173,7 +173,7 @@ def test_a_controller_that_raises_ends_the_run_with_its_traceback_and_a_whole_re
         *("--outputs", "recording,blind"),
     )
     line, *traceback = errors.splitlines()
-    assert code == 2
+    assert code == 1
     failed = "controller taichisoft_plugin_clumsy.Clumsy failed in control(): JSONDecodeError: Expecting property name"
     assert line.startswith(f"taichisoft: {failed}")
     assert line.endswith("(clumsy.py, line 10)")
@@ -184,6 +184,29 @@ def test_a_controller_that_raises_ends_the_run_with_its_traceback_and_a_whole_re
     with h5py.File(tmp_path / "out" / "recording.h5") as recording:
         assert recording.attrs["outcome"] == line.removeprefix("taichisoft: ")
         assert len(recording["steps/time"]) == 1 + 3
+
+
+@pytest.mark.parametrize(
+    ("place", "before", "after"),
+    [
+        ("control()", "return json.loads", "raise SystemExit(0) #"),
+        ("end()", 'raise ValueError("no light")', "raise SystemExit(0)"),
+    ],
+)
+def test_a_part_that_calls_exit_does_not_end_a_run_silently(
+    command: Command, tmp_path: Path, place: str, before: str, after: str
+) -> None:
+    import h5py
+
+    (tmp_path / "clumsy.py").write_text(CLUMSY.replace(before, after).replace("< 3", "< 3 or 'end' in " + repr(place)))
+    code, _, errors = command(
+        *("run", str(TINY_GRIPPER), "--plugin", "clumsy.py", "--controller", "clumsy", "--output", "out"),
+        *("--outputs", "blind,recording", "--duration", "0.1"),
+    )
+    assert code == 1
+    assert f"failed in {place}: SystemExit: 0 (clumsy.py, line" in errors.splitlines()[0]
+    with h5py.File(tmp_path / "out" / "recording.h5") as recording:
+        assert recording.attrs["outcome"] != "unfinished"
 
 
 def test_blocked_names_that_nothing_has_are_said_and_the_command_goes_on(

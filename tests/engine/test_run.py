@@ -13,7 +13,7 @@ from taichisoft import run
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
-from taichisoft.errors import ControlError, GoalMissed, PluginError, SimulationDiverged, TaichisoftError
+from taichisoft.errors import ControlError, GoalMissed, PluginError, PluginFailed, SimulationDiverged, TaichisoftError
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.session.output import Output
 from taichisoft.session.session import count_steps
@@ -140,6 +140,53 @@ def test_every_output_is_ended_and_a_failure_matters_more_than_a_missed_goal(sim
     assert last.calls[-1] == "completed"
 
 
+class Leaving(BaseException):
+    """What no `except Exception` catches."""
+
+
+@pytest.mark.parametrize("method", ["begin", "record", "end"])
+@pytest.mark.parametrize("raised", [SystemExit(0), SystemExit("no light"), Leaving("now")])
+@pytest.mark.parametrize("place", [0, 1, 2])
+def test_whatever_an_output_raises_the_others_are_ended(
+    simulation: Simulation, method: str, raised: BaseException, place: int
+) -> None:
+    """In any order of theirs: with those before and after it."""
+
+    def leave(*_: Any) -> None:
+        raise raised
+
+    leaving = Log()
+    setattr(leaving, method, leave)
+    leave.__name__ = method
+    outputs = [Log(), Log()]
+    outputs.insert(place, leaving)
+    with pytest.raises(PluginFailed, match=rf"^output test_run\.Log failed in {method}\(\): {type(raised).__name__}"):
+        run(simulation, Rest(), outputs)
+    for number, log in enumerate(outputs):
+        begun = method != "begin" or number < place
+        assert log is leaving or not begun or isinstance(log.calls[-1], str)
+
+
+@pytest.mark.parametrize("raised", [SystemExit(0), Leaving("now")])
+def test_a_controller_that_leaves_is_a_failure_of_its_own(simulation: Simulation, raised: BaseException) -> None:
+    def leave() -> None:
+        raise raised
+
+    log = Log()
+    with pytest.raises(
+        PluginFailed, match=rf"^controller test_run\.Rest failed in control\(\): {type(raised).__name__}"
+    ):
+        run(simulation, Rest(2, leave), [log])
+    assert log.calls[-1].startswith("controller test_run.Rest failed in control()")
+
+
+def test_an_interruption_of_one_output_at_its_end_leaves_none_open(simulation: Simulation) -> None:
+    first, second = Log(at_end=KeyboardInterrupt()), Log()
+    with pytest.raises(KeyboardInterrupt):
+        run(simulation, Rest(), [first, second])
+    assert second.calls[-1] == "completed"
+
+
 def test_a_missed_goal_reaches_the_caller(simulation: Simulation) -> None:
     with pytest.raises(GoalMissed, match=r"^not held$"):
         run(simulation, Rest(), [Log(at_end=GoalMissed("not held"))])
@@ -175,6 +222,9 @@ def test_a_signal_that_the_process_ignores_stays_ignored(simulation: Simulation)
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
+        (None, "controller test_run.Rest at step 2: control() gave None; it must return a taichisoft.Control"),
+        ({}, "controller test_run.Rest at step 2: control = {}: must be a taichisoft.Control"),
+        (0, "controller test_run.Rest at step 2: control = 0: must be a taichisoft.Control"),
         ({"pressure": 3}, "control = {'pressure': 3}: must be a taichisoft.Control"),
         (Control(pressure=3.0), "control.pressure: must be a dictionary by name, not float"),  # type: ignore[arg-type]
         (Control(pressure={"x": 3.0}), "control.pressure: no cavity is called 'x'; there are: none"),
