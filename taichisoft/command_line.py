@@ -29,6 +29,9 @@ application = typer.Typer(
 
 application.add_typer(plugins_command.application, name="plugins")
 
+LONGEST_LINE = 1000
+"""Characters of an error that are shown."""
+
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
@@ -55,13 +58,19 @@ def main() -> None:
     except TaichisoftError as error:
         _complain(error)
         sys.exit(EXIT_BAD_INPUT)
+    except OSError as error:  # what the system refuses: a name too long, a folder that may not be read
+        _complain(f"{error.filename}: {error.strerror}" if error.filename is not None else str(error))
+        sys.exit(EXIT_BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(EXIT_INTERRUPTED)
 
 
 def _complain(problem: Exception | str) -> None:
     """One line, whatever a parser or a plug-in had to say; under it where a plug-in raised what it should not."""
-    print(f"taichisoft: {' '.join(str(problem).split())}", file=sys.stderr)
+    line = " ".join(str(problem).split())
+    if len(line) > LONGEST_LINE:  # it repeats what was given, such as a name of thousands of characters
+        line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
+    print(f"taichisoft: {line}", file=sys.stderr)
     if isinstance(problem, TaichisoftError):
         print(plugin_traceback(problem), end="", file=sys.stderr)
 

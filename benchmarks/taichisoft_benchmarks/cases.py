@@ -1,7 +1,6 @@
 """The cases of a benchmark: the tables of cases.toml, checked; sweeps and peers become cases of their own."""
 
 import fnmatch
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import Field, ValidationError, model_validator
 
 from taichisoft.errors import nearest
+from taichisoft.input_file import read_toml
 from taichisoft.scenes.table import Positive, Table
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_benchmarks.errors import BenchmarkError
@@ -198,8 +198,8 @@ def read_cases(path: Path = SHIPPED) -> list[NamedCase]:
         BenchmarkError: the file is missing or no TOML, or something in it is not valid.
     """
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+        document = read_toml(path)
+    except (ValueError, OSError) as error:
         raise BenchmarkError(f"{path}: not readable as TOML: {error}") from error
     return cases_from_dict(document, str(path))
 

@@ -1,6 +1,5 @@
 """Geometry files: TOML whose `kind` says which plug-in knows what it describes."""
 
-import tomllib
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, TypeVar
@@ -8,6 +7,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ValidationError
 
 from taichisoft.errors import MeshError, PluginError, nearest
+from taichisoft.input_file import read_toml
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system import hooks
 from taichisoft.plugin_system.failure import failures_of
@@ -45,10 +45,10 @@ def read_tables(path: Path) -> tuple[Any, dict[str, Any]]:
         MeshError: the file is missing or no TOML.
     """
     try:
-        tables = tomllib.loads(path.read_text(encoding="utf-8"))
+        tables = read_toml(path)
     except FileNotFoundError as error:
         raise MeshError(f"{path}: no such file; a geometry file (.toml) is needed") from error
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+    except (ValueError, OSError) as error:
         raise MeshError(f"{path}: not readable as TOML: {error}") from error
     return tables.pop("kind", DEFAULT_KIND), tables
 

@@ -2,12 +2,12 @@
 
 import copy
 import inspect
-import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import PluginError, SceneError, nearest
+from taichisoft.input_file import read_toml
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import provided
 from taichisoft.scenes.file import scene_from_dict
@@ -62,8 +62,8 @@ def _read_tables(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     _check_settings(path, reader, settings)
     if reader is None:
         try:
-            return tomllib.loads(path.read_text(encoding="utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
+            return read_toml(path)
+        except (ValueError, OSError) as error:
             raise SceneError(f"{path}: not readable as TOML: {error}") from error
     with failures_of(f"{path}: scene reader '{suffix}' failed"):
         tables = reader(path, **settings)

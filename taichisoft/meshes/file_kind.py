@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from taichisoft.errors import MeshError
+from taichisoft.input_file import is_file
 
 
 def require_suffix(path: str | Path, what: str, suffixes: Sequence[str]) -> Path:
@@ -25,7 +26,7 @@ def existing_file(path: str | Path, what: str, suffixes: Sequence[str]) -> Path:
         MeshError: it is not; the message says what kind of file is meant.
     """
     path = require_suffix(path, what, suffixes)
-    if not path.is_file():
+    if not is_file(path):
         raise MeshError(f"{path}: no such file; a {what} ({', '.join(suffixes)}) is needed")
     if not path.stat().st_size:
         raise MeshError(f"{path}: is empty; a {what} ({', '.join(suffixes)}) is needed")

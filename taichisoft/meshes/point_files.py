@@ -24,7 +24,7 @@ def read_points(path: str | Path) -> np.ndarray:
             points = np.array(json.loads(path.read_text(encoding="utf-8")), dtype=np.float64)
         else:
             points = np.loadtxt(path, delimiter=",", ndmin=2)
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, RecursionError, OverflowError) as error:
         raise MeshError(f"{path}: cannot be read as a list of points: {error}") from error
     if points.ndim != 2 or points.shape[1] != 3 or not np.isfinite(points).all():
         raise MeshError(f"{path}: must be a list of points with three finite coordinates each, such as [[0, 0, 5]]")

@@ -10,6 +10,7 @@ from types import ModuleType
 from typing import Any
 
 from taichisoft.errors import PluginError
+from taichisoft.input_file import from_home, is_file, is_folder
 from taichisoft.plugin_system import hookspecs
 from taichisoft.plugin_system.failure import plugin_failure
 from taichisoft.plugin_system.registry import DISABLE, Origin, Registry
@@ -57,13 +58,13 @@ def load_plugin(path: str | Path) -> None:
     Raises:
         PluginError: it is no Python file, cannot be imported or registered, or its name is taken.
     """
-    path = Path(path).expanduser().resolve()
-    code = path / PACKAGE_FILE if path.is_dir() else path
-    if path.is_dir() and not code.is_file():
+    path = from_home(path).resolve()
+    code = path / PACKAGE_FILE if is_folder(path) else path
+    if is_folder(path) and not is_file(code):
         raise PluginError(
             f"--plugin {path}: is a folder; a file (.py) is needed, or --plugins-dir for all in the folder"
         )
-    if not code.is_file():
+    if not is_file(code):
         raise PluginError(f"--plugin {path}: no such file")
     if code.suffix != ".py":
         raise PluginError(f"--plugin {path}: '{code.suffix}' is not Python; a file (.py) is needed")
@@ -81,9 +82,9 @@ def load_plugins_folder(folder: str | Path) -> None:
     Raises:
         PluginError: there is no such folder, nothing is in it, or something in it is not valid.
     """
-    place = Path(folder).expanduser()
-    if not place.is_dir():
-        raise PluginError(f"--plugins-dir {folder}: {'is a file' if place.is_file() else 'no such folder'}")
+    place = from_home(folder)
+    if not is_folder(place):
+        raise PluginError(f"--plugins-dir {folder}: {'is a file' if is_file(place) else 'no such folder'}")
     found = [path for path in sorted(place.iterdir()) if path.name[0] not in "_." and _is_code(path)]
     if not found:
         raise PluginError(f"--plugins-dir {folder}: has no plug-in in it; a plug-in is a file (.py) or a package")

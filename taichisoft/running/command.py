@@ -16,7 +16,6 @@ from taichisoft.building.run_parts import make_controller, make_output
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import SceneError, TaichisoftError
-from taichisoft.plugin_system.hooks import find
 from taichisoft.running.display import print_profile, print_summary, progress_bar, warn_if_slow
 from taichisoft.running.live_status import live_status
 from taichisoft.running.loop import INTERRUPTED, run_session
@@ -112,15 +111,14 @@ def run_simulation(
             speed = 1.0 if speed is None else speed
         if duration is None and usual_duration is not None:
             duration = usual_duration()
-        for output in request.outputs:
-            find("output", output)  # a misspelt name is said before the model is prepared
+        # Before the model is prepared, which takes long: a misspelt name or a wrong setting is said at once.
+        outputs = [make_output(output, folder, **settings) for output, settings in request.outputs.items()]
         status = "preparing the model; the first time on a machine Taichi compiles its kernels"
         with console.status(status), logged_to(console), _errors_in(name):
             simulation = make_simulation()
         if speed is not None:
             with console.status(status):
                 _load_kernels(simulation)
-        outputs = [make_output(output, folder, **settings) for output, settings in request.outputs.items()]
         session = Session(simulation, controller, outputs, duration, folder, speed, request.replay)
         _write_scene(scene, folder)
         outcome = _run(session, console, folder, scene.title or name, request.profile)

@@ -1,6 +1,5 @@
 """Scenes from tables and as TOML: files found, inheritance, errors that point at the key, the resolved scene."""
 
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -9,6 +8,7 @@ import tomli_w
 from pydantic import ValidationError
 
 from taichisoft.errors import SceneError
+from taichisoft.input_file import parse_toml
 from taichisoft.meshes.files import VOLUME_SUFFIXES
 from taichisoft.meshes.point_files import POINT_SUFFIXES
 from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
@@ -56,8 +56,8 @@ def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), contr
         SceneError: something is not valid; begins with `source`.
     """
     try:
-        document = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+        document = parse_toml(text)
+    except ValueError as error:
         raise SceneError(f"{source}: not readable as TOML: {error}") from error
     change_scene(document, overrides, controller)
     return _validated(document, source)
@@ -86,6 +86,9 @@ def _inherit(bodies: dict[str, Any], source: str) -> dict[str, Any]:
                     f"{source}: soft_bodies.{name}.like = '{table['like']}': must be a soft body above it; "
                     f"there are: {', '.join(resolved) or 'none'}"
                 )
+            if not isinstance(resolved[str(table["like"])], dict):
+                other = f"soft_bodies.{table['like']}"
+                raise SceneError(f"{source}: soft_bodies.{name}.like = '{table['like']}': {other} must be a table")
             own = {key: value for key, value in table.items() if key != "like"}
             table = {**_without_material(resolved[str(table["like"])], own), **own}
         resolved[name] = table

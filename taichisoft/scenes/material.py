@@ -3,12 +3,12 @@
 A soft body or region that names a material takes the keys of `material_keys` from it. The engine sees only these.
 """
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
 from pydantic import Field, ValidationError
 
+from taichisoft.input_file import read_toml
 from taichisoft.scenes.elastic_law import Law, initial_shear_modulus
 from taichisoft.scenes.table import Number, PoissonRatio, Positive, Table
 
@@ -58,13 +58,13 @@ def read_material(path: str | Path) -> Material:
         ValueError: it is not readable, or not valid; begins with the path.
     """
     try:
-        return Material.model_validate(tomllib.loads(Path(path).read_text(encoding="utf-8")))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise ValueError(f"{path}: not readable as TOML: {error}") from error
+        return Material.model_validate(read_toml(Path(path)))
     except ValidationError as error:
         first = error.errors()[0]
         key = ".".join(str(part) for part in first["loc"])
         raise ValueError(f"{path}: {key}: {first['msg'][:1].lower()}{first['msg'][1:]}") from error
+    except (OSError, ValueError) as error:
+        raise ValueError(f"{path}: not readable as TOML: {error}") from error
 
 
 def with_material(table: Any, wanted: tuple[str, ...]) -> Any:

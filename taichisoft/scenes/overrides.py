@@ -1,10 +1,10 @@
 """Changes of a scene from the command line: another controller, and values such as --set contact.friction=0.3."""
 
-import tomllib
 from collections.abc import Sequence
 from typing import Any
 
 from taichisoft.errors import SceneError, nearest
+from taichisoft.input_file import DEEPEST, parse_toml
 
 # Tables whose keys are names that the user gave: a new one here is a misspelt one, not a default to be replaced.
 NAMED_TABLES = ("soft_bodies", "rigid_bodies", "obstacles")
@@ -51,6 +51,10 @@ def apply_override(
     names = [name.strip() for name in key.split(".")]
     if not separator or not all(names):
         raise SceneError(f"--set {override}: must look like {example}")
+    if len(names) > DEEPEST:
+        raise SceneError(
+            f"--set {names[0]}.{names[1]}...: has {len(names)} keys; nothing is nested deeper than {DEEPEST}"
+        )
     place: Any = document
     for depth, name in enumerate(names):
         where = ".".join(names[:depth]) or whole
@@ -81,7 +85,7 @@ def _why_not(place: Any, name: str, where: str, rest: list[str]) -> str:
 
 def _value(text: str) -> Any:
     try:
-        document = tomllib.loads(f"value = {text}")
-    except tomllib.TOMLDecodeError:
+        document = parse_toml(f"value = {text}")
+    except ValueError:
         return text.strip()
     return document["value"] if len(document) == 1 else text.strip()

@@ -4,6 +4,7 @@ import difflib
 from pathlib import Path
 
 from taichisoft.errors import TaichisoftError
+from taichisoft.input_file import from_home, is_file, is_folder
 
 PACKAGE = Path(__file__).resolve().parents[1]
 
@@ -30,16 +31,16 @@ def find_file(
     Raises:
         error: nothing is there; the message lists the names that ship.
     """
-    path = Path(name).expanduser()
+    path = from_home(name)
     shipped = data_folder() / kind
     own = [folder for folder in (beside, Path()) if folder is not None]
     for folder in (*own, data_folder(), shipped):
         for suffix in ("", *suffixes):
             candidate = folder / f"{path}{suffix}"
-            if candidate.is_file():
+            if is_file(candidate):
                 return candidate.resolve()
     names = sorted(p.stem for p in shipped.glob("*") if p.suffix in suffixes) if shipped.is_dir() else []
-    if str(name) and any((folder / path).is_dir() for folder in own):
+    if str(name) and any(is_folder(folder / path) for folder in own):
         raise error(f"{name}: is a folder; a file ({', '.join(suffixes)}) is needed")
     near = difflib.get_close_matches(path.stem, names, n=1)
     hint = f"; did you mean '{near[0]}'?" if near else ""

@@ -85,7 +85,7 @@ class KeyReplay:
 def _parse(line: str, where: str) -> tuple[int, KeyEvent | None]:
     try:
         content = json.loads(line)
-    except json.JSONDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise KeyLogError(f"{where}: not readable as JSON: {error}") from error
     valid = 'must look like {"step": 12, "key": "+"} or {"step": 40, "end": true}'
     if not isinstance(content, dict) or type(content.get("step")) is not int or content["step"] < 0:

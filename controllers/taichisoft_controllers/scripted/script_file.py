@@ -2,7 +2,6 @@
 
 import itertools
 import math
-import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -11,6 +10,7 @@ from pydantic import Field, PlainValidator, ValidationError, model_validator
 from pydantic_core import PydanticKnownError
 
 from taichisoft.errors import SceneError
+from taichisoft.input_file import parse_toml
 from taichisoft.scenes.table import NotNegative, Positive, Table, Vector
 from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_controllers.drives import DRIVES, PRESSURE, PULL, TENSION, Drive
@@ -186,11 +186,11 @@ def read_script(path: Path) -> Script:
     """
     try:
         text = path.read_text(encoding="utf-8-sig")
-        tables = read_keyframes(text) if path.suffix.lower() == ".csv" else tomllib.loads(text)
+        tables = read_keyframes(text) if path.suffix.lower() == ".csv" else parse_toml(text)
         return Script.model_validate(tables)
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise SceneError(f"{path}: not readable as {path.suffix[1:].upper() or 'TOML'}: {error}") from error
     except ValidationError as error:
         raise SceneError(f"{path}: {first_problem(error, Script)}") from error
+    except (OSError, ValueError) as error:
+        raise SceneError(f"{path}: not readable as {path.suffix[1:].upper() or 'TOML'}: {error}") from error
     except SceneError as error:
         raise SceneError(f"{path}: {error}") from error

@@ -67,7 +67,7 @@ def write_report(recording: Path, path: Path | None = None, began: float | None 
         RecordingError: there is no such recording.
         ReportError: the page cannot be written, or a picture cannot be read.
     """
-    path = path or recording.with_name(FILE_NAME)
+    path = path or recording.parent / FILE_NAME
     with read_recording(recording) as opened:
         contents = collect(opened, began)
         try:

@@ -85,6 +85,8 @@ def _problem(host: str, port: int) -> str:
             tried.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             tried.bind(place)
             tried.listen()
+    except UnicodeError:  # the host cannot be written in the letters of addresses
+        return "it is no name of a host"
     except OSError as error:
         return error.strerror or str(error)
     return ""
