@@ -17,6 +17,7 @@ INVERTED_SHARE = 0.25
 LARGEST_MOVE = 10.0
 
 ADVICE = "a smaller time.step, a lower pressure or pressure rate, or a finer mesh"
+COLLAPSE_ADVICE = "less suction, or a lowest_volume_growth or lowest_pressure of the cavity"
 
 
 class DivergenceCheck:
@@ -28,6 +29,7 @@ class DivergenceCheck:
         self._bodies = soft
         node_starts = [*(body.nodes.start for body in soft), model.node_count]
         self._time_step = model.scene.time.step
+        self._cavities = model.cavities.names
         self._soft = _Leaps([body.name for body in soft], [body.rest_position for body in soft], node_starts)
         centres = list(range(len(rigid) + 1))
         self._rigid = _Leaps([body.name for body in rigid], [body.vertices for body in rigid], centres)
@@ -45,7 +47,8 @@ class DivergenceCheck:
         """Compare the states of a step.
 
         Raises:
-            SimulationDiverged: a value is not finite, a body explodes, or too many of its elements are inverted.
+            SimulationDiverged: a value is not finite, a body explodes, too many of its elements are inverted, or the
+                walls of a cavity have gone through each other.
         """
         step = before.step
         self._rigid.refuse_not_finite(after.rigid_rotation, step)
@@ -53,6 +56,16 @@ class DivergenceCheck:
         self._rigid.check(before.rigid_position, before.rigid_velocity, after.rigid_position, step, self._time_step)
         if self._soft.names:
             self._check_inverted(before, step)
+        if self._cavities:
+            self._check_collapsed(after.cavity_volume, step)
+
+    def _check_collapsed(self, volume: np.ndarray, step: int) -> None:
+        """A volume [mm^3] of less than nothing is that of walls which have changed sides."""
+        if volume.min() <= 0.0:
+            cavity = int(np.argmin(volume))
+            name = self._cavities[cavity]
+            cause = f"has a collapsed cavity: the walls of '{name}' went through each other ({volume[cavity]:.3g} mm^3)"
+            raise SimulationDiverged(name.partition(".")[0], step, cause, COLLAPSE_ADVICE)
 
     def _check_inverted(self, before: State, step: int) -> None:
         kernels.count_inverted(self._inverted, self._soft.points.after)

@@ -10,6 +10,7 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.errors import SimulationDiverged
 from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scenes.scene import Scene
 
 
 @pytest.fixture
@@ -89,3 +90,18 @@ def test_a_body_turned_inside_out_is_named(simulation: Simulation) -> None:
     velocity[body.nodes, 0] = -100 * away / simulation.model.scene.time.step
     simulation.state = replace(simulation.state, velocity=velocity)
     expect(simulation, "solid", "elements turned inside out")
+
+
+def test_a_cavity_whose_walls_go_through_each_other_is_named(taichisoft_scene: Scene) -> None:
+    """A volume of less than nothing is no volume, whatever the elements around it look like."""
+    changes = {"limits": {}, "rigid_bodies": {}, "obstacles": {}}
+    simulation = Simulation(scene_from_dict(taichisoft_scene.model_dump(exclude_none=True) | changes))
+    rest = simulation.state.cavity_volume
+    suction = Control(pressure=dict.fromkeys(simulation.model.cavities.names, -100.0))
+    with pytest.raises(
+        SimulationDiverged, match=r"collapsed cavity: the walls of '(left|right)\.cavity' went through"
+    ) as failed:
+        for _ in range(50):
+            simulation.step(suction)
+    assert failed.value.body in ("left", "right")
+    assert (simulation.state.cavity_volume > 0.0).all() and (simulation.state.cavity_volume < rest).all()
