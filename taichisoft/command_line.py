@@ -12,6 +12,7 @@ from taichisoft.plugin_system import plugins, plugins_command
 from taichisoft.plugin_system.commands import load_requested, with_plugin_commands
 from taichisoft.plugin_system.failure import plugin_traceback
 from taichisoft.plugin_system.run_options import (
+    GoalOption,
     OutputsOption,
     SpeedOption,
     requested,
@@ -105,6 +106,7 @@ def run_command(
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="Override a value: --set contact.friction=0.3 (repeatable).")
     ] = None,
+    goal: GoalOption = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time \\[s]  \\[default: the scene's]")] = None,
     outputs: OutputsOption = "recording,metrics",
     speed: SpeedOption = None,
@@ -119,4 +121,4 @@ def run_command(
     folder = output or Path("out") / Path(scene).stem
     replay = KeyReplay(keys) if keys is not None else None
     request = RunRequest(folder, asked.outputs, duration, speed, replay, profile, asked.controller)
-    run_scene(scene, set_ or [], controller, request, asked.reader)
+    run_scene(scene, set_ or [], controller, request, asked.reader, goal)

@@ -87,6 +87,7 @@ LAYERS = {
         "stress",
         "rubber_stress",
         "recording",
+        "goals",
         "base_motion",
         "system_libraries",
     ],

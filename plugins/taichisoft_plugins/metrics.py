@@ -11,7 +11,7 @@ from taichisoft.atomic_file import atomic_file
 from taichisoft.bodies.strain import Stretches
 from taichisoft.errors import GoalMissed
 from taichisoft.session.output import Output
-from taichisoft_plugins.base_motion import last_at_rest
+from taichisoft_plugins.goals import doubts, goal_figures, shortcomings
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -31,6 +31,7 @@ class MetricsOutput(Output):
     def __init__(self, folder: Path):
         self.folder = Path(folder)
         self.metrics: dict[str, Any] = {}
+        self._verdict = ""
 
     def begin(self, model: "Model", state: "State") -> None:
         """Look up the object of the scene's goal."""
@@ -76,13 +77,21 @@ class MetricsOutput(Output):
             **self._goal_metrics(),
         }
         goal = self._scene.goal
-        shortcomings = self._shortcomings() if goal is not None and outcome == "completed" else []
-        self.metrics["held"] = None if goal is None else outcome == "completed" and not shortcomings
-        if self.metrics["held"]:
-            self.metrics["held_is_doubtful"] = self.metrics["unconverged_hold_steps"] > 0
+        missed = self._shortcomings() if goal is not None and outcome == "completed" else []
+        reached = None if goal is None else outcome == "completed" and not missed
+        doubt = doubts(self.metrics, self._hold_steps()) if reached else ""
+        self.metrics |= {
+            "goal": None if goal is None else goal.kind,
+            "goal_reached": reached,
+            "goal_is_doubtful": bool(doubt),
+            "held": reached if goal is not None and goal.kind == "held" else None,
+        }
+        self._verdict = "no" if not reached else f"yes, but doubtful: {doubt}" if doubt else "yes"
         self._write()
-        if goal is not None and shortcomings:
-            raise GoalMissed(f"'{goal.object}' is not held: {'; '.join(shortcomings)}")
+        if goal is not None and missed:
+            raise GoalMissed(f"'{goal.object}' is not {goal.kind}: {'; '.join(missed)}")
+        if goal is not None and doubt:
+            raise GoalMissed(f"'{goal.object}' is {goal.kind}, but that is doubtful: {doubt}")
 
     def summary(self) -> dict[str, str]:
         """Rows of the table that closes a run."""
@@ -92,9 +101,9 @@ class MetricsOutput(Output):
         rows = {}
         if self._scene.goal is not None:
             rows = {
-                f"{self._scene.goal.object} held": self._verdict(),
+                f"{self._scene.goal.object} {self._scene.goal.kind}": self._verdict,
                 f"{self._scene.goal.object} lifted by": f"{m['object_lift_mm']:z.2f} of {m['base_lift_mm']:z.2f} mm",
-                "slip": f"{m['object_slip_mm']:.3f} mm",
+                "slip": f"{m['object_slip_mm']:z.3f} mm",
                 "creep while held": f"{m['object_creep_mm']:.4f} mm in {self._scene.goal.hold:g} s",
                 "normal force of the fingers, peak": f"{m['peak_normal_force_mN']:.1f} mN",
                 "normal force of the fingers, mean while held": f"{m['mean_normal_force_mN']:.1f} mN",
@@ -116,13 +125,6 @@ class MetricsOutput(Output):
             "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
             "real-time factor": f"{m['real_time_factor']:.2f}",
         }
-
-    def _verdict(self) -> str:
-        """Whether the object was held, and whether that can be trusted."""
-        unconverged = self.metrics["unconverged_hold_steps"]
-        if not self.metrics["held"] or not unconverged:
-            return "yes" if self.metrics["held"] else "no"
-        return f"yes, but doubtful: {unconverged} of {self._hold_steps()} steps of the hold did not converge"
 
     def _hold_steps(self) -> int:
         """Number of the steps at the end in which the object must stand still."""
@@ -187,28 +189,20 @@ class MetricsOutput(Output):
         }
 
     def _goal_metrics(self) -> dict[str, Any]:
-        """Lift and slip are counted from the moment before the base moves."""
+        """Figures of the goal's object, and of what presses on it."""
         goal = self._scene.goal
         if goal is None or not self._reports:
             return {}
-        base, position = np.array(self._base_positions), np.array(self._object_positions)
-        before = last_at_rest(base) or 0
-        base_lift = float((base[-1] - base[before]) @ self._scene.up)
-        object_lift = float((position[-1] - position[before]) @ self._scene.up)
         hold_steps = self._hold_steps()
-        held = position[-1 - hold_steps :]
+        base, position = np.array(self._base_positions), np.array(self._object_positions)
         forces = np.array([self._normal_force(report, self._scene.soft_bodies) for report in self._reports])
         final = self._reports[-1].observation
         return {
-            "object_lift_mm": object_lift,
-            "base_lift_mm": base_lift,
-            "object_slip_mm": base_lift - object_lift,
-            "object_creep_mm": float(np.linalg.norm(held - held[0], axis=1).max()),
+            **goal_figures(self._scene, goal, base, position, hold_steps),
             "unconverged_hold_steps": sum(not report.converged for report in self._reports[-hold_steps:]),
             "peak_normal_force_mN": float(forces.max()),
-            "mean_normal_force_mN": float(forces[-len(held) + 1 :].mean()),
+            "mean_normal_force_mN": float(forces[-hold_steps:].mean()),
             "final_normal_forces_mN": {"|".join(pair): force for pair, force in final.normal_forces.items()},
-            "final_object_position_mm": position[-1].tolist(),
         }
 
     def _normal_force(self, report: "StepReport", others: Iterable[str]) -> float:
@@ -218,39 +212,7 @@ class MetricsOutput(Output):
         return sum(force for pair, force in report.observation.normal_forces.items() if set(pair) in pairs)
 
     def _shortcomings(self) -> list[str]:
-        """What keeps the object from counting as lifted and held; each names the figure and its limit."""
-        goal, m = self._scene.goal, self.metrics
-        assert goal is not None
-        gap = self._scene.contact.contact_distance
+        """What keeps the goal from being reached."""
+        assert self._scene.goal is not None
         floor_force = self._normal_force(self._reports[-1], self._scene.obstacles)
-        checks = (
-            (
-                abs(m["object_slip_mm"]) <= goal.tolerance,
-                f"lifted by {m['object_lift_mm']:z.2f} mm with a base that rose {m['base_lift_mm']:z.2f} mm "
-                f"(tolerance {goal.tolerance:g} mm)",
-            ),
-            # An object that stays where it is slips by less than the tolerance, too, while the base rises by less.
-            (
-                m["base_lift_mm"] > goal.tolerance,
-                f"the base rose by {m['base_lift_mm']:z.2f} mm (more than {goal.tolerance:g} mm is needed)",
-            ),
-            (
-                m["object_lift_mm"] > goal.tolerance,
-                f"it rose by {m['object_lift_mm']:z.2f} mm (more than {goal.tolerance:g} mm is needed)",
-            ),
-            (floor_force == 0.0, f"obstacles still carry it at the end, with {floor_force:.3g} mN"),
-            (
-                m["object_creep_mm"] <= goal.creep,
-                f"creep {m['object_creep_mm']:.3g} mm in the last {goal.hold:g} s (limit {goal.creep:g} mm)",
-            ),
-            (
-                m["simulated_time_s"] > goal.hold - 0.5 * self._scene.time.step,
-                f"the run of {m['simulated_time_s']:g} s is shorter than the {goal.hold:g} s of holding",
-            ),
-            (m["mean_normal_force_mN"] > 0.0, f"no soft body touched it in the last {goal.hold:g} s"),
-            (
-                m["max_penetration_mm"] <= gap,
-                f"surfaces overlapped by {m['max_penetration_mm'] - gap:.2g} mm (contact_distance {gap:g} mm)",
-            ),
-        )
-        return [text for reached, text in checks if not reached]
+        return shortcomings(self._scene, self._scene.goal, self.metrics, floor_force)

@@ -23,6 +23,7 @@ def load_scene(
     overrides: Sequence[str] = (),
     controller: str | None = None,
     reader_settings: Mapping[str, Any] | None = None,
+    goal: str | None = None,
 ) -> Scene:
     """Read a scene by path or by the name of a shipped one; files that it names become absolute paths.
 
@@ -33,6 +34,7 @@ def load_scene(
         overrides: "key.key=value" with TOML values, applied before anything is inherited or checked.
         controller: name of a controller to take instead of the scene's own, whose settings are then dropped.
         reader_settings: arguments of the plug-in's reader of this format, by name.
+        goal: kind of goal to take instead of the scene's own, or "none".
 
     Raises:
         SceneError: the file is missing or cannot be read, or something in it or in the settings is not valid.
@@ -40,7 +42,7 @@ def load_scene(
     """
     path = _find_scene(name)
     document = _read_tables(path, reader_settings or {})
-    change_scene(document, overrides, controller)
+    change_scene(document, overrides, controller, goal)
     source = " with --set ".join([str(path), *overrides])  # the error may be in either
     return scene_from_dict(document, source, folder=path.parent)
 

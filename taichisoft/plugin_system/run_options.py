@@ -19,6 +19,12 @@ CommandFunction = TypeVar("CommandFunction", bound=Callable[..., Any])
 
 # Options that all commands which make a run have.
 OutputsOption = Annotated[str, typer.Option(help="Outputs by name, separated by commas.")]
+GoalOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="KIND", help="Goal instead of the scene's own: held, placed, pushed, lifted; none is judged by none."
+    ),
+]
 SpeedOption = Annotated[
     float | None,
     typer.Option(help="Simulated seconds in a second, 1 is real time; as fast as it goes unless a person steers."),

@@ -60,8 +60,9 @@ def run_scene(
     controller: str | None,
     request: RunRequest,
     reader_settings: Mapping[str, Any] | None = None,
+    goal: str | None = None,
 ) -> None:
-    """Run a scene by path or by the name of a shipped one; `load_scene` describes the first three and the last.
+    """Run a scene by path or by the name of a shipped one; `load_scene` describes all but `request`.
 
     Where the user steers and names no controller, the scene's own goes on if it heeds keys.
 
@@ -70,9 +71,9 @@ def run_scene(
         typer.Exit: the run was interrupted.
     """
     with logged_to(rich.get_console()):
-        scene = load_scene(name, overrides, controller, reader_settings)
+        scene = load_scene(name, overrides, controller, reader_settings, goal)
         if request.steering is not None and controller is None and not _heeds_keys(scene):
-            scene = load_scene(name, overrides, request.steering, reader_settings)
+            scene = load_scene(name, overrides, request.steering, reader_settings, goal)
     run_simulation(name, scene, lambda: Simulation(scene), request)
 
 

@@ -49,7 +49,9 @@ def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: 
     return _validated(found, source)
 
 
-def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), controller: str | None = None) -> Scene:
+def scene_from_toml(
+    text: str, source: str, overrides: Sequence[str] = (), controller: str | None = None, goal: str | None = None
+) -> Scene:
     """Read what `scene_to_toml` wrote, with changes as in `load_scene`; files that it names need no longer exist.
 
     Raises:
@@ -59,7 +61,7 @@ def scene_from_toml(text: str, source: str, overrides: Sequence[str] = (), contr
         document = parse_toml(text)
     except ValueError as error:
         raise SceneError(f"{source}: not readable as TOML: {error}") from error
-    change_scene(document, overrides, controller)
+    change_scene(document, overrides, controller, goal)
     return _validated(document, source)
 
 

@@ -7,10 +7,13 @@ from taichisoft.errors import SceneError, nearest
 from taichisoft.input_file import DEEPEST, parse_toml
 
 # Tables whose keys are names that the user gave: a new one here is a misspelt one, not a default to be replaced.
+NO_GOAL = "none"
 NAMED_TABLES = ("soft_bodies", "rigid_bodies", "obstacles")
 
 
-def change_scene(document: dict[str, Any], overrides: Sequence[str], controller: str | None) -> None:
+def change_scene(
+    document: dict[str, Any], overrides: Sequence[str], controller: str | None, goal: str | None = None
+) -> None:
     """Change the tables of a scene, before they are inherited and checked.
 
     Args:
@@ -18,6 +21,8 @@ def change_scene(document: dict[str, Any], overrides: Sequence[str], controller:
         overrides: "key.key=value" each.
         controller: name of a controller to take instead of the scene's own, whose settings are then dropped, while
             its period and time limit stay; None for the scene's own.
+        goal: kind of goal to take instead of the scene's own, of the same object or else of the first rigid body;
+            "none" for none at all, None for the scene's own.
 
     Raises:
         SceneError: an override cannot be applied.
@@ -26,8 +31,22 @@ def change_scene(document: dict[str, Any], overrides: Sequence[str], controller:
     if isinstance(table, dict) and table.get("name") != controller:
         table.pop("settings", None)
         table["name"] = controller
+    if goal is not None:
+        _change_goal(document, goal)
     for override in overrides:
         apply_override(document, override)
+
+
+def _change_goal(document: dict[str, Any], kind: str) -> None:
+    table, bodies = document.get("goal"), document.get("rigid_bodies")
+    if kind == NO_GOAL:
+        document.pop("goal", None)
+        return
+    table = dict(table) if isinstance(table, dict) else {}
+    if table.get("kind", "held") != kind:
+        table = {key: value for key, value in table.items() if key not in ("position", "height")}
+    first = next(iter(bodies), None) if isinstance(bodies, dict) else None
+    document["goal"] = ({"object": first} if first is not None else {}) | table | {"kind": kind}
 
 
 def apply_override(

@@ -14,6 +14,9 @@ from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, 
 Restitution = Annotated[Number, Field(ge=0.0, le=1.0)]
 
 
+GoalKind = Literal["held", "placed", "pushed", "lifted"]
+
+
 class ContactPair(Table):
     """What differs between one pair of bodies."""
 
@@ -138,16 +141,33 @@ class ExternalForce(Table):
 
 
 class Goal(Table):
-    """What a run must achieve: an object lifted with the base and held; checked by the metrics output."""
+    """What a run must achieve with an object; checked by the metrics output."""
 
     object: str
     """Name of the rigid body."""
+    kind: GoalKind = "held"
+    """What must be so: "held", lifted with the base and held; "placed", at `position` and at rest; "pushed", between
+    the fingers where it was before the first of the scene's external forces on it; "lifted", by `height` at some time."""
+    position: Vector | None = None
+    """Where the centre of mass of an object is to be that is placed [mm]."""
+    height: Positive | None = None
+    """Peak lift of an object that is to be lifted [mm], against gravity."""
     tolerance: Positive = 1.0
-    """Largest difference between the lift of the object and of the base [mm]; both must rise by more."""
+    """Largest difference between the lift of the object and of the base, which must rise by more; between where it is
+    placed and `position`; or between where it is held before and after a push [mm]."""
     hold: Positive = 2.0
     """Time at the end of the run in which the object must stand still [s]."""
     creep: Positive = 0.1
     """Largest motion of the object during `hold` [mm]."""
+
+    @model_validator(mode="after")
+    def _check_kind(self) -> Self:
+        for kind, key in (("placed", "position"), ("lifted", "height")):
+            if self.kind == kind and getattr(self, key) is None:
+                raise ValueError(f'kind = "{kind}" needs {key}')
+            if self.kind != kind and getattr(self, key) is not None:
+                raise ValueError(f'there is no effect of {key} unless kind = "{kind}"; remove it')
+        return self
 
 
 class Appearance(Table):

@@ -1,6 +1,8 @@
 """The output "metrics": its figures from made-up steps of a cube that is lifted, slips, creeps, or falls."""
 
 import json
+import re
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -133,10 +135,52 @@ def test_the_file_has_the_figures_of_the_steps(tmp_path: Path) -> None:
 def test_what_is_held_in_steps_that_did_not_converge_is_doubtful(tmp_path: Path, step: int, doubtful: bool) -> None:
     """The hold is what is judged: an unconverged step before it is counted, and casts no doubt."""
     changes = {step: {"converged": False}}
-    metrics = follow(tmp_path, RISE + HOLD, cube_heights(), changes=changes)
+    with pytest.raises(GoalMissed, match="is held, but that is doubtful: 1 of 20") if doubtful else nullcontext():
+        follow(tmp_path, RISE + HOLD, cube_heights(), changes=changes)
+    metrics = json.loads((tmp_path / "metrics.json").read_text())
     assert (metrics["held"], metrics["unconverged_steps"]) == (True, 1)
     assert metrics["unconverged_hold_steps"] == int(doubtful)
-    assert metrics["held_is_doubtful"] is doubtful
+    assert metrics["goal_is_doubtful"] is doubtful
+
+
+def test_a_run_of_which_much_did_not_converge_is_doubtful_whatever_its_hold(tmp_path: Path) -> None:
+    changes = {step: {"converged": False} for step in range(4)}
+    with pytest.raises(GoalMissed, match=r"^'cube' is held, but that is doubtful: 4 of 25 steps did not converge$"):
+        follow(tmp_path, RISE + HOLD, cube_heights(), changes=changes)
+
+
+PUSH = {"body": "cube", "force": [1.0, 0.0, 0.0], "start": 5 * STEP, "duration": STEP}
+
+
+@pytest.mark.parametrize(
+    ("goal", "heights", "problem"),
+    [
+        ({"kind": "lifted", "height": 27.0}, [0.0, 28.0] + [0.0] * 24, None),
+        ({"kind": "lifted", "height": 29.0}, [0.0, 28.0] + [0.0] * 24, "lifted by 28.00 mm at most (29 mm are needed)"),
+        ({"kind": "placed", "position": [5.0, 6.0, 7.0]}, [0.0, 28.0] + [0.5] * 24, None),
+        ({"kind": "placed", "position": [5.0, 6.0, 7.0]}, [0.0, 28.0] + [1.5] * 24, "1.50 mm from its place"),
+        ({"kind": "placed", "position": [5.0, 6.0, 7.0]}, [0.0] * 20 + [0.5] * 6, "creep 0.5 mm"),
+        ({"kind": "pushed"}, [0.0] * 6 + [0.9] * 20, None),
+        ({"kind": "pushed"}, [0.0] * 6 + [1.1] * 20, "pushed away by 1.10 mm (tolerance 1 mm)"),
+    ],
+)
+def test_goals_of_every_kind(tmp_path: Path, goal: dict[str, Any], heights: list[float], problem: str | None) -> None:
+    """The base stays where it is; the cube rises to these heights [mm] before the first and after each step."""
+    made = model()
+    changes = {"goal": {"object": "cube", "hold": 1.9} | goal, "external_forces": [PUSH]}
+    made.scene = Scene.model_validate(made.scene.model_dump(exclude_none=True) | changes)
+    output = MetricsOutput(tmp_path)
+    output.begin(made, state(0.0, heights[0]))
+    for step, height in enumerate(heights[1:]):
+        output.record(state(0.0, height), report(step))
+    if problem is None:
+        output.end("completed")
+    else:
+        with pytest.raises(GoalMissed, match=re.escape(f"'cube' is not {goal['kind']}: {problem}")):
+            output.end("completed")
+    written = json.loads((tmp_path / "metrics.json").read_text())
+    assert (written["goal"], written["goal_reached"], written["held"]) == (goal["kind"], problem is None, None)
+    assert output.summary()[f"cube {goal['kind']}"] == ("yes" if problem is None else "no")
 
 
 def test_the_table_that_closes_a_run_says_what_is_doubtful(tmp_path: Path) -> None:
@@ -145,7 +189,8 @@ def test_the_table_that_closes_a_run_says_what_is_doubtful(tmp_path: Path) -> No
     heights = list(zip((RISE + HOLD)[1:], cube_heights()[1:], strict=True))
     for step, (base, cube) in enumerate(heights):
         output.record(state(base, cube), report(step, converged=step < len(heights) - 3))
-    output.end("completed")
+    with pytest.raises(GoalMissed, match="doubtful"):
+        output.end("completed")
     assert output.summary()["cube held"] == "yes, but doubtful: 3 of 20 steps of the hold did not converge"
 
 
@@ -208,7 +253,8 @@ def test_a_run_that_did_not_end_is_not_held_and_raises_nothing_of_its_own(tmp_pa
 
 def test_a_run_without_a_step_still_leaves_its_outcome(tmp_path: Path) -> None:
     metrics = follow(tmp_path, [0.0], [0.0], outcome="step 0: body 'cube' exploded")
-    assert metrics == {"outcome": "step 0: body 'cube' exploded", "steps": 0, "held": False}
+    missed = {"goal": "held", "goal_reached": False, "goal_is_doubtful": False, "held": False}
+    assert metrics == {"outcome": "step 0: body 'cube' exploded", "steps": 0, **missed}
 
 
 def test_a_scene_without_a_goal_has_nothing_to_hold(tmp_path: Path) -> None:

@@ -143,17 +143,20 @@ def test_everything_is_escaped(folder: Path) -> None:
     assert "<b>pads" not in page and "&lt;b&gt;pads&lt;/b&gt; &amp; &quot;cube&quot;" in page
     draw(folder / "a<script>.png")
     (folder / "metrics.json").unlink()
-    (folder / "metrics.json").write_text('{"outcome": "<script>alert(1)</script>", "held": false}')
+    (folder / "metrics.json").write_text(
+        '{"outcome": "<script>alert(1)</script>", "goal": "held", "goal_reached": false}'
+    )
     page = write_report(folder / "recording.h5").read_text(encoding="utf-8")
     assert "<script" not in page and "not held" in page
 
 
 def test_a_grasp_that_is_doubtful_is_not_shown_as_good(folder: Path) -> None:
     (folder / "metrics.json").unlink()
-    figures = {"outcome": "completed", "held": True, "held_is_doubtful": True, "unconverged_hold_steps": 7}
+    figures = {"outcome": "completed", "goal": "held", "goal_reached": True, "goal_is_doubtful": True}
+    figures |= {"unconverged_steps": 7, "steps": 20}
     (folder / "metrics.json").write_text(json.dumps(figures))
     page = write_report(folder / "recording.h5").read_text(encoding="utf-8")
-    assert '<span class="pill bad">held, doubtful: 7 steps of it did not converge</span>' in page
+    assert '<span class="pill bad">held, doubtful: 7 of 20 steps did not converge</span>' in page
 
 
 def test_what_is_missing_is_said(run: Path, tmp_path: Path) -> None:
@@ -213,3 +216,12 @@ def test_errors_name_the_file(folder: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
     with pytest.raises(ReportError, match=r"file/report\.html: not written: "):
         write_report(folder / "recording.h5", tmp_path / "file" / "report.html")
+
+
+def test_what_is_smaller_than_the_accuracy_is_nothing(folder: Path) -> None:
+    """The solver's noise of 5e-13 mm is no slip."""
+    (folder / "metrics.json").unlink()
+    (folder / "metrics.json").write_text('{"object_slip_mm": -4.97e-13, "object_lift_mm": 29.5}')
+    page = write_report(folder / "recording.h5").read_text(encoding="utf-8")
+    assert "<b>0</b> mm" in page and "<b>29.5</b> mm" in page
+    assert "e-13" not in page

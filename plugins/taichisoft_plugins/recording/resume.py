@@ -25,14 +25,16 @@ class ResumeError(TaichisoftError):
     """A run cannot go on from a recording."""
 
 
-def recorded_scene(recording: Recording, overrides: Sequence[str], controller: str | None) -> Scene:
+def recorded_scene(
+    recording: Recording, overrides: Sequence[str], controller: str | None, goal: str | None = None
+) -> Scene:
     """The scene of the recording, with changes as in `taichisoft run`.
 
     Raises:
         SceneError: something is not valid; the message begins with the recording's path.
     """
     source = " with --set ".join([str(recording.path), *overrides])
-    return scene_from_toml(recording.scene_text, source, overrides, controller)
+    return scene_from_toml(recording.scene_text, source, overrides, controller, goal)
 
 
 def resumed_simulation(recording: Recording, frame: int, scene: Scene) -> Simulation:

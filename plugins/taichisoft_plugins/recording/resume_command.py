@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from taichisoft.plugin_system.run_options import OutputsOption, SpeedOption, requested, takes_run_options
+from taichisoft.plugin_system.run_options import GoalOption, OutputsOption, SpeedOption, requested, takes_run_options
 from taichisoft_plugins.recording.layout import FILE_NAME, RecordingError
 from taichisoft_plugins.recording.reader import Recording, read_recording
 
@@ -27,6 +27,7 @@ def resume(
     set_: Annotated[
         list[str] | None, typer.Option("--set", help="Override a value of the recorded scene (repeatable).")
     ] = None,
+    goal: GoalOption = None,
     outputs: OutputsOption = "recording,metrics",
     speed: SpeedOption = None,
 ) -> None:
@@ -41,7 +42,7 @@ def resume(
     asked = requested(context, outputs)
     with read_recording(run) as recording:
         frame = recording.frame_count - 1 if at is None else recording.frame_at(at)
-        scene = recorded_scene(recording, set_ or [], controller or asked.controller)
+        scene = recorded_scene(recording, set_ or [], controller or asked.controller, goal)
         folder = output or _new_folder(recording, frame)
         if (folder / FILE_NAME).resolve() == run.resolve():
             raise RecordingError(f"--output {folder}: would replace the recording; name another folder")

@@ -19,8 +19,14 @@ EMBEDDED_BYTES = 20_000_000
 UNITS = {"mm": "mm", "mN": "mN", "s": "s", "ms": "ms"}
 """Units that stand at the end of a metric's name."""
 
-HEADLINES = ("object_lift_mm", "object_slip_mm", "object_creep_mm", "mean_normal_force_mN", "real_time_factor")
+HEADLINES = (
+    *("object_lift_mm", "object_slip_mm", "object_distance_mm", "object_pushed_away_mm", "object_creep_mm"),
+    *("mean_normal_force_mN", "real_time_factor"),
+)
 """Metrics that stand large at the top."""
+
+ACCURACY = {"mm": 1e-4, "mN": 1e-2, "s": 1e-4, "ms": 1e-3}
+"""What is smaller, in a unit, is noise of the solver, and shown as 0."""
 
 STYLE = """
 :root { color-scheme: light; --line: #d9dde3; --faint: #5c6670; --good: #1a7f4b; --bad: #b3261e; }
@@ -93,12 +99,13 @@ def report_page(contents: ReportContents, folder: Path) -> str:
 
 def _status(recording: Recording, metrics: Mapping[str, Any]) -> str:
     """How the run ended, whether its object was held and how sure that is, and how long it took."""
-    held = metrics.get("held")
+    kind, reached = metrics.get("goal"), metrics.get("goal_reached")
     pills = [("good" if recording.outcome == "completed" else "bad", recording.outcome)]
-    if held is not None:
-        pills.insert(0, ("good", "held") if held else ("bad", "not held"))
-        if held and metrics.get("held_is_doubtful"):
-            pills[0] = ("bad", f"held, doubtful: {metrics.get('unconverged_hold_steps')} steps of it did not converge")
+    if reached is not None:
+        pills.insert(0, ("good", f"{kind}") if reached else ("bad", f"not {kind}"))
+        if reached and metrics.get("goal_is_doubtful"):
+            steps = f"{metrics.get('unconverged_steps')} of {metrics.get('steps')} steps did not converge"
+            pills[0] = ("bad", f"{kind}, doubtful: {steps}")
     times = recording.times
     restarts = int((times[1:] < times[:-1]).sum())
     texts = [f"{times[-1]:g} s simulated"]
@@ -115,13 +122,15 @@ def _headlines(metrics: Mapping[str, Any]) -> str:
     for name in HEADLINES:
         if isinstance(metrics.get(name), int | float):
             words, unit = _words(name)
-            figure = f"<b>{_short(metrics[name])}</b> {escape(unit)}"
+            figure = f"<b>{_short(metrics[name], unit)}</b> {escape(unit)}"
             cards.append(f'<div class="card"><span>{figure}</span><small>{escape(words)}</small></div>')
     return f'<div class="cards">{"".join(cards)}</div>' if cards else ""
 
 
-def _short(value: float) -> str:
-    return f"{value:.0f}" if abs(value) >= 100.0 else f"{value:.3g}"
+def _short(value: float, unit: str) -> str:
+    if abs(value) < ACCURACY.get(unit, 0.0):
+        return "0"
+    return f"{value:z.0f}" if abs(value) >= 100.0 else f"{value:z.3g}"
 
 
 def _gallery(title: str, media: list[MediaFile], folder: Path) -> str:
@@ -152,7 +161,8 @@ def _figure(media: MediaFile, folder: Path) -> str:
 def _rows(metrics: Mapping[str, Any]) -> Iterable[tuple[str, str]]:
     for name, value in metrics.items():
         words, unit = _words(name)
-        yield f"{words} [{unit}]" if unit else words, _value(value)
+        small = isinstance(value, float) and abs(value) < ACCURACY.get(unit, 0.0)
+        yield f"{words} [{unit}]" if unit else words, "0" if small else _value(value)
 
 
 def _words(name: str) -> tuple[str, str]:
