@@ -68,14 +68,7 @@ class MetricsOutput(Output):
             GoalMissed: the run was completed, but its goal was not reached.
             TaichisoftError: the file cannot be written.
         """
-        self._look_at_stretches()
-        self.metrics = {
-            "outcome": outcome,
-            **self._step_metrics(),
-            **self._stretch_metrics(),
-            **self._cable_metrics(),
-            **self._goal_metrics(),
-        }
+        self.metrics = self.figures(outcome)
         goal = self._scene.goal
         missed = self._shortcomings() if goal is not None and outcome == "completed" else []
         reached = None if goal is None else outcome == "completed" and not missed
@@ -92,6 +85,18 @@ class MetricsOutput(Output):
             raise GoalMissed(f"'{goal.object}' is not {goal.kind}: {'; '.join(missed)}")
         if goal is not None and doubt:
             raise GoalMissed(f"'{goal.object}' is {goal.kind}, but that is doubtful: {doubt}")
+
+    def figures(self, outcome: str) -> dict[str, Any]:
+        """The figures of the steps so far, by name, without whether the goal was reached."""
+        self._look_at_stretches()
+        return {
+            "outcome": outcome,
+            **self._step_metrics(),
+            **self._body_metrics(),
+            **self._stretch_metrics(),
+            **self._cable_metrics(),
+            **self._goal_metrics(),
+        }
 
     def summary(self) -> dict[str, str]:
         """Rows of the table that closes a run."""
@@ -160,6 +165,24 @@ class MetricsOutput(Output):
             "real_time_factor": self._scene.time.step / median,
         }
 
+    def _body_metrics(self) -> dict[str, Any]:
+        """Volumes of the soft bodies at rest, and where everything is and what presses after the last step."""
+        volumes = {name: float(stretches.rest_volumes.sum()) for name, _, stretches in self._soft}
+        figures: dict[str, Any] = {"rest_volumes_mm3": volumes} if volumes else {}
+        if not self._reports:
+            return figures
+        seen = self._reports[-1].observation
+        return figures | {
+            "final_pressures_kPa": dict(seen.pressures),
+            "final_volumes_mm3": dict(seen.volumes),
+            "final_tip_positions_mm": {name: tip.tolist() for name, tip in seen.tip_positions.items()},
+            "final_bending_angles_degrees": {
+                name: float(np.degrees(angle)) for name, angle in seen.bending_angles.items()
+            },
+            "final_normal_forces_mN": {"|".join(pair): force for pair, force in seen.normal_forces.items()},
+            "final_friction_forces_mN": {"|".join(pair): force for pair, force in seen.friction_forces.items()},
+        }
+
     def _look_at_stretches(self) -> None:
         """Keep the largest stretches of each body, and those that 99 % of its elements stay below."""
         for name, nodes, stretches in self._soft:
@@ -196,13 +219,12 @@ class MetricsOutput(Output):
         hold_steps = self._hold_steps()
         base, position = np.array(self._base_positions), np.array(self._object_positions)
         forces = np.array([self._normal_force(report, self._scene.soft_bodies) for report in self._reports])
-        final = self._reports[-1].observation
         return {
             **goal_figures(self._scene, goal, base, position, hold_steps),
             "unconverged_hold_steps": sum(not report.converged for report in self._reports[-hold_steps:]),
             "peak_normal_force_mN": float(forces.max()),
             "mean_normal_force_mN": float(forces[-hold_steps:].mean()),
-            "final_normal_forces_mN": {"|".join(pair): force for pair, force in final.normal_forces.items()},
+            "final_object_position_mm": position[-1].tolist(),
         }
 
     def _normal_force(self, report: "StepReport", others: Iterable[str]) -> float:

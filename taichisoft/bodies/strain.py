@@ -18,6 +18,7 @@ class Stretches:
 
     Attributes:
         tetrahedra: their corners, shape (count, 4).
+        rest_volumes: their volumes at rest [mm^3], shape (count,).
     """
 
     def __init__(self, rest_position: np.ndarray, elements: np.ndarray):
@@ -29,9 +30,9 @@ class Stretches:
         """
         self.tetrahedra = elements = linear_parts(elements)
         self._corners = np.ascontiguousarray(elements.T)
-        self._gradients = np.ascontiguousarray(
-            linear_tetrahedra(rest_position, elements)[0][:, 0, 1:].transpose(1, 2, 0)
-        )
+        gradients, volumes = linear_tetrahedra(rest_position, elements)
+        self._gradients = np.ascontiguousarray(gradients[:, 0, 1:].transpose(1, 2, 0))
+        self.rest_volumes = volumes[:, 0]
 
     def largest(self, position: np.ndarray) -> np.ndarray:
         """Largest principal stretch of each tetrahedron [-], 1 at rest, shape (count,); to 1e-8.

@@ -11,6 +11,7 @@ import fake_run
 import numpy as np
 import pytest
 
+from taichisoft.control.observation import Observation
 from taichisoft.errors import GoalMissed, TaichisoftError
 from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.metrics import MetricsOutput
@@ -56,7 +57,7 @@ def report(step: int, **changes: Any) -> Any:
         },
     }
     seen |= {name: changes.pop(name) for name in seen if name in changes}
-    return SimpleNamespace(**{**values, **changes}, observation=SimpleNamespace(**seen))
+    return SimpleNamespace(**{**values, **changes}, observation=Observation((step + 1) * STEP, step, **seen))
 
 
 def state(height_of_base: float, height_of_cube: float) -> Any:
