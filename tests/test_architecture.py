@@ -11,7 +11,13 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 ENGINE = ROOT / "taichisoft"
-FORBIDDEN = {"taichisoft_controllers", "taichisoft_meshing", "taichisoft_plugins", "taichisoft_sofa"} | {
+FORBIDDEN = {
+    "taichisoft_controllers",
+    "taichisoft_meshing",
+    "taichisoft_plugins",
+    "taichisoft_sofa",
+    "taichisoft_studies",
+} | {
     "open3d",
     "gmsh",
     "viser",
@@ -102,9 +108,35 @@ LAYERS = {
         "meshes",
         "tree",
     ],
+    "taichisoft_studies": [
+        "__init__",
+        "commands",
+        "mesh_summary",
+        "mesh_plan",
+        "value_texts",
+        "sweep",
+        "progress",
+        "workers",
+        "worker_start",
+        "worker_task",
+        "run_child",
+        "run_process",
+        "make_mesh",
+        "make_run",
+        "run_log",
+        "run_folder",
+        "curves_output",
+        "observed",
+        "run_job",
+        "results",
+        "expressions",
+        "keys",
+        "sampling",
+        "study_file",
+        "extras",
+    ],
     "taichisoft_meshing": [
         "__init__",
-        "sweep",
         "commands",
         "mesh_set",
         "mesh_record",
@@ -125,6 +157,7 @@ PACKAGES = [
     ENGINE,
     *(ROOT / folder / f"taichisoft_{folder}" for folder in ("benchmarks", "controllers", "meshing", "plugins")),
     ROOT / "plugins/taichisoft_sofa",
+    ROOT / "plugins/taichisoft_studies",
 ]
 
 

@@ -24,6 +24,7 @@ FOLDERS = {
     "taichisoft_meshing": "meshing/taichisoft_meshing",
     "taichisoft_plugins": "plugins/taichisoft_plugins",
     "taichisoft_sofa": "plugins/taichisoft_sofa",
+    "taichisoft_studies": "plugins/taichisoft_studies",
     "taichisoft/plugin_system/plugin_template": "taichisoft/plugin_system/plugin_template",
     "taichisoft/tiny_gripper": "taichisoft/tiny_gripper",
     "taichisoft/data/fingers": "data/fingers",

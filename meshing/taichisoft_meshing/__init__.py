@@ -37,13 +37,11 @@ def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft mesh`, `mesh-info`, `mesh-sweep` and `mesh-cache`."""
+    """Add `taichisoft mesh`, `mesh-info` and `mesh-cache`."""
     from taichisoft_meshing.commands.mesh import mesh
     from taichisoft_meshing.commands.mesh_info import mesh_info
     from taichisoft_meshing.mesh_cache import mesh_cache
-    from taichisoft_meshing.sweep.command import mesh_sweep
 
     application.command("mesh")(mesh)
     application.command("mesh-info")(mesh_info)
-    application.command("mesh-sweep")(mesh_sweep)
     application.command("mesh-cache")(mesh_cache)

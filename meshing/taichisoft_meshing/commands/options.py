@@ -1,4 +1,4 @@
-"""The options that say what is meshed and how fine, alike in `taichisoft mesh` and `taichisoft mesh-sweep`."""
+"""The options that say what is meshed and how fine, alike in `taichisoft mesh` and in sweeps of meshes."""
 
 import math
 import os

@@ -1,31 +1,31 @@
-"""One table and one CSV file of all variants of a sweep."""
+"""One table and one CSV file of all variants of a sweep of meshes."""
 
 import csv
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from rich.table import Table
 from rich.text import Text
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
-from taichisoft_meshing.sweep.plan import Variant
-from taichisoft_meshing.sweep.process import Outcome
+from taichisoft_studies.mesh_plan import Variant
 
 SUMMARY = "summary.csv"
 FAILED = "failed"
 LEFT_OUT = ("tetrahedra", "folder", "problem")
 
 
-def summary_rows(variants: Sequence[Variant], outcomes: Sequence[Outcome]) -> list[dict[str, str]]:
+def summary_rows(variants: Sequence[Variant], outcomes: Sequence[Mapping[str, Any]]) -> list[dict[str, str]]:
     """A row for each variant: the values that were varied, the figures, the folder, and what went wrong."""
-    columns = dict.fromkeys(column for outcome in outcomes for column in outcome.figures)
+    columns = dict.fromkeys(column for outcome in outcomes for column in outcome["figures"])
     return [
         {
             **variant.values,
-            **{column: _text(outcome.figures, column) for column in columns},
-            "folder": "" if outcome.problem else variant.name,
-            "problem": outcome.problem,
+            **{column: _text(outcome["figures"], column) for column in columns},
+            "folder": "" if outcome["problem"] else variant.name,
+            "problem": outcome["problem"],
         }
         for variant, outcome in zip(variants, outcomes, strict=True)
     ]

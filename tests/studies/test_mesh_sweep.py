@@ -7,6 +7,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,19 +15,23 @@ from conftest import PATIENCE
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.files import read_volume_mesh
+from taichisoft.plugin_system.plugins import load_plugin
+from taichisoft_benchmarks.studies.interrupted_sweep import COMMAND
 from taichisoft_meshing.commands.options import geometry_job
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
-from taichisoft_meshing.sweep.plan import MOST, plan
+from taichisoft_studies.make_mesh import MeshRun, make_variant
+from taichisoft_studies.mesh_plan import plan
+from taichisoft_studies.sampling import MOST
+from taichisoft_studies.worker_task import do_mesh
 
-PLUGIN = Path(__file__).with_name("block_kind.py")
+PLUGIN = Path(__file__).parents[1] / "meshing" / "block_kind.py"
 JOB = MeshJob("block", {"stretch": 1.0}, Path("block.toml"), {})
 
 
 def sweep_process(file: Path | str, output: Path, *arguments: str) -> subprocess.Popen[str]:
-    code = "from taichisoft.command_line import main; main()"
     options = ["-o", str(output), "--plugin", str(PLUGIN), *arguments]
     return subprocess.Popen(
-        [sys.executable, "-c", code, "mesh-sweep", str(file), *options],
+        [sys.executable, "-c", COMMAND, "mesh-sweep", str(file), *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -114,12 +119,27 @@ def test_parallel_processes_give_the_meshes_of_one_process_node_for_node(tmp_pat
         assert f"{variant.name}: {len(made.nodes)} nodes" in shown
 
 
-def test_a_process_that_dies_is_a_variant_that_failed(block: Path, tmp_path: Path) -> None:
-    process = sweep_process(block, tmp_path / "out", "--vary", "end=7", "--force")
-    shown, _ = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 1
-    assert "its process ended without a mesh (exit code 7)" in shown
-    assert [file.name for file in (tmp_path / "out").iterdir()] == ["summary.csv"]
+def mesh_run(folder: Path, block: Path, time_limit: float = PATIENCE, **tables: Any) -> MeshRun:
+    geometry = {"kind": "block", "tables": {"solid": True, **tables}, "file": str(block), "asked": {}}
+    return MeshRun("block", str(folder), geometry, False, (str(PLUGIN),), time_limit)
+
+
+def test_a_process_that_dies_or_hangs_is_a_variant_that_failed(block: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    died = do_mesh(mesh_run(out, block, end=7).to_json())
+    assert died["problem"] == f"{block}: its process ended without a mesh (exit code 7)"
+    hung = do_mesh(mesh_run(out, block, after=600, time_limit=1.0).to_json())
+    assert hung["problem"] == f"{block}: not meshed within 1 s"
+    assert not out.exists() or not list(out.iterdir())
+
+
+def test_a_mesh_that_lies_there_is_not_made_again(block: Path, tmp_path: Path, taichisoft_plugins: Any) -> None:
+    load_plugin(PLUGIN)
+    first, second, other = (make_variant(mesh_run(tmp_path, block, stretch=s)) for s in (1.5, 1.5, 2.0))
+    assert first["figures"].pop("seconds") >= 0.0
+    assert second == first
+    assert other["figures"]["silicone_mm3"] == 250000
+    assert "seconds" in other["figures"]
 
 
 @pytest.mark.skipif(os.name != "posix", reason="signals")
@@ -136,20 +156,6 @@ def test_ctrl_c_ends_everything_and_leaves_what_was_complete(block: Path, tmp_pa
     assert "Traceback" not in error
     assert [file.name for file in output.iterdir()] == ["after-0"]
     assert len(list((output / "after-0").iterdir())) == 6
-    wait_for_the_end_of_group(process.pid)
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals")
-def test_ctrl_c_while_processes_start_is_as_quiet(block: Path, tmp_path: Path) -> None:
-    output = tmp_path / "out"
-    process = sweep_process(block, output, "--vary", "after=300,301", "--jobs", "2")
-    while not list(output.glob(".sweep.*.partial/after-301")) and process.poll() is None:
-        time.sleep(0.01)
-    os.killpg(process.pid, signal.SIGINT)
-    _, error = process.communicate(timeout=PATIENCE)
-    assert process.returncode == 130
-    assert "Traceback" not in error
-    assert list(output.iterdir()) == []
     wait_for_the_end_of_group(process.pid)
 
 

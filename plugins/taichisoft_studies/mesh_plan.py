@@ -1,4 +1,4 @@
-"""The variants of a sweep: every combination of the values that keys of a geometry file are given."""
+"""The variants of a sweep of meshes: every combination of the values that keys of a geometry file are given."""
 
 import itertools
 import math
@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from taichisoft.errors import MeshError
 from taichisoft_meshing.commands.options import overridden
 from taichisoft_meshing.mesh_job import MeshJob
-
-MOST = 10_000
-"""Variants in a sweep: more are a slip of the keyboard."""
+from taichisoft_studies.sampling import MOST, grid
+from taichisoft_studies.study_file import Range
+from taichisoft_studies.value_texts import split_values, value_range
 
 
 @dataclass(frozen=True)
@@ -59,25 +59,14 @@ def plan(job: MeshJob, varied: Sequence[str]) -> list[Variant]:
 
 def _key_and_values(text: str) -> tuple[str, list[str]]:
     key, separator, values = text.partition("=")
-    split = _split(values)
+    split = split_values(values)
     if not separator or not key.strip() or not all(split):
         raise MeshError(f"--vary {text}: must look like body.width=20,22,25")
+    if len(split) == 1 and ":" in values and not values.startswith('"'):
+        split = [repr(value) for value in grid(Range(**value_range(text, values)))]
     if len(set(split)) < len(split):
         raise MeshError(f"--vary {text}: the value {next(v for v in split if split.count(v) > 1)} is there twice")
     return key.strip(), split
-
-
-def _split(values: str) -> list[str]:
-    """Split values at commas, but not at those inside the brackets or quotes of a TOML value."""
-    parts, depth, quoted = [""], 0, False
-    for letter in values:
-        quoted ^= letter == '"'
-        depth += (letter in "[{") - (letter in "]}") if not quoted else 0
-        if letter == "," and not depth and not quoted:
-            parts.append("")
-        else:
-            parts[-1] += letter
-    return [part.strip() for part in parts]
 
 
 def _for_a_file(value: str) -> str:

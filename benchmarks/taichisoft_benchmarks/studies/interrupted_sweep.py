@@ -1,0 +1,163 @@
+"""A sweep whose workers are killed at random, and then the whole command, which is started again.
+
+`python -m taichisoft_benchmarks.studies.interrupted_sweep --runs 200 --kills 10 -o out/interrupted` does it with 2
+workers, and compares its table, byte by byte, with that of a sweep that nobody disturbed. It needs Linux and the extra
+`studies`.
+"""
+
+import argparse
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+
+COMMAND = """
+import taichisoft_studies
+from taichisoft.command_line import main
+from taichisoft.plugin_system import plugins
+
+if "studies" not in plugins.plugin_registry().origins:
+    plugins.register_plugin(taichisoft_studies, "studies")
+main()
+"""
+"""Starts `taichisoft` with the studies, also where the installed distribution is older than them."""
+PLUGIN = """
+import os
+from pathlib import Path
+from taichisoft import Control, Controller, hookimpl
+
+class Squeeze(Controller):
+    def __init__(self, pressure: float = 7.0):
+        self.pressure = pressure
+    def control(self, observation):
+        return Control(pressure=dict.fromkeys(observation.pressures, self.pressure))
+
+@hookimpl
+def taichisoft_controllers():
+    return {"squeeze": Squeeze}
+"""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a sweep that was disturbed.
+
+    Attributes:
+        complete: whether every run has completed.
+        redone: runs that had ended before the command was killed, and were made once more.
+        kills: workers, or processes beside them, that were killed.
+        ended_before: runs that had ended when the command was killed.
+    """
+
+    complete: bool
+    redone: int
+    kills: int
+    ended_before: int
+
+
+def interrupted_sweep(folder: Path, runs: int, kills: int, seed: int, workers: int = 2) -> Outcome:
+    """Make a sweep, kill workers and the command, and start it again.
+
+    Args:
+        folder: a new folder for it; the sweep's own is "disturbed" in it.
+        runs: number of runs.
+        kills: workers that are killed, half of them before the command is.
+        seed: of what is killed, and when.
+        workers: workers at a time.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    plugin = folder / "squeeze.py"
+    plugin.write_text(PLUGIN)
+    chance = random.Random(seed)
+    disturbed = folder / "disturbed"
+    process = _start(plugin, disturbed, runs, workers)
+    done = _kill_workers(process, disturbed, kills // 2, 0, runs // 2, chance)
+    _wait_for(process, disturbed, runs // 2)
+    process.kill()
+    process.wait()
+    ended = _ended(disturbed)
+    process = _start(plugin, disturbed, runs, workers)
+    done += _kill_workers(process, disturbed, kills - kills // 2, len(ended), runs, chance)
+    complete = process.wait() == 0
+    redone = sum(ended[name] != stamp for name, stamp in _ended(disturbed).items() if name in ended)
+    return Outcome(complete and len(_ended(disturbed)) == runs, redone, done, len(ended))
+
+
+def quiet_sweep(folder: Path, runs: int, workers: int = 2) -> Path:
+    """Make the sweep of `interrupted_sweep`, which was in the same folder, without any kill; returns its folder."""
+    _start(folder / "squeeze.py", folder / "quiet", runs, workers).wait()
+    return folder / "quiet"
+
+
+def _start(plugin: Path, output: Path, runs: int, workers: int) -> "subprocess.Popen[bytes]":
+    arguments = [TINY_GRIPPER, "--plugin", plugin, "--controller", "squeeze", "--duration", "0.2", "-j", workers]
+    values = f"controller.settings.pressure=1:8:{runs}"
+    command = [sys.executable, "-c", COMMAND, "sweep", *arguments, "--vary", values, "-o", output]
+    with (plugin.parent / f"{output.name}.log").open("ab") as log:
+        return subprocess.Popen([*map(str, command)], stdout=log, stderr=log, start_new_session=True)
+
+
+def _kill_workers(
+    process: "subprocess.Popen[bytes]", output: Path, kills: int, first: int, last: int, chance: random.Random
+) -> int:
+    """Kill a random worker, or the process beside one, whenever the next share of the runs has ended."""
+    done = 0
+    for number in range(kills):
+        _wait_for(process, output, first + (last - first) * number // max(kills, 1) + 1)
+        time.sleep(chance.uniform(0.0, 0.5))
+        victims = _workers_of(process.pid)
+        if victims:
+            os.kill(chance.choice(victims), signal.SIGKILL)
+            done += 1
+    return done
+
+
+def _wait_for(process: "subprocess.Popen[bytes]", output: Path, count: int) -> None:
+    while len(_ended(output)) < count and process.poll() is None:
+        time.sleep(0.05)
+
+
+def _ended(output: Path) -> dict[str, int]:
+    """When the record of each run was written [ns], by its name."""
+    return {path.parent.name: path.stat().st_mtime_ns for path in (output / "runs").glob("[!.]*/run.json")}
+
+
+def _workers_of(pid: int) -> Sequence[int]:
+    """Dask's workers below a process, and the processes beside them."""
+    import psutil
+
+    found = []
+    for child in psutil.Process(pid).children(recursive=True):
+        try:
+            words = " ".join(child.cmdline())
+        except psutil.Error:  # it has just ended
+            continue
+        if "spawn_main" in words or "taichisoft_studies.run_process" in words:
+            found.append(child.pid)
+    return sorted(found)
+
+
+def main() -> None:
+    """Do it, and print what became of it."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--runs", type=int, default=200)
+    parser.add_argument("--kills", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("-o", "--output", type=Path, default=Path("out/interrupted"))
+    asked = parser.parse_args()
+    outcome = interrupted_sweep(asked.output, asked.runs, asked.kills, asked.seed)
+    quiet = quiet_sweep(asked.output, asked.runs)
+    equal = (asked.output / "disturbed" / "results.csv").read_bytes() == (quiet / "results.csv").read_bytes()
+    print(f"{outcome}, equal to an undisturbed sweep: {equal}")
+    sys.exit(0 if outcome.complete and equal and not outcome.redone else 1)
+
+
+if __name__ == "__main__":
+    main()

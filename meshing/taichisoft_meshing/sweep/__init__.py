@@ -1,1 +1,0 @@
-"""Many meshes of one geometry, each in a process of its own."""

@@ -1,0 +1,18 @@
+"""Studies of many runs: sweeps, comparisons, optimisation and calibration, through Dask and Optuna."""
+
+from typing import TYPE_CHECKING
+
+from taichisoft.plugin_system.hookspecs import hookimpl
+
+if TYPE_CHECKING:
+    import typer
+
+
+@hookimpl
+def taichisoft_commands(application: "typer.Typer") -> None:
+    """Add `taichisoft sweep` and `mesh-sweep`."""
+    from taichisoft_studies.commands.mesh_sweep import mesh_sweep
+    from taichisoft_studies.commands.sweep import sweep
+
+    application.command("sweep")(sweep)
+    application.command("mesh-sweep")(mesh_sweep)

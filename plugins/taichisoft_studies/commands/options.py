@@ -1,0 +1,73 @@
+"""What the commands of studies have in common: options about workers and values, and how they are interrupted."""
+
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from taichisoft_studies.extras import StudyError
+
+Jobs = Annotated[
+    int | None,
+    typer.Option("--jobs", "-j", metavar="N", help="Runs at a time on this machine; as many as CPUs otherwise."),
+]
+Scheduler = Annotated[
+    str | None, typer.Option("--scheduler", metavar="tcp://HOST:8786", help="A Dask scheduler whose workers are used.")
+]
+Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the study.")]
+
+
+def requested_plugins(arguments: Sequence[str] | None = None) -> list[str]:
+    """Absolute paths of the plug-ins that the command line names, for the processes that make the runs."""
+    from taichisoft.plugin_system.commands import FILE_OPTION, FOLDER_OPTION
+
+    found: list[Path] = []
+    waiting = iter(sys.argv[1:] if arguments is None else arguments)
+    for argument in waiting:
+        option, separator, value = argument.partition("=")
+        if option not in (FILE_OPTION, FOLDER_OPTION):
+            continue
+        path = Path(value if separator else next(waiting, "")).expanduser().resolve()
+        inside = sorted(one for one in path.glob("[!_.]*") if one.suffix == ".py" or (one / "__init__.py").is_file())
+        found += [path] if option == FILE_OPTION else inside
+    return list(dict.fromkeys(map(str, found)))
+
+
+def add_cluster(tables: dict[str, Any], jobs: int | None, scheduler: str | None) -> None:
+    """Put what the command line says of workers into a study's tables.
+
+    Raises:
+        StudyError: the number of workers is not positive.
+    """
+    if jobs is not None and jobs < 1:
+        raise StudyError(f"--jobs {jobs}: must be at least 1")
+    said = {"workers": jobs, "scheduler": scheduler}
+    given = {key: value for key, value in said.items() if value is not None}
+    if given:
+        tables["cluster"] = {**tables.get("cluster", {}), **given}
+
+
+def load_plugins(study: Any) -> None:
+    """Load the plug-ins of a study here as well: its keys are checked against what they provide."""
+    from taichisoft.plugin_system.plugins import load_plugin
+
+    for plugin in study.plugins:
+        load_plugin(plugin)
+
+
+@contextmanager
+def quiet_interruption() -> Iterator[None]:
+    """End by SIGTERM as by Ctrl and c: the workers are ended, and what is complete stays."""
+    import signal
+
+    def interrupt(_number: int, _frame: object) -> None:
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGTERM, interrupt)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)

@@ -1,0 +1,103 @@
+"""Makes one run in a folder: the scene, its controller and outputs, and what became of it."""
+
+import json
+import random
+from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichisoft.errors import (
+    ControlError,
+    ControllerFailed,
+    GoalMissed,
+    MeshError,
+    NotPositiveDefinite,
+    PluginError,
+    SceneError,
+    SimulationDiverged,
+    TaichisoftError,
+)
+from taichisoft_studies.run_folder import COMPLETED, LOG, METRICS, finished, new_folder, remove_partial, write_record
+from taichisoft_studies.run_job import RunJob
+
+REASONS: tuple[tuple[type[TaichisoftError], str], ...] = (
+    (MeshError, "mesh refused"),
+    (SimulationDiverged, "diverged"),
+    (NotPositiveDefinite, "diverged"),
+    (ControllerFailed, "controller failed"),
+    (ControlError, "controller failed"),
+    (GoalMissed, "goal missed"),
+    (PluginError, "plug-in failed"),
+    (SceneError, "scene refused"),
+)
+
+
+def make_run(
+    job: RunJob, logged_in: Callable[[Path], AbstractContextManager[object]] = lambda path: nullcontext()
+) -> dict[str, Any]:
+    """Make a run, unless somebody has made it meanwhile, and return its record.
+
+    Args:
+        job: the run.
+        logged_in: sends what the run prints to the file that it is given, as long as it lasts.
+
+    Raises:
+        StudyError: its folder cannot be written.
+    """
+    record = finished(job)
+    if record is not None:
+        return record
+    with new_folder(job) as folder:
+        with logged_in(folder / LOG):
+            status, message = _run(job, folder)
+        record = write_record(job, folder, status, message, _metrics(folder))
+    remove_partial(job)
+    return record
+
+
+def reason(error: Exception) -> str:
+    """One of a few words for an error, for tables: which key, or which body, its message says."""
+    if isinstance(error, SceneError) and isinstance(error.__cause__, MeshError):
+        return "mesh refused"
+    return next((name for kind, name in REASONS if isinstance(error, kind)), "error")
+
+
+def _run(job: RunJob, folder: Path) -> tuple[str, str]:
+    """Status and message of the run."""
+    random.seed(job.seed)
+    np.random.seed(job.seed)  # what plug-ins draw from is for them to choose
+    try:
+        _simulate(job, folder)
+    except Exception as error:
+        text = str(error) if isinstance(error, TaichisoftError) else f"{type(error).__name__}: {error}"
+        return reason(error), " ".join(text.split())
+    return COMPLETED, ""
+
+
+def _simulate(job: RunJob, folder: Path) -> None:
+    from taichisoft.building.run_parts import make_controller, make_output
+    from taichisoft.building.simulation import Simulation
+    from taichisoft.running.loop import run
+    from taichisoft.scenes.file import scene_from_toml
+    from taichisoft_studies.curves_output import CurvesOutput
+
+    (folder / "scene.toml").write_text(job.scene, encoding="utf-8")
+    scene = scene_from_toml(job.scene, job.source)
+    controller = make_controller(scene)
+    simulation = Simulation(scene)
+    outputs = [make_output(name, folder) for name in job.outputs]
+    if job.watch is not None:
+        outputs.append(CurvesOutput(folder, job.watch))
+    run(simulation, controller, outputs, job.duration)
+
+
+def _metrics(folder: Path) -> dict[str, Any]:
+    """The figures of metrics.json; none where the run has not come so far."""
+    try:
+        metrics = json.loads((folder / METRICS).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return metrics if isinstance(metrics, dict) else {}

@@ -1,0 +1,112 @@
+"""The folder of a run: it appears when the run has ended, and `run.json` in it says how."""
+
+import json
+import os
+import shutil
+import socket
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from taichisoft.atomic_file import atomic_file, named_os_errors
+from taichisoft_studies.extras import StudyError
+from taichisoft_studies.run_job import RunJob
+
+RECORD = "run.json"
+LOG = "log.txt"
+METRICS = "metrics.json"
+COMPLETED = "completed"
+
+
+def read_record(folder: Path) -> dict[str, Any] | None:
+    """What `run.json` of a folder says; None where there is none, or not a whole one.
+
+    Keys: "run", "parameters", "seed", "version", "outputs", "status" ("completed" or a reason such as "diverged"),
+    "message" (one line, empty where it completed), "metrics".
+    """
+    try:
+        record = json.loads((folder / RECORD).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return record if isinstance(record, dict) and "status" in record else None
+
+
+def finished(job: RunJob) -> dict[str, Any] | None:
+    """The record of a job that needs not be done again: it has ended, with all outputs that are wanted now."""
+    record = read_record(job.place)
+    return record if record is not None and set(job.outputs) <= set(record.get("outputs", ())) else None
+
+
+@contextmanager
+def new_folder(job: RunJob) -> Iterator[Path]:
+    """Give a folder to make a run in, which gets the run's name when its record has been written, or else vanishes.
+
+    Where another process was faster, its folder stays: a run is never made twice.
+
+    Raises:
+        StudyError: it cannot be written.
+    """
+    partial = Path(job.folder) / f".{job.name}.{socket.gethostname()}-{os.getpid()}.partial"
+    try:
+        with named_os_errors(partial, StudyError):
+            shutil.rmtree(partial, ignore_errors=True)
+            partial.mkdir(parents=True)
+        yield partial
+        with named_os_errors(job.place, StudyError):
+            if (partial / RECORD).exists():
+                _give_name(partial, job)
+    finally:
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def write_record(job: RunJob, folder: Path, status: str, message: str, metrics: Mapping[str, Any]) -> dict[str, Any]:
+    """Write `run.json`, and return what it says.
+
+    Raises:
+        StudyError: it cannot be written.
+    """
+    import taichisoft
+
+    record = {
+        "run": job.name,
+        "parameters": dict(job.parameters),
+        "seed": job.seed,
+        "version": taichisoft.__version__,
+        "outputs": list(job.outputs),
+        "status": status,
+        "message": message,
+        "metrics": dict(metrics),
+    }
+    with atomic_file(folder / RECORD, StudyError) as partial:
+        partial.write_text(json.dumps(record, indent=2) + "\n", encoding="utf-8")
+    return record
+
+
+def record_loss(job: RunJob, status: str, message: str) -> dict[str, Any]:
+    """Make the folder of a run whose process was ended from outside, with the log that it left.
+
+    Raises:
+        StudyError: it cannot be written.
+    """
+    left = sorted(Path(job.folder).glob(f".{job.name}.*.partial/{LOG}"))
+    with new_folder(job) as folder:
+        for log in left[:1]:
+            shutil.copy(log, folder / LOG)
+        record = write_record(job, folder, status, message, {})
+    remove_partial(job)
+    return record
+
+
+def remove_partial(job: RunJob) -> None:
+    """Remove what unfinished attempts at a run have left."""
+    for partial in Path(job.folder).glob(f".{job.name}.*.partial"):
+        shutil.rmtree(partial, ignore_errors=True)
+
+
+def _give_name(partial: Path, job: RunJob) -> None:
+    try:
+        partial.rename(job.place)
+    except OSError:
+        if read_record(job.place) is None:  # otherwise another process has made the same run
+            raise

@@ -1,0 +1,72 @@
+"""What the tests of studies share: runs in this process, and the command in one of its own."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from conftest import PATIENCE
+
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft_benchmarks.studies.interrupted_sweep import COMMAND
+from taichisoft_studies.make_run import make_run
+from taichisoft_studies.run_job import RunJob
+from taichisoft_studies.study_file import Sweep, check_study
+
+SQUEEZE = """
+from taichisoft import Control, Controller, hookimpl
+
+class Squeeze(Controller):
+    def __init__(self, pressure: float = 7.0):
+        self.pressure = pressure
+    def control(self, observation):
+        return Control(pressure=dict.fromkeys(observation.pressures, self.pressure))
+
+@hookimpl
+def taichisoft_controllers():
+    return {"squeeze": Squeeze}
+"""
+
+
+class Here:
+    """Workers that are this process; tasks are done last first, to show that the order does not matter."""
+
+    count, about = 2, "here"
+
+    def __init__(self) -> None:
+        self.waiting: list[tuple[str, str]] = []
+        self.made: list[str] = []
+
+    def submit(self, key: str, task: Callable[[str], dict[str, Any]], text: str) -> None:
+        self.waiting.append((key, text))
+
+    def next_done(self) -> tuple[str, dict[str, Any] | None]:
+        key, text = self.waiting.pop()
+        self.made.append(key)
+        return key, make_run(RunJob.from_json(text))
+
+
+def plugin(folder: Path) -> Path:
+    """A plug-in with a controller that keeps a pressure."""
+    path = folder / "squeeze.py"
+    path.write_text(SQUEEZE)
+    return path
+
+
+def sweep_of(folder: Path, **tables: Any) -> Sweep:
+    """A sweep of the tiny gripper, one step long."""
+    base = {
+        "scene": str(TINY_GRIPPER),
+        "controller": "squeeze",
+        "duration": 0.01,
+        "plugins": [str(plugin(folder))],
+        "vary": {"controller.settings.pressure": [1.0, 2.0]},
+    }
+    return check_study(Sweep, {**base, **tables}, "study")
+
+
+def command(*arguments: Any) -> subprocess.CompletedProcess[str]:
+    """Run `taichisoft` in a process of its own."""
+    words = [sys.executable, "-c", COMMAND, *map(str, arguments)]
+    return subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)

@@ -1,0 +1,245 @@
+"""Sweeps: what runs there are, that each is made once, and that kills and the order of ending change nothing."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from studies import Here, sweep_of
+
+from taichisoft.errors import MeshError, SceneError
+from taichisoft.plugin_system.plugins import load_plugin
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft_benchmarks.studies.interrupted_sweep import interrupted_sweep
+from taichisoft_studies import extras
+from taichisoft_studies.extras import StudyError
+from taichisoft_studies.keys import scene_with
+from taichisoft_studies.results import WALL_CLOCK, read_table, result_row, write_table
+from taichisoft_studies.run_folder import read_record
+from taichisoft_studies.run_job import run_hash
+from taichisoft_studies.sampling import combinations
+from taichisoft_studies.study_file import Range, Sample, Sweep, check_study, read_tables
+from taichisoft_studies.sweep import make_missing, sweep_jobs
+from taichisoft_studies.value_texts import varied
+from taichisoft_studies.worker_task import do_run
+
+
+def ignore(*_: Any) -> None:
+    """Nothing is shown."""
+
+
+@pytest.mark.parametrize("method", ["lhs", "sobol", "random"])
+def test_samples_lie_in_their_ranges_and_are_repeatable(method: Any) -> None:
+    values = {"a": Range(low=1.0, high=100.0, log=True), "b": Range(low=1, high=3, integer=True), "c": ("x", "y")}
+    sample = Sample(method=method, count=64)
+    rows = combinations(values, sample, seed=3)
+    assert rows == combinations(values, sample, seed=3) != combinations(values, sample, seed=4)
+    assert all(1.0 <= row["a"] <= 100.0 for row in rows)
+    assert {row["b"] for row in rows} == {1, 2, 3}
+    assert {row["c"] for row in rows} == {"x", "y"}
+
+
+@given(st.integers(1, 50), st.integers(0, 1000))
+def test_a_latin_hypercube_has_one_value_in_each_stratum(count: int, seed: int) -> None:
+    rows = combinations({"a": Range(low=0.0, high=1.0)}, Sample(count=count), seed)
+    assert sorted(min(int(row["a"] * count + 1e-9), count - 1) for row in rows) == list(range(count))
+
+
+def test_a_grid_has_all_combinations_the_last_key_fastest() -> None:
+    rows = combinations({"a": (1, 2), "b": Range(low=0.2, high=1.0, count=3)}, None, 1)
+    assert [(row["a"], row["b"]) for row in rows] == [(1, 0.2), (1, 0.6), (1, 1.0), (2, 0.2), (2, 0.6), (2, 1.0)]
+
+
+def test_values_of_the_command_line() -> None:
+    assert varied(["a=[1, 2],3", "b=0.2:1.0:5", 'c="x:y",z']) == {
+        "a": [[1, 2], 3],
+        "b": {"low": 0.2, "high": 1.0, "count": 5},
+        "c": ["x:y", "z"],
+    }
+
+
+@pytest.mark.parametrize(
+    ("texts", "problem"),
+    [
+        (["a"], "--vary a: must look like"),
+        (["a=1,,2"], "--vary a=1,,2: must look like"),
+        (["a=1", "a=2"], "--vary a: is given twice"),
+        (["a=1:x:3"], "--vary a=1:x:3: a range must look like 0.2:1.0:5"),
+    ],
+)
+def test_values_that_are_wrong_are_named(texts: list[str], problem: str) -> None:
+    with pytest.raises(StudyError, match="^" + problem):
+        varied(texts)
+
+
+@pytest.mark.parametrize(
+    ("tables", "problem"),
+    [
+        ({"vary": {"a": [1]}, "seeed": 2}, "study: seeed: unknown key; did you mean 'seed'?"),
+        ({"vary": {}}, "study: vary has no key; name what varies"),
+        ({"vary": {"a": {"low": 2, "high": 1}}}, "study: vary.a: low (2) must be below high (1)"),
+        ({"vary": {"a": {"low": 1, "high": 2}}}, "study: vary.a: a grid needs count; or give [sample] a count"),
+        ({"vary": {"a": {"low": 1, "high": 2, "cuont": 3}}}, "study: vary.a.cuont: unknown key; did you mean 'count'?"),
+        ({"vary": {"a": [1, 1]}}, "study: vary.a: the value 1 is there twice"),
+    ],
+)
+def test_a_study_that_is_wrong_is_told_by_its_key(tables: dict[str, Any], problem: str) -> None:
+    with pytest.raises(StudyError) as refused:
+        check_study(Sweep, {"scene": "gripper", **tables}, "study")
+    assert str(refused.value) == problem
+
+
+def test_keys_of_a_file_may_be_tables_or_have_dots(tmp_path: Path) -> None:
+    path = tmp_path / "study.toml"
+    path.write_text(
+        'scene = "gripper"\n[vary]\nbody.width = [1]\n"contact.friction" = {low = 0.1, high = 1, count = 2}'
+    )
+    assert set(read_tables(path)["vary"]) == {"body.width", "contact.friction"}
+
+
+def test_geometry_keys_reach_every_body_with_a_geometry() -> None:
+    scene = scene_with(
+        "gripper",
+        {
+            "soft_bodies.finger1.mesh": {"file": "tutorial.toml", "size": 14.0},
+            "body.width": 22,
+            "contact.friction": 0.3,
+        },
+        None,
+    )
+    assert scene.contact.friction == 0.3
+    assert [body.mesh.request for body in scene.soft_bodies.values()] == [
+        {"size": 14.0, "set": {"body": {"width": 22}}}
+    ] * 3
+    with pytest.raises(StudyError, match="no soft body of gripper is meshed from a geometry file"):
+        scene_with("gripper", {"body.width": 22}, None)
+    with pytest.raises(SceneError, match=r"contact.frction: unknown key; did you mean 'friction'"):
+        scene_with("gripper", {"contact.frction": 0.3}, None)
+
+
+def test_a_dimension_that_no_geometry_has_is_refused_before_anything_runs(
+    tmp_path: Path, taichisoft_plugins: Any
+) -> None:
+    mesh = "soft_bodies.finger.mesh={file='tutorial.toml', size=14}"
+    study = sweep_of(tmp_path, scene="finger-inflated", controller=None, set=[mesh], vary={"body.widht": [20, 22]})
+    with pytest.raises(MeshError, match=r"body.widht: unknown key; did you mean 'width'"):
+        sweep_jobs(study, tmp_path)
+
+
+def test_the_hash_counts_what_is_in_files_not_where_they_lie(tmp_path: Path) -> None:
+    first, second = tmp_path / "a" / "pad.msh", tmp_path / "b" / "other.msh"
+    for path in (first, second):
+        path.parent.mkdir()
+        path.write_bytes((TINY_GRIPPER.parent / "pad.msh").read_bytes())
+    hashes = [
+        run_hash(scene_with(str(TINY_GRIPPER), {"soft_bodies.left.mesh": str(one)}, None), None, 1, ())
+        for one in (first, second)
+    ]
+    assert hashes[0] == hashes[1]
+    second.write_bytes(second.read_bytes() + b"\n")
+    changed = scene_with(str(TINY_GRIPPER), {"soft_bodies.left.mesh": str(second)}, None)
+    assert run_hash(changed, None, 1, ()) != hashes[0]
+    assert len({run_hash(changed, duration, seed, ()) for duration in (None, 1.0) for seed in (1, 2)}) == 4
+
+
+def test_each_run_is_made_once_and_failures_keep_their_reason(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """One value is fine, one makes the scene's controller fail; both have ended."""
+    study = sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0, "high"]})
+    load_plugin(study.plugins[0])
+    jobs, workers = sweep_jobs(study, tmp_path), Here()
+    records = make_missing(jobs, workers, ignore)
+    assert [record["status"] for record in records] == ["completed", "controller failed"]
+    assert read_record(jobs[1].place) == records[1]
+    assert "high" in records[1]["message"]
+    assert len(workers.made) == 2
+    assert make_missing(jobs, workers, ignore) == records
+    assert len(workers.made) == 2
+    more = sweep_jobs(sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0, 2.0]}), tmp_path)
+    make_missing(more, workers, ignore)
+    assert workers.made[2:] == [more[1].name]
+
+
+def test_a_run_that_lacks_an_output_is_made_anew(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    study = sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0]})
+    load_plugin(study.plugins[0])
+    (job,) = sweep_jobs(study, tmp_path)
+    (recorded,) = sweep_jobs(study.model_copy(update={"outputs": ("recording",)}), tmp_path)
+    assert job.name == recorded.name
+    workers = Here()
+    for one in (job, recorded, job):
+        make_missing([one], workers, ignore)
+    assert len(workers.made) == 2
+    assert (job.place / "recording.h5").is_file()
+
+
+def test_the_table_has_parameters_metrics_and_no_time_of_the_machine(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    study = sweep_of(tmp_path, repeats=2)
+    load_plugin(study.plugins[0])
+    records = make_missing(sweep_jobs(study, tmp_path), Here(), ignore)
+    write_table([result_row(record, f"runs/{record['run']}") for record in records], tmp_path)
+    table = read_table(tmp_path)
+    assert table["controller.settings.pressure"].tolist() == [1.0, 1.0, 2.0, 2.0]
+    assert table["seed"].tolist() == [1, 2, 1, 2]
+    assert table["metrics.final_pressures_kPa.left.cavity"].tolist() == [1.0, 1.0, 2.0, 2.0]
+    assert not [column for column in table if column.removeprefix("metrics.") in WALL_CLOCK]
+    assert all(json.loads((tmp_path / folder / "run.json").read_text()) for folder in table["folder"])
+
+
+def test_a_missing_package_is_one_line_that_says_what_to_install() -> None:
+    with pytest.raises(
+        StudyError, match=r"^taichisoft sweep: needs no_such_package, .*: pip install 'taichisoft\[studies\]'$"
+    ):
+        extras.require("taichisoft sweep", "no_such_package")
+
+
+ENDS = """
+import os, time
+from taichisoft import Control, Controller, hookimpl
+
+class Ends(Controller):
+    def __init__(self, how: str):
+        print("about to", how)
+        {"sleep": lambda: time.sleep(600), "crash": lambda: os._exit(3), "kill": lambda: os.kill(os.getpid(), 9)}[how]()
+    def control(self, observation):
+        return Control()
+
+@hookimpl
+def taichisoft_controllers():
+    return {"ends": Ends}
+"""
+
+
+def test_a_run_that_hangs_or_crashes_is_a_failure_that_says_so(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """The process that makes runs is killed when one takes too long; a new one tries again where somebody killed it."""
+    path = tmp_path / "ends.py"
+    path.write_text(ENDS)
+    values = {"controller.settings.how": ["sleep", "crash", "kill"]}
+    study = sweep_of(tmp_path, controller="ends", plugins=[str(path)], vary=values, time_limit=2.0)
+    load_plugin(path)
+    records = [do_run(job.to_json()) for job in sweep_jobs(study, tmp_path)]
+    assert [(record["status"], record["message"]) for record in records] == [
+        ("timeout", "not done within 2 s"),
+        ("process lost", "exit code 3"),
+        ("process lost", "the process was ended by SIGKILL"),
+    ]
+    runs = tmp_path / "runs"
+    assert sorted(path.name for path in runs.iterdir()) == sorted(record["run"] for record in records)
+    assert "about to sleep" in (runs / records[0]["run"] / "log.txt").read_text()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks for the workers among processes")
+def test_killed_workers_and_a_killed_command_change_nothing(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """The table is that of the same runs made in this process, one after the other, the last first."""
+    outcome = interrupted_sweep(tmp_path, runs=8, kills=1, seed=1)
+    assert (outcome.complete, outcome.redone, outcome.kills) == (True, 0, 1)
+    assert 4 <= outcome.ended_before < 8
+    tables = read_tables(tmp_path / "disturbed" / "study.toml")
+    study = check_study(Sweep, tables, "study")
+    load_plugin(study.plugins[0])
+    records = make_missing(sweep_jobs(study, tmp_path / "quiet"), Here(), ignore)
+    write_table([result_row(record, f"runs/{record['run']}") for record in records], tmp_path / "quiet")
+    for file in ("results.csv", "results.parquet"):
+        assert (tmp_path / "quiet" / file).read_bytes() == (tmp_path / "disturbed" / file).read_bytes()
