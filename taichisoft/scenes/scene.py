@@ -147,7 +147,7 @@ class Goal(Table):
     """Name of the rigid body."""
     kind: GoalKind = "held"
     """What must be so: "held", lifted with the base and held; "placed", at `position` and at rest; "pushed", between
-    the fingers where it was before the first of the scene's external forces on it; "lifted", by `height` at some time."""
+    the fingers where it was before the first of the scene's external forces on it; "lifted", by `height` once."""
     position: Vector | None = None
     """Where the centre of mass of an object is to be that is placed [mm]."""
     height: Positive | None = None

@@ -100,7 +100,7 @@ class _Process:
             stderr=self._log,
             start_new_session=True,  # Ctrl and c is for whoever simulates
         )
-        self._first = (str(recording.path), asdict(style)), live_values(first)
+        self._first: tuple[object, ...] = ((str(recording.path), asdict(style)), live_values(first))
 
     def draw(self, state: "State") -> np.ndarray | None:
         """The picture of a state; None where the process has failed or needs too long."""
