@@ -46,6 +46,7 @@ class Model:
         surfaces: contact surfaces of all bodies.
         friction: friction coefficients by the numbers of two bodies, shape (body_count, body_count).
         restitution: coefficients of restitution likewise.
+        rolling_friction, spinning_friction: lengths of rolling and spinning friction likewise [mm], 0 of soft bodies.
         base_pivot: point about which the base turns [mm], shape (3,).
         rigid_mass: masses of the rigid bodies [kg], shape (rigid_count,).
         rigid_inertia: inertias of the rigid bodies in their own frames [kg mm^2], shape (rigid_count, 3, 3).
@@ -88,6 +89,8 @@ class Model:
         self._refuse_bodies_within_contact_distance()
         self.friction = self._pair_table("friction")
         self.restitution = self._pair_table("restitution")
+        self.rolling_friction = self._moment_table("rolling_friction")
+        self.spinning_friction = self._moment_table("spinning_friction")
         self.base_pivot = self._find_base_pivot()
         self.rigid_mass = np.array([body.mass for body in self.rigid_bodies])
         self.rigid_inertia = np.array([body.inertia for body in self.rigid_bodies]).reshape(-1, 3, 3)
@@ -192,6 +195,25 @@ class Model:
             first, second = (self.body_names.index(name) for name in pair.bodies)
             if getattr(pair, key) is not None:
                 table[first, second] = table[second, first] = getattr(pair, key)
+        return table
+
+    def _moment_table(self, key: str) -> np.ndarray:
+        """As `_pair_table`, of rigid bodies and obstacles: a moment on a point of a soft body means nothing.
+
+        Raises:
+            SceneError: a pair with a soft body is given a length.
+        """
+        soft = self.body_names[: len(self.soft_bodies)]
+        for index, pair in enumerate(self.scene.contact.pairs):
+            named = [name for name in pair.bodies if name in soft]
+            if getattr(pair, key) and named:
+                raise SceneError(
+                    f"contact.pairs[{index}].{key} = {getattr(pair, key):g}: '{named[0]}' is a soft body and resists "
+                    "by its own deformation; name two rigid bodies, or a rigid body and an obstacle"
+                )
+        table = self._pair_table(key)
+        table[: len(soft)] = table[:, : len(soft)] = 0.0
+        table[~self.surfaces.may_touch] = 0.0  # so that nobody pays for what cannot turn
         return table
 
     def _find_base_pivot(self) -> np.ndarray:

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.cholesky import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
-from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, Rows
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS, Rows
 from taichisoft.kernels.launch import Kernel, func, kernel
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, ti, vec3
 from taichisoft.kernels.tiles import TILE, Column, advance, opaque, tiles_in
@@ -102,7 +102,7 @@ def fill_group(
     fronts: Fronts,
     columns: SparseColumns,
 ):
-    """A group's columns of J^T, on the supernodes that it leads to."""
+    """A group's columns of J^T, on the supernodes that it leads to; those of moments have nothing there."""
     active, y, position_of = ti.static(columns.active, columns.y, tree.position_of_node)
     contact_rows = 3 * rows.size[CONTACTS]
     last = ti.min(GROUP * (g + 1), contact_rows + rows.size[ACTUATORS])
@@ -187,7 +187,7 @@ def make_soft_compliance(workers: int) -> Kernel:
         ti.loop_config(serialize=workers == 1)
         for worker_ in range(workers * CHUNK):
             if worker_ % CHUNK == 0:
-                row_count = 3 * rows.size[CONTACTS] + rows.size[ACTUATORS]
+                row_count = 3 * (rows.size[CONTACTS] + rows.size[MOMENTS]) + rows.size[ACTUATORS]
                 worker, group_count = worker_ // CHUNK, (row_count + GROUP - 1) // GROUP
                 for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
                     fill_group(g, rows, coordinates, gradient, tree, fronts, columns)

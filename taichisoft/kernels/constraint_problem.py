@@ -2,8 +2,10 @@
 
 from typing import NamedTuple
 
+import numpy as np
+
 from taichisoft.kernels.axpy import add_multiple
-from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS
 from taichisoft.kernels.launch import func
 from taichisoft.kernels.runtime import Integers, Scalars, ScalarTable, ti
 
@@ -11,14 +13,17 @@ from taichisoft.kernels.runtime import Integers, Scalars, ScalarTable, ti
 class Problem(NamedTuple):
     """The constraint problem: v = free + W l, with the conditions of contact, friction and actuators.
 
-    Contacts' rows come first, then those of actuators, whose impulses are efforts times the time step.
+    Contacts' rows come first, then those of actuators, whose impulses are efforts times the time step, then those of
+    moments, whose impulses are moments times the time step.
 
     Attributes:
-        size: number of contacts and of actuator rows, shape (2,).
+        size: number of contacts, of actuator rows, and of contacts with moments, shape (3,).
         compliance: W by rows [mm/s per mN s, and the like for volumes], shape (row_capacity^2,).
         free: velocities without impulses [mm/s, of a volume mm^3/s], shape (row_capacity,).
         friction: coefficient of each contact, shape (contact_capacity,).
         bounds: what each actuator row obeys, see `actuator_rows`, shape (actuator_capacity, 6).
+        moment_contact, moment_length: contact of each moment and how large it may be, see
+            `constraint_rows.Rows`.
     """
 
     size: Integers
@@ -26,6 +31,15 @@ class Problem(NamedTuple):
     free: Scalars
     friction: Scalars
     bounds: ScalarTable
+    moment_contact: Integers
+    moment_length: ScalarTable
+
+    @classmethod
+    def without_moments(
+        cls, size: np.ndarray, compliance: np.ndarray, free: np.ndarray, friction: np.ndarray, bounds: np.ndarray
+    ) -> "Problem":
+        """A problem of contacts and actuators."""
+        return cls(size, compliance, free, friction, bounds, np.zeros(0, dtype=np.int32), np.zeros((0, 2)))
 
 
 class Iterate(NamedTuple):
@@ -37,7 +51,13 @@ class Iterate(NamedTuple):
 
 @func
 def row_count(problem: Problem) -> ti.i32:
-    """Three rows for a contact, one for an actuator's."""
+    """Three rows for a contact, one for an actuator's, three for a moment."""
+    return first_moment(problem) + 3 * problem.size[MOMENTS]
+
+
+@func
+def first_moment(problem: Problem) -> ti.i32:
+    """The first row of the moments."""
     return 3 * problem.size[CONTACTS] + problem.size[ACTUATORS]
 
 
@@ -58,16 +78,3 @@ def copy_iterate(rows: ti.i32, source: Iterate, target: Iterate):
     for k in range(rows):
         target.impulse[k] = source.impulse[k]
         target.velocity[k] = source.velocity[k]
-
-
-@func
-def project(problem: Problem, impulse: Scalars):
-    """Move every contact's impulse to its friction cone: no pull, and |l_t| <= mu l_n."""
-    for c in range(problem.size[CONTACTS]):
-        n = 3 * c
-        impulse[n] = ti.max(0.0, impulse[n])
-        size = ti.sqrt(impulse[n + 1] * impulse[n + 1] + impulse[n + 2] * impulse[n + 2])
-        limit = problem.friction[c] * impulse[n]
-        if size > limit:
-            impulse[n + 1] = impulse[n + 1] * (limit / size)
-            impulse[n + 2] = impulse[n + 2] * (limit / size)

@@ -24,14 +24,31 @@ from taichisoft.kernels.separation import Separation
 from taichisoft.kernels.surfaces import Carriers
 
 # Entries of `Rows.size`.
-CONTACTS, ACTUATORS = range(2)
+CONTACTS, ACTUATORS, MOMENTS = range(3)
+# Columns of `Rows.moment_length`.
+SPINNING, ROLLING = range(2)
+
+
+class PairLaws(NamedTuple):
+    """What two bodies resist with, by their numbers; each of shape (body_count, body_count).
+
+    Attributes:
+        friction: Coulomb's coefficient [-].
+        spinning, rolling: lengths of spinning and of rolling friction [mm].
+    """
+
+    friction: ScalarTable
+    spinning: ScalarTable
+    rolling: ScalarTable
 
 
 class Rows(NamedTuple):
-    """Three rows for each contact and then one for each coordinate of an actuator, in arrays with room for more.
+    """Three rows for each contact, one for each coordinate of an actuator, three for each contact that resists turning.
+
+    All are in arrays with room for more.
 
     Attributes:
-        size: number of contacts and of actuator rows, shape (2,).
+        size: number of contacts, of actuator rows, and of contacts with moments, shape (3,).
         contact: index of each row's contact in `Contacts`, shape (contact_capacity,).
         on_rigid: contacts, by their rows, that act on no soft body, shape (contact_capacity,).
         on_rigid_count: how many they are, shape (1,).
@@ -44,7 +61,11 @@ class Rows(NamedTuple):
         gap_rate: normal velocity at which each contact closes in the step [mm/s], shape (contact_capacity,).
         coordinate: the coordinate of each actuator row, shape (coordinate_count,).
         target_rate: rate of each that reaches its lower end in this step [mm/s or mm^3/s], shape (coordinate_count,).
-        free: velocities without impulses, of actuators less the target rate [mm/s or mm^3/s], shape (row_capacity,).
+        moment_contact: the contact of each moment, by its rows, shape (moment_capacity,).
+        moment_length: what a moment is at most, about the normal and about the tangents, over the normal impulse [mm],
+            shape (moment_capacity, 2).
+        free: velocities without impulses, of actuators less the target rate [mm/s or mm^3/s], of moments [rad/s], shape
+            (row_capacity,).
     """
 
     size: Integers
@@ -60,6 +81,8 @@ class Rows(NamedTuple):
     gap_rate: Scalars
     coordinate: Integers
     target_rate: Scalars
+    moment_contact: Integers
+    moment_length: ScalarTable
     free: Scalars
 
 
@@ -82,7 +105,7 @@ def build_rows(
     choice: Choice,
     separation: Separation,
     carriers: Carriers,
-    friction: ScalarTable,
+    laws: PairLaws,
     rigid: RigidState,
     contact_impulse: Vectors,
     rows: Rows,
@@ -96,11 +119,20 @@ def build_rows(
     for _ in range(1):
         r = 0
         rows.on_rigid_count[0] = 0
+        rows.size[MOMENTS] = 0
         for c in range(contacts.count[0]):
             if choice.status[c] >= BEFORE:
                 rows.contact[r] = c
                 fill_contact(r, c, first_rigid, contacts, separation, carriers, rigid, rows)
-                rows.friction[r] = friction[contacts.bodies[c, 0], contacts.bodies[c, 1]]
+                first, second = contacts.bodies[c, 0], contacts.bodies[c, 1]
+                rows.friction[r] = laws.friction[first, second]
+                spinning, rolling = laws.spinning[first, second], laws.rolling[first, second]
+                if spinning > 0.0 or rolling > 0.0:
+                    m = rows.size[MOMENTS]
+                    rows.size[MOMENTS] = m + 1
+                    rows.moment_contact[m] = r
+                    rows.moment_length[m, SPINNING] = spinning
+                    rows.moment_length[m, ROLLING] = rolling
                 local = rows.basis[r] @ contact_impulse[c]
                 if local[0] < 0.0:
                     local = vec3(0.0)
@@ -222,7 +254,7 @@ def add_rigid_actuator_compliance(
     """Add J M^-1 J^T of the rigid bodies that an actuator shares with contacts and other actuators to W."""
     ti.loop_config(serialize=True)
     for row in range(rows.size[ACTUATORS]):
-        row_count = 3 * rows.size[CONTACTS] + rows.size[ACTUATORS]
+        row_count = 3 * (rows.size[CONTACTS] + rows.size[MOMENTS]) + rows.size[ACTUATORS]
         r, coordinate = 3 * rows.size[CONTACTS] + row, rows.coordinate[row]
         for k in range(coordinates.rigid_start[coordinate], coordinates.rigid_start[coordinate + 1]):
             body = coordinates.rigid_body[k]

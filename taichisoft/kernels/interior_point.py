@@ -9,8 +9,8 @@ algorithm). It starts from nothing but the problem, needs 15 to 25 steps whateve
 do equally well it ends in the midst of them, so that W may be singular. Its last digits come slowly: whoever calls it
 goes on from its answer with proximal Newton steps (proximal_newton.py).
 
-Actuators' rows that are held keep their coordinate where it is held; those that are not keep their impulse. Friction
-takes part as if it stuck. The sweeps that follow find where that was wrong.
+Actuators' rows that are held keep their coordinate where it is held; those that are not keep their impulse, and so do
+moments. Friction takes part as if it stuck. The sweeps that follow find where that was wrong.
 """
 
 from typing import NamedTuple

@@ -19,12 +19,12 @@ from taichisoft.kernels.actuator_rows import (
     sliding_share,
     tension_before,
 )
-from taichisoft.kernels.constraint_problem import Iterate, Problem, row_count
-from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
+from taichisoft.kernels.constraint_problem import Iterate, Problem, first_moment, row_count
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS, ROLLING, SPINNING
 from taichisoft.kernels.elimination import LinearSystem, factorise, row_length, substitute
 from taichisoft.kernels.launch import func
 from taichisoft.kernels.runtime import Scalars, ti
-from taichisoft.kernels.sweep import largest_tangential
+from taichisoft.kernels.sweep import largest_of_two
 
 
 class Pull(NamedTuple):
@@ -72,7 +72,9 @@ def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
     hold_actuators(count, problem, point, trial.impulse, newton)
     for k in range(count // 3):
         if row_of[3 * k] < 3 * problem.size[CONTACTS]:
-            let_slip(3 * k, count, row_of[3 * k] // 3, problem, point, pull, newton)
+            c = row_of[3 * k] // 3
+            let_slip(3 * k + 1, 3 * k, count, c, problem.friction[c], problem, point, pull, newton)
+    let_turn(count, problem, point, pull, newton)
     if factorise(count, newton, one):
         substitute(count, newton)
         for a in range(count):
@@ -105,7 +107,10 @@ def pressing(c: ti.i32, problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
 
 @func
 def choose_rows(problem: Problem, point: Iterate, pull: Pull, newton: LinearSystem) -> ti.i32:
-    """List the rows of contacts that are closed, or close, and of actuators that are held; returns their number."""
+    """List the rows of contacts that are closed, or close, of actuators that are held, and of these contacts' moments.
+
+    Returns their number.
+    """
     rows = row_count(problem)
     count = 0
     for c in range(problem.size[CONTACTS]):
@@ -124,6 +129,11 @@ def choose_rows(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
         if takes_part:
             newton.row_of[count] = row
             count += 1
+    for m in range(problem.size[MOMENTS]):
+        if pressing(problem.moment_contact[m], problem, point, pull) > 0.0:
+            for i in ti.static(range(3)):
+                newton.row_of[count + i] = first_moment(problem) + 3 * m + i
+            count += 3
     return count
 
 
@@ -147,7 +157,7 @@ def hold_actuators(count: ti.i32, problem: Problem, point: Iterate, impulse: Sca
     for k in range(count):
         row = newton.row_of[k]
         a = row - first
-        if a >= 0:
+        if a >= 0 and a < problem.size[ACTUATORS]:
             w = problem.compliance[row * rows + row]
             if problem.bounds[a, GRIP] >= 0.0:
                 tension = tension_before(problem.bounds, a, first, impulse)
@@ -194,33 +204,72 @@ def let_rub(
 
 
 @func
-def let_slip(a: ti.i32, count: ti.i32, c: ti.i32, problem: Problem, point: Iterate, pull: Pull, newton: LinearSystem):
-    """Where contact c (row a) slips, its tangential rows say l_t = mu l_n z / |z| with z = l_t - r v_t, linearised."""
+def let_slip(
+    b: ti.i32,
+    normal: ti.i32,
+    count: ti.i32,
+    c: ti.i32,
+    share: ti.f64,
+    problem: Problem,
+    point: Iterate,
+    pull: Pull,
+    newton: LinearSystem,
+):
+    """Where two rows slip, they say l = share l_n z / |z| with z = l - r v, linearised.
+
+    They are numbers b and b + 1 of the system: the tangents of contact c, or of its moment. Number `normal` is the
+    contact's normal row.
+    """
     impulse, matrix, step = ti.static(point.impulse, newton.matrix, newton.step)
-    n, mu, length = 3 * c, problem.friction[c], row_length(count)
-    scale = 1.0 / largest_tangential(c, problem)
+    n, length = newton.row_of[b], row_length(count)
+    scale = 1.0 / largest_of_two(n, problem)
     z = ti.Vector.zero(ti.f64, 2)
     for i in ti.static(range(2)):
-        z[i] = impulse[n + 1 + i] - scale * pulled_velocity(n + 1 + i, point, pull)
-    limit = mu * pressing(c, problem, point, pull)
+        z[i] = impulse[n + i] - scale * pulled_velocity(n + i, point, pull)
+    limit = share * pressing(c, problem, point, pull)
     size = z.norm()
     if size > limit:
         d = z / size
         turn = limit / size * (ti.Matrix.identity(ti.f64, 2) - d.outer_product(d))
         # The rows' right-hand sides have what contacts that open, and actuators that give way, do to the velocities.
-        change = ti.Vector([step[a + 1], step[a + 2]])
+        change = ti.Vector([step[b], step[b + 1]])
         for i in ti.static(range(2)):
-            change[i] += pulled_velocity(n + 1 + i, point, pull)
-        for b in range(count):
-            first, second = matrix[(a + 1) * length + b], matrix[(a + 2) * length + b]
-            matrix[(a + 1) * length + b] = scale * (turn[0, 0] * first + turn[0, 1] * second)
-            matrix[(a + 2) * length + b] = scale * (turn[1, 0] * first + turn[1, 1] * second)
+            change[i] += pulled_velocity(n + i, point, pull)
+        for k in range(count):
+            first, second = matrix[b * length + k], matrix[(b + 1) * length + k]
+            matrix[b * length + k] = scale * (turn[0, 0] * first + turn[0, 1] * second)
+            matrix[(b + 1) * length + k] = scale * (turn[1, 0] * first + turn[1, 1] * second)
         for i in ti.static(range(2)):
-            place = (a + 1 + i) * length + a
-            matrix[place] = matrix[place] - mu * d[i]
-            matrix[place + 1 + i] = matrix[place + 1 + i] + 1.0
+            line = (b + i) * length
+            matrix[line + normal] = matrix[line + normal] - share * d[i]
+            matrix[line + b + i] = matrix[line + b + i] + 1.0
             for j in ti.static(range(2)):
-                matrix[place + 1 + j] = matrix[place + 1 + j] - turn[i, j]
-            step[a + 1 + i] = mu * impulse[n] * d[i] - impulse[n + 1 + i]
+                matrix[line + b + j] = matrix[line + b + j] - turn[i, j]
+            step[b + i] = share * impulse[3 * c] * d[i] - impulse[n + i]
             for j in ti.static(range(2)):
-                step[a + 1 + i] = step[a + 1 + i] + scale * turn[i, j] * change[j]
+                step[b + i] = step[b + i] + scale * turn[i, j] * change[j]
+
+
+@func
+def let_turn(count: ti.i32, problem: Problem, point: Iterate, pull: Pull, newton: LinearSystem):
+    """Where bodies spin on each other or roll, the rows of moments say l_n = -+ b_s p and l_t = b_r p z / |z|."""
+    row_of = ti.static(newton.row_of)
+    rows, length, normal = row_count(problem), row_length(count), 0
+    for k in range(count):
+        m = row_of[k] - first_moment(problem)
+        if m >= 0 and m % 3 == 0:
+            c = problem.moment_contact[m // 3]
+            while row_of[normal] != 3 * c:  # contacts stand in the same order
+                normal += 3
+            n, share = row_of[k], problem.moment_length[m // 3, SPINNING]
+            z = point.impulse[n] - pulled_velocity(n, point, pull) / problem.compliance[n * (rows + 1)]
+            if ti.abs(z) > share * pressing(c, problem, point, pull):
+                if z < 0.0:
+                    share = -share
+                for b in range(count):
+                    newton.matrix[k * length + b] = 0.0
+                newton.matrix[k * length + k] = 1.0
+                newton.matrix[k * length + normal] = -share
+                newton.step[k] = share * point.impulse[3 * c] - point.impulse[n]
+            rolling = problem.moment_length[m // 3, ROLLING]
+            let_slip(k + 1, normal, count, c, rolling, problem, point, pull, newton)

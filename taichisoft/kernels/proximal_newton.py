@@ -9,13 +9,20 @@ answer.
 """
 
 from taichisoft.kernels.actuator_rows import best_impulse, tension_before
-from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
-from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
+from taichisoft.kernels.constraint_problem import (
+    Iterate,
+    Problem,
+    copy_iterate,
+    first_moment,
+    measure_velocity,
+    row_count,
+)
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS, ROLLING, SPINNING
 from taichisoft.kernels.elimination import LinearSystem
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.newton import Pull, newton_step, pressing, pulled_velocity, weigh_rows
 from taichisoft.kernels.runtime import Scalars, ti
-from taichisoft.kernels.sweep import PLAIN, largest_tangential, sweep
+from taichisoft.kernels.sweep import PLAIN, largest_of_two, largest_tangential, sweep
 
 # Newton steps with one center, and how many of them let the next pull be weaker.
 LONGEST = 12
@@ -53,12 +60,36 @@ def natural_residual(problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
         velocity = pulled_velocity(row, point, pull)
         best = best_impulse(problem.bounds, a, point.impulse[row], velocity, own, tension)
         worst = ti.max(worst, own * ti.abs(best - point.impulse[row]))
+    for m in range(problem.size[MOMENTS]):
+        worst = ti.max(worst, missed_by_moment(m, problem, point, pull))
+    return worst
+
+
+@func
+def missed_by_moment(m: ti.i32, problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
+    """Largest velocity 1 mm from the axis [mm/s] by which a moment misses its laws."""
+    rows, n = row_count(problem), first_moment(problem) + 3 * m
+    normal = ti.max(0.0, pressing(problem.moment_contact[m], problem, point, pull))
+    own, scale = problem.compliance[n * (rows + 1)], largest_of_two(n + 1, problem)
+    limit = problem.moment_length[m, SPINNING] * normal
+    spin = point.impulse[n] - pulled_velocity(n, point, pull) / own
+    worst = own * ti.abs(point.impulse[n] - ti.max(-limit, ti.min(spin, limit)))
+    z = ti.Vector.zero(ti.f64, 2)
+    for i in ti.static(range(2)):
+        z[i] = point.impulse[n + 1 + i] - pulled_velocity(n + 1 + i, point, pull) / scale
+    limit, size = problem.moment_length[m, ROLLING] * normal, z.norm()
+    if size > limit:
+        z *= limit / size
+    for i in ti.static(range(2)):
+        worst = ti.max(worst, scale * ti.abs(point.impulse[n + 1 + i] - z[i]))
     return worst
 
 
 @func
 def aim_at_zero(problem: Problem, current: Iterate, pull: Pull, tolerance: ti.f64):
-    """Pull contacts towards no impulses, all with the largest weight, so that the pull measures lengths; nothing else.
+    """Pull contacts towards no impulses, all with the largest weight, so that the pull measures lengths.
+
+    Moments are pulled with their own weights, since they may be as undetermined as what presses; actuators are not.
 
     Velocities below the tolerance are what the sweeps left, and what tilts a body by less than 1e-6 mm. They would
     decide more than the weak pull does, so the center makes up for them.
@@ -69,7 +100,8 @@ def aim_at_zero(problem: Problem, current: Iterate, pull: Pull, tolerance: ti.f6
     measure_velocity(problem, current)
     for k in range(row_count(problem)):
         pull.center[k] = 0.0
-        pull.weight[k] = 0.0
+        if k < first_moment(problem):
+            pull.weight[k] = 0.0
         if k < 3 * problem.size[CONTACTS]:
             pull.weight[k] = largest
             if ti.abs(current.velocity[k]) < tolerance:

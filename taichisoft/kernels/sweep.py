@@ -1,13 +1,14 @@
 """A sweep of the projected Gauss-Seidel over the blocks of the constraint problem.
 
 The blocks: a contact has three rows, one normal with lambda_n >= 0 and two tangential with |lambda_t| <= mu lambda_n
-(Coulomb's cone, exactly); an actuator's coordinate has one row (actuator_rows.py).
+(Coulomb's cone, exactly); an actuator's coordinate has one row (actuator_rows.py); a moment has three, whose bounds
+come from its contact's normal impulse (moment_rows.py).
 """
 
 from taichisoft.kernels.actuator_rows import best_impulse, tension_before
 from taichisoft.kernels.axpy import add_multiple, add_three_multiples
-from taichisoft.kernels.constraint_problem import Iterate, Problem, row_count
-from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS
+from taichisoft.kernels.constraint_problem import Iterate, Problem, first_moment, row_count
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS, ROLLING, SPINNING
 from taichisoft.kernels.launch import func
 from taichisoft.kernels.runtime import mat3, ti, vec3
 
@@ -18,9 +19,15 @@ ACCELERATED, PLAIN, HALF = range(3)
 @func
 def largest_tangential(c: ti.i32, problem: Problem) -> ti.f64:
     """The larger eigenvalue of the tangential block of contact c."""
+    return largest_of_two(3 * c + 1, problem)
+
+
+@func
+def largest_of_two(first_row: ti.i32, problem: Problem) -> ti.f64:
+    """The larger eigenvalue of the block of two rows."""
     w = ti.static(problem.compliance)
     rows = row_count(problem)
-    row = (3 * c + 1) * (rows + 1)
+    row = first_row * (rows + 1)
     first, mixed, second = w[row], w[row + 1], w[row + rows + 1]
     return 0.5 * (first + second) + ti.sqrt((0.5 * (first - second)) ** 2 + mixed**2)
 
@@ -88,4 +95,46 @@ def sweep(problem: Problem, iterate: Iterate, way: ti.i32) -> ti.f64:
         residual = ti.max(residual, ti.abs(own * correction))
         impulse[row] = impulse[row] + correction
         add_multiple(velocity, 0, correction, w, row * rows, rows)
+    for m in range(problem.size[MOMENTS]):
+        residual = ti.max(residual, sweep_moment(m, problem, iterate))
+    return residual
+
+
+@func
+def best_moment(m: ti.i32, problem: Problem, iterate: Iterate, normal: ti.f64) -> vec3:
+    """Better impulse of moment m with all others fixed, where its contact's normal impulse is `normal`."""
+    w, impulse, velocity = ti.static(problem.compliance, iterate.impulse, iterate.velocity)
+    rows, n = row_count(problem), first_moment(problem) + 3 * m
+    new = vec3(impulse[n], impulse[n + 1], impulse[n + 2])
+    limit = problem.moment_length[m, SPINNING] * normal
+    new[0] = ti.max(-limit, ti.min(new[0] - velocity[n] / w[n * (rows + 1)], limit))
+    spun, largest = new[0] - impulse[n], largest_of_two(n + 1, problem)
+    for i in ti.static(range(1, 3)):
+        new[i] -= (velocity[n + i] + w[(n + i) * rows + n] * spun) / largest
+    size, limit_of_rolling = ti.sqrt(new[1] * new[1] + new[2] * new[2]), problem.moment_length[m, ROLLING] * normal
+    if size > limit_of_rolling:
+        new[1] *= limit_of_rolling / size
+        new[2] *= limit_of_rolling / size
+    return new
+
+
+@func
+def sweep_moment(m: ti.i32, problem: Problem, iterate: Iterate) -> ti.f64:
+    """Visit a moment; returns the largest change of the velocity of a point 1 mm from the axis [mm/s].
+
+    It is always changed as a whole: how large it may be was found a moment before.
+    """
+    w, impulse, velocity = ti.static(problem.compliance, iterate.impulse, iterate.velocity)
+    rows, n = row_count(problem), first_moment(problem) + 3 * m
+    new = best_moment(m, problem, iterate, ti.max(0.0, impulse[3 * problem.moment_contact[m]]))
+    change, residual = vec3(0.0), 0.0
+    for i in ti.static(range(3)):
+        change[i] = new[i] - impulse[n + i]
+        impulse[n + i] = new[i]
+    for i in ti.static(range(3)):
+        own = 0.0
+        for j in ti.static(range(3)):
+            own += w[(n + i) * rows + n + j] * change[j]
+        residual = ti.max(residual, ti.abs(own))
+    add_three_multiples(velocity, change, w, n * rows, rows)
     return residual

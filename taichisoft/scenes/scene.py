@@ -26,11 +26,19 @@ class ContactPair(Table):
     """Coulomb's friction coefficient [-]; the scene's when it is not given."""
     restitution: Restitution | None = None
     """Coefficient of restitution [-]; the scene's when it is not given."""
+    rolling_friction: NotNegative | None = None
+    """Length of rolling friction [mm]; the scene's when it is not given."""
+    spinning_friction: NotNegative | None = None
+    """Length of spinning friction [mm]; the scene's when it is not given."""
 
     @model_validator(mode="after")
     def _check_something_differs(self) -> Self:
-        if self.friction is None and self.restitution is None:
-            raise ValueError("a pair needs friction or restitution, which are to differ from the scene's")
+        given = self.friction, self.restitution, self.rolling_friction, self.spinning_friction
+        if all(one is None for one in given):
+            raise ValueError(
+                "a pair needs friction, restitution, rolling_friction or spinning_friction, which are to differ from "
+                "the scene's"
+            )
         return self
 
 
@@ -41,8 +49,13 @@ class Contact(Table):
     """Coulomb's friction coefficient [-]."""
     restitution: Restitution = 0.0
     """Share of the speed of approach that an impact gives back [-] (Newton's law)."""
+    rolling_friction: NotNegative = 0.0
+    """Length b [mm] of rolling friction: two bodies that press each other by N resist rolling with a moment of at most
+    b N. A soft body resists by its own deformation; it has none of this."""
+    spinning_friction: NotNegative = 0.0
+    """Length b [mm] of spinning friction, the same for turning about the normal."""
     pairs: list[ContactPair] = []
-    """Exceptions from `friction` and `restitution`."""
+    """Exceptions from the four coefficients above."""
     contact_distance: Positive = 1.0
     """Distance that surfaces are kept apart [mm]."""
     alarm_distance: Positive = 5.0

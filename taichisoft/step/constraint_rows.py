@@ -11,7 +11,7 @@ from taichisoft.step.gauss_seidel import GaussSeidel
 
 
 class ConstraintRows:
-    """Three rows for each contact and then one for each coordinate of an actuator that is not a known load.
+    """Three rows for each contact, one for each coordinate of an actuator that is no known load, and those of moments.
 
     Attributes:
         contact_capacity: number of contacts that there is room for.
@@ -25,11 +25,13 @@ class ConstraintRows:
     def __init__(self, model: Model, contact_capacity: int):
         """Make room for so many contacts, and for all actuators of the model."""
         actuator_capacity = model.actuators.count
-        row_capacity = 3 * contact_capacity + actuator_capacity
+        moments = model.rolling_friction.any() or model.spinning_friction.any()
+        moment_capacity = contact_capacity if moments else 0
+        row_capacity = 3 * contact_capacity + actuator_capacity + 3 * moment_capacity
         slots = 6 * model.surfaces.carriers.nodes.shape[1]
         self.contact_capacity = contact_capacity
         self.rows = Rows(
-            size=np.zeros(2, dtype=np.int32),
+            size=np.zeros(3, dtype=np.int32),
             contact=np.empty(contact_capacity, dtype=np.int32),
             on_rigid=np.empty(contact_capacity, dtype=np.int32),
             on_rigid_count=np.zeros(1, dtype=np.int32),
@@ -42,12 +44,22 @@ class ConstraintRows:
             gap_rate=np.empty(contact_capacity),
             coordinate=np.empty(actuator_capacity, dtype=np.int32),
             target_rate=np.empty(actuator_capacity),
+            moment_contact=np.empty(moment_capacity, dtype=np.int32),
+            moment_length=np.empty((moment_capacity, 2)),
             free=np.empty(row_capacity),
         )
         self.compliance = np.empty(row_capacity**2)
         self.bounds = np.empty((actuator_capacity, BOUND_COLUMNS))
         self.gauss_seidel = GaussSeidel(
-            Problem(self.rows.size, self.compliance, self.rows.free, self.rows.friction, self.bounds)
+            Problem(
+                self.rows.size,
+                self.compliance,
+                self.rows.free,
+                self.rows.friction,
+                self.bounds,
+                self.rows.moment_contact,
+                self.rows.moment_length,
+            )
         )
         if model.elasticity is not None:
             symbolic, groups = model.elasticity.symbolic, -(-row_capacity // GROUP)

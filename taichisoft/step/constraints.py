@@ -3,7 +3,8 @@
 import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
-from taichisoft.kernels import compliance, constraint_rows
+from taichisoft.kernels import compliance, constraint_rows, moment_rows
+from taichisoft.kernels.constraint_rows import ACTUATORS, MOMENTS, PairLaws
 from taichisoft.kernels.contact_reduction import TAKING_PART
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.kernels.told_contacts import ToldContacts, tell
@@ -29,7 +30,8 @@ class Constraints:
 
     With v the velocity of each row after the step, v = free + W impulse. A contact has three rows: normal (velocity
     plus gap / h, at least 0), and two tangents. An actuator that is no known load has one: the rate of its coordinate
-    less the rate that reaches its target at the end of the step.
+    less the rate that reaches its target at the end of the step. Where rigid bodies resist spinning and rolling, a
+    contact has three more, of moments.
 
     Attributes:
         node_velocity: of the soft nodes after the step [mm/s], shape (node_count, 3).
@@ -71,6 +73,7 @@ class Constraints:
         self._node_velocity_before = np.zeros((model.node_count, 3))
         self._removes_depth = model.scene.contact.depth == "position"
         self._problem = ConstraintRows(model, FIRST_CAPACITY)
+        self._laws = PairLaws(model.friction, model.spinning_friction, model.rolling_friction)
         self.told = ToldContacts.with_room(0, len(model.body_names))
         self._velocity = np.zeros((model.node_count, 3))  # stays in place for the kernels
         self._node_impulse = np.zeros((model.node_count, 3))
@@ -127,11 +130,11 @@ class Constraints:
             self._build_rows(contacts, with_actuators=False)
             rows, count = self._problem.rows, self._contact_count
             self._assemble_compliance()
-            rows.friction[:count] = 0.0
+            rows.friction[:count], rows.moment_length[:] = 0.0, 0.0
             rows.free[: 3 * count] = 0.0
             rows.free[: 3 * count : 3] = self._active_set.gap[rows.contact[:count]] / self._time_step
             solver = self._problem.gauss_seidel
-            solver.impulse[: 3 * count] = 0.0
+            solver.impulse[: self._row_count] = 0.0
             solver.solve(settings.tolerance, settings.max_iterations)
             self.iterations += solver.iterations
             self.residual = max(self.residual, solver.residual)
@@ -154,8 +157,7 @@ class Constraints:
             self._problem = ConstraintRows(self._model, int(GROWTH * count))
         rows, actuators = self._problem.rows, self._actuators
         actuator_count = len(actuators.coordinates) if with_actuators else 0
-        rows.size[:] = count, actuator_count
-        self._row_count = 3 * count + actuator_count
+        rows.size[:] = count, actuator_count, 0
         if actuator_count:
             rows.coordinate[:actuator_count] = actuators.coordinates
             rows.target_rate[:actuator_count] = actuators.target_rate
@@ -167,12 +169,14 @@ class Constraints:
                 self._active_set.choice,
                 self._active_set.separation,
                 self._model.surfaces.carriers,
-                self._model.friction,
+                self._laws,
                 self._rigid.state,
                 self._active_set.impulse,
                 rows,
                 self._problem.gauss_seidel.impulse,
             )
+        self._moment_count = int(rows.size[MOMENTS])
+        self._row_count = 3 * count + actuator_count + 3 * self._moment_count
 
     def _assemble_compliance(self) -> None:
         """The rows' velocities without impulses, and W."""
@@ -185,7 +189,7 @@ class Constraints:
         if contact_count:
             constraint_rows.free_contact_velocity(rows, free_velocity, rigid)
             constraint_rows.add_rigid_compliance(row_count, rows, rigid, self._problem.compliance)
-        if row_count > 3 * contact_count:
+        if rows.size[ACTUATORS]:
             coordinates, gradient = self._model.actuators.coordinates, self._geometry.gradient
             constraint_rows.free_actuator_velocity(rows, coordinates, gradient, free_velocity, rigid)
             self._add_stretch()
@@ -193,6 +197,16 @@ class Constraints:
                 constraint_rows.add_rigid_actuator_compliance(
                     rows, coordinates, gradient, rigid, self._problem.compliance
                 )
+        if self._moment_count:
+            moment_rows.free_moment_velocity(rows, rigid)
+            moment_rows.add_moment_compliance(
+                row_count,
+                rows,
+                self._model.actuators.coordinates,
+                self._geometry.gradient,
+                rigid,
+                self._problem.compliance,
+            )
 
     def _add_stretch(self) -> None:
         """Compliance of the cables themselves."""
@@ -249,8 +263,11 @@ class Constraints:
         if not self._row_count:
             self.residual = 0.0
             return
-        if self._row_count > 3 * contact_count:
-            solver.impulse[3 * contact_count : self._row_count] = self._actuators.first_impulse
+        first_moment = self._row_count - 3 * self._moment_count
+        if first_moment > 3 * contact_count:
+            solver.impulse[3 * contact_count : first_moment] = self._actuators.first_impulse
+        if self._moment_count:
+            solver.impulse[first_moment : self._row_count] = 0.0
         settings = self._model.scene.contact
         solver.solve(settings.tolerance, settings.max_iterations)
         # Soft bodies give under each of their contacts, and so determine it.
@@ -283,6 +300,8 @@ class Constraints:
             self._node_impulse,
             self._rigid.state,
         )
+        if self._moment_count:
+            moment_rows.apply_moments(problem.rows, problem.gauss_seidel.impulse, self._rigid.state)
 
     def _collect(self, contacts: Contacts) -> None:
         """What the impulses mean for the contacts and actuators of the step."""
@@ -298,7 +317,8 @@ class Constraints:
                 solver.answer,
                 self.told,
             )
-        self._collect_efforts(solver.impulse[3 * self._contact_count : self._row_count])
+        first_moment = self._row_count - 3 * self._moment_count
+        self._collect_efforts(solver.impulse[3 * self._contact_count : first_moment])
 
     def _collect_efforts(self, impulse: np.ndarray) -> None:
         self.cavity_pressure, self.cable_tension, self.cable_tension_loss = self._actuators.efforts(impulse)

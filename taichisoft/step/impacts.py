@@ -24,8 +24,8 @@ class Impacts:
 
     def _make_room(self, contact_capacity: int) -> None:
         rows = 3 * contact_capacity
-        self._problem = Problem(
-            np.zeros(2, dtype=np.int32),
+        self._problem = Problem.without_moments(
+            np.zeros(3, dtype=np.int32),
             np.empty(rows**2),
             np.empty(rows),
             np.empty(contact_capacity),

@@ -31,8 +31,8 @@ class Problem:
     def solve(self, tolerance: float = 1e-12, max_iterations: int = 100_000) -> tuple[np.ndarray, np.ndarray]:
         """Impulses, and the number of sweeps and the residual."""
         contacts, rows, room = len(self.friction), len(self.start), 5  # more room than needed
-        arrays = kernels.Problem(
-            size=np.array([contacts, rows - 3 * contacts], dtype=np.int32),
+        arrays = kernels.Problem.without_moments(
+            size=np.array([contacts, rows - 3 * contacts, 0], dtype=np.int32),
             compliance=np.concatenate([self.w.reshape(-1), np.full((rows + room) ** 2 - rows**2, np.nan)]),
             free=np.concatenate([self.free, np.full(room, np.nan)]),
             friction=np.concatenate([self.friction, np.full(room, np.nan)]),

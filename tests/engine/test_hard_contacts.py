@@ -15,8 +15,10 @@ def solve(
     w: np.ndarray, free: np.ndarray, friction: np.ndarray, tolerance: float, smallest: bool = False
 ) -> tuple[np.ndarray, float]:
     """Impulses of contacts, from a start at 0, and the residual."""
-    size = np.array([len(friction), 0], dtype=np.int32)
-    solver = GaussSeidel(Problem(size, w.reshape(-1).copy(), free, friction, np.zeros((0, BOUND_COLUMNS))))
+    size = np.array([len(friction), 0, 0], dtype=np.int32)
+    solver = GaussSeidel(
+        Problem.without_moments(size, w.reshape(-1).copy(), free, friction, np.zeros((0, BOUND_COLUMNS)))
+    )
     solver.impulse[:] = 0.0
     solver.solve(tolerance, 10_000)
     if smallest:

@@ -35,8 +35,10 @@ def test_gauss_seidel_finds_sofas_answer(shared: Path, figures: Figures, step: i
     rows = int(pressures[0])
     w = np.ascontiguousarray(problem["W"][:rows, :rows])
     free = problem["dfree"][:rows] + problem["W"][:rows, pressures].sum(axis=1) * problem["pressure_value"]
-    size = np.array([rows // 3, 0], dtype=np.int32)
-    solver = GaussSeidel(Problem(size, w.reshape(-1), free, np.full(rows // 3, FRICTION), np.zeros((0, BOUND_COLUMNS))))
+    size = np.array([rows // 3, 0, 0], dtype=np.int32)
+    solver = GaussSeidel(
+        Problem.without_moments(size, w.reshape(-1), free, np.full(rows // 3, FRICTION), np.zeros((0, BOUND_COLUMNS)))
+    )
     answer = problem["lambda"][:rows]
     tolerance = 1e-11  # [mm]: SOFA's rows are displacements
     for start, first in (("no impulses", np.zeros(rows)), ("SOFA's answer", answer)):
