@@ -111,6 +111,9 @@ LAYERS = {
     "taichisoft_studies": [
         "__init__",
         "commands",
+        "study_page",
+        "analysis",
+        "comparison",
         "mesh_summary",
         "mesh_plan",
         "value_texts",

@@ -1,0 +1,65 @@
+"""`taichisoft compare`: several runs beside each other."""
+
+import csv
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from taichisoft_studies.extras import StudyError
+
+TABLE = "comparison.csv"
+
+
+def compare(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of runs, or their recordings.")],
+    output: Annotated[Path, typer.Option("--output", "-o", help="Folder of the picture and the table.")] = Path(
+        "out/comparison"
+    ),
+    only: Annotated[str | None, typer.Option(metavar="NAMES", help="Panels, separated by commas.")] = None,
+    format: Annotated[str, typer.Option(help="Format of the picture: png or svg.")] = "png",
+) -> None:
+    """Plot several runs over each other, and list the keys and metrics in which they differ."""
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    from taichisoft.atomic_file import atomic_file
+    from taichisoft_plugins.recording.layout import FILE_NAME
+    from taichisoft_studies.comparison import differences, draw_comparison, labels, run_folder
+
+    if len(runs) < 2:
+        raise StudyError("compare: needs two runs or more")
+    if format not in ("png", "svg"):
+        raise StudyError(f"--format {format}: there are: png, svg")
+    folders = [run_folder(run) for run in runs]
+    names = labels(folders)
+    rows = differences(folders)
+    with atomic_file(output / TABLE, StudyError) as partial:
+        output.mkdir(parents=True, exist_ok=True)
+        with partial.open("w", encoding="utf-8", newline="") as file:
+            csv.writer(file).writerows([["key", *names], *([key, *values] for key, values in rows.items())])
+    table = Table("")
+    for name in names:
+        table.add_column(Text(name))
+    for key, values in rows.items():
+        table.add_row(Text(key), *(Text(_short(value)) for value in values))
+    console = Console()
+    console.print(table)
+    console.print(Text(str(output / TABLE)), soft_wrap=True)
+    unrecorded = [folder for folder in folders if not (folder / FILE_NAME).exists()]
+    if unrecorded:
+        console.print(Text(f"no plots: {unrecorded[0]} has no recording (--record)"), soft_wrap=True)
+        return
+    wanted = [name.strip() for name in only.split(",")] if only is not None else None
+    picture = draw_comparison(folders, names, wanted, format)
+    path = output / f"comparison.{format}"
+    with atomic_file(path, StudyError) as partial:
+        partial.write_bytes(picture)
+    console.print(Text(str(path)), soft_wrap=True)
+
+
+def _short(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.6g}" if isinstance(value, float) else str(value)

@@ -1,0 +1,91 @@
+"""Comparisons and pages: what differs is found, effects are those of the data, and no text of a run becomes HTML."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import typer
+from studies import Here, sweep_of
+from typer.testing import CliRunner
+
+from taichisoft.plugin_system.plugins import load_plugin
+from taichisoft_studies import taichisoft_commands
+from taichisoft_studies.analysis import best_runs, effects, figure_columns, parameter_columns
+from taichisoft_studies.comparison import differences, draw_comparison, labels
+from taichisoft_studies.extras import StudyError
+from taichisoft_studies.results import write_table
+from taichisoft_studies.study_page import study_page
+from taichisoft_studies.sweep import make_missing, sweep_jobs
+
+
+def table(count: int = 60) -> Any:
+    """Runs whose force is twice the pressure, whatever the width; the last one failed."""
+    generator = np.random.default_rng(1)
+    pressure, width = generator.uniform(0.0, 10.0, count), generator.uniform(18.0, 22.0, count)
+    rows: dict[str, Any] = {
+        "run": [f"r{index}" for index in range(count)],
+        "pressure": pressure,
+        "width": width,
+        "seed": 1,
+        "status": ["completed"] * (count - 1) + ["diverged"],
+        "message": [""] * (count - 1) + ["<script>alert('x')</script>"],
+        "metrics.force": [*(2.0 * pressure[:-1]), np.nan],
+        "metrics.steps": 10,
+        "folder": "runs/x",
+    }
+    return pytest.importorskip("pandas").DataFrame(rows)
+
+
+def test_effects_are_those_of_the_data() -> None:
+    runs = table()
+    assert parameter_columns(runs) == ["pressure", "width"]
+    assert figure_columns(runs, None) == ["metrics.force"]
+    of_pressure, of_width = effects(runs, ["pressure", "width"], ["metrics.force"])
+    assert of_pressure.correlation == pytest.approx(1.0)
+    assert of_pressure.share > 0.9
+    assert of_pressure.p_value < 1e-6
+    assert abs(of_width.correlation) < 0.4
+    assert of_width.share < 0.3
+    best = best_runs(runs, "metrics.force", largest=True, count=3)
+    assert best["pressure"].is_monotonic_decreasing
+    assert best["pressure"].iloc[0] == runs["pressure"][:-1].max()
+
+
+def test_the_page_shows_failures_as_text(tmp_path: Path) -> None:
+    runs = table().rename(columns={"width": "a<b>&$x$"})
+    page = study_page(runs, tmp_path / "<i>name")
+    assert "<script>alert" not in page
+    assert "&lt;script&gt;alert(&#x27;x&#x27;)&lt;/script&gt;" in page
+    assert "<i>name" not in page
+    assert "a<b>" not in page
+    assert "59 completed, 1 diverged" in page
+    assert page.count("<svg") == 1
+
+
+def test_the_command_writes_the_page(tmp_path: Path) -> None:
+    write_table(table().to_dict("records"), tmp_path)
+    application = typer.Typer()
+    taichisoft_commands(application)
+    done = CliRunner().invoke(application, ["study", "report", str(tmp_path), "--metric", "force", "--smallest"])
+    assert done.exit_code == 0, done.output
+    assert "Best runs by force" in (tmp_path / "report.html").read_text()
+    with pytest.raises(StudyError, match="--metric wieght: there are: force, steps"):
+        study_page(table(), tmp_path, ["wieght"])
+
+
+def test_a_comparison_lists_what_differs_and_overlays_the_rest(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    study = sweep_of(tmp_path, outputs=["recording"], duration=0.05)
+    load_plugin(study.plugins[0])
+    jobs = sweep_jobs(study, tmp_path)
+    make_missing(jobs, Here(), lambda *_: None)
+    folders = [job.place for job in jobs]
+    found = differences(folders)
+    assert found["scene.controller.settings.pressure"] == [1.0, 2.0]
+    assert found["metrics.final_pressures_kPa.left.cavity"] == [1.0, 2.0]
+    assert not {"scene.contact.friction", "metrics.steps", "metrics.real_time_factor"} & set(found)
+    assert labels([tmp_path / "a" / "x", tmp_path / "b" / "x"]) == ["a/x", "b/x"]
+    drawing = draw_comparison(folders, labels(folders), ["pressure", "height"], "svg").decode()
+    assert f"{jobs[0].name}: left.cavity" in drawing
+    with pytest.raises(StudyError, match="--only presure: there are: pressure, volume"):
+        draw_comparison(folders, labels(folders), ["presure"], "svg")
