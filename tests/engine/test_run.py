@@ -67,7 +67,7 @@ def recorded(folder: Path) -> tuple[str, list[int]]:
     import h5py
 
     with h5py.File(folder / "recording.h5") as file:
-        return file.attrs["outcome"], file["steps/step"][:].tolist()
+        return file["outcome"][()].decode(), file["steps/step"][:].tolist()
 
 
 def fail() -> None:

@@ -212,11 +212,3 @@ def test_what_was_written_before_it_ended_can_be_opened(recording: Recording, tm
     with pytest.raises(KeyboardInterrupt):
         export_vtu(recording, frames(), tmp_path)
     assert pyvista.PVDReader(tmp_path / "contacts.pvd").time_values == pytest.approx([0.0, 0.1])
-
-
-def test_a_recording_without_a_frame_is_refused(run: Path, tmp_path: Path) -> None:
-    """The run was killed before its first bundle was written."""
-    recording = tiny_run.without_frames(run, tmp_path)
-    for command in ("export", "plot", "render", "report", "resume", "view"):
-        refused = tiny_run.command(command, recording)
-        assert str(refused.exception) == f"{recording}: has no frame; the run ended before the first one was written"

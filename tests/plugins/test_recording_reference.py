@@ -85,4 +85,6 @@ def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
     }
     assert len(set(sizes.values())) == len(sizes), "equal sizes would tell nothing"
     described = {name: (unit, eval(shape, sizes)) for name, unit, shape, _ in rows(heading)}
-    assert described == {name: (values.attrs["unit"], values.shape[1:]) for name, values in file[group].items()}
+    assert described == {
+        name: (values.attrs["unit"].decode(), values.shape[1:]) for name, values in file[group].items()
+    }

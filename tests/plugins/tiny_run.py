@@ -64,17 +64,6 @@ def tiny_run(
     return observed
 
 
-def without_frames(recording: Path, folder: Path) -> Path:
-    """A copy as a run leaves it that is killed before its first frame is written."""
-    import h5py
-
-    copy = folder / recording.name
-    copy.write_bytes(recording.read_bytes())
-    with h5py.File(copy, "r+", libver="latest") as file:
-        file["frames"][0] = 0
-    return copy
-
-
 def command(*arguments: object) -> Result:
     """Run `taichisoft` with these arguments, with no other commands than those of this package."""
     application = typer.Typer()

@@ -18,6 +18,7 @@ from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft_plugins.recording.layout import LAYOUT
+from taichisoft_plugins.recording.texts import read_text, write_text, write_texts
 
 if TYPE_CHECKING:
     from taichisoft.bodies.soft_body import SoftBody
@@ -86,7 +87,7 @@ class RecordedSoftBody:
 
 
 def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str, Sequence[str]]) -> None:
-    """Write everything but frames; until the run has ended its outcome is "unfinished".
+    """Write what does not change during a run.
 
     Args:
         file: the open HDF5 file.
@@ -95,47 +96,40 @@ def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str,
         columns: names of the columns of quantities by cavity, by cable, by pair of bodies and by material: "cavities",
             "cables", "pairs" and "materials".
     """
-    import h5py
-
     attributes = file.attrs
-    attributes["taichisoft_version"] = taichisoft.__version__
-    attributes["versions"] = json.dumps(_versions())
+    write_text(attributes, "taichisoft_version", taichisoft.__version__)
+    write_text(attributes, "versions", json.dumps(_versions()))
     attributes["layout"] = LAYOUT
-    attributes["scene"] = scene_to_toml(model.scene)
+    write_text(attributes, "scene", scene_to_toml(model.scene))
     attributes["every"] = every
     attributes["gravity"] = np.array(model.scene.gravity, dtype=np.float64)
     attributes["base_pivot"] = model.base_pivot
     attributes["step_size"] = float(model.scene.time.step)
-    attributes["outcome"] = "unfinished"
     for kind, names in columns.items():
-        file.require_group("steps").attrs.create(kind, names, (len(names),), h5py.string_dtype())
+        write_texts(file.require_group("steps").attrs, kind, names)
     for index, body in enumerate(model.soft_bodies):
         _write_soft_body(file.create_group(f"soft_bodies/{index}"), body)
     for index, rigid in enumerate(model.rigid_bodies):
-        group = file.create_group(f"rigid_bodies/{index}")
-        group.attrs["name"] = rigid.name
-        group["vertices"], group["triangles"] = rigid.vertices, rigid.triangles
+        group = _named_group(file, f"rigid_bodies/{index}", rigid.name)
+        _write_arrays(group, vertices=rigid.vertices, triangles=rigid.triangles)
     for index, obstacle in enumerate(model.obstacles):
-        group = file.create_group(f"obstacles/{index}")
-        group.attrs["name"] = obstacle.name
+        group = _named_group(file, f"obstacles/{index}", obstacle.name)
         if obstacle.vertices is None:
             group.attrs["point"], group.attrs["normal"] = obstacle.point, obstacle.normal
         else:
-            group["vertices"], group["triangles"] = obstacle.vertices, obstacle.triangles
+            _write_arrays(group, vertices=obstacle.vertices, triangles=obstacle.triangles)
     for path in cable_paths(model.cables):
-        group = file.create_group(f"cables/{path.number}")
-        group.attrs["name"] = path.name
+        group = _named_group(file, f"cables/{path.number}", path.name)
         for name in CABLE_NUMBERS:
             group.attrs[name] = getattr(path, name)
-        for name in CABLE_ARRAYS:
-            group[name] = getattr(path, name)
+        _write_arrays(group, **{name: getattr(path, name) for name in CABLE_ARRAYS})
 
 
 def read_soft_bodies(file: Any) -> list[RecordedSoftBody]:
     """The soft bodies in the order of the scene."""
     return [
         RecordedSoftBody(
-            name=group.attrs["name"],
+            name=read_text(group.attrs, "name"),
             nodes=_nodes(group),
             rest_position=group["rest_position"][:],
             elements=group["elements"][:],
@@ -152,20 +146,20 @@ def read_soft_bodies(file: Any) -> list[RecordedSoftBody]:
 def read_surfaces(file: Any) -> Iterator[BodySurface]:
     """The surfaces in the order of `taichisoft.bodies.surfaces.body_surfaces`."""
     for group in _numbered(file, "soft_bodies"):
-        yield soft_surface(group.attrs["name"], "soft", _read_surface(group["surface"]), _nodes(group))
+        yield soft_surface(read_text(group.attrs, "name"), "soft", _read_surface(group["surface"]), _nodes(group))
         for cavity in _numbered(group, "cavities"):
-            yield soft_surface(cavity.attrs["name"], "cavity", _read_surface(cavity), _nodes(group))
+            yield soft_surface(read_text(cavity.attrs, "name"), "cavity", _read_surface(cavity), _nodes(group))
     for index, group in enumerate(_numbered(file, "rigid_bodies")):
-        yield BodySurface(group.attrs["name"], "rigid", group["triangles"][:], group["vertices"][:], index)
+        yield BodySurface(read_text(group.attrs, "name"), "rigid", group["triangles"][:], group["vertices"][:], index)
     for group in _numbered(file, "obstacles"):
         if "vertices" in group:
-            yield BodySurface(group.attrs["name"], "obstacle", group["triangles"][:], group["vertices"][:])
+            yield BodySurface(read_text(group.attrs, "name"), "obstacle", group["triangles"][:], group["vertices"][:])
 
 
 def read_planes(file: Any) -> list[Plane]:
     """The infinite obstacles."""
     return [
-        Plane(group.attrs["name"], group.attrs["point"], group.attrs["normal"])
+        Plane(read_text(group.attrs, "name"), group.attrs["point"], group.attrs["normal"])
         for group in _numbered(file, "obstacles")
         if "point" in group.attrs
     ]
@@ -176,7 +170,7 @@ def read_cables(file: Any) -> Iterator[CablePath]:
     for number, group in enumerate(_numbered(file, "cables")):
         arrays = {name: group[name][:] for name in CABLE_ARRAYS}
         numbers = {name: group.attrs[name].item() for name in CABLE_NUMBERS}
-        yield CablePath(group.attrs["name"], number, **arrays, **numbers)
+        yield CablePath(read_text(group.attrs, "name"), number, **arrays, **numbers)
 
 
 def _versions() -> dict[str, str]:
@@ -189,21 +183,21 @@ def _versions() -> dict[str, str]:
 
 
 def _write_soft_body(group: Any, body: "SoftBody") -> None:
-    group.attrs["name"] = body.name
+    write_text(group.attrs, "name", body.name)
     group.attrs["nodes"] = (body.nodes.start, body.nodes.stop)
-    group["mesh_nodes"] = body.mesh.nodes
-    group["rest_position"] = body.rest_position
-    group["elements"] = body.elements
-    group["material"], group["poisson_ratio"] = body.material, _poisson_ratio(body.lame)
+    _write_arrays(
+        group,
+        mesh_nodes=body.mesh.nodes,
+        rest_position=body.rest_position,
+        elements=body.elements,
+        material=body.material,
+        poisson_ratio=_poisson_ratio(body.lame),
+    )
     for kind in ("element_groups", "surface_groups"):
-        groups = group.create_group(kind)
-        for name, members in getattr(body.mesh, kind).items():
-            groups[name] = members
+        _write_arrays(group.create_group(kind), **getattr(body.mesh, kind))
     _write_surface(group.create_group("surface"), body.surface)
     for number, cavity in enumerate(body.cavities):
-        cavity_group = group.create_group(f"cavities/{number}")
-        cavity_group.attrs["name"] = cavity.name
-        _write_surface(cavity_group, cavity.surface)
+        _write_surface(_named_group(group, f"cavities/{number}", cavity.name), cavity.surface)
 
 
 def _poisson_ratio(lame: np.ndarray) -> np.ndarray:
@@ -213,7 +207,20 @@ def _poisson_ratio(lame: np.ndarray) -> np.ndarray:
 
 
 def _write_surface(group: Any, surface: MappedSurface) -> None:
-    group["nodes"], group["weights"], group["triangles"] = surface.nodes, surface.weights, surface.triangles
+    _write_arrays(group, nodes=surface.nodes, weights=surface.weights, triangles=surface.triangles)
+
+
+def _named_group(parent: Any, path: str, name: str) -> Any:
+    group = parent.create_group(path)
+    write_text(group.attrs, "name", name)
+    return group
+
+
+def _write_arrays(group: Any, /, **arrays: Any) -> None:
+    """Write arrays with a checksum, which HDF5 has for chunks alone; one without any number has no chunk."""
+    for name, values in arrays.items():
+        checked = {"chunks": values.shape, "fletcher32": True} if values.size else {}
+        group.create_dataset(name, data=values, **checked)
 
 
 def _read_surface(group: Any) -> MappedSurface:

@@ -1,16 +1,16 @@
 """The datasets of a recording with their units; docs/reference/recording.md describes the whole file."""
 
 from dataclasses import dataclass
-from typing import Any
 
 from taichisoft.errors import TaichisoftError
 
 FILE_NAME = "recording.h5"
-LAYOUT = 6
+LAYOUT = 7
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
-OPENED: Any = {"libver": "latest", "locking": False}
-"""How the file is opened. A reader's lock would keep a run in progress from closing it, and in one process all who open
-a file must do it alike."""
+OUTCOME_LENGTH = 2000
+"""Most bytes of the text that says how the run ended."""
+UNFINISHED = "unfinished"
+"""This text while the run goes on, and after it was killed."""
 
 
 class RecordingError(TaichisoftError):

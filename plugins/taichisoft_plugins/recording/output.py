@@ -52,9 +52,9 @@ class RecordingOutput(Output):
         """
         self._model = model
         self._rows = RowMaker(model)
-        self._keep(Frame(state, None, self._solver))
-        self._file = RecordingFile(self.path, self._describe, self._rows.rows(self._frames, 0), self._compress)
-        self._write()
+        first = self._rows.rows([Frame(state, None, self._solver)], 0)
+        self._file = RecordingFile(self.path, self._describe, first, self._compress)
+        self._written_at = time.monotonic()
 
     def record(self, state: "State", report: "StepReport") -> None:
         """Keep the step if it is to be a frame, and write when enough are kept.

@@ -23,11 +23,14 @@ from taichisoft_plugins.recording.bodies import (
     read_soft_bodies,
     read_surfaces,
 )
-from taichisoft_plugins.recording.layout import LAYOUT, OPENED, QUANTITIES, RecordingError
+from taichisoft_plugins.recording.checksums import CHECKSUMS, COLUMN, checksum, checksums
+from taichisoft_plugins.recording.content import PATIENCE, Content, DamagedContent
+from taichisoft_plugins.recording.layout import QUANTITIES, RecordingError
+from taichisoft_plugins.recording.texts import read_text, read_texts
 
 
 class Recording:
-    """An open recording; steps are read when they are asked for.
+    """An open recording; steps are read when they are asked for, and what is damaged is an error.
 
     Attributes:
         path: the file.
@@ -47,22 +50,30 @@ class Recording:
         planes: the infinite obstacles.
     """
 
-    def __init__(self, path: Path, file: Any):
+    def __init__(self, path: Path, patience: float):
+        """Open a recording; what a run may just be writing is read again for so long [s].
+
+        Raises:
+            RecordingError: it cannot be read.
+        """
         self.path = path
-        self._file = file
-        self._steps = file["steps"]
-        attributes = file.attrs
-        self.scene_text: str = attributes["scene"]
-        self.versions: dict[str, str] = json.loads(attributes["versions"])
-        self.outcome: str = attributes["outcome"]
+        self._content = Content(path, patience)
+        self.outcome, self.frame_count = self._content.progress()
+        self._checksums: tuple[int, np.ndarray] = (-1, np.zeros(0))
+        self._content.read(self._read_constants)
+
+    def _read_constants(self, file: Any) -> None:
+        attributes, columns = file.attrs, file["steps"].attrs
+        self.scene_text = read_text(attributes, "scene")
+        self.versions: dict[str, str] = json.loads(read_text(attributes, "versions"))
         self.step_size = float(attributes["step_size"])
         self.every = int(attributes["every"])
-        self.frame_count = int(file["frames"][0])
-        self.cavities: list[str] = list(self._steps.attrs["cavities"])
-        self.cables: list[str] = list(self._steps.attrs["cables"])
+        self.cavities = read_texts(columns, "cavities")
+        self.cables = read_texts(columns, "cables")
         self.cable_paths = tuple(read_cables(file))
-        self.pairs: list[Pair] = [tuple(pair.split("|")) for pair in self._steps.attrs["pairs"]]
-        self.materials: list[str] = list(self._steps.attrs["materials"])
+        pairs = [pair.split("|") for pair in read_texts(columns, "pairs")]
+        self.pairs: list[Pair] = [(first, second) for first, second in pairs]
+        self.materials = read_texts(columns, "materials")
         self.base_pivot: np.ndarray = attributes["base_pivot"]
         self.surfaces = tuple(map(self.follow, read_surfaces(file)))
         self.planes = tuple(read_planes(file))
@@ -75,7 +86,7 @@ class Recording:
 
     def close(self) -> None:
         """Close the file, as the end of a `with` statement does."""
-        self._file.close()
+        self._content.close()
 
     @cached_property
     def scene(self) -> Scene:
@@ -89,7 +100,7 @@ class Recording:
     @cached_property
     def soft_bodies(self) -> tuple[RecordedSoftBody, ...]:
         """Meshes and materials."""
-        return tuple(read_soft_bodies(self._file))
+        return tuple(self._content.read(read_soft_bodies))
 
     @property
     def times(self) -> np.ndarray:
@@ -105,17 +116,27 @@ class Recording:
         """One quantity in all frames, shape (frame_count, ...); `layout.QUANTITIES` has names and units.
 
         Raises:
-            RecordingError: there is no such quantity.
+            RecordingError: there is no such quantity, or one of its numbers is damaged.
         """
-        return self._quantity(name)[: self.frame_count]
+        path = self._path(name)
+
+        def read(_file: Any) -> np.ndarray:
+            values: np.ndarray = self._content.dataset(path)[: self.frame_count]
+            stored = self._content.dataset(CHECKSUMS)[: self.frame_count, COLUMN[path]]
+            found = np.fromiter(map(checksum, values), np.uint32, len(values))
+            for frame in np.flatnonzero(found != stored)[:1]:
+                raise _not_as_written(path, frame)
+            return values
+
+        return self._content.read(read)
 
     def row(self, name: str, frame: int) -> np.ndarray:
         """One quantity in one frame.
 
         Raises:
-            RecordingError: there is no such quantity.
+            RecordingError: there is no such quantity, or it is damaged.
         """
-        return self._quantity(name)[range(self.frame_count)[frame]]
+        return self._rows(self._path(name), range(self.frame_count)[frame], ...)
 
     def contacts(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Points [mm] and forces [mN] on the second body of each contact, each of shape (contact_count, 3)."""
@@ -152,6 +173,26 @@ class Recording:
                 values[quantity.state_field] = read(name, frame)
         return State(**{**values, "time": float(values["time"]), "step": int(values["step"])})
 
+    def rows_of_frames(self, first: int, end: int) -> dict[str, np.ndarray]:
+        """All that belongs to the frames from `first` to before `end`, by paths of datasets, one after the other.
+
+        Raises:
+            RecordingError: some of it is damaged.
+        """
+
+        def read(_file: Any) -> dict[str, np.ndarray]:
+            dataset = self._content.dataset
+            rows = {path: dataset(path)[first:end] for path in QUANTITIES if path.startswith("steps/")}
+            offset, count = rows["steps/contact_offset"], rows["steps/contact_count"]
+            place = slice(int(offset[0]), int(offset[-1] + count[-1]))
+            rows |= {path: dataset(path)[place] for path in QUANTITIES if path.startswith("contacts/")}
+            wrong = checksums(rows, place.start) != dataset(CHECKSUMS)[first:end]
+            for frame, column in np.argwhere(wrong)[:1]:
+                raise _not_as_written(list(QUANTITIES)[column], first + frame)
+            return rows
+
+        return self._content.read(read)
+
     def frame_at(self, time: float) -> int:
         """Index of the frame nearest to `time` [s] since the last start.
 
@@ -166,21 +207,39 @@ class Recording:
         return first + int(np.argmin(np.abs(times - time)))
 
     def refresh(self) -> None:
-        """See the frames that a run in progress has written since the file was opened, or since the last call."""
-        self._file["frames"].refresh()
-        frame_count = int(self._file["frames"][0])  # before the others, which may go on growing
-        for dataset in (*self._steps.values(), *self._file["contacts"].values()):
-            dataset.refresh()
-        self.frame_count = frame_count
+        """See what a run in progress has written since the file was opened, or since the last call.
+
+        Raises:
+            RecordingError: it can no longer be read.
+        """
+        self._content.open_again()
+        self.outcome, self.frame_count = self._content.progress()
 
     def _contact_rows(self, name: str, frame: int) -> np.ndarray:
         start = int(self.row("contact_offset", frame))
-        return self._file["contacts"][name][start : start + int(self.row("contact_count", frame))]
+        end = start + int(self.row("contact_count", frame))
+        return self._rows(f"contacts/{name}", range(self.frame_count)[frame], slice(start, end))
 
-    def _quantity(self, name: str) -> Any:
-        if name not in self._steps:
-            raise RecordingError(f"{self.path}: steps have no '{name}'; there are: {', '.join(self._steps)}")
-        return self._steps[name]
+    def _rows(self, path: str, frame: int, place: Any) -> np.ndarray:
+        """The part of a dataset that belongs to a frame: its own row, or a `place` among the contacts."""
+
+        def read(_file: Any) -> np.ndarray:
+            if self._checksums[0] != frame:
+                self._checksums = (frame, self._content.dataset(CHECKSUMS)[frame])
+            values: np.ndarray = self._content.dataset(path)[frame if place is ... else place]
+            if checksum(values) != self._checksums[1][COLUMN[path]]:
+                self._checksums = (-1, np.zeros(0))
+                raise _not_as_written(path, frame)
+            return values
+
+        return self._content.read(read)
+
+    def _path(self, name: str) -> str:
+        path = f"steps/{name}"
+        if path not in QUANTITIES:
+            known = ", ".join(path.removeprefix("steps/") for path in QUANTITIES if path.startswith("steps/"))
+            raise RecordingError(f"{self.path}: steps have no '{name}'; there are: {known}")
+        return path
 
 
 class LiveRecording(Recording):
@@ -242,39 +301,18 @@ class _RecordedPoses:
         return self.recording.row("pull_point", self.frame)
 
 
-def read_recording(path: str | Path) -> Recording:
+def _not_as_written(path: str, frame: int) -> DamagedContent:
+    return DamagedContent(f"frame {frame}: {path} is not what was written")
+
+
+def read_recording(path: str | Path, patience: float = PATIENCE) -> Recording:
     """Open a recording; use it in a `with` statement. That of a killed or running simulation opens too.
 
+    Args:
+        path: the file.
+        patience: how long what a run may just be writing is read again before it counts as damaged [s].
+
     Raises:
-        RecordingError: the file is missing, is no recording, has another layout than this version reads, or no frame.
+        RecordingError: the file is missing or damaged, is no recording, or has another layout than this version reads.
     """
-    import h5py
-
-    path = Path(path)
-    if not path.is_file():
-        raise RecordingError(f"{path}: no such recording; `taichisoft run` writes one into its output folder")
-    try:
-        file = h5py.File(path, "r", swmr=True, **OPENED)
-    except OSError as error:
-        raise RecordingError(f"{path}: not readable as HDF5: {error}") from error
-    try:
-        _check_layout(path, file.attrs)
-        recording = Recording(path, file)
-        if recording.frame_count == 0:
-            raise RecordingError(f"{path}: has no frame; the run ended before the first one was written")
-        return recording
-    except RecordingError:
-        file.close()
-        raise
-    except (KeyError, ValueError, OSError) as error:
-        file.close()
-        raise RecordingError(f"{path}: not a recording of taichisoft: {error}") from error
-
-
-def _check_layout(path: Path, attributes: Any) -> None:
-    version, layout = attributes["taichisoft_version"], attributes.get("layout", "none")
-    if layout != LAYOUT:
-        raise RecordingError(
-            f"{path}: taichisoft {version} wrote it in layout {layout}, this version reads layout {LAYOUT}; run the "
-            "scene again"
-        )
+    return Recording(Path(path), patience)

@@ -6,19 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_plugins.recording.layout import RecordingError
+from taichisoft_plugins.recording.layout import UNFINISHED
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.web.address import Address
 from taichisoft_plugins.web.curves import MOST_POINTS, plotted_row
 from taichisoft_plugins.web.frame import Frame, PageScene, lines_of_cables
 from taichisoft_plugins.web.page import SPEEDS, Page, clamped
 
-UNFINISHED = "unfinished"
 FRAMES_PER_SECOND = 30.0
 SECONDS_BETWEEN_LOOKS = 1.0
-"""The file of a run that goes on is opened anew after so many seconds."""
-SECONDS_TO_CLOSE = 3.0
-"""A run may take so many seconds to close its file, in which nobody can read it."""
+"""The file of a run that goes on is looked at again after so many seconds."""
 PLOTTED = ("pressure", "tension", "normal_force", "rigid_position")
 """The quantities of a recording that `plotted_row` needs."""
 
@@ -81,7 +78,7 @@ class RecordingPage:
             RecordingError: the file is no recording.
             WebError: nothing can listen at the address.
         """
-        self._recording = recording = _opened(path)
+        self._recording = recording = read_recording(path)
         self.playback = Playback(recording.times)
         self._shown = -1
         self._last_look = time.monotonic()
@@ -124,10 +121,8 @@ class RecordingPage:
         self.page.curves.show(self.playback.clock[self._plotted[past]], self._rows[past])
 
     def _look_for_more(self) -> None:
-        """Open the file anew: a run that ends writes more into it than frames."""
         self._last_look = time.monotonic()
-        self._recording.close()  # first, since HDF5 would take what is open for the file of the same name
-        self._recording = _opened(self._recording.path, SECONDS_TO_CLOSE)
+        self._recording.refresh()
         self._shown = -1
         self.playback.extend(self._recording.times)
         self._read_curves()
@@ -175,23 +170,3 @@ def _plotted_row(
 ) -> np.ndarray:
     by_pair = dict(zip(recording.pairs, forces.tolist(), strict=True))
     return plotted_row(recording.scene, pressures.tolist(), tensions.tolist(), by_pair, places)
-
-
-def _opened(path: Path, patience: float = 0.0) -> Recording:
-    """A recording with all its frames, also those that were written while it was opened.
-
-    Raises:
-        RecordingError: it cannot be read, not even after `patience` [s].
-    """
-    deadline = time.monotonic() + patience
-    while True:
-        try:
-            recording = read_recording(path)
-            break
-        except RecordingError:
-            if not path.is_file() or time.monotonic() > deadline:
-                raise
-            time.sleep(0.1)
-    if recording.outcome == UNFINISHED:
-        recording.refresh()
-    return recording
