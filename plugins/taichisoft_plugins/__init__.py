@@ -71,17 +71,18 @@ def taichisoft_run_begins(session: "Session") -> None:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """`taichisoft resume`, `render`, `view`, `plot`, `report`, `export`, `doctor` and `materials`."""
+    """`taichisoft resume`, `repair`, `render`, `view`, `plot`, `report`, `export`, `doctor` and `materials`."""
     from taichisoft_plugins.doctor.command import doctor
     from taichisoft_plugins.materials.command import materials
     from taichisoft_plugins.paraview.command import export
     from taichisoft_plugins.plots.command import plot
+    from taichisoft_plugins.recording.repair_command import repair
     from taichisoft_plugins.recording.resume_command import resume
     from taichisoft_plugins.rendering.command import render
     from taichisoft_plugins.report.command import report
     from taichisoft_plugins.web.view_command import view
 
-    for command in (resume, render, view, plot, report, export, doctor):
+    for command in (resume, repair, render, view, plot, report, export, doctor):
         application.command()(command)
     application.add_typer(materials, name="materials")
 

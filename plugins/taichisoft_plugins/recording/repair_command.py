@@ -1,0 +1,19 @@
+"""The command `taichisoft repair`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def repair(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Damaged recording; it is only read.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="NEW.h5", help="The new recording.")],
+) -> None:
+    """Rescue the frames of a damaged recording that are whole."""
+    from taichisoft_plugins.recording.repair import repair as rescue
+
+    rescued = rescue(run, output)
+    typer.echo(f"{output}: {len(rescued.whole)} of {rescued.frame_count} frames")
+    if rescued.damage:
+        typer.echo(f"the first that is not whole: {rescued.damage}")
