@@ -46,6 +46,7 @@ LAYERS = {
         "state",
         "atomic_file",
         "child_process",
+        "cache_folder",
         "input_file",
         "kernels",
         "errors",

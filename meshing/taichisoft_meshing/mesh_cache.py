@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from taichisoft.cache_folder import cache_folder as users_cache_folder
 from taichisoft.errors import MeshError
 
 if TYPE_CHECKING:
@@ -18,10 +19,8 @@ FOLDER_VARIABLE = "TAICHISOFT_CACHE"
 
 def cache_folder() -> Path:
     """The folder of kept meshes: `meshes` in the folder that TAICHISOFT_CACHE names, or in the user's cache folder."""
-    from platformdirs import user_cache_path
-
     own = os.environ.get(FOLDER_VARIABLE)
-    return (Path(own).expanduser() if own else user_cache_path("taichisoft", appauthor=False)) / "meshes"
+    return (Path(own).expanduser() if own else users_cache_folder()) / "meshes"
 
 
 def kept_mesh(path: Path | None) -> "VolumeMesh | None":

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.atomic_file import named_os_errors
+from taichisoft.cache_folder import cache_folder
 from taichisoft.errors import SceneError
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.translate import translate
@@ -71,10 +72,8 @@ def kept_files(translation: Translation, name: str) -> Path:
     Raises:
         MeshError: it cannot be written.
     """
-    from platformdirs import user_cache_path
-
     own = os.environ.get(CACHE_VARIABLE)
-    cache = (Path(own).expanduser() if own else user_cache_path("taichisoft", appauthor=False)) / "sofa"
+    cache = (Path(own).expanduser() if own else cache_folder()) / "sofa"
     folder = cache / f"{name}-{translation.files.fingerprint()[:DIGITS]}"
     if not folder.is_dir():
         with named_os_errors(f"{cache} ({CACHE_VARIABLE} can name another folder)"):

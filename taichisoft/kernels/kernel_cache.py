@@ -16,16 +16,22 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-import platformdirs
+from taichisoft.cache_folder import cache_folder
 
 VARIABLE = "TI_OFFLINE_CACHE_FILE_PATH"
 """Taichi's own environment variable; without it kernels are kept in the user's cache folder."""
 
 
+def has_kernels() -> bool:
+    """Whether an earlier process has left kernels."""
+    return any(Path(_LOCK.name).parent.glob("*.tic"))
+
+
 def _open_lock() -> IO[str]:
     """The lock file in the folder of kernels; where nothing can be written, Taichi is given a folder for this process,
     because it crashes without one."""
-    folder = Path(os.environ.setdefault(VARIABLE, str(platformdirs.user_cache_path("taichisoft", False) / "kernels")))
+    usual = cache_folder() / "kernels"  # asked for in any case: without a home Taichi itself needs to be told of one
+    folder = Path(os.environ.setdefault(VARIABLE, str(usual)))
     try:
         folder.mkdir(parents=True, exist_ok=True)
         return (folder / "lock").open("w")

@@ -20,6 +20,7 @@ import functools
 import io
 import multiprocessing
 import os
+import sys
 from typing import Any
 
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
@@ -30,7 +31,7 @@ from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.kernels.kernel_cache import alone_with_kernels
+from taichisoft.kernels.kernel_cache import alone_with_kernels, has_kernels
 
 
 def thread_count(setting: str) -> int:
@@ -70,6 +71,9 @@ kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
 
 USUAL_THREADS = "0" if multiprocessing.parent_process() is None else "1"
 THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or USUAL_THREADS)
+
+if not has_kernels():  # else a script would stand still without a word
+    print("taichisoft: the first time on a machine Taichi compiles its kernels: about a minute", file=sys.stderr)
 
 # ti.init prints which back end it starts.
 with contextlib.redirect_stdout(io.StringIO()), alone_with_kernels():
