@@ -215,6 +215,11 @@ class Model:
         """Number of soft nodes."""
         return len(self.rest_position)
 
+    @property
+    def control_period(self) -> float:
+        """Time between two calls of the controller [s]."""
+        return self.scene.steps_per_control * self.scene.time.step
+
     def body_of_node(self, node: int) -> str:
         """Name of the soft body that has a node."""
         return next(body.name for body in self.soft_bodies if body.nodes.start <= node < body.nodes.stop)

@@ -21,6 +21,7 @@ class Observation:
     Attributes:
         time: simulated time at the start of the step [s].
         step: index of the step about to be made.
+        control_period: time between two calls of the controller [s]; 0 in an observation that was made up without it.
         pressures: pressures in the last step [kPa], by cavity name.
         volumes: volumes of the cavities [mm^3], by cavity name.
         flows: rates of change of the volumes [mm^3/s], by cavity name.
@@ -48,6 +49,7 @@ class Observation:
 
     time: float
     step: int
+    control_period: float = 0.0
     pressures: Mapping[str, float] = field(default_factory=dict)
     volumes: Mapping[str, float] = field(default_factory=dict)
     flows: Mapping[str, float] = field(default_factory=dict)

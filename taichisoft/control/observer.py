@@ -50,6 +50,7 @@ class Observer:
         return Observation(
             time=state.time,
             step=state.step,
+            control_period=model.control_period,
             pressures=_numbers(cavities.names, state.cavity_pressure),
             volumes=_numbers(cavities.names, state.cavity_volume),
             flows=_numbers(cavities.names, self._volumes.flows(state.position, state.velocity)),

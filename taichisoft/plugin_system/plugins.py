@@ -16,6 +16,7 @@ from taichisoft.plugin_system.failure import plugin_failure
 from taichisoft.plugin_system.registry import DISABLE, Origin, Registry
 
 PACKAGE_FILE = "__init__.py"
+TESTS = ("test_*.py", "*_test.py", "conftest.py")
 
 _loaded: Registry | None = None
 
@@ -77,7 +78,7 @@ def load_plugins_folder(folder: str | Path) -> None:
     """Load every file and package of a folder as a plug-in, as `--plugins-dir` does.
 
     Args:
-        folder: loaded in the order of names, without those that begin with "_" or ".".
+        folder: loaded in the order of names, without those that begin with "_" or ".", tests, and what marks no hook.
 
     Raises:
         PluginError: there is no such folder, nothing is in it, or something in it is not valid.
@@ -86,6 +87,7 @@ def load_plugins_folder(folder: str | Path) -> None:
     if not is_folder(place):
         raise PluginError(f"--plugins-dir {folder}: {'is a file' if is_file(place) else 'no such folder'}")
     found = [path for path in sorted(place.iterdir()) if path.name[0] not in "_." and _is_code(path)]
+    found = [path for path in found if _has_hooks(path)]
     if not found:
         raise PluginError(f"--plugins-dir {folder}: has no plug-in in it; a plug-in is a file (.py) or a package")
     for path in found:
@@ -140,6 +142,14 @@ def _builtin_first(entry_point: EntryPoint) -> tuple[bool, str]:
 
 def _is_code(path: Path) -> bool:
     return (path / PACKAGE_FILE).is_file() if path.is_dir() else path.suffix == ".py"
+
+
+def _has_hooks(path: Path) -> bool:
+    """Whether a file or package marks a hook, as far as its text says: what else lies in a folder is not run."""
+    if any(path.match(pattern) for pattern in TESTS):
+        return False
+    files = sorted(path.rglob("*.py")) if path.is_dir() else [path]
+    return any(b"hookimpl" in file.read_bytes() for file in files)
 
 
 def _import_file(name: str, path: Path) -> ModuleType:

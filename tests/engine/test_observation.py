@@ -40,6 +40,14 @@ def seen(simulation: Simulation, position: np.ndarray, velocity: np.ndarray | No
     return simulation.observe()
 
 
+def test_the_time_between_two_calls_of_the_controller_is_known() -> None:
+    cube = {"box": [1.0] * 3, "mass": 1e-6}
+    for controller, period in (({}, 0.01), ({"controller": {"name": "x", "period": 0.05}}, 0.05)):
+        simulation = Simulation(scene_from_dict({"time": {"step": 0.01}, "rigid_bodies": {"cube": cube}} | controller))
+        assert simulation.model.control_period == pytest.approx(period)
+        assert simulation.observe().control_period == pytest.approx(period)
+
+
 def test_the_tip_is_the_end_far_from_the_anchors(simulation: Simulation) -> None:
     rest = simulation.model.rest_position
     observation = seen(simulation, rest, np.full_like(rest, 3.0))

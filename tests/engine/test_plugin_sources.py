@@ -113,6 +113,9 @@ def test_a_folder_gives_its_files_and_packages_but_not_what_begins_with_an_under
     (tmp_path / "_helper.py").write_text("raise RuntimeError")
     (tmp_path / "notes.txt").touch()
     (tmp_path / "tests").mkdir()
+    (tmp_path / "test_b.py").write_text("import b\nfrom taichisoft import hookimpl")  # there is no module of this name
+    (tmp_path / "conftest.py").write_text("raise RuntimeError('a fixture of the hookimpl')")
+    (tmp_path / "measure.py").write_text("raise RuntimeError")
     plugins.load_plugins_folder(tmp_path)
     assert list(plugins.plugin_registry().origins) == ["a", "b"]
 

@@ -36,6 +36,11 @@ def test_the_pads_are_few_tetrahedra_around_closed_cavities(taichisoft_scene: Sc
     assert simulation.observe().volumes == pytest.approx({"left.cavity": 14 * 12 * 12, "right.cavity": 14 * 12 * 12})
 
 
+def test_the_scene_has_a_controller_table_as_scenes_of_users_have(taichisoft_scene: Scene) -> None:
+    controller = Simulation(taichisoft_scene).model.scene.controller
+    assert controller is not None and controller.name == "scripted"
+
+
 def test_the_pads_close_on_the_cube_and_lift_it(taichisoft_scene: Scene) -> None:
     simulation, controller = Simulation(taichisoft_scene), CloseAndLift()
     run(simulation, controller, duration=0.6)
