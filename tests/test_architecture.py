@@ -46,9 +46,9 @@ LAYERS = {
         "state",
         "atomic_file",
         "child_process",
+        "kernels",
         "cache_folder",
         "input_file",
-        "kernels",
         "errors",
     ],
     "taichisoft_benchmarks": [

@@ -245,19 +245,20 @@ class Recording:
 class LiveRecording(Recording):
     """The recording of a single frame whose quantities are replaced by those of one state after the other."""
 
-    def __init__(self, recording: Recording):
-        """Take over an open recording."""
-        super().__init__(recording.path, recording._file)
-
     def show(self, values: dict[str, np.ndarray]) -> None:
         """Take over a state: its fields by the paths of `layout.QUANTITIES`, those of `steps` as a row of one frame."""
         self._values = values
 
+    def column(self, name: str) -> np.ndarray:
+        """One quantity, shape (1, ...)."""
+        return self._values[self._path(name)]
+
+    def row(self, name: str, frame: int) -> np.ndarray:
+        """One quantity."""
+        return self.column(name)[frame]
+
     def _contact_rows(self, name: str, frame: int) -> np.ndarray:
         return self._values[f"contacts/{name}"]
-
-    def _quantity(self, name: str) -> Any:
-        return self._values[f"steps/{name}"]
 
 
 def live_values(state: State) -> dict[str, np.ndarray]:

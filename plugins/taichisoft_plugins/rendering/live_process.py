@@ -7,13 +7,14 @@ nothing between them; the last line on standard error says what went wrong. `liv
 
 import pickle
 import sys
+from pathlib import Path
 
 import numpy as np
 
 from taichisoft.errors import TaichisoftError
 from taichisoft_plugins.drawing.drawer import Drawer
 from taichisoft_plugins.drawing.style import Style
-from taichisoft_plugins.recording.reader import LiveRecording, read_recording
+from taichisoft_plugins.recording.reader import PATIENCE, LiveRecording
 from taichisoft_plugins.rendering.frame_process import REFUSED
 from taichisoft_plugins.rendering.render_process import claim_standard_output
 
@@ -26,7 +27,7 @@ def main() -> None:
     pictures, wishes = claim_standard_output(), sys.stdin.buffer
     try:
         path, style = pickle.load(wishes)
-        with LiveRecording(read_recording(path)) as recording:
+        with LiveRecording(Path(path), PATIENCE) as recording:
             recording.show(pickle.load(wishes))
             drawer = Drawer(recording, Style(**style), [0], ROOM)
             while True:
