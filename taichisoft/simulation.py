@@ -17,6 +17,7 @@ from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.constraints import Constraints
 from taichisoft.step.contact_prediction import ContactPrediction, Found
 from taichisoft.step.divergence import DivergenceCheck
+from taichisoft.step.newton import NewtonIteration
 from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
@@ -44,6 +45,10 @@ class Simulation:
         self._rigid = RigidMotion(model)
         self._prediction = ContactPrediction(model, self._rigid.state)
         self._constraints = Constraints(model, self._soft, self._rigid, self._geometry, self._actuators)
+        self._newton: NewtonIteration | None = None
+        if model.elasticity is not None and self._soft is not None and model.scene.time.newton > 1:
+            parts = (self._soft, self._rigid, self._geometry, self._actuators, self._constraints)
+            self._newton = NewtonIteration(model, model.elasticity, *parts)
         self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model)
 
@@ -70,6 +75,9 @@ class Simulation:
         self._solve_free_motion(start)
         found = self._find_contacts(start)
         self._constraints.solve(start, found)
+        if self._newton is not None:
+            self._newton.improve(start, found)
+        self._constraints.end(found)
         end = self._integrate(start)
         self._divergence_check.check(start, end)
         self.state = end
@@ -140,9 +148,15 @@ class Simulation:
             max_penetration=solved.penetration,
             iterations=solved.iterations,
             residual=solved.residual,
-            converged=solved.residual < self.model.scene.contact.tolerance,
+            converged=solved.residual < self.model.scene.contact.tolerance and self._newton_converged,
             signals=dict(control.signals),
             step_time=time.perf_counter() - started,
             observe=partial(self._observer.observe, end),
             deepest=(names[solved.deepest[0]], names[solved.deepest[1]]) if solved.deepest else None,
+            linearisations=self._newton.linearisations if self._newton is not None else 1,
+            newton_residual=self._newton.residual if self._newton is not None else None,
         )
+
+    @property
+    def _newton_converged(self) -> bool:
+        return self._newton is None or self._newton.residual <= self.model.scene.time.newton_tolerance

@@ -127,8 +127,19 @@ class MetricsOutput(Output):
             "steps with surfaces that overlap": f"{m['overlapping_steps']} of {m['steps']}",
             "solver iterations, median and most": f"{m['iterations_median']:.0f} and {m['iterations_max']}",
             "steps not converged": f"{m['unconverged_steps']} of {m['steps']}",
+            **self._newton_rows(),
             "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
             "real-time factor": f"{m['real_time_factor']:.2f}",
+        }
+
+    def _newton_rows(self) -> dict[str, str]:
+        m = self.metrics
+        if "linearisations_max" not in m:
+            return {}
+        return {
+            "linearisations, most": str(m["linearisations_max"]),
+            "linearisations not enough": f"in {m['unconverged_newton_steps']} steps",
+            "velocity that another one would change, worst": f"{m['worst_newton_residual_mm_per_s']:.2g} mm/s",
         }
 
     def _hold_steps(self) -> int:
@@ -161,6 +172,7 @@ class MetricsOutput(Output):
             "iterations_median": float(np.median(iterations)),
             "iterations_max": max(iterations),
             "unconverged_steps": sum(not report.converged for report in reports),
+            **self._newton_metrics(),
             "step_time_median_ms": 1e3 * median,
             "real_time_factor": self._scene.time.step / median,
         }
@@ -181,6 +193,18 @@ class MetricsOutput(Output):
             },
             "final_normal_forces_mN": {"|".join(pair): force for pair, force in seen.normal_forces.items()},
             "final_friction_forces_mN": {"|".join(pair): force for pair, force in seen.friction_forces.items()},
+        }
+
+    def _newton_metrics(self) -> dict[str, Any]:
+        """How far the equations at the ends of the steps were solved; nothing where steps have one linearisation."""
+        residuals = [one.newton_residual for one in self._reports if one.newton_residual is not None]
+        if not residuals:
+            return {}
+        tolerance = self._scene.time.newton_tolerance
+        return {
+            "linearisations_max": max(report.linearisations for report in self._reports),
+            "worst_newton_residual_mm_per_s": max(residuals),
+            "unconverged_newton_steps": sum(not one <= tolerance for one in residuals),
         }
 
     def _look_at_stretches(self) -> None:

@@ -66,7 +66,7 @@ class ActuatorGeometry:
 
     def __init__(self, actuators: Actuators, node_count: int):
         """Make room."""
-        coordinates = actuators.coordinates
+        self._coordinates = coordinates = actuators.coordinates
         self.gradient = Gradient(
             soft=np.zeros((len(coordinates.entry_node), 3)), rigid=np.zeros((len(coordinates.rigid_body), 6))
         )
@@ -81,6 +81,32 @@ class ActuatorGeometry:
         """Fill volumes, lengths and gradients for these bodies and pull points [mm], shape (cable_count, 3)."""
         self.volumes.update(poses.position)
         self.measure_cables(poses, pull_point)
+
+    def values(self) -> np.ndarray:
+        """The coordinates as last measured [mm^3] and [mm], but for constants of the cables, (coordinate_count,)."""
+        return np.concatenate([self.volumes.measured, self.cables.coordinates()])
+
+    def steepness(self) -> np.ndarray:
+        """Norms of the gradients last measured by the soft nodes, [mm^2] and [-], 1 where none, (coordinate_count,)."""
+        squares = self._sums(self._coordinates.entry_start, (self.gradient.soft**2).sum(axis=1))
+        return np.where(squares > 0.0, np.sqrt(squares), 1.0)
+
+    def rates(self, node_velocity: np.ndarray, rigid_velocity: np.ndarray) -> np.ndarray:
+        """How fast the coordinates grow with these velocities, by the gradients last measured.
+
+        Args:
+            node_velocity: [mm/s], shape (node_count, 3).
+            rigid_velocity: linear [mm/s] and angular [rad/s], shape (rigid_count, 6).
+        """
+        coordinates, gradient = self._coordinates, self.gradient
+        of_soft = (gradient.soft * node_velocity[coordinates.entry_node]).sum(axis=1)
+        of_rigid = (gradient.rigid * rigid_velocity[coordinates.rigid_body]).sum(axis=1)
+        return self._sums(coordinates.entry_start, of_soft) + self._sums(coordinates.rigid_start, of_rigid)
+
+    def _sums(self, start: np.ndarray, entries: np.ndarray) -> np.ndarray:
+        """Sums of the entries of each coordinate, shape (coordinate_count,)."""
+        count = len(start) - 1
+        return np.bincount(np.repeat(np.arange(count), np.diff(start)), entries, count)
 
     def measure_cables(self, poses: Poses, pull_point: np.ndarray) -> np.ndarray:
         """Lengths of the cables [mm], shape (cable_count,)."""

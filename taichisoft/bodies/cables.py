@@ -311,3 +311,14 @@ class CableShapes:
             self._shapes,
             self._gradient,
         )
+
+    def coordinates(self) -> np.ndarray:
+        """The coordinates where they were last measured [mm]: for a whole cable its length with a minus, which differs
+        from how far it is pulled in by a constant; for an inner point the length beyond it; (coordinate_count,)."""
+        paths, position = self._cables.paths, self._shapes.position
+        way = np.zeros(len(position))
+        way[1:] = np.linalg.norm(np.diff(position, axis=0), axis=1)
+        along = np.cumsum(way)
+        first, last = paths.point_start[paths.cable], paths.point_start[paths.cable + 1] - 1
+        beyond = along[last] - along[paths.first_point]
+        return np.where(paths.first_point == first, -beyond, beyond)

@@ -96,6 +96,11 @@ class CavityVolumes:
         self.update(node_position)
         return self._volumes.volume.copy()
 
+    @property
+    def measured(self) -> np.ndarray:
+        """Volumes where they were last measured [mm^3], shape (cavity_count,)."""
+        return self._volumes.volume
+
     def flows(self, node_position: np.ndarray, node_velocity: np.ndarray) -> np.ndarray:
         """Rates of change of the volumes [mm^3/s], shape (cavity_count,), at these positions and velocities (N, 3)."""
         self.update(node_position)

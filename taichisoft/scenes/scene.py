@@ -101,6 +101,11 @@ class Time(Table):
     dynamics: Literal["second order", "first order"] = "second order"
     """Newton's law, or motion without inertia against a drag of 1 mN for 1 mm/s and kg, as SOFA's `firstOrder`; soft
     bodies alone can move so, and Rayleigh damping and their velocities at the start have no effect then."""
+    newton: Annotated[int, Field(strict=True, gt=0)] = 1
+    """Most linearisations of the soft bodies' equations in a step. One is linearly implicit Euler; more lead to the
+    solution of the equations at the end of the step, contacts and actuators included."""
+    newton_tolerance: Positive = 1e-5
+    """No further linearisation is made where one would change no node's velocity by more than this [mm/s]."""
 
 
 class Controller(Table):

@@ -47,9 +47,27 @@ class ActuatorRows:
         has_rows = imposed | actuators.always_has_rows
         self.load[actuators.first_coordinate[:-1]] = np.where(has_rows, 0.0, target)
         self.coordinates, self.target_rate, self.bounds, self.first_impulse = NO_ROWS
+        self._mean_rate = self.target_rate
         self.stretch: list[tuple[int, np.ndarray]] = []
         if has_rows.any():
             self._make_rows(state, has_rows.nonzero()[0].tolist(), imposed, target)
+
+    def linearise_again(self, growth: np.ndarray, rate: np.ndarray, impulse: np.ndarray) -> None:
+        """Ask for the same where the geometry is now, with the impulses last found for a start.
+
+        A row's target rate belongs to the mean rate of its coordinate in the step, (q - q0) / h, which is linear in the
+        velocities around the present ones: (q' - q0) / h + dq/dx (v - v').
+
+        Args:
+            growth: q' - q0, of the coordinates from the start of the step to the present place, (coordinate_count,).
+            rate: dq/dx v' of the velocities that lead there, shape (coordinate_count,).
+            impulse: of the rows, shape (row_count,).
+        """
+        some = self.coordinates
+        self.target_rate = self._mean_rate + (rate - growth / self._time_step)[some]
+        rubs = self.bounds[:, GRIP] >= 0.0
+        self.bounds[rubs, GRIP] = self._geometry.cables.grip[some[rubs] - self._cavity_count]
+        self.first_impulse = impulse
 
     def efforts(self, impulse: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Pressures [kPa], tensions [mN] and tensions lost to friction [mN] of all actuators, by the rows' impulses."""
@@ -98,6 +116,7 @@ class ActuatorRows:
             rates.append(rate)
             bounds.append(rows)
         self.coordinates, self.target_rate = np.concatenate(coordinates), np.concatenate(rates)
+        self._mean_rate = self.target_rate
         self.bounds = np.vstack(bounds)
         self.first_impulse = last[self.coordinates] * step
 

@@ -1,5 +1,7 @@
 """The constraint problem of a step: contacts and actuators, solved together."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
@@ -23,6 +25,29 @@ SMALL_COMPLIANCE = 30e6
 FIRST_CAPACITY = 16
 # A little room to spare: with several hundred contacts the arrays are large.
 GROWTH = 1.25
+NO_IMPULSE = np.zeros(0)
+
+
+class Motion(NamedTuple):
+    """Velocities of the soft nodes after a step, and impulses that lead to them; a mean of two is one as well.
+
+    Attributes:
+        node_velocity: [mm/s], shape (node_count, 3).
+        node_impulse: of contacts alone on the soft nodes [mN s], shape (node_count, 3).
+        contact_impulse: on the second body of each contact [mN s], in arrays with room for more, shape (capacity, 3).
+        effort: of all coordinates of actuators, pressures [kPa] and tensions [mN], shape (coordinate_count,).
+        rigid_impulse: on the rigid bodies [mN s] and [mN s mm], shape (rigid_count, 6).
+    """
+
+    node_velocity: np.ndarray
+    node_impulse: np.ndarray
+    contact_impulse: np.ndarray
+    effort: np.ndarray
+    rigid_impulse: np.ndarray
+
+    def towards(self, other: "Motion", share: float) -> "Motion":
+        """This share of the way from this motion to another."""
+        return Motion(*(a + share * (b - a) for a, b in zip(self, other, strict=True)))
 
 
 class Constraints:
@@ -35,6 +60,7 @@ class Constraints:
 
     Attributes:
         node_velocity: of the soft nodes after the step [mm/s], shape (node_count, 3).
+        row_impulse: of the actuators with rows [mN s, of a volume kPa s], shape (row_count,).
         told: the contacts that took part, and the closest one of bodies near each other without any.
         cavity_pressure: imposed or found [kPa], shape (cavity_count,).
         cable_tension: at the pulled end, imposed or found [mN], shape (cable_count,).
@@ -89,12 +115,13 @@ class Constraints:
             found: the contacts of the step.
         """
         count = int(found.contacts.count[0])
+        self._has_any = bool(count or len(self._actuators.coordinates))
         self.iterations, self.residual, self.penetration = 0, 0.0, 0.0
         self.deepest: tuple[int, ...] = ()
         self.node_shift: np.ndarray | None = None
         self.told.count[0] = 0
-        if not count and not len(self._actuators.coordinates):
-            self._collect_efforts(np.zeros(0))
+        self.row_impulse = NO_IMPULSE
+        if not self._has_any:
             self._rigid.apply_impulses()
             self.node_velocity = self._free_velocity().copy()
             return
@@ -104,6 +131,53 @@ class Constraints:
             self._rigid_before = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
         self._active_set.begin(found, state, self._velocity)
         self.penetration, self.deepest = self._active_set.depth, self._active_set.deepest
+        self._find_motion(found)
+
+    def solve_again(self, found: Found) -> None:
+        """The same contacts and actuators with soft bodies that were linearised anew, from the impulses last found."""
+        if self._has_any:
+            self._find_motion(found)
+        else:
+            self.node_velocity = self._free_velocity().copy()
+
+    @property
+    def node_impulse(self) -> np.ndarray:
+        """That of contacts and actuators with rows on the soft nodes [mN s], shape (node_count, 3)."""
+        acts = self._has_any and self._row_count
+        return self._node_impulse if acts else np.zeros_like(self._node_impulse)
+
+    @property
+    def motion(self) -> Motion:
+        """The motion last found, before the actuators' geometry changes."""
+        coordinates, own = self._model.actuators.coordinates, np.zeros(self._model.actuators.count)
+        own[self._actuators.coordinates] = self.row_impulse
+        of_entries = np.repeat(own, np.diff(coordinates.entry_start))[:, None] * self._geometry.gradient.soft
+        node_impulse = self.node_impulse.copy()
+        np.subtract.at(node_impulse, coordinates.entry_node, of_entries)
+        effort = self._actuators.load.copy()
+        effort[self._actuators.coordinates] = self.row_impulse / self._time_step
+        on_contacts, on_rigid = self._active_set.impulse.copy(), self._rigid.state.impulse.copy()
+        return Motion(self.node_velocity, node_impulse, on_contacts, effort, on_rigid)
+
+    def take(self, motion: Motion) -> None:
+        """Let this be the motion found."""
+        self.node_velocity = motion.node_velocity
+        self._velocity[:] = motion.node_velocity
+        self._active_set.impulse[:] = motion.contact_impulse
+        self.row_impulse = motion.effort[self._actuators.coordinates] * self._time_step
+        self._rigid.state.impulse[:] = motion.rigid_impulse
+        self._rigid.apply_impulses()
+
+    def end(self, found: Found) -> None:
+        """What the impulses found mean; and what overlaps is moved apart."""
+        self.cavity_pressure, self.cable_tension, self.cable_tension_loss = self._actuators.efforts(self.row_impulse)
+        if not self._has_any:
+            return
+        self._tell(found.contacts)
+        if self._removes_depth and self._active_set.add_deep():
+            self._remove_depth(found.contacts)
+
+    def _find_motion(self, found: Found) -> None:
         while True:
             self._build_rows(found.contacts)
             self._assemble_compliance()
@@ -113,9 +187,6 @@ class Constraints:
             self._velocity[:] = self.node_velocity
             if not self._active_set.add_violated(self._velocity):
                 break
-        self._collect(found.contacts)
-        if self._removes_depth and self._active_set.add_deep():
-            self._remove_depth(found.contacts)
 
     def _remove_depth(self, contacts: Contacts) -> None:
         """Move what overlaps apart, by velocities of this step alone, which nothing keeps (split impulses).
@@ -275,6 +346,7 @@ class Constraints:
         solver.choose_smallest(rows.on_rigid[:on_rigid], settings.tolerance)
         if strike is not None:
             solver.impulse[: len(strike)] += strike
+        self.row_impulse = solver.impulse[3 * contact_count : first_moment].copy()
         self.iterations += solver.iterations
         self.residual = solver.residual
 
@@ -303,22 +375,17 @@ class Constraints:
         if self._moment_count:
             moment_rows.apply_moments(problem.rows, problem.gauss_seidel.impulse, self._rigid.state)
 
-    def _collect(self, contacts: Contacts) -> None:
-        """What the impulses mean for the contacts and actuators of the step."""
-        solver = self._problem.gauss_seidel
-        if contacts.count[0]:
-            if len(contacts.distance) != len(self.told.slip):
-                self.told = ToldContacts.with_room(len(contacts.distance), len(self._model.body_names))
-            tell(
-                self._model.scene.contact.alarm_distance,
-                contacts,
-                self._active_set.choice,
-                self._active_set.impulse,
-                solver.answer,
-                self.told,
-            )
-        first_moment = self._row_count - 3 * self._moment_count
-        self._collect_efforts(solver.impulse[3 * self._contact_count : first_moment])
-
-    def _collect_efforts(self, impulse: np.ndarray) -> None:
-        self.cavity_pressure, self.cable_tension, self.cable_tension_loss = self._actuators.efforts(impulse)
+    def _tell(self, contacts: Contacts) -> None:
+        """Keep what is worth telling of the contacts."""
+        if not contacts.count[0]:
+            return
+        if len(contacts.distance) != len(self.told.slip):
+            self.told = ToldContacts.with_room(len(contacts.distance), len(self._model.body_names))
+        tell(
+            self._model.scene.contact.alarm_distance,
+            contacts,
+            self._active_set.choice,
+            self._active_set.impulse,
+            self._problem.gauss_seidel.answer,
+            self.told,
+        )

@@ -23,11 +23,14 @@ class StepReport:
             when it exceeds that distance.
         iterations: number of sweeps of the Gauss-Seidel.
         residual: largest change of a velocity in the last sweep [mm/s].
-        converged: whether the residual is below the tolerance.
+        converged: whether the residual is below the tolerance, and `newton_residual` below its own.
         signals: numbers of the controller's own, by name.
         step_time: wall-clock time that the step took [s].
         observe: function that works the observation out.
         deepest: names of the two bodies with that intrusion; None where there is none.
+        linearisations: number of linearisations of the soft bodies' equations.
+        newton_residual: by how much another linearisation would change the velocity of a node at most [mm/s]; None
+            where a step has one only (`time.newton`), and this is not known.
     """
 
     step: int
@@ -42,6 +45,8 @@ class StepReport:
     step_time: float
     observe: Callable[[], Observation] = field(repr=False, compare=False)
     deepest: tuple[str, str] | None = None
+    linearisations: int = 1
+    newton_residual: float | None = None
 
     @property
     def contact_count(self) -> int:

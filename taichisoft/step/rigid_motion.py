@@ -34,6 +34,7 @@ class RigidMotion:
             inverse_mass=np.zeros((count, 6, 6)),
             impulse=np.zeros((count, 6)),
         )
+        self._ahead = self.state._replace(position=np.empty((count, 3)), quaternion=np.empty((count, 4)))
         self._external_forces = _external_forces(model)
 
     def solve_free_motion(self, state: State) -> None:
@@ -55,6 +56,14 @@ class RigidMotion:
         """Velocities by the impulses."""
         if len(self.state.position):
             kernels.apply_impulses(self.state)
+
+    def end_poses(self) -> tuple[np.ndarray, np.ndarray]:
+        """Where the present velocities lead to: positions [mm] (rigid_count, 3) and quaternions (rigid_count, 4)."""
+        ahead = self._ahead
+        ahead.position[:], ahead.quaternion[:] = self.state.position, self.state.quaternion
+        if len(ahead.position):
+            kernels.integrate(self._time_step, ahead)
+        return ahead.position.copy(), ahead.quaternion.copy()
 
     def begin_shift(self, linear: np.ndarray, angular: np.ndarray) -> None:
         """Take the present velocities for those of a shift, and these for the bodies' own, each (rigid_count, 3)."""

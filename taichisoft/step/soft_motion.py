@@ -18,6 +18,9 @@ class SoftMotion:
         free_velocity: of the nodes after the step, without the impulses of contacts and of actuators with rows [mm/s],
             shape (node_count, 3); the same array in every step.
         system: elastic forces and matrix of the step, and the direct solver that has factorised it.
+        nodes: what acts on them, from the start of the step.
+        anchors: springs that hold nodes, with the lag of a step from its start.
+        base: where the anchors have been moved to.
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, geometry: ActuatorGeometry):
@@ -31,7 +34,7 @@ class SoftMotion:
         self._model = model
         self._geometry = geometry
         self.system = ElasticSystem(elasticity)
-        self._nodes = kernels.Nodes(
+        self.nodes = kernels.Nodes(
             mass=elasticity.node_mass,
             drag=elasticity.node_mass * elasticity.node_rayleigh_mass,
             gravity=np.empty((1, 3)),
@@ -41,13 +44,13 @@ class SoftMotion:
             impulse=np.empty((model.node_count, 3)),
         )
         self._young_modulus: np.ndarray | None = None  # that of the system's elements
-        self._anchors = kernels.Anchors(
+        self.anchors = kernels.Anchors(
             node=model.anchored_nodes,
             stiffness=elasticity.anchor_stiffness,
             lag=elasticity.node_lag,
             position=np.empty((len(model.anchored_nodes), 3)),
         )
-        self._base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
+        self.base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
         self._base_rotation: np.ndarray | None = None  # that of `turn`
         self.free_velocity = np.zeros((model.node_count, 3))
 
@@ -69,18 +72,23 @@ class SoftMotion:
             stiffening = state.young_modulus / self._model.young_modulus
             self.system.scale_stiffness(stiffening[self._model.element_material])
         self.system.assemble()
-        self._factorise(state)
+        self.factorise(state)
         self._sum_impulses(state, load)
         if self._model.scene.time.dynamics == "first order":
-            self.free_velocity[:] = self.response(self._nodes.impulse)
+            self.free_velocity[:] = self.response(self.nodes.impulse)
         else:
-            np.add(self.response(self._nodes.impulse), state.velocity, out=self.free_velocity)
+            np.add(self.response(self.nodes.impulse), state.velocity, out=self.free_velocity)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], (node_count, 3), by impulses on the nodes [mN s], (node_count, 3)."""
         return self.system.solver.solve(node_impulse)
 
-    def _factorise(self, state: State) -> None:
+    def factorise(self, state: State) -> None:
+        """Factorise the matrix that the system holds, in the step from `state`.
+
+        Raises:
+            SimulationDiverged: it is not positive definite.
+        """
         try:
             self.system.solver.factorise()
         except NotPositiveDefinite as error:
@@ -88,17 +96,17 @@ class SoftMotion:
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
 
     def _sum_impulses(self, state: State, load: np.ndarray) -> None:
-        self._nodes.gravity[0] = state.gravity
-        self._anchors.position[:] = state.anchor_position
-        self._base.place[1] = state.base_translation
+        self.nodes.gravity[0] = state.gravity
+        self.anchors.position[:] = state.anchor_position
+        self.base.place[1] = state.base_translation
         if state.base_rotation is not self._base_rotation:
             self._base_rotation = state.base_rotation
-            self._base.turn[0] = rotation_from_vector(state.base_rotation)
+            self.base.turn[0] = rotation_from_vector(state.base_rotation)
         kernels.sum_impulses(
             self._model.scene.time.step,
-            self._nodes,
-            self._anchors,
-            self._base,
+            self.nodes,
+            self.anchors,
+            self.base,
             self._model.actuators.coordinates,
             self._geometry.gradient,
             load,

@@ -140,6 +140,8 @@ def fake_report(step: int) -> SimpleNamespace:
         iterations=step,
         residual=1e-6,
         converged=step % 2 == 0,
+        linearisations=1,
+        newton_residual=None,
         signals={},
         step_time=0.02,
     )

@@ -46,6 +46,8 @@ def report(step: int, **changes: Any) -> Any:
         "iterations": step,
         "converged": True,
         "max_penetration": 0.01,
+        "linearisations": 1,
+        "newton_residual": None,
     }
     seen = {
         "normal_forces": {
@@ -281,6 +283,17 @@ def test_a_new_start_forgets_what_came_before(tmp_path):
         output.record(state(1.0, 1.0), report(0))
         output.end("completed")
     assert first.metrics == second.metrics
+
+
+def test_how_far_the_equations_were_solved_is_told_where_it_is_known(tmp_path: Path) -> None:
+    """One step with a residual above time.newton_tolerance, 1e-5 mm/s."""
+    residuals = {step: {"linearisations": 3 + step, "newton_residual": 1e-7} for step in range(4)}
+    residuals[2] |= {"newton_residual": 2e-3, "converged": False}
+    metrics = follow(tmp_path, [0.0] * 5, [0.0] * 5, goal=False, changes=residuals)
+    assert metrics["linearisations_max"] == 6
+    assert metrics["worst_newton_residual_mm_per_s"] == 2e-3
+    assert (metrics["unconverged_newton_steps"], metrics["unconverged_steps"]) == (1, 1)
+    assert "linearisations_max" not in follow(tmp_path, [0.0] * 5, [0.0] * 5, goal=False)
 
 
 def test_the_largest_stretch_of_each_body_is_kept(tmp_path: Path) -> None:

@@ -1,0 +1,135 @@
+"""The soft bodies' equations of motion at the end of a step, which one linearisation does not solve."""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.sparse as sparse
+
+from taichisoft.bodies.actuators import ActuatorGeometry
+from taichisoft.bodies.elasticity import Elasticity
+from taichisoft.kernels import loads as kernels
+from taichisoft.model import Model
+from taichisoft.state import State
+from taichisoft.step.soft_motion import SoftMotion
+
+
+class EndPoses(NamedTuple):
+    """Where all bodies would be at the end of a step, as `Poses`."""
+
+    position: np.ndarray
+    rigid_position: np.ndarray
+    rigid_rotation: np.ndarray
+
+
+class EndOfStep:
+    """Implicit Euler's equations of velocities v after the step, with x = x0 + h v and efforts p of coordinates q,
+
+        M (v - v0) = h (f(x) - b K0 v - a M v + M g + anchors + p dq/dx(x)) + J^T l,
+
+    and in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)). The damping K0 is that of the start of
+    the step, which has no negative eigenvalues, so that damping never drives. `SoftMotion` solves them linearised at
+    v = 0; here they are evaluated, and linearised anew, at other velocities. A linearisation leaves out how loads that
+    follow the body turn with it.
+    """
+
+    def __init__(self, model: Model, elasticity: Elasticity, soft: SoftMotion, geometry: ActuatorGeometry):
+        """Make the work space.
+
+        Args:
+            model: the bodies.
+            elasticity: the model's.
+            soft: the soft bodies of a step, whose matrix and `free_velocity` are linearised anew.
+            geometry: of the model's actuators, which is moved along.
+        """
+        self._model, self._soft, self._geometry = model, soft, geometry
+        self._mass, self._diagonal = elasticity.node_mass[:, None], elasticity.block_parts.diagonal
+        self._time_step = model.scene.time.step
+        self._has_inertia = model.scene.time.dynamics == "second order"
+        # The lag is h + b in second order dynamics, and 0 in first order ones, where nothing is damped.
+        lag = elasticity.node_lag
+        self._damping_lag = np.maximum(lag - self._time_step, 0.0)
+        self._damped_share = (self._damping_lag / np.where(lag > 0.0, lag, 1.0))[:, None]
+        self._is_damped = bool(self._damped_share.any())
+        self._anchors = soft.anchors._replace(lag=self._damping_lag)
+        pairs = elasticity.symbolic.block_pairs
+        self._damped_share_of_blocks = self._damped_share[pairs[:, 0], :, None]
+        off = np.flatnonzero(pairs[:, 0] != pairs[:, 1])
+        row, column = np.concatenate([pairs, pairs[off, ::-1]]).T
+        order = np.lexsort((column, row))
+        self._below = off
+        self._order, self._column = order, column[order]
+        self._row_start = np.searchsorted(row[order], np.arange(model.node_count + 1))
+        self._velocity = np.empty((model.node_count, 3))
+        self._nodes = soft.nodes._replace(velocity=self._velocity, impulse=np.empty((model.node_count, 3)))
+
+    def begin(self, state: State) -> None:
+        """Take the matrix that `SoftMotion` has made in the step from `state`."""
+        self._start = state
+        self._pull_point = self._model.placed_pull_points(state)
+        blocks = self._soft.system.solver.blocks
+        self._first_blocks = blocks.copy()
+        both = np.concatenate([blocks, blocks[self._below].transpose(0, 2, 1)])[self._order]
+        size = 3 * self._model.node_count
+        self._first_matrix = sparse.bsr_array((both, self._column, self._row_start), (size, size))
+
+    def first_pull(self, node_velocity: np.ndarray) -> np.ndarray:
+        """The first matrix times velocities [mN s], shape (node_count, 3)."""
+        product: np.ndarray = (self._first_matrix @ node_velocity.ravel()).reshape(-1, 3)
+        return product
+
+    def move(self, node_velocity: np.ndarray, rigid_position: np.ndarray, rigid_rotation: np.ndarray) -> None:
+        """Let bodies be where these velocities [mm/s], (node_count, 3), and poses of the rigid bodies have them."""
+        system = self._soft.system
+        position = self._start.position + self._time_step * node_velocity
+        system.position[:] = position
+        system.velocity[:] = 0.0
+        system.assemble()
+        self._velocity[:] = node_velocity
+        self._geometry.update(EndPoses(position, rigid_position, rigid_rotation), self._pull_point)
+
+    def left(self, effort: np.ndarray) -> np.ndarray:
+        """The impulses [mN s] by which the equations miss where the bodies are, without those of contacts.
+
+        Args:
+            effort: of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
+        """
+        soft, velocity = self._soft, self._velocity
+        kernels.sum_impulses(
+            self._time_step,
+            self._nodes,
+            self._anchors,
+            soft.base,
+            self._model.actuators.coordinates,
+            self._geometry.gradient,
+            effort,
+        )
+        left: np.ndarray = self._nodes.impulse.copy()
+        if self._is_damped:
+            # h b K0 v, from A0 = D + h (h + b) K0.
+            left -= self._damped_share * (self.first_pull(velocity) - self._diagonal * velocity)
+        if self._has_inertia:
+            left -= self._mass * (velocity - self._start.velocity)
+        else:
+            left -= self._time_step * self._mass * velocity
+        return left
+
+    def linearise(self, load: np.ndarray) -> np.ndarray:
+        """Linearise where the bodies are: `SoftMotion`'s matrix D + h^2 K(x) + h b K0 and its motion without contact.
+
+        Args:
+            load: efforts that are known, 0 of those with rows, shape (coordinate_count,).
+
+        Returns:
+            The impulses [mN s] that make up for what is left of the equations, shape (node_count, 3).
+
+        Raises:
+            SimulationDiverged: the matrix is not positive definite.
+        """
+        soft = self._soft
+        if self._is_damped:
+            blocks = soft.system.solver.blocks
+            blocks += self._damped_share_of_blocks * (self._first_blocks - blocks)
+        soft.factorise(self._start)
+        left = self.left(load)
+        np.add(soft.response(left), self._velocity, out=soft.free_velocity)
+        return left
