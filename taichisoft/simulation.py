@@ -153,6 +153,7 @@ class Simulation:
             step_time=time.perf_counter() - started,
             observe=partial(self._observer.observe, end),
             deepest=(names[solved.deepest[0]], names[solved.deepest[1]]) if solved.deepest else None,
+            inverted_elements=self._divergence_check.inverted,
             linearisations=self._newton.linearisations if self._newton is not None else 1,
             newton_residual=self._newton.residual if self._newton is not None else None,
         )

@@ -128,6 +128,7 @@ class MetricsOutput(Output):
             "solver iterations, median and most": f"{m['iterations_median']:.0f} and {m['iterations_max']}",
             "steps not converged": f"{m['unconverged_steps']} of {m['steps']}",
             **self._newton_rows(),
+            **self._inverted_rows(),
             "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
             "real-time factor": f"{m['real_time_factor']:.2f}",
         }
@@ -141,6 +142,10 @@ class MetricsOutput(Output):
             "linearisations not enough": f"in {m['unconverged_newton_steps']} steps",
             "velocity that another one would change, worst": f"{m['worst_newton_residual_mm_per_s']:.2g} mm/s",
         }
+
+    def _inverted_rows(self) -> dict[str, str]:
+        most, at_end = self.metrics["inverted_elements_max"], self.metrics["inverted_elements_at_end"]
+        return {"elements turned inside out, most and at the end": f"{most} and {at_end}"} if most else {}
 
     def _hold_steps(self) -> int:
         """Number of the steps at the end in which the object must stand still."""
@@ -173,6 +178,8 @@ class MetricsOutput(Output):
             "iterations_max": max(iterations),
             "unconverged_steps": sum(not report.converged for report in reports),
             **self._newton_metrics(),
+            "inverted_elements_max": max(report.inverted_elements for report in reports),
+            "inverted_elements_at_end": reports[-1].inverted_elements,
             "step_time_median_ms": 1e3 * median,
             "real_time_factor": self._scene.time.step / median,
         }

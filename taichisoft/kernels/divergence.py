@@ -2,8 +2,12 @@
 
 from typing import NamedTuple
 
+from taichisoft.kernels.domains import Domains
 from taichisoft.kernels.launch import kernel
 from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, Vectors, ti
+
+# Integration points of a quadratic element.
+POINTS = 4
 
 
 class Points(NamedTuple):
@@ -28,12 +32,15 @@ class InvertedElements(NamedTuple):
     """Elements of all soft bodies.
 
     Attributes:
-        elements: node indices, shape (element_count, nodes_per_element).
+        elements: corners, shape (element_count, 4).
+        first_point: of a quadratic element, the first of its POINTS integration domains; -1 for others, whose
+            corners tell, shape (element_count,).
         body_start: where each body's elements begin, shape (body_count + 1,).
         count: how many of each body's are turned inside out, shape (body_count,).
     """
 
     elements: IntegerTable
+    first_point: Integers
     body_start: Integers
     count: Integers
 
@@ -53,14 +60,21 @@ def largest_leaps(time_step: ti.f64, points: Points):
 
 
 @kernel
-def count_inverted(inverted: InvertedElements, position: Vectors):
-    """Elements of each body whose first four corners span no positive volume."""
+def count_inverted(inverted: InvertedElements, domains: Domains, position: Vectors):
+    """Elements of each body whose corners span no positive volume, or where an integration point has none."""
     ti.loop_config(serialize=True)
     for body in range(inverted.count.shape[0]):
         count = 0
         for e in range(inverted.body_start[body], inverted.body_start[body + 1]):
             origin = position[inverted.elements[e, 0]]
             first, second = position[inverted.elements[e, 1]] - origin, position[inverted.elements[e, 2]] - origin
-            if first.cross(second).dot(position[inverted.elements[e, 3]] - origin) <= 0.0:
+            least = first.cross(second).dot(position[inverted.elements[e, 3]] - origin)
+            if inverted.first_point[e] >= 0:
+                for d in range(inverted.first_point[e], inverted.first_point[e] + POINTS):
+                    deformation = ti.Matrix.zero(ti.f64, 3, 3)
+                    for c in range(domains.start[d], domains.start[d + 1]):
+                        deformation += (position[domains.node[c]] - origin).outer_product(domains.gradient[c])
+                    least = ti.min(least, deformation.determinant())
+            if least <= 0.0:
                 count += 1
         inverted.count[body] = count

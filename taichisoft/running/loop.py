@@ -183,8 +183,12 @@ def _wait_for_pace(session: Session, stop_if_asked: Callable[[], None]) -> None:
 
 def _warn_once(session: Session, report: StepReport, warned: set[Callable[..., None]]) -> None:
     """Say what is wrong with a step, unless the same was wrong with an earlier one."""
+    time = session.simulation.model.scene.time
+    newton_failed = report.newton_residual is not None and not report.newton_residual <= time.newton_tolerance
     wrong = {
-        _warn_not_converged: not report.converged,
+        _warn_not_converged: not report.converged and not newton_failed,
+        _warn_newton_not_converged: newton_failed,
+        _warn_of_inverted_elements: report.inverted_elements > 0,
         _warn_of_overlap: report.max_penetration > session.simulation.model.scene.contact.contact_distance,
     }
     for warn, is_due in wrong.items():
@@ -198,6 +202,23 @@ def _warn_not_converged(session: Session, report: StepReport) -> None:
         f"step {report.step}: the Gauss-Seidel stopped after {report.iterations} sweeps with a residual of "
         f"{report.residual:.2g} mm/s, above contact.tolerance = {session.simulation.model.scene.contact.tolerance:g}; "
         "later steps are counted, not reported",
+        stacklevel=6,
+    )
+
+
+def _warn_newton_not_converged(session: Session, report: StepReport) -> None:
+    warnings.warn(
+        f"step {report.step}: after {report.linearisations} linearisations another one would change a velocity by "
+        f"{report.newton_residual:.2g} mm/s, more than time.newton_tolerance = "
+        f"{session.simulation.model.scene.time.newton_tolerance:g}; later steps are counted, not reported",
+        stacklevel=6,
+    )
+
+
+def _warn_of_inverted_elements(session: Session, report: StepReport) -> None:
+    warnings.warn(
+        f"step {report.step}: {report.inverted_elements} elements are turned inside out; a smaller time.step, or "
+        "time.newton = 20, or a finer mesh may keep them from it; metrics.json has the most and those at the end",
         stacklevel=6,
     )
 

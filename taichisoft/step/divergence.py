@@ -4,24 +4,44 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.bodies.strain import Stretches, valid_stretch
 from taichisoft.errors import SimulationDiverged
 from taichisoft.kernels import divergence as kernels
+from taichisoft.kernels.domains import Domains
+from taichisoft.kernels.laws import HOOKE, MODULI, OGDEN_TERMS
 from taichisoft.model import Model
 from taichisoft.state import State
 
-# A corotational element survives being inverted for a while; a body of which more than this share is, does not.
+# An element under Hooke's law survives being inverted for a while; a body of which more than this share is, does not.
 INVERTED_SHARE = 0.25
 # Nothing moves by more than this many times its own size in a step, unless it did so before: a small body that falls
 # freely does after a while, one that explodes does at once.
 LARGEST_MOVE = 10.0
+
+NO_DOMAINS = Domains(
+    start=np.zeros(1, dtype=np.int32),
+    node=np.zeros(0, dtype=np.int32),
+    gradient=np.zeros((0, 3)),
+    volume=np.zeros((0, 2)),
+    law=np.zeros(0, dtype=np.int32),
+    modulus=np.zeros((0, MODULI)),
+    exponent=np.zeros((0, OGDEN_TERMS)),
+    lag=np.zeros(0),
+    factor=np.zeros(0),
+    undamped=np.zeros(0),
+)
 
 ADVICE = "a smaller time.step, a lower pressure or pressure rate, or a finer mesh"
 COLLAPSE_ADVICE = "less suction, or a lowest_volume_growth or lowest_pressure of the cavity"
 
 
 class DivergenceCheck:
-    """Compares the states before and after a step: soft bodies by their nodes, rigid ones by their centres."""
+    """Compares the states before and after a step: soft bodies by their nodes, rigid ones by their centres.
+
+    Attributes:
+        inverted: number of elements of all soft bodies that are turned inside out after the step.
+    """
 
     def __init__(self, model: Model):
         """Lay out the bodies."""
@@ -34,11 +54,16 @@ class DivergenceCheck:
         centres = list(range(len(rigid) + 1))
         self._rigid = _Leaps([body.name for body in rigid], [body.vertices for body in rigid], centres)
         counts = [len(body.elements) for body in soft]
-        self._largest_inverted = INVERTED_SHARE * np.array(counts)
+        # Laws of rubber push elements out again that are turned inside out, however many.
+        follows_hooke = np.array([bool((body.laws.kind == HOOKE).any()) for body in soft])
+        self._largest_inverted = np.where(follows_hooke, INVERTED_SHARE, 1.0) * np.array(counts)
+        self.inverted = 0
         self._element_counts = counts
         if model.elasticity is not None:
+            self._domains, first_point = _integration_points(model.elasticity, [body.elements.shape for body in soft])
             self._inverted = kernels.InvertedElements(
                 elements=model.elasticity.elements,
+                first_point=first_point,
                 body_start=np.cumsum([0, *counts]).astype(np.int32),
                 count=np.zeros(len(soft), dtype=np.int32),
             )
@@ -68,7 +93,8 @@ class DivergenceCheck:
             raise SimulationDiverged(name.partition(".")[0], step, cause, COLLAPSE_ADVICE)
 
     def _check_inverted(self, before: State, step: int) -> None:
-        kernels.count_inverted(self._inverted, self._soft.points.after)
+        kernels.count_inverted(self._inverted, self._domains, self._soft.points.after)
+        self.inverted = int(self._inverted.count.sum())
         bad = self._inverted.count > self._largest_inverted
         if bad.any():
             body = int(np.argmax(bad))
@@ -82,6 +108,18 @@ class DivergenceCheck:
         found = Stretches(body.rest_position, body.elements).largest(state.position[body.nodes]).max()
         limit, law = valid_stretch(body.settings)
         return f" after being stretched {found:.2f}-fold, where {law} holds up to {limit:g}" if found > limit else ""
+
+
+def _integration_points(elasticity: Elasticity, shapes: Sequence[tuple[int, ...]]) -> tuple[Domains, np.ndarray]:
+    """The integration domains, and the first one of each quadratic element, -1 for others, by these bodies' shapes."""
+    quadratic = np.repeat([nodes == 10 for _, nodes in shapes], [count for count, _ in shapes])
+    first_point = np.full(len(quadratic), -1, dtype=np.int32)
+    if elasticity.domains is None:
+        return NO_DOMAINS, first_point
+    element = elasticity.domains.domains.element
+    some = np.flatnonzero(quadratic[element])[:: kernels.POINTS]
+    first_point[element[some]] = some
+    return elasticity.domains.data, first_point
 
 
 class _Leaps:

@@ -28,6 +28,7 @@ class StepReport:
         step_time: wall-clock time that the step took [s].
         observe: function that works the observation out.
         deepest: names of the two bodies with that intrusion; None where there is none.
+        inverted_elements: number of elements that are turned inside out at the end of the step.
         linearisations: number of linearisations of the soft bodies' equations.
         newton_residual: by how much another linearisation would change the velocity of a node at most [mm/s]; None
             where a step has one only (`time.newton`), and this is not known.
@@ -45,6 +46,7 @@ class StepReport:
     step_time: float
     observe: Callable[[], Observation] = field(repr=False, compare=False)
     deepest: tuple[str, str] | None = None
+    inverted_elements: int = 0
     linearisations: int = 1
     newton_residual: float | None = None
 

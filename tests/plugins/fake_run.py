@@ -140,6 +140,7 @@ def fake_report(step: int) -> SimpleNamespace:
         iterations=step,
         residual=1e-6,
         converged=step % 2 == 0,
+        inverted_elements=0,
         linearisations=1,
         newton_residual=None,
         signals={},

@@ -46,6 +46,7 @@ def report(step: int, **changes: Any) -> Any:
         "iterations": step,
         "converged": True,
         "max_penetration": 0.01,
+        "inverted_elements": 0,
         "linearisations": 1,
         "newton_residual": None,
     }
@@ -294,6 +295,13 @@ def test_how_far_the_equations_were_solved_is_told_where_it_is_known(tmp_path: P
     assert metrics["worst_newton_residual_mm_per_s"] == 2e-3
     assert (metrics["unconverged_newton_steps"], metrics["unconverged_steps"]) == (1, 1)
     assert "linearisations_max" not in follow(tmp_path, [0.0] * 5, [0.0] * 5, goal=False)
+
+
+def test_elements_turned_inside_out_are_counted(tmp_path: Path) -> None:
+    """As many as there were at once, and those that have not come back."""
+    changes = {step: {"inverted_elements": count} for step, count in enumerate([0, 12, 7, 2])}
+    metrics = follow(tmp_path, [0.0] * 5, [0.0] * 5, goal=False, changes=changes)
+    assert (metrics["inverted_elements_max"], metrics["inverted_elements_at_end"]) == (12, 2)
 
 
 def test_the_largest_stretch_of_each_body_is_kept(tmp_path: Path) -> None:
