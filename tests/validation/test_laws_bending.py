@@ -1,0 +1,55 @@
+"""Slender bars and Cook's membrane against theory, by the study of bending."""
+
+import pytest
+from conftest import Figures
+
+from taichisoft_benchmarks.studies.bending import (
+    cook_deflection,
+    critical_load_error,
+    elastica,
+    elastica_error,
+    frequency_error,
+)
+
+BENDING = ("smoothed", "quadratic")
+
+
+def test_the_elastica_begins_as_a_straight_beam() -> None:
+    """For small weights the deflection is w L^4 / (8 EI), but for its square."""
+    assert elastica(1e-3) == pytest.approx(1e-3 / 8, rel=1e-6)
+
+
+@pytest.mark.parametrize("element", BENDING)
+@pytest.mark.parametrize("load", [2.0, 10.0])
+def test_elastica(element: str, load: float, figures: Figures) -> None:
+    """The end of a bar under its weight, w L^3 / EI = 2 and 10, sinks by 0.24 and 0.70 of its length, within 1 %.
+
+    What is left is the mesh and the bar's extension, w L / EA = load (h / L)^2 / 12, which is 0.1 % for 10.
+    """
+    figures.at_most("relative error", abs(elastica_error(element, load)), 0.01)
+
+
+@pytest.mark.parametrize("element", BENDING)
+def test_eulers_column(element: str, figures: Figures) -> None:
+    """pi^2 EI / (4 L^2), within 1 %: the compression of 1 % of the column at that load, and the mesh."""
+    figures.at_most("relative error", abs(critical_load_error(element)), 0.01)
+
+
+@pytest.mark.parametrize("element", BENDING)
+def test_first_frequency_of_a_bar(element: str, figures: Figures) -> None:
+    """1.8751^2 / (2 pi) sqrt(EI / (rho A L^4)), within 1 %: shear and the turning of sections take 0.1 %."""
+    figures.at_most("relative error", abs(frequency_error(element)), 0.01)
+
+
+def test_linear_tetrahedra_are_too_stiff() -> None:
+    """What the others are for: with two cells over the height the frequency is a quarter too high."""
+    assert frequency_error("linear") > 0.2
+
+
+def test_cooks_membrane(figures: Figures) -> None:
+    """Nearly incompressible, at large strain, the corner rises by 6.9 mm (de Souza Neto et al. 1996).
+
+    Six quadratic cells a side are a tenth below, 16 are 2 %: within 12 %. Linear tetrahedra lock: below half of it.
+    """
+    figures.close("quadratic, 6 cells [mm]", cook_deflection("quadratic", 6), 6.9, 0.12 * 6.9)
+    assert cook_deflection("linear", 8) < 0.5 * 6.9
