@@ -24,10 +24,11 @@ class EndPoses(NamedTuple):
 class EndOfStep:
     """Implicit Euler's equations of velocities v after the step, with x = x0 + h v and efforts p of coordinates q,
 
-        M (v - v0) = h (f(x) - b K0 v - a M v + M g + anchors + p dq/dx(x)) + J^T l,
+        M (v - v0) = h (f(x) - b C0 v0 - b K0 (v - v0) - a M v + M g + anchors + p dq/dx(x)) + J^T l,
 
-    and in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)). The damping K0 is that of the start of
-    the step, which has no negative eigenvalues, so that damping never drives. `SoftMotion` solves them linearised at
+    and in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)). The damping is that of the start of the
+    step, where K0 has no negative eigenvalues; C0 is K0 less what resists the turning of stresses, which strains
+    nothing (`kernels/domains.py`). `SoftMotion` solves them linearised at
     v = 0; here they are evaluated, and linearised anew, at other velocities. A linearisation leaves out how loads that
     follow the body turn with it.
     """
@@ -71,6 +72,21 @@ class EndOfStep:
         both = np.concatenate([blocks, blocks[self._below].transpose(0, 2, 1)])[self._order]
         size = 3 * self._model.node_count
         self._first_matrix = sparse.bsr_array((both, self._column, self._row_start), (size, size))
+        if self._is_damped:
+            self._first_damping = self._damping_before()
+
+    def _damping_before(self) -> np.ndarray:
+        """h b C0 v0 [mN s], from the forces with and without the velocities, which differ by h K0 v0 + b C0 v0."""
+        system, velocity = self._soft.system, self._start.velocity
+        lagged = system.force.copy()
+        system.velocity[:] = 0.0
+        system.assemble()
+        slowed: np.ndarray = self._time_step * (system.force - lagged)
+        return slowed - (1.0 - self._damped_share) * self._first_stiffness(velocity)
+
+    def _first_stiffness(self, velocity: np.ndarray) -> np.ndarray:
+        """h (h + b) K0 times velocities [mN s], shape (node_count, 3), from A0 = D + h (h + b) K0."""
+        return self.first_pull(velocity) - self._diagonal * velocity
 
     def first_pull(self, node_velocity: np.ndarray) -> np.ndarray:
         """The first matrix times velocities [mN s], shape (node_count, 3)."""
@@ -105,8 +121,8 @@ class EndOfStep:
         )
         left: np.ndarray = self._nodes.impulse.copy()
         if self._is_damped:
-            # h b K0 v, from A0 = D + h (h + b) K0.
-            left -= self._damped_share * (self.first_pull(velocity) - self._diagonal * velocity)
+            left -= self._first_damping
+            left -= self._damped_share * self._first_stiffness(velocity - self._start.velocity)
         if self._has_inertia:
             left -= self._mass * (velocity - self._start.velocity)
         else:
