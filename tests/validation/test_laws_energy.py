@@ -20,7 +20,7 @@ import pytest
 import trimesh
 from conftest import examples
 from energy import gain_by_turning, normal_impulse, total_energy
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, silicone, simulate
 
@@ -35,6 +35,7 @@ UNITS = {
     "box": trimesh.creation.box((1.2, 0.9, 0.6)),
 }
 """Surfaces within some 1.4 mm about their centres, which scenes scale."""
+FRICTION = st.just(0.0) | st.floats(1e-3, 1.5)  # squares of what 1e-200 gives are 0 in doubles
 
 
 @pytest.fixture(scope="module")
@@ -51,14 +52,18 @@ def vectors(most: float) -> st.SearchStrategy[tuple[float, float, float]]:
 
 
 def energy_gains(simulation: Simulation) -> list[float]:
-    """How much each step added to the energy, over what turning explains; of the largest energy [-].
+    """How much each step added to the energy, over what turning and depth explain; of the largest energy [-].
 
+    What has sunk in, as a corner does that strikes while it turns fast, is raised by its depth in the step after,
+    which takes its weight times the depth: as much as it lost by sinking. So for rigid bodies what turning and depth
+    explain does not add up, and the energy never exceeds the one at the start: asserted here without any allowance.
     The solver's tolerance of 1e-5 mm/s lets a contact close by as much too little: the share is of first order in it.
     """
     time_step, rigid = simulation.model.scene.time.step, simulation.model.rigid_bodies
     radius = [np.linalg.norm(body.vertices, axis=1).max() for body in rigid]
+    weight = GRAVITY * float(simulation.model.rigid_mass.sum())
     gains, before = [], total_energy(simulation)
-    scale = abs(before) + 1.0
+    first, scale = before, abs(before) + 1.0
     for _ in range(round(SECONDS / time_step)):
         start = simulation.state
         sagitta = sum(
@@ -68,13 +73,22 @@ def energy_gains(simulation: Simulation) -> list[float]:
         report = simulation.step()
         assert report.converged
         after = total_energy(simulation)
-        pushed_out = normal_impulse(simulation.state) * (sagitta / time_step + 1e-4)
+        pushed_out = normal_impulse(simulation.state) * (sagitta / time_step + 1e-4) + weight * report.max_penetration
         gains.append((after - before - pushed_out - gain_by_turning(simulation, start)) / scale)
+        assert simulation.model.elasticity is not None or after - first < 1e-9 * scale
         before = after
     return gains
 
 
+SUNK_IN = {
+    "shape": "ball", "size": 23.0625, "density": 1e-5, "velocity": (0.0, 0.0, 0.0), "spin": (3.0, 13.25, 0.0),
+    "rotation": (0.0, 14.0, 2.0), "above": 5.359375, "friction": 0.5, "step": 0.002,
+}  # fmt: skip
+"""A heavy ball that strikes while it turns, and is 0.001 mm too deep when it turns no more."""
+
+
 @pytest.mark.parametrize("wall", [False, True], ids=["floor", "floor and wall"])
+@example(**SUNK_IN)
 @examples(30)
 @given(
     shape=st.sampled_from(sorted(UNITS)),
@@ -84,7 +98,7 @@ def energy_gains(simulation: Simulation) -> list[float]:
     spin=vectors(20.0),
     rotation=vectors(180.0),
     above=st.floats(0.1, 20.0),
-    friction=st.floats(0.0, 1.5),
+    friction=FRICTION,
     step=st.sampled_from([0.002, 0.005, 0.01]),
 )
 def test_a_rigid_body_gains_no_energy(
@@ -120,7 +134,7 @@ def test_a_rigid_body_gains_no_energy(
     ratio=st.floats(0.0, 0.45),
     velocity=vectors(1500.0),
     rotation=vectors(180.0),
-    friction=st.floats(0.0, 1.5),
+    friction=FRICTION,
     step=st.sampled_from([0.002, 0.005, 0.01]),
     damping=st.sampled_from([0.0, 0.01]),
 )
