@@ -9,7 +9,7 @@ import trimesh
 
 from taichisoft.building.simulation import make_model
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft_benchmarks.studies import grasp_measure, grasps
+from taichisoft_benchmarks.studies import grasp_measure, grasps, settling
 from taichisoft_benchmarks.studies.grasp_cases import Grasp, all_grasps
 from taichisoft_benchmarks.studies.grasped_objects import AXIS, BOTTOM, OBJECTS, objects
 
@@ -92,3 +92,14 @@ def test_the_base_rises_by_its_lift_no_faster_than_it_may() -> None:
     assert (rise[times <= 0.0] == 0.0).all()
     assert rise[-1] == pytest.approx(grasp_measure.LIFT)
     assert np.diff(rise).max() / 1e-3 == pytest.approx(grasp_measure.SPEED, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("before", "last", "shown"), [(np.e * 0.02, 0.02, "1.00"), (0.1, 0.2, "none"), (1e-3, 1e-9, "at rest")]
+)
+def test_what_settles_has_a_time_constant(before: float, last: float, shown: str) -> None:
+    """Creep that falls by a factor of e in a second has one of a second; what grows has none."""
+    hold = settling.Hold(Grasp("cube"))
+    row = settling.row(hold, [1.0, 0.5, 0.2, 0.1, 0.1, before, last], 0.0).split(" | ")
+    assert len(row) == len(settling.HEADINGS)
+    assert row[-2] == shown

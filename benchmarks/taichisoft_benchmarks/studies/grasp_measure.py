@@ -67,7 +67,7 @@ def measure(grasp: Grasp) -> dict[str, Any]:
     from taichisoft.building.simulation import Simulation
 
     with TemporaryDirectory(prefix="taichisoft-grasp-") as folder:
-        simulation = Simulation(_scene(grasp, Path(folder)))
+        simulation = Simulation(scene_of(grasp, Path(folder)))
     step, grasped = simulation.model.scene.time.step, _Grasped(simulation)
     reports, places = [], []
     before, margin = grasped.centres(), 0.0
@@ -76,7 +76,7 @@ def measure(grasp: Grasp) -> dict[str, Any]:
         if abs(now - STILL) < step / 2:
             before = grasped.centres()
             margin = grasp.friction * grasped.normal_force() / (1e-3 * grasp.mass * 9810.0)
-        reports.append(simulation.step(_control(simulation, grasp.pressure, now + step)))
+        reports.append(simulation.step(control_at(simulation, grasp.pressure, now + step)))
         places.append(grasped.centres())
     held = np.array(places[-round(1.0 / step) - 1 :])
     sweeps = [report.iterations for report in reports]
@@ -116,21 +116,30 @@ class _Grasped:
         )
 
 
-def _scene(grasp: Grasp, folder: Path) -> Any:
-    """The shipped gripper with other objects, whose base may move as fast as it is asked to."""
+def scene_of(grasp: Grasp, folder: Path, step: float = 0.01, damping: float | None = None) -> Any:
+    """The shipped gripper with other objects, whose base may move as fast as it is asked to.
+
+    Args:
+        grasp: what is grasped, and how.
+        folder: where surfaces and meshes are written.
+        step: time step [s].
+        damping: Rayleigh's factor of the stiffness of the fingers [s]; theirs if None.
+    """
     from taichisoft.building.scene_files import load_scene
     from taichisoft.scenes.file import scene_from_dict
 
-    overrides = [f"contact.friction={grasp.friction}", f"limits.base_speed={10 * SPEED}"]
+    overrides = [f"contact.friction={grasp.friction}", f"limits.base_speed={10 * SPEED}", f"time.step={step}"]
     tables = load_scene("gripper", overrides).model_dump(mode="json", exclude_none=True)
     del tables["goal"], tables["controller"]
+    for finger in tables["soft_bodies"].values():
+        finger["rayleigh_stiffness"] = finger["rayleigh_stiffness"] if damping is None else damping
     made = objects(grasp.object, 1e-3 * grasp.mass, grasp.exact, folder)
     tables["rigid_bodies"] = made["rigid_bodies"]
     tables["soft_bodies"] |= made["soft_bodies"]
     return scene_from_dict(tables)
 
 
-def _control(simulation: "Simulation", pressure: float, time: float) -> "Control":
+def control_at(simulation: "Simulation", pressure: float, time: float) -> "Control":
     """What is asked for at the end of a step."""
     from taichisoft.control.control import Control
 

@@ -1,0 +1,113 @@
+"""How what is held comes to rest: creep from second to second, at other steps and with other damping, as a table.
+
+    python -m taichisoft_benchmarks.studies.settling --output docs/validation.md
+
+fills what stands between `<!-- settling -->` and `<!-- end -->` in the page, in some fifteen minutes. Creep by errors
+of the contacts would go on for ever, or change in proportion to the step; what settles because the fingers are viscous
+falls exponentially, with a time constant in proportion to their damping, and the step hardly matters.
+"""
+
+import argparse
+import math
+import re
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from taichisoft.errors import TaichisoftError
+from taichisoft_benchmarks.errors import BenchmarkError
+from taichisoft_benchmarks.studies.grasp_cases import Grasp
+from taichisoft_benchmarks.studies.grasp_measure import SHAKEN_TO, control_at, scene_of
+
+MARKED = re.compile(r"(<!-- settling -->\n).*?(<!-- end -->)", re.DOTALL)
+DAMPING = 0.1
+"""Rayleigh's factor of the stiffness of the shipped fingers [s]."""
+SHOWN = (2, 3, 5, 7)
+"""The seconds of the hold whose creep is shown, the last one is also where time constant and slip are taken."""
+ROUND_OFF = 1e-5
+"""Motion in a second that says nothing any more [mm]: the solver stops at 1e-5 mm/s."""
+HEADINGS = (
+    "object", "mass, g", "kPa", "friction", "step, ms", "damping, s",
+    *(f"creep in second {second}, mm" for second in SHOWN), "time constant, s", "slip, mm/s",
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Hold:
+    """A grasp that is held, the time step [s], and Rayleigh's factor of the stiffness of the fingers [s]."""
+
+    grasp: Grasp
+    step: float = 0.01
+    damping: float = DAMPING
+
+
+def all_holds() -> list[Hold]:
+    """Grasps that still move after three seconds at other steps and with less damping, then others' pressures."""
+    moving = (
+        Grasp("cube turned by 45 degrees"),
+        Grasp("cube 10 mm off centre"),
+        Grasp("cube", mass=60.0, pressure=100.0),
+        Grasp("cube", mass=100.0, pressure=120.0, friction=1.5),
+    )
+    changes = ({}, {"step": 0.005}, {"step": 0.0025}, {"damping": DAMPING / 5})
+    pressures = (80.0, 90.0, 95.0, 100.0, 105.0, 110.0)
+    holds = [Hold(grasp, **change) for grasp in moving for change in changes]
+    return holds + [Hold(Grasp("cube", mass=60.0, pressure=pressure, friction=1.5)) for pressure in pressures]
+
+
+def measure(hold: Hold) -> tuple[list[float], float]:
+    """How far the object moves in each second of the hold [mm], and the fastest slip of a contact in the last [mm/s].
+
+    Raises:
+        TaichisoftError: the simulation diverged.
+    """
+    from taichisoft.building.simulation import Simulation
+
+    with TemporaryDirectory(prefix="taichisoft-settling-") as folder:
+        simulation = Simulation(scene_of(hold.grasp, Path(folder), hold.step, hold.damping))
+    places, slips = [], []
+    for index in range(round((SHAKEN_TO + SHOWN[-1]) / hold.step)):
+        simulation.step(control_at(simulation, hold.grasp.pressure, (index + 1) * hold.step))
+        places.append(simulation.state.rigid_position[0])
+        slips.append(float(simulation.state.contact_slip.max(initial=0.0)))
+    second = round(1.0 / hold.step)
+    held = np.array(places[-SHOWN[-1] * second - 1 :])
+    return [float(np.linalg.norm(held[i + second] - held[i])) for i in range(0, len(held) - 1, second)], max(
+        slips[-second:]
+    )
+
+
+def row(hold: Hold, creep: Sequence[float], slip: float) -> str:
+    """A line of the table."""
+    grasp, before, last = hold.grasp, *creep[-2:]
+    constant = "at rest" if last < ROUND_OFF else "none" if last >= before else f"{1 / math.log(before / last):.2f}"
+    entries = [grasp.object, *(f"{value:g}" for value in (grasp.mass, grasp.pressure, grasp.friction))]
+    entries += [f"{1e3 * hold.step:g}", f"{hold.damping:g}", *(f"{creep[second - 1]:.2g}" for second in SHOWN)]
+    return f"| {' | '.join([*entries, constant, f'{slip:.1g}'])} |"
+
+
+def main() -> None:
+    """Measure all, and fill the page in place."""
+    parser = argparse.ArgumentParser(prog="python -m taichisoft_benchmarks.studies.settling")
+    parser.add_argument("-o", "--output", type=Path, metavar="PAGE.md", help="page to fill; print the table without it")
+    output = parser.parse_args().output
+    lines = [f"| {' | '.join(HEADINGS)} |", "|" + len(HEADINGS) * "---|"]
+    try:
+        if output and not MARKED.search(output.read_text(encoding="utf-8")):
+            raise BenchmarkError(f"{output}: has no line <!-- settling -->")
+        for hold in all_holds():
+            lines.append(row(hold, *measure(hold)))
+            print(lines[-1], flush=True)
+        if output:
+            page, drawn = output.read_text(encoding="utf-8"), "\n".join(lines)
+            output.write_text(MARKED.sub(lambda match: f"{match[1]}{drawn}\n{match[2]}", page), encoding="utf-8")
+    except (TaichisoftError, OSError) as error:
+        sys.exit(str(error))
+
+
+if __name__ == "__main__":
+    main()
