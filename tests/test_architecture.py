@@ -13,6 +13,7 @@ ROOT = Path(__file__).resolve().parents[1]
 ENGINE = ROOT / "taichisoft"
 FORBIDDEN = {
     "taichisoft_controllers",
+    "taichisoft_gym",
     "taichisoft_meshing",
     "taichisoft_plugins",
     "taichisoft_sofa",
@@ -78,6 +79,22 @@ LAYERS = {
         "settings",
         "model_names",
         "drives",
+    ],
+    "taichisoft_gym": [
+        "__init__",
+        "vector",
+        "carry",
+        "grasp",
+        "reach",
+        "disturbances",
+        "sensors",
+        "environment",
+        "page",
+        "prepared",
+        "task",
+        "randomisation",
+        "actuation",
+        "channels",
     ],
     "taichisoft_plugins": [
         "__init__",
@@ -160,6 +177,7 @@ LAYERS = {
 PACKAGES = [
     ENGINE,
     *(ROOT / folder / f"taichisoft_{folder}" for folder in ("benchmarks", "controllers", "meshing", "plugins")),
+    ROOT / "controllers/taichisoft_gym",
     ROOT / "plugins/taichisoft_sofa",
     ROOT / "plugins/taichisoft_studies",
 ]

@@ -21,6 +21,7 @@ FOLDERS = {
     "taichisoft": "taichisoft",
     "taichisoft_benchmarks": "benchmarks/taichisoft_benchmarks",
     "taichisoft_controllers": "controllers/taichisoft_controllers",
+    "taichisoft_gym": "controllers/taichisoft_gym",
     "taichisoft_meshing": "meshing/taichisoft_meshing",
     "taichisoft_plugins": "plugins/taichisoft_plugins",
     "taichisoft_sofa": "plugins/taichisoft_sofa",

@@ -1,0 +1,109 @@
+"""Carry-v0: a gripper takes an object to another place on the floor and lets go of it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichisoft.control.observation import Observation
+from taichisoft.errors import SceneError
+from taichisoft.scenes.scene import Scene
+from taichisoft.state import State
+from taichisoft_gym.actuation import USUAL_SPEED, Travel
+from taichisoft_gym.channels import Quantity, symmetric
+from taichisoft_gym.grasp import STILL, GripperEnvironment
+from taichisoft_gym.randomisation import Randomisation
+from taichisoft_gym.task import Judgement
+
+PLACED = 2.0
+"""Height over the floor up to which an object stands on it [mm]."""
+
+
+class Carry(GripperEnvironment):
+    """Carry-v0; docs/environments.md describes it."""
+
+    def __init__(
+        self,
+        scene: str | Path | Scene = "gripper",
+        object: Mapping[str, Any] | None = None,
+        friction: float | None = None,
+        pressure: tuple[float, float] = (0.0, 100.0),
+        pressure_rate: float = 300.0,
+        noise: float = 0.0,
+        randomisation: Randomisation | Mapping[str, Any] | None = None,
+        control_period: float = 0.05,
+        distance: tuple[float, float] = (20.0, 50.0),
+        tolerance: float = 5.0,
+        render_mode: str | None = None,
+        camera: str | Sequence[Sequence[float]] = "iso",
+        size: tuple[int, int] = (640, 480),
+    ):
+        """Make the environment.
+
+        Args:
+            scene: scene with a gripper and an object, or its name or path.
+            object: keys of the scene's object that differ, such as {"mass": 0.01} or another shape.
+            friction: Coulomb's coefficient [-] instead of the scene's.
+            pressure: pressures that -1 and 1 stand for [kPa].
+            pressure_rate: fastest change of a pressure [kPa/s].
+            noise: standard deviation of what is observed, in parts of each channel's range [-].
+            randomisation: ranges from which every reset draws, see `Randomisation`.
+            control_period: time between two actions [s].
+            distance: shortest and longest way from the object to its new place [mm], in any horizontal direction.
+            tolerance: distance to that place within which the object has arrived [mm].
+            render_mode: "rgb_array", or "human" for a page in the browser.
+            camera: where pictures are taken from, see `Simulation.render`.
+            size: width and height of pictures [pixels].
+
+        Raises:
+            SceneError: the scene or an argument is not valid.
+        """
+        self._distance, self._tolerance = distance, tolerance
+        reach = distance[1] + 20.0
+        super().__init__(
+            Travel((-reach, -reach, 0.0), (reach, reach, 60.0), USUAL_SPEED),
+            scene=scene,
+            object=object,
+            friction=friction,
+            pressure=pressure,
+            pressure_rate=pressure_rate,
+            noise=noise,
+            randomisation=randomisation,
+            control_period=control_period,
+            render_mode=render_mode,
+            camera=camera,
+            size=size,
+        )
+
+    def _observed(self) -> Sequence[Quantity]:
+        self._target = np.zeros(2)
+        way = Quantity(
+            symmetric("way to the target", "mm", 200.0, ("right", "front")),
+            lambda seen: self._target - self._way(seen)[:2],
+        )
+        return [*super()._observed(), way]
+
+    def _begin_task(self, start: State, options: dict[str, Any]) -> None:
+        super()._begin_task(start, options)
+        target = options.pop("target", None)
+        if target is None:
+            distance, angle = self.np_random.uniform(*self._distance), self.np_random.uniform(0.0, 2.0 * np.pi)
+            target = distance * np.array([np.cos(angle), np.sin(angle)])
+        self._target = np.array(target, np.float64)
+        if self._target.shape != (2,) or not self._target.any():
+            raise SceneError(
+                f"options['target'] = {target!r}: must be a way to the right and to the front [mm], not zero"
+            )
+
+    def _judge(self, seen: Observation, action: np.ndarray) -> Judgement:
+        way, touching = self._way(seen), self._touching(seen)
+        left = float(np.linalg.norm(self._target - way[:2]))
+        progress = float(np.clip(1.0 - left / np.linalg.norm(self._target), -1.0, 1.0))
+        arrived = left < self._tolerance
+        placed = arrived and way[2] < PLACED and touching == 0.0 and self._speed(seen) < STILL
+        failed = self._is_lost(way)
+        told = {"is_success": placed and not failed, "distance": left, "lift": float(way[2]), "touching": touching}
+        # Letting go is worth more than holding once the object has arrived, so that nobody holds it there for ever.
+        grip = 1.0 - touching if arrived else touching
+        return Judgement(0.2 * grip + 0.8 * progress + float(placed), failed, told)

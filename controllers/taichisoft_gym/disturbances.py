@@ -1,0 +1,152 @@
+"""Wrappers that make of exact readings those of real sensors: noise, bias, quantisation, sampling, delay.
+
+Each acts on the channels whose names begin with one of those given, and draws from a random generator of its own,
+seeded by `reset`: an episode is the same with it and without.
+"""
+
+import zlib
+from abc import abstractmethod
+from collections import deque
+from collections.abc import Sequence
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import RecordConstructorArgs
+
+from taichisoft.errors import SceneError
+from taichisoft_gym.channels import Channel, saturated
+
+Readings = np.ndarray
+Wrapped = gymnasium.Wrapper[Readings, np.ndarray, Readings, np.ndarray]
+
+
+class Disturbance(Wrapped, RecordConstructorArgs):
+    """Base of the wrappers; only `disturb` must be written."""
+
+    def __init__(self, env: gymnasium.Env[Readings, np.ndarray], channels: Sequence[str] | None = None, **told: Any):
+        """Choose the channels.
+
+        Args:
+            env: environment whose observations are readings, one for each of its `channels`.
+            channels: beginnings of the names of those that are disturbed, such as "pressure"; None for all.
+            told: arguments of the wrapper.
+
+        Raises:
+            SceneError: no channel has such a name.
+        """
+        RecordConstructorArgs.__init__(self, channels=channels, **told)
+        super().__init__(env)
+        there: tuple[Channel, ...] = env.get_wrapper_attr("channels")
+        beginnings = tuple(channels) if channels is not None else ("",)
+        for beginning in beginnings:
+            if not any(one.name.startswith(beginning) for one in there):
+                names = ", ".join(one.name for one in there)
+                raise SceneError(f"channels: no name begins with '{beginning}'; there are: {names}")
+        self.chosen = np.array([one.name.startswith(beginnings) for one in there])
+        self.random = np.random.default_rng()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Readings, dict[str, Any]]:
+        """Begin an episode."""
+        readings, told = self.env.reset(seed=seed, options=options)
+        if seed is not None:
+            # By its place among the wrappers, two of a kind draw different numbers.
+            self.random = np.random.default_rng([seed, zlib.crc32(str(self).encode())])
+        self.begin(readings[self.chosen].astype(np.float64))
+        return self._disturbed(readings), told
+
+    def step(self, action: np.ndarray) -> tuple[Readings, Any, bool, bool, dict[str, Any]]:
+        """Simulate one control period."""
+        readings, *rest = self.env.step(action)
+        return self._disturbed(readings), *rest  # type: ignore[return-value]
+
+    def begin(self, values: np.ndarray) -> None:
+        """An episode begins with these values of the chosen channels."""
+
+    @abstractmethod
+    def disturb(self, values: np.ndarray) -> np.ndarray:
+        """What is read of the values of the chosen channels."""
+
+    def _disturbed(self, readings: Readings) -> Readings:
+        values = readings.astype(np.float64)
+        values[self.chosen] = self.disturb(values[self.chosen])
+        return saturated(values, self.env.observation_space)  # type: ignore[arg-type]
+
+
+class Noise(Disturbance):
+    """Adds independent normal noise of a standard deviation, in the channels' unit."""
+
+    def __init__(self, env: Any, deviation: float, channels: Sequence[str] | None = None):
+        super().__init__(env, channels, deviation=deviation)
+        self._deviation = deviation
+
+    def disturb(self, values: np.ndarray) -> np.ndarray:
+        """Add noise."""
+        return values + self._deviation * self.random.standard_normal(len(values))
+
+
+class Bias(Disturbance):
+    """Adds an offset of at most `largest`, in the channels' unit, that each reset draws uniformly for each channel."""
+
+    def __init__(self, env: Any, largest: float, channels: Sequence[str] | None = None):
+        super().__init__(env, channels, largest=largest)
+        self._largest = largest
+
+    def begin(self, values: np.ndarray) -> None:
+        """Draw the offsets."""
+        self._offset = self.random.uniform(-self._largest, self._largest, len(values))
+
+    def disturb(self, values: np.ndarray) -> np.ndarray:
+        """Add the offsets."""
+        return values + self._offset
+
+
+class Quantised(Disturbance):
+    """Rounds to whole multiples of `resolution`, in the channels' unit."""
+
+    def __init__(self, env: Any, resolution: float, channels: Sequence[str] | None = None):
+        super().__init__(env, channels, resolution=resolution)
+        self._resolution = resolution
+
+    def disturb(self, values: np.ndarray) -> np.ndarray:
+        """Round."""
+        rounded: np.ndarray = self._resolution * np.rint(values / self._resolution)
+        return rounded
+
+
+class Sampled(Disturbance):
+    """Reads anew every `every` control periods, and holds what was read until then."""
+
+    def __init__(self, env: Any, every: int, channels: Sequence[str] | None = None):
+        super().__init__(env, channels, every=every)
+        self._every = every
+
+    def begin(self, values: np.ndarray) -> None:
+        """Begin to count."""
+        self._count = 0
+
+    def disturb(self, values: np.ndarray) -> np.ndarray:
+        """Hold."""
+        if self._count % self._every == 0:
+            self._held = values
+        self._count += 1
+        return self._held
+
+
+class Delayed(Disturbance):
+    """Tells what was read `steps` control periods before; until then, what was read first."""
+
+    def __init__(self, env: Any, steps: int, channels: Sequence[str] | None = None):
+        super().__init__(env, channels, steps=steps)
+        self._steps = steps
+
+    def begin(self, values: np.ndarray) -> None:
+        """Fill the line with the first values."""
+        self._line = deque([values] * self._steps)
+
+    def disturb(self, values: np.ndarray) -> np.ndarray:
+        """Put the values into the line, and take out those that have waited."""
+        self._line.append(values)
+        return self._line.popleft()

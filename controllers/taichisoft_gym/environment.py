@@ -1,0 +1,258 @@
+"""What all environments have in common: a scene, actions, observations, episodes that can be repeated, pictures."""
+
+import time
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import gymnasium
+import numpy as np
+
+from taichisoft.building.scene_files import load_scene
+from taichisoft.control.observation import Observation
+from taichisoft.errors import SceneError, SimulationDiverged
+from taichisoft.scenes.file import scene_to_toml
+from taichisoft.scenes.scene import Scene
+from taichisoft.state import State
+from taichisoft_gym.actuation import Actuation, Travel, scene_axes
+from taichisoft_gym.channels import Channel, Quantity, box_of, saturated
+from taichisoft_gym.randomisation import Randomisation
+from taichisoft_gym.task import Judgement, changed_scene
+
+if TYPE_CHECKING:  # these bring Taichi, which must not start where an environment only tells its spaces
+    from taichisoft.building.simulation import Simulation
+    from taichisoft.model import Model
+    from taichisoft_gym.page import Page
+
+SETTLING_TIME = 0.3
+"""Time before an episode in which the object comes to rest on the floor, and the fingers hang [s]."""
+
+
+class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
+    """Base of the environments; a task says what is observed and how well it goes.
+
+    The simulator starts at the first `reset`, so that a process which only asks for spaces may still fork.
+
+    Attributes:
+        scene: scene that is simulated, with what the arguments change.
+        channels: meaning of each number of an observation.
+        action_channels: what -1 and 1 of each number of an action stand for.
+        simulation: simulation of the present episode.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
+        "render_modes": ["rgb_array", "human"],
+        "render_fps": 20,
+    }
+    simulation: "Simulation"
+
+    def __init__(
+        self,
+        scene: str | Path | Scene,
+        object: Mapping[str, Any] | None,
+        friction: float | None,
+        pressure: tuple[float, float],
+        pressure_rate: float,
+        noise: float,
+        randomisation: Randomisation | Mapping[str, Any] | None,
+        control_period: float,
+        travel: Travel | None,
+        render_mode: str | None,
+        camera: str | Sequence[Sequence[float]],
+        size: tuple[int, int],
+    ):
+        """Read the scene; see the tasks for the arguments.
+
+        Raises:
+            SceneError: the scene or an argument is not valid.
+        """
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise SceneError(f"render_mode = {render_mode!r}: must be one of {self.metadata['render_modes']}, or None")
+        read = scene if isinstance(scene, Scene) else load_scene(scene)
+        self.scene = changed_scene(read, object, friction, pressure, pressure_rate)
+        self._scene_text = scene_to_toml(self.scene)
+        self._axes = scene_axes(self.scene)
+        self._steps = _whole_steps(control_period, self.scene.time.step)
+        self._period = control_period
+        self._noise = noise
+        self._randomisation = Randomisation.of(randomisation)
+        self._actuation = Actuation(self.scene, pressure, travel)
+        self.action_channels = self._actuation.channels
+        self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_channels),), np.float32)
+        self._quantities = self._observed()
+        self.channels: tuple[Channel, ...] = tuple(one for what in self._quantities for one in what.channels)
+        self._space = box_of(self.channels)
+        self.observation_space = self._space
+        self.render_mode, self._camera, self._size = render_mode, camera, size
+        self._model: Model | None = None
+        self._drawing: Simulation | None = None
+        self._page: Page | None = None
+        self._shown = 0.0
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begin an episode.
+
+        Args:
+            seed: makes this episode and those after it repeatable to the bit.
+            options: "state", a `taichisoft.State` to begin at instead, which is then not randomised; and those of the
+                task.
+
+        Raises:
+            SceneError: an option is unknown.
+            StateError: the state belongs to another model.
+        """
+        super().reset(seed=seed)
+        options = dict(options or {})
+        given = options.pop("state", None)
+        drawn = {} if given is not None else self._randomisation.draw(self.np_random)
+        self._begin(given, drawn)
+        self._begin_task(self.simulation.state, options)
+        if options:
+            raise SceneError(f"options: there is no '{next(iter(options))}'; there are: state, {self._options}")
+        seen = self.simulation.observe()
+        told = {**self._judge(seen, np.zeros(len(self.action_channels))).told, "randomised": drawn}
+        self._show()
+        return self._measure(seen), told
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Simulate one control period.
+
+        An episode is terminated when the task has failed for good, and truncated when the simulation diverges, which
+        says nothing of the task; info has "diverged" then.
+        """
+        asked = np.asarray(action, np.float64)
+        if asked.shape != self.action_space.shape or not np.isfinite(asked).all():
+            raise SceneError(f"action {action!r}: must be {len(self.action_channels)} finite numbers from -1 to 1")
+        control = self._actuation.control(np.clip(asked, -1.0, 1.0), self.simulation.state, self._period)
+        diverged = ""
+        try:
+            for _ in range(self._steps):
+                self.simulation.step(control)
+        except SimulationDiverged as error:
+            diverged = str(error)
+        seen = self.simulation.observe()
+        judged = self._judge(seen, asked)
+        told = {**judged.told, "diverged": diverged} if diverged else dict(judged.told)
+        self._show()
+        return self._measure(seen), float(judged.reward), judged.failed, bool(diverged), told
+
+    def render(self) -> np.ndarray | None:  # type: ignore[override]
+        """The picture of the present state, shape (height, width, 3), dtype uint8; None in a browser."""
+        if self.render_mode != "rgb_array":
+            return None
+        return self.picture(self._camera, self._size)
+
+    def picture(self, camera: str | Sequence[Sequence[float]], size: tuple[int, int]) -> np.ndarray:
+        """A picture of the present state, as `Simulation.render` describes it."""
+        from taichisoft.building.simulation import Simulation
+
+        if self._drawing is None:
+            assert self._model is not None, "reset comes first"
+            self._drawing = Simulation(self._model)  # one for all episodes, whose simulations may differ
+        self._drawing.restore(self.simulation.state)
+        return self._drawing.render(camera, size)
+
+    def close(self) -> None:
+        """End the renderer and the page."""
+        if self._drawing is not None:
+            self._drawing.close()
+        if self._page is not None:
+            self._page.close()
+            self._page = None
+
+    @property
+    def fingers(self) -> tuple[str, ...]:
+        """Names of the soft bodies with anchors."""
+        return tuple(name for name, body in self.scene.soft_bodies.items() if body.anchors)
+
+    @property
+    def cavities(self) -> tuple[str, ...]:
+        """Names of the cavities."""
+        return self._actuation.cavities
+
+    @property
+    def _options(self) -> str:
+        return "target"
+
+    @abstractmethod
+    def _observed(self) -> Sequence[Quantity]:
+        """What is observed."""
+
+    @abstractmethod
+    def _begin_task(self, start: State, options: dict[str, Any]) -> None:
+        """Choose what is to be done from a state; takes what it knows out of `options`."""
+
+    @abstractmethod
+    def _judge(self, seen: Observation, action: np.ndarray) -> Judgement:
+        """How well it goes after a control period with an action."""
+
+    def _begin(self, given: State | None, drawn: Mapping[str, float]) -> None:
+        """Put the simulation at the start of an episode."""
+        from taichisoft.building.simulation import Simulation
+        from taichisoft_gym.prepared import prepared
+
+        model, start = prepared(self._scene_text, SETTLING_TIME)
+        friction, factor = drawn.get("friction"), drawn.get("mass")
+        if self._model is None:
+            self.simulation = Simulation(model)
+        if friction is not None or factor is not None:
+            masses = {} if factor is None else {self.object: factor * self._mass_of(model)}
+            self.simulation = Simulation(model.varied(friction, masses))
+        self._model = model
+        self.simulation.restore(given if given is not None else self._placed(start, drawn))
+
+    def _placed(self, start: State, drawn: Mapping[str, float]) -> State:
+        """The first state with what was drawn."""
+        changes = {}
+        if "modulus" in drawn:
+            changes["young_modulus"] = drawn["modulus"] * start.young_modulus
+        if "place right" in drawn:
+            shift = drawn["place right"] * self._axes[0] + drawn["place front"] * self._axes[1]
+            places = start.rigid_position.copy()
+            places[list(self.scene.rigid_bodies).index(self.object)] += shift
+            changes["rigid_position"] = places
+        return start.changed(**changes) if changes else start
+
+    @property
+    def object(self) -> str:
+        """Name of the rigid body that the task is about.
+
+        Raises:
+            SceneError: there is none.
+        """
+        if self.scene.main_object is None:
+            raise SceneError("this needs a scene with a rigid body; it has none")
+        return self.scene.main_object
+
+    def _mass_of(self, model: "Model") -> float:
+        return next(body.mass for body in model.rigid_bodies if body.name == self.object)
+
+    def _measure(self, seen: Observation) -> np.ndarray:
+        """The observation, with noise."""
+        values = np.concatenate([np.asarray(what.read(seen), np.float64) for what in self._quantities])
+        if self._noise:
+            spread = self._noise * (self._space.high.astype(np.float64) - self._space.low)
+            values = values + spread * self.np_random.standard_normal(len(values))
+        return saturated(values, self._space)
+
+    def _show(self) -> None:
+        """Show the state in a browser, at the pace of real time."""
+        if self.render_mode != "human":
+            return
+        if self._page is None:
+            from taichisoft_gym.page import Page
+
+            self._page = Page(self.simulation)
+        self._page.show(self.simulation)
+        time.sleep(max(0.0, self._shown + self._period - time.monotonic()))
+        self._shown = time.monotonic()
+
+
+def _whole_steps(period: float, time_step: float) -> int:
+    steps = round(period / time_step)
+    if steps < 1 or abs(steps * time_step - period) > 1e-9:
+        raise SceneError(f"control_period = {period:g} s: must be a whole multiple of the time step, {time_step:g} s")
+    return steps

@@ -1,0 +1,140 @@
+"""Grasp-v0: a gripper closes on an object, lifts it and holds it."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichisoft.control.observation import Observation
+from taichisoft.scenes.scene import Scene
+from taichisoft.state import State
+from taichisoft_gym.actuation import AXES, USUAL_SPEED, Travel
+from taichisoft_gym.channels import Channel, Quantity, symmetric
+from taichisoft_gym.environment import SoftRobotEnvironment
+from taichisoft_gym.randomisation import Randomisation
+from taichisoft_gym.task import Judgement
+
+LOST = 80.0
+"""Horizontal way of the object beyond what the base can follow, after which it is lost [mm]."""
+FALLEN = -20.0
+"""Height over its start below which the object has fallen from where it stood [mm]."""
+STILL = 10.0
+"""Speed below which an object is at rest [mm/s]."""
+STICKING = 1.0
+"""Speed of sliding below which a finger holds [mm/s]."""
+
+
+class GripperEnvironment(SoftRobotEnvironment):
+    """What tasks with a gripper and an object share."""
+
+    def _observed(self) -> Sequence[Quantity]:
+        self._start = np.zeros(3)
+        name, axes = self.object, self._axes
+        base = tuple(
+            Channel(f"base {axis}", "mm", low - 1.0, high + 1.0)
+            for axis, low, high in zip(AXES, self._travel.low, self._travel.high, strict=True)
+        )
+        return [
+            Quantity(
+                self._actuation.actuator_channels, lambda seen: [*seen.pressures.values(), *seen.cable_pulls.values()]
+            ),
+            Quantity(base, lambda seen: axes @ seen.base_translation),
+            Quantity(symmetric("object", "mm", 200.0, AXES), lambda seen: self._way(seen)),
+            Quantity(
+                symmetric("object velocity", "mm/s", 1000.0, AXES), lambda seen: axes @ seen.object_velocities[name]
+            ),
+        ]
+
+    def __init__(self, travel: Travel, **arguments: Any):
+        self._travel = travel
+        super().__init__(travel=travel, **arguments)
+
+    def _begin_task(self, start: State, options: dict[str, Any]) -> None:
+        self._start = start.rigid_position[list(self.scene.rigid_bodies).index(self.object)].copy()
+        self._held_for = 0.0
+
+    def _way(self, seen: Observation) -> np.ndarray:
+        """Way of the object since the start [mm], shape (3,), in the directions of AXES."""
+        way: np.ndarray = self._axes @ (seen.object_positions[self.object] - self._start)
+        return way
+
+    def _touching(self, seen: Observation) -> float:
+        """Share of the fingers that press the object [-]."""
+        return float(np.mean([seen.normal_forces.get((finger, self.object), 0.0) > 0.0 for finger in self.fingers]))
+
+    def _speed(self, seen: Observation) -> float:
+        return float(np.linalg.norm(seen.object_velocities[self.object]))
+
+    def _is_lost(self, way: np.ndarray) -> bool:
+        reach = max(map(abs, (*self._travel.low[:2], *self._travel.high[:2])))
+        return bool(np.linalg.norm(way[:2]) > reach + LOST or way[2] < FALLEN)
+
+
+class Grasp(GripperEnvironment):
+    """Grasp-v0; docs/environments.md describes it."""
+
+    def __init__(
+        self,
+        scene: str | Path | Scene = "gripper",
+        object: Mapping[str, Any] | None = None,
+        friction: float | None = None,
+        pressure: tuple[float, float] = (0.0, 100.0),
+        pressure_rate: float = 300.0,
+        noise: float = 0.0,
+        randomisation: Randomisation | Mapping[str, Any] | None = None,
+        control_period: float = 0.05,
+        lift: float = 30.0,
+        hold: float = 0.5,
+        render_mode: str | None = None,
+        camera: str | Sequence[Sequence[float]] = "iso",
+        size: tuple[int, int] = (640, 480),
+    ):
+        """Make the environment.
+
+        Args:
+            scene: scene with a gripper and an object, or its name or path.
+            object: keys of the scene's object that differ, such as {"mass": 0.01} or another shape.
+            friction: Coulomb's coefficient [-] instead of the scene's.
+            pressure: pressures that -1 and 1 stand for [kPa].
+            pressure_rate: fastest change of a pressure [kPa/s].
+            noise: standard deviation of what is observed, in parts of each channel's range [-].
+            randomisation: ranges from which every reset draws, see `Randomisation`.
+            control_period: time between two actions [s].
+            lift: height to which the object is lifted [mm].
+            hold: time for which it is held there without slipping [s].
+            render_mode: "rgb_array", or "human" for a page in the browser.
+            camera: where pictures are taken from, see `Simulation.render`.
+            size: width and height of pictures [pixels].
+
+        Raises:
+            SceneError: the scene or an argument is not valid.
+        """
+        self._lift, self._hold = lift, hold
+        super().__init__(
+            Travel((0.0, 0.0, 0.0), (0.0, 0.0, 2.0 * lift), USUAL_SPEED),
+            scene=scene,
+            object=object,
+            friction=friction,
+            pressure=pressure,
+            pressure_rate=pressure_rate,
+            noise=noise,
+            randomisation=randomisation,
+            control_period=control_period,
+            render_mode=render_mode,
+            camera=camera,
+            size=size,
+        )
+
+    @property
+    def _options(self) -> str:
+        return "nothing else"
+
+    def _judge(self, seen: Observation, action: np.ndarray) -> Judgement:
+        way, touching = self._way(seen), self._touching(seen)
+        slip = max((seen.slip_speeds.get((finger, self.object), 0.0) for finger in self.fingers), default=0.0)
+        held = way[2] >= self._lift and touching > 0.0 and slip < STICKING and self._speed(seen) < STILL
+        self._held_for = self._held_for + self._period if held else 0.0
+        failed = self._is_lost(way)
+        told = {"is_success": self._held_for >= self._hold and not failed, "lift": float(way[2]), "touching": touching}
+        return Judgement(0.2 * touching + 0.8 * float(np.clip(way[2] / self._lift, 0.0, 1.0)), failed, told)

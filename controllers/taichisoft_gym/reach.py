@@ -1,0 +1,145 @@
+"""Reach-v0: a fingertip goes to a target and stays there."""
+
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichisoft.control.observation import Observation
+from taichisoft.errors import SceneError
+from taichisoft.scenes.scene import Scene
+from taichisoft.state import State
+from taichisoft_gym.actuation import AXES, Actuation
+from taichisoft_gym.channels import Quantity, symmetric
+from taichisoft_gym.environment import SETTLING_TIME, SoftRobotEnvironment
+from taichisoft_gym.randomisation import Randomisation
+from taichisoft_gym.task import Judgement
+
+LARGEST = 0.8
+"""Targets are where the tip rests under actions up to this part of the range, so that a stiffer finger reaches them."""
+ALONG_ONE, AT_RANDOM = 17, 48
+"""Number of actuations at which the tip is measured: along the range of a single actuator, or at random of several."""
+REST = 0.3
+"""Time in which a tip comes to rest at the next actuation [s]."""
+
+
+class Reach(SoftRobotEnvironment):
+    """Reach-v0; docs/environments.md describes it."""
+
+    def __init__(
+        self,
+        scene: str | Path | Scene = "finger-inflated",
+        object: Mapping[str, Any] | None = None,
+        friction: float | None = None,
+        pressure: tuple[float, float] = (0.0, 60.0),
+        pressure_rate: float = 300.0,
+        noise: float = 0.0,
+        randomisation: Randomisation | Mapping[str, Any] | None = None,
+        control_period: float = 0.05,
+        tolerance: float = 3.0,
+        render_mode: str | None = None,
+        camera: str | Sequence[Sequence[float]] = "iso",
+        size: tuple[int, int] = (640, 480),
+    ):
+        """Make the environment.
+
+        Args:
+            scene: scene, or its name or path, whose first finger reaches.
+            object: keys of the scene's object that differ, if it has one.
+            friction: Coulomb's coefficient [-] instead of the scene's.
+            pressure: pressures that -1 and 1 stand for [kPa].
+            pressure_rate: fastest change of a pressure [kPa/s].
+            noise: standard deviation of what is observed, in parts of each channel's range [-].
+            randomisation: ranges from which every reset draws, see `Randomisation`.
+            control_period: time between two actions [s].
+            tolerance: distance to the target within which it is reached [mm].
+            render_mode: "rgb_array", or "human" for a page in the browser.
+            camera: where pictures are taken from, see `Simulation.render`.
+            size: width and height of pictures [pixels].
+
+        Raises:
+            SceneError: the scene or an argument is not valid.
+        """
+        self._tolerance = tolerance
+        super().__init__(
+            *(scene, object, friction, pressure, pressure_rate, noise, randomisation, control_period, None),
+            *(render_mode, camera, size),
+        )
+
+    @property
+    def finger(self) -> str:
+        """Name of the finger that reaches: the first with anchors.
+
+        Raises:
+            SceneError: there is none.
+        """
+        if self.fingers:
+            return self.fingers[0]
+        raise SceneError("this needs a scene with a soft body that has anchors")
+
+    def _observed(self) -> Sequence[Quantity]:
+        self._target = np.zeros(3)
+        finger, axes = self.finger, self._axes
+        return [
+            Quantity(
+                self._actuation.actuator_channels, lambda seen: [*seen.pressures.values(), *seen.cable_pulls.values()]
+            ),
+            Quantity(symmetric("tip", "mm", 200.0, AXES), lambda seen: axes @ seen.tip_positions[finger]),
+            Quantity(symmetric("tip velocity", "mm/s", 1000.0, AXES), lambda seen: axes @ seen.tip_velocities[finger]),
+            Quantity(
+                symmetric("way to the target", "mm", 100.0, AXES),
+                lambda seen: axes @ (self._target - seen.tip_positions[finger]),
+            ),
+        ]
+
+    def _begin_task(self, start: State, options: dict[str, Any]) -> None:
+        target = options.pop("target", None)
+        if target is None:
+            low, high = self._actuation.actuator_channels[0].low, self._actuation.actuator_channels[0].high
+            places = tip_places(self._scene_text, self.finger, low, high)
+            share = self.np_random.uniform()
+            if len(self._actuation.channels) == 1:
+                along = np.linspace(0.0, 1.0, len(places))
+                target = [np.interp(share, along, places[:, axis]) for axis in range(3)]
+            else:
+                target = places[int(share * len(places))]
+        self._target = np.array(target, np.float64)
+        self._last_action: np.ndarray | None = None
+
+    def _judge(self, seen: Observation, action: np.ndarray) -> Judgement:
+        distance = float(np.linalg.norm(self._target - seen.tip_positions[self.finger]))
+        change = 0.0 if self._last_action is None else float(np.abs(action - self._last_action).mean())
+        self._last_action = action
+        told = {"is_success": distance < self._tolerance, "distance": distance, "target": self._target.copy()}
+        return Judgement(-0.1 * distance - 0.1 * change, False, told)
+
+
+@lru_cache(maxsize=8)
+def tip_places(scene: str, finger: str, low: float, high: float) -> np.ndarray:
+    """Where the tip rests under actuations from the lowest to LARGEST of the range [mm], shape (count, 3).
+
+    Args:
+        scene: the scene as TOML.
+        finger: name of the finger.
+        low, high: range of the first actuator, which the cache is told by.
+    """
+    from taichisoft.building.simulation import Simulation
+    from taichisoft_gym.prepared import prepared
+
+    model, start = prepared(scene, SETTLING_TIME)
+    simulation = Simulation(model)
+    simulation.restore(start)
+    actuation = Actuation(model.scene, (low, high), None)
+    count = len(actuation.channels)
+    shares = np.linspace(0.0, LARGEST, ALONG_ONE)[:, None]
+    if count > 1:
+        shares = LARGEST * np.random.default_rng(0).uniform(size=(AT_RANDOM, count))
+    places = []
+    for share in shares:
+        control = actuation.control(2.0 * share - 1.0, simulation.state, REST)
+        for _ in range(round(REST / model.scene.time.step)):
+            simulation.step(control)
+        places.append(simulation.observe().tip_positions[finger])
+    return np.array(places)

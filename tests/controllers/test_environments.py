@@ -1,0 +1,277 @@
+"""The learning environments: gymnasium's own checks, episodes that repeat, rewards that follow the task."""
+
+import json
+import os
+import urllib.request
+import warnings
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+
+import taichisoft
+import taichisoft_gym
+from taichisoft.errors import ForkedProcess, SceneError, StateError
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft_gym import EPISODES
+
+SMALL = {"scene": str(TINY_GRIPPER), "pressure": (0.0, 15.0)}
+"""The tiny gripper: two pads, which touch the cube at 7 kPa and can lift it with 9."""
+FINGER: dict[str, Any] = {}
+ARGUMENTS = {"Grasp": SMALL, "Carry": SMALL, "Reach": FINGER}
+EVERYTHING = {"friction": (0.4, 0.8), "mass": (0.5, 2.0), "modulus": (0.9, 1.1), "place": 0.5}
+
+
+def make(name: str, **told: Any) -> gymnasium.Env:
+    return gymnasium.make(f"taichisoft_gym:taichisoft/{name}-v0", **{**ARGUMENTS[name], **told})
+
+
+@pytest.mark.parametrize("name", EPISODES)
+def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
+    env = make(name)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        check_env(env.unwrapped, skip_render_check=True)
+    env.close()
+
+
+@pytest.mark.parametrize("name", EPISODES)
+def test_the_checker_of_stable_baselines_has_nothing_to_say(name: str) -> None:
+    checker = pytest.importorskip("stable_baselines3.common.env_checker")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        checker.check_env(make(name), skip_render_check=True)
+
+
+def episode(env: gymnasium.Env, seed: int) -> list[bytes]:
+    """Observations and rewards of two short episodes under random actions, the second without a seed of its own."""
+    env.action_space.seed(seed)
+    seen = []
+    for start in (seed, None):
+        first, _ = env.reset(seed=start)
+        seen.append(first.tobytes())
+        for _ in range(8):
+            readings, reward, *_ = env.step(env.action_space.sample())
+            seen += [readings.tobytes(), np.float64(reward).tobytes()]
+    return seen
+
+
+def test_a_seed_repeats_everything_to_the_bit_and_another_does_not() -> None:
+    told = {"randomisation": EVERYTHING, "noise": 0.01}
+    first = episode(make("Grasp", **told), 3)
+    assert episode(make("Grasp", **told), 3) == first
+    assert episode(make("Grasp", **told), 4) != first
+
+
+def test_what_is_drawn_is_what_is_simulated() -> None:
+    env = make("Grasp", randomisation=EVERYTHING)
+    for seed in range(5):
+        _, told = env.reset(seed=seed)
+        drawn, simulation = told["randomised"], env.get_wrapper_attr("simulation")
+        assert 0.4 <= drawn["friction"] <= 0.8
+        assert (simulation.model.friction == drawn["friction"]).all()
+        assert simulation.model.rigid_mass == pytest.approx([0.001 * drawn["mass"]])
+        assert simulation.state.young_modulus == pytest.approx(100.0 * drawn["modulus"])
+        place = simulation.state.rigid_position[0]
+        assert place[0] == pytest.approx(drawn["place right"], abs=0.05)
+        assert abs(drawn["place front"]) <= 0.5
+
+
+def grasp(env: gymnasium.Env) -> tuple[list[float], dict[str, Any], bool]:
+    """Close, then rise by 10 mm: rewards, the last info, and whether the episode was terminated."""
+    rewards = []
+    for step in range(40):
+        pressure = min(step / 8.0, 1.0)
+        readings, reward, terminated, _, told = env.step(np.array([pressure, pressure, 0.4 if 15 < step < 22 else 0.0]))
+        assert readings in env.observation_space
+        rewards.append(reward)
+    return rewards, told, terminated
+
+
+def test_who_grasps_and_lifts_is_rewarded_more_and_more_and_succeeds() -> None:
+    env = make("Grasp", lift=10.0)
+    env.reset(seed=0)
+    rewards, told, terminated = grasp(env)
+    assert told["is_success"]
+    assert not terminated
+    assert told["lift"] > 10.0
+    assert rewards[0] < rewards[12] < rewards[-1]
+    assert rewards[-1] == pytest.approx(1.0)
+
+
+def test_an_object_that_flies_away_terminates_the_episode() -> None:
+    env = make("Grasp")
+    env.reset()
+    state = env.get_wrapper_attr("simulation").state
+    gone = state.changed(rigid_position=state.rigid_position + np.array([0.0, 200.0, 0.0]))
+    env.reset(options={"state": gone})
+    thrown = gone.changed(rigid_velocity=np.array([[0.0, 9000.0, 0.0]]))
+    env.reset(options={"state": thrown})
+    for _ in range(3):
+        _, _, terminated, truncated, told = env.step(np.array([-1.0, -1.0, 0.0]))
+    assert (terminated, truncated, told["is_success"]) == (True, False, False)
+
+
+def test_an_episode_that_is_over_is_truncated_and_not_terminated() -> None:
+    env = make("Grasp", max_episode_steps=2)
+    env.reset()
+    ends = [env.step(np.zeros(3))[2:4] for _ in range(2)]
+    assert ends == [(False, False), (False, True)]
+
+
+def test_a_simulation_that_diverges_truncates_the_episode() -> None:
+    env = make("Grasp")
+    env.reset()
+    state = env.get_wrapper_attr("simulation").state
+    env.reset(options={"state": state.changed(velocity=np.full_like(state.velocity, 1e12))})
+    _, _, terminated, truncated, told = env.step(np.zeros(3))
+    assert (terminated, truncated) == (False, True)
+    assert "step" in told["diverged"]
+
+
+def test_an_episode_begins_at_the_state_that_is_given() -> None:
+    env = make("Grasp", randomisation=EVERYTHING)
+    env.reset(seed=0)
+    grasp(env)
+    state = env.get_wrapper_attr("simulation").state
+    _, told = make("Grasp").unwrapped.reset(options={"state": state})
+    assert told["randomised"] == {}
+    readings, _ = env.reset(options={"state": state})
+    again, _ = env.reset(options={"state": state})
+    assert readings.tobytes() == again.tobytes()
+    assert env.get_wrapper_attr("simulation").state == state
+    assert readings[0] == pytest.approx(15.0)
+
+
+@pytest.mark.parametrize("share", [0.1, 0.9])
+def test_the_pressure_that_a_target_was_measured_at_reaches_it(share: float) -> None:
+    env = make("Reach")
+    env.reset(seed=0)
+    from taichisoft_gym.reach import LARGEST, tip_places
+
+    places = tip_places(env.unwrapped._scene_text, "finger", 0.0, 60.0)
+    target = places[round(share * (len(places) - 1))]
+    env.reset(options={"target": target})
+    action = 2.0 * LARGEST * round(share * (len(places) - 1)) / (len(places) - 1) - 1.0
+    for _ in range(12):
+        _, reward, terminated, _, told = env.step(np.array([action]))
+    assert told["is_success"]
+    assert not terminated
+    assert told["distance"] < 1.0
+    assert reward == pytest.approx(-0.1 * told["distance"])
+
+
+def test_carrying_pays_where_the_object_comes_nearer_and_most_where_it_is_let_go() -> None:
+    env = make("Carry", tolerance=2.0)
+    env.reset(seed=0, options={"target": (10.0, 0.0)})
+    _, far, _, _, told = env.step(np.array([-1.0, -1.0, 0.0, 0.0, 0.0]))
+    assert told["distance"] == pytest.approx(10.0, abs=0.1)
+    state = env.get_wrapper_attr("simulation").state
+    env.reset(options={"target": (0.5, 0.0), "state": state})
+    *_, told = env.step(np.array([-1.0, -1.0, 0.0, 0.0, 0.0]))
+    assert told["is_success"]
+    assert env.step(np.array([-1.0, -1.0, 0.0, 0.0, 0.0]))[1] > far + 1.0
+
+
+def test_another_object_takes_the_place_of_the_scenes() -> None:
+    env = make("Grasp", object={"sphere": {"radius": 5.0}, "mass": 0.002}, friction=0.5)
+    env.reset()
+    model = env.get_wrapper_attr("simulation").model
+    assert model.scene.rigid_bodies["cube"].box is None
+    assert model.rigid_mass == pytest.approx([0.002])
+    assert (model.friction == 0.5).all()
+
+
+@pytest.mark.parametrize(
+    ("told", "problem"),
+    [
+        ({"pressure": (10.0, 10.0)}, "the first must be below the second"),
+        ({"control_period": 0.015}, "must be a whole multiple of the time step, 0.01 s"),
+        ({"randomisation": {"fiction": (0.1, 0.2)}}, "there is no 'fiction'; did you mean 'friction'"),
+        ({"randomisation": {"mass": (2.0, 1.0)}}, r"randomisation\['mass'\]"),
+        ({"object": {"weight": 1.0}}, "rigid_bodies.cube.weight"),
+    ],
+)
+def test_an_argument_that_makes_no_sense_is_refused(told: dict[str, Any], problem: str) -> None:
+    with pytest.raises(SceneError, match=problem):
+        make("Grasp", **told)
+
+
+def test_options_and_actions_that_make_no_sense_are_refused() -> None:
+    env = make("Grasp").unwrapped
+    with pytest.raises(SceneError, match="there is no 'stat'; there are: state"):
+        env.reset(options={"stat": None})
+    env.reset()
+    with pytest.raises(SceneError, match="must be 3 finite numbers"):
+        env.step(np.array([0.0, np.nan, 0.0]))
+    other = taichisoft.Simulation(taichisoft.load_scene("gripper")).state
+    with pytest.raises(StateError, match="another model"):
+        env.reset(options={"state": other})
+
+
+@pytest.mark.parametrize("mode", [None, "sync"])
+def test_environments_side_by_side_give_the_bits_of_one_alone(
+    mode: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from taichisoft.kernels.runtime import THREADS
+
+    monkeypatch.setenv("TAICHISOFT_THREADS", str(THREADS))  # kernels for another number would have to be compiled
+    alone = make("Grasp")
+    expected, _ = alone.reset(seed=5)
+    envs = gymnasium.make_vec("taichisoft_gym:taichisoft/Grasp-v0", num_envs=2, vectorization_mode=mode, **SMALL)
+    readings, _ = envs.reset(seed=5)
+    assert readings[0].tobytes() == expected.tobytes()
+    actions = np.array([[0.0, 0.0, 0.0], [0.5, 0.5, 0.0]], np.float32)
+    stepped, *_ = envs.step(actions)
+    assert stepped[0].tobytes() == alone.step(actions[0])[0].tobytes()
+    assert stepped[1].tobytes() != stepped[0].tobytes()
+    envs.close()
+
+
+@pytest.mark.filterwarnings("ignore:.*:UserWarning")  # gymnasium shows what its processes say
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
+def test_forked_environments_of_a_process_that_has_simulated_say_so_instead_of_hanging() -> None:
+    make("Grasp").reset()
+    envs = gymnasium.make_vec(
+        "taichisoft_gym:taichisoft/Grasp-v0",
+        num_envs=1,
+        vectorization_mode="async",
+        vector_kwargs={"context": "fork"},
+        **SMALL,
+    )
+    with pytest.raises(ForkedProcess, match="spawn"):
+        envs.reset(seed=0)
+
+
+def test_pictures_and_a_page_show_an_episode() -> None:
+    env = make("Grasp", render_mode="rgb_array", size=(64, 48), randomisation={"friction": (0.4, 0.8)})
+    env.reset(seed=0)
+    first = env.render()
+    assert first.shape == (48, 64, 3)
+    grasp(env)
+    assert not np.array_equal(env.render(), first)
+    env.reset(seed=1)
+    assert np.array_equal(env.render(), first)  # friction is not seen
+    env.close()
+
+
+def test_a_page_in_the_browser_shows_an_episode(capfd: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("viser")
+    env = make("Grasp", render_mode="human")
+    env.reset(seed=0)
+    env.step(np.zeros(3))
+    address = next(line for line in capfd.readouterr().out.splitlines() if line.startswith("web page: "))
+    with urllib.request.urlopen(address.removeprefix("web page: ")) as page:
+        assert page.status == 200
+    assert env.render() is None
+    env.close()
+    env.close()
+
+
+def test_an_environment_can_be_described_as_text() -> None:
+    env = make("Grasp", randomisation={"friction": (0.4, 0.8)})
+    text = env.spec.to_json()
+    assert json.loads(text)["kwargs"]["randomisation"] == {"friction": [0.4, 0.8]}
+    assert taichisoft_gym.EPISODES["Grasp"] == env.spec.max_episode_steps
