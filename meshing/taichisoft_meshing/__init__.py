@@ -37,11 +37,13 @@ def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft mesh`, `mesh-info` and `mesh-cache`."""
+    """Add `taichisoft mesh`, `mesh-info`, `mesh-cache` and `mould`."""
     from taichisoft_meshing.commands.mesh import mesh
     from taichisoft_meshing.commands.mesh_info import mesh_info
+    from taichisoft_meshing.commands.mould import mould
     from taichisoft_meshing.mesh_cache import mesh_cache
 
     application.command("mesh")(mesh)
     application.command("mesh-info")(mesh_info)
     application.command("mesh-cache")(mesh_cache)
+    application.command("mould")(mould)

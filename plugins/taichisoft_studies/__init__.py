@@ -10,13 +10,15 @@ if TYPE_CHECKING:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft sweep`, `mesh-sweep`, `compare` and `study`."""
+    """Add `taichisoft sweep`, `mesh-sweep`, `optimise`, `compare` and `study`."""
     from taichisoft_studies.commands.compare import compare
     from taichisoft_studies.commands.mesh_sweep import mesh_sweep
+    from taichisoft_studies.commands.optimise import optimise
     from taichisoft_studies.commands.report import study
     from taichisoft_studies.commands.sweep import sweep
 
     application.command("sweep")(sweep)
     application.command("mesh-sweep")(mesh_sweep)
+    application.command("optimise")(optimise)
     application.command("compare")(compare)
     application.add_typer(study, name="study")

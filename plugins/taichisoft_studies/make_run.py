@@ -20,7 +20,17 @@ from taichisoft.errors import (
     SimulationDiverged,
     TaichisoftError,
 )
-from taichisoft_studies.run_folder import COMPLETED, LOG, METRICS, finished, new_folder, remove_partial, write_record
+from taichisoft_studies.pruning import Pruned, PruningOutput
+from taichisoft_studies.run_folder import (
+    COMPLETED,
+    LOG,
+    METRICS,
+    PRUNED,
+    finished,
+    new_folder,
+    remove_partial,
+    write_record,
+)
 from taichisoft_studies.run_job import RunJob
 
 REASONS: tuple[tuple[type[TaichisoftError], str], ...] = (
@@ -71,6 +81,8 @@ def _run(job: RunJob, folder: Path) -> tuple[str, str]:
     np.random.seed(job.seed)  # what plug-ins draw from is for them to choose
     try:
         _simulate(job, folder)
+    except Pruned as pruned:
+        return PRUNED, str(pruned)
     except Exception as error:
         text = str(error) if isinstance(error, TaichisoftError) else f"{type(error).__name__}: {error}"
         return reason(error), " ".join(text.split())
@@ -91,6 +103,9 @@ def _simulate(job: RunJob, folder: Path) -> None:
     outputs = [make_output(name, folder) for name in job.outputs]
     if job.watch is not None:
         outputs.append(CurvesOutput(folder, job.watch))
+    if job.pruning is not None:
+        metrics: Any = outputs[job.outputs.index("metrics")]
+        outputs.append(PruningOutput(metrics, job.parameters, job.pruning))
     run(simulation, controller, outputs, job.duration)
 
 

@@ -16,7 +16,7 @@ from taichisoft_studies.run_job import RunJob
 RECORD = "run.json"
 LOG = "log.txt"
 METRICS = "metrics.json"
-COMPLETED = "completed"
+COMPLETED, PRUNED = "completed", "pruned"
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
@@ -35,6 +35,8 @@ def read_record(folder: Path) -> dict[str, Any] | None:
 def finished(job: RunJob) -> dict[str, Any] | None:
     """The record of a job that needs not be done again: it has ended, with all outputs that are wanted now."""
     record = read_record(job.place)
+    if record is not None and record["status"] == PRUNED and job.pruning is None:  # now it is to go to its end
+        return None
     return record if record is not None and set(job.outputs) <= set(record.get("outputs", ())) else None
 
 

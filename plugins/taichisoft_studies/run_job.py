@@ -33,6 +33,7 @@ class RunJob:
         seed: what Python's and numpy's random numbers begin with.
         time_limit: longest time that it may take [s].
         watch: what is noted of every step, text of an expression by name; None where nothing is.
+        pruning: what decides whether it goes on, see `pruning.py`; None where it goes to its end.
     """
 
     name: str
@@ -46,6 +47,7 @@ class RunJob:
     seed: int = 1
     time_limit: float = 3600.0
     watch: Mapping[str, str] | None = None
+    pruning: Mapping[str, Any] | None = None
 
     @property
     def place(self) -> Path:

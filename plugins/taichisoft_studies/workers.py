@@ -135,12 +135,11 @@ def _own_cluster(cluster: Cluster, count: int) -> Iterator[tuple[Any, int]]:
     else:
         from distributed import LocalCluster
 
-        address = ":0" if find_spec("bokeh") is not None else None
         with _interruption_ignored():
             made = LocalCluster(
                 n_workers=count,
                 threads_per_worker=1,
-                dashboard_address=address,
+                dashboard_address=":0",
                 memory_limit=0,
                 preload=["taichisoft_studies.worker_start"],
             )

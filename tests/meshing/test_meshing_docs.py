@@ -33,7 +33,7 @@ def commands() -> list[list[str]]:
 
 def test_every_command_and_option_exists() -> None:
     known = with_plugin_commands(application).commands
-    assert {"mesh", "mesh-info", "mesh-cache", "run"} <= {words[0] for words in commands()}
+    assert {"mesh", "mesh-info", "mesh-cache", "mould", "run"} <= {words[0] for words in commands()}
     for words in commands():
         assert words[0] in known, words
         options = {option for parameter in known[words[0]].params for option in parameter.opts}

@@ -20,7 +20,7 @@ def build_finger(gmsh: Any, finger: FingerParameters) -> None:
         GmshFailure: the solid has not the volume of the drawing.
     """
     occ = gmsh.model.occ
-    silicone, _ = occ.cut(_block(occ, finger), _cavity(occ, finger))
+    silicone, _ = occ.cut(finger_outside(occ, finger), finger_cavity(occ, finger))
     inner = [occ.intersect([solid], silicone, removeTool=False)[0] for solid in _inner_solids(occ, finger)]
     if inner:
         occ.fragment(silicone, [part for parts in inner for part in parts])
@@ -31,7 +31,7 @@ def build_finger(gmsh: Any, finger: FingerParameters) -> None:
         raise GmshFailure(f"OpenCASCADE gave a solid of {made:.9g} mm^3 instead of {wanted:.9g}")
 
 
-def _block(occ: Any, finger: FingerParameters) -> Solids:
+def finger_outside(occ: Any, finger: FingerParameters) -> Solids:
     """The block less its slots: the outside of the finger."""
     half_width = finger.body.width / 2
     corners = [occ.addPoint(x, y, -half_width) for x, y in finger.outline]
@@ -46,7 +46,7 @@ def _block(occ: Any, finger: FingerParameters) -> Solids:
     return block
 
 
-def _cavity(occ: Any, finger: FingerParameters) -> Solids:
+def finger_cavity(occ: Any, finger: FingerParameters) -> Solids:
     """Channel, chambers and inlet in one piece: the air in the finger."""
     channel, inlet = finger.channel, finger.inlet
     chambers = [_box(occ, box) for box in chamber_boxes(finger)]

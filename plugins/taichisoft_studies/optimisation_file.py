@@ -1,0 +1,100 @@
+"""What the file of an optimisation says: variables, objectives, constraints, and how to search."""
+
+from collections.abc import Mapping
+from typing import Annotated, Any, ClassVar, Literal, Self
+
+from pydantic import Field, model_validator
+
+from taichisoft.scenes.table import KeySets, NotNegative, Positive, Table
+from taichisoft_studies.study_file import Count, Range, Study, Values, check_values
+
+
+class Objective(Table):
+    """A figure to be made large or small: an expression of metrics, or a function "file.py:name" of a plug-in."""
+
+    maximise: str | None = None
+    """The figure that shall be large."""
+    minimise: str | None = None
+    """The figure that shall be small."""
+    alternatives: ClassVar[KeySets] = (("maximise", "minimise"),)
+
+    @property
+    def text(self) -> str:
+        """What is evaluated."""
+        return self.maximise or self.minimise or ""
+
+    @property
+    def direction(self) -> str:
+        """Optuna's word for what is wanted."""
+        return "maximize" if self.maximise is not None else "minimize"
+
+
+class Pruning(Table):
+    """Runs end early whose objective is worse than the median of the others at the same time of theirs."""
+
+    every: Positive
+    """Simulated time from one look to the next [s]."""
+    warm_up: NotNegative = 0.0
+    """Simulated time before the first look [s]."""
+    trials: Annotated[int, Field(strict=True, ge=1)] = 5
+    """Trials that go to their end before any other is pruned."""
+
+
+class Optimisation(Study):
+    """A search for the values that make a figure largest or smallest."""
+
+    variables: dict[str, Values]
+    """Values by key: bounds (low, high; log, integer), or a list to choose from."""
+    objectives: dict[str, Objective]
+    """What is wanted, by a name of your own; with several, the result is the set of compromises (Pareto front)."""
+    constraints: dict[str, str] = Field(default={})
+    """Comparisons that the result must satisfy ("rest_volumes_mm3['finger'] <= 40000"), by a name of your own."""
+    trials: Count = 60
+    """Number of runs, those before a continuation included."""
+    sampler: Literal["tpe", "cmaes", "nsga2", "gp"] = "tpe"
+    """Tree-structured Parzen estimator, CMA-ES, NSGA-II, or a Gaussian process (needs PyTorch)."""
+    pruning: Pruning | None = None
+    winners: Count = 1
+    """Best trials that are run again in the end, recorded."""
+    finer: tuple[str, ...] = ()
+    """Changes of the scene for these ("soft_bodies.finger.mesh.size=6"): a finer mesh, a shorter time step."""
+
+    @model_validator(mode="after")
+    def _check_search(self) -> Self:
+        check_values(self.variables, "variables")
+        for key, values in self.variables.items():
+            if isinstance(values, Range) and values.count is not None:
+                raise ValueError(f"variables.{key}.count has no effect here; remove it")
+        if not self.objectives:
+            raise ValueError("objectives has no key; name what is wanted")
+        many = len(self.objectives) > 1
+        if self.pruning is not None and many:
+            raise ValueError("pruning needs a single objective")
+        if self.sampler == "cmaes" and (many or self.constraints):
+            raise ValueError("sampler = 'cmaes' knows one objective and no constraints; take tpe, nsga2 or gp")
+        if self.pruning is not None and is_function(next(iter(self.objectives.values())).text):
+            raise ValueError("pruning needs an expression as objective: a function is called when the run has ended")
+        return self
+
+
+def is_function(text: str) -> bool:
+    """Whether an objective is a function of a file, not an expression."""
+    file, separator, name = text.rpartition(":")
+    return bool(separator) and file.endswith(".py") and name.isidentifier()
+
+
+def with_function_paths(tables: dict[str, Any], beside: Any) -> dict[str, Any]:
+    """The tables with the files of functions beside the study as absolute paths."""
+    objectives = tables.get("objectives")
+    if isinstance(objectives, Mapping):
+        tables = {**tables, "objectives": {name: _with_path(table, beside) for name, table in objectives.items()}}
+    return tables
+
+
+def _with_path(objective: Any, beside: Any) -> Any:
+    if not isinstance(objective, Mapping):
+        return objective
+    return {
+        key: str((beside / text).resolve()) if isinstance(text, str) and is_function(text) else text
+        for key, text in objective.items()
+    }

@@ -1,0 +1,146 @@
+"""Optuna's study in the folder of an optimisation: a journal that several machines may write to at the same time."""
+
+import os
+import socket
+import warnings
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from taichisoft_studies.extras import StudyError, require
+from taichisoft_studies.optimisation_file import Optimisation
+from taichisoft_studies.study_file import Range, Values
+
+JOURNAL = "optuna.journal"
+NAME = "optimisation"
+VIOLATIONS, OWNER, LOST = "violations", "owner", "lost"
+"""Names of what is noted at trials."""
+
+
+def open_study(study: Optimisation, folder: Path) -> Any:
+    """Optuna's study, made where there is none yet.
+
+    Raises:
+        StudyError: Optuna or what a sampler needs is not installed, or the folder has a study with other objectives.
+    """
+    require("taichisoft optimise", "optuna", *{"cmaes": ["cmaes"], "gp": ["torch"]}.get(study.sampler, []))
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    warnings.filterwarnings("ignore", category=optuna.exceptions.ExperimentalWarning)
+    directions: list[Any] = [objective.direction for objective in study.objectives.values()]
+    made = optuna.create_study(
+        study_name=NAME, storage=_storage(folder / JOURNAL), directions=directions, load_if_exists=True
+    )
+    if [one.name.lower() for one in made.directions] != directions:
+        raise StudyError(f"{folder}: holds a study with other objectives; take another folder")
+    opened = made.user_attrs.get("opened", 0)  # each session draws other random numbers
+    made.set_user_attr("opened", opened + 1)
+    made.sampler = _sampler(study, study.seed + 1000 * opened)
+    return made
+
+
+def open_trial(settings: Mapping[str, Any]) -> Any:
+    """The trial of a run, in the process that makes the run; `settings` are those of `pruning.PruningOutput`."""
+    import optuna
+
+    optuna.logging.set_verbosity(optuna.logging.WARNING)
+    pruner = optuna.pruners.MedianPruner(n_startup_trials=settings["trials"])
+    study = optuna.load_study(study_name=NAME, storage=_storage(Path(settings["journal"])), pruner=pruner)
+    return optuna.trial.Trial(study, settings["trial"])
+
+
+def suggest(trial: Any, variables: Mapping[str, Values]) -> dict[str, Any]:
+    """The values of a trial by key."""
+    return {key: _suggested(trial, key, values) for key, values in variables.items()}
+
+
+def own(trial: Any) -> None:
+    """Note that this process makes the trial."""
+    trial.set_user_attr(OWNER, f"{socket.gethostname()}:{os.getpid()}")
+
+
+def take_over_abandoned(study: Any) -> int:
+    """Put the trials back into the queue whose process on this machine is gone; returns how many there were."""
+    from optuna.trial import TrialState
+
+    abandoned = [trial for trial in study.get_trials(states=(TrialState.RUNNING,)) if _is_abandoned(trial)]
+    for trial in abandoned:
+        study._storage.set_trial_user_attr(trial._trial_id, LOST, True)
+        study.tell(trial.number, state=TrialState.FAIL)
+        if trial.params:
+            study.enqueue_trial(trial.params)
+    return len(abandoned)
+
+
+def counted(study: Any) -> list[Any]:
+    """The trials that have ended or are being made, without those that were lost with the process that made them."""
+    from optuna.trial import TrialState
+
+    trials = study.get_trials(deepcopy=False)
+    return [trial for trial in trials if trial.state != TrialState.WAITING and not trial.user_attrs.get(LOST)]
+
+
+def best_trials(study: Any, count: int) -> list[Any]:
+    """The best trials that satisfy all constraints: of one objective in order, of several the Pareto front."""
+    from optuna.study import StudyDirection
+    from optuna.trial import TrialState
+
+    ended = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
+    feasible = [trial for trial in ended if all(value <= 0.0 for value in trial.user_attrs.get(VIOLATIONS, ()))]
+    signs = [-1.0 if one == StudyDirection.MAXIMIZE else 1.0 for one in study.directions]
+    costs = {trial.number: [sign * v for sign, v in zip(signs, trial.values, strict=True)] for trial in feasible}
+    front = [
+        trial
+        for trial in feasible
+        if len(signs) == 1 or not any(_dominates(other, costs[trial.number]) for other in costs.values())
+    ]
+    return sorted(front, key=lambda trial: (costs[trial.number], trial.number))[:count]
+
+
+def _dominates(one: list[float], other: list[float]) -> bool:
+    return one != other and all(a <= b for a, b in zip(one, other, strict=True))
+
+
+def _storage(path: Path) -> Any:
+    from optuna.storages import JournalStorage
+    from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
+
+    path.parent.mkdir(parents=True, exist_ok=True)
+    return JournalStorage(JournalFileBackend(str(path), lock_obj=JournalFileOpenLock(str(path))))
+
+
+def _sampler(study: Optimisation, seed: int) -> Any:
+    from optuna import samplers
+
+    match study.sampler:
+        case "cmaes":
+            return samplers.CmaEsSampler(seed=seed)
+        case "nsga2":
+            return samplers.NSGAIISampler(seed=seed)
+        case "gp":
+            return samplers.GPSampler(seed=seed)
+    return samplers.TPESampler(seed=seed, constant_liar=True)
+
+
+def _suggested(trial: Any, key: str, values: Values) -> Any:
+    if not isinstance(values, Range):
+        texts = [repr(value) for value in values]  # Optuna's choices are plain values; lists are none
+        return values[texts.index(trial.suggest_categorical(key, texts))]
+    if values.integer:
+        return trial.suggest_int(key, int(values.low), int(values.high), log=values.log)
+    return float(f"{trial.suggest_float(key, values.low, values.high, log=values.log):.10g}")
+
+
+def _is_abandoned(trial: Any) -> bool:
+    """Whether a trial that runs belongs to a process of this machine that is gone."""
+    host, _, pid = trial.user_attrs.get(OWNER, "").rpartition(":")
+    if host != socket.gethostname() or int(pid) == os.getpid():
+        return False
+    try:
+        os.kill(int(pid), 0)
+    except ProcessLookupError:
+        return True
+    except OSError:
+        return False
+    return False

@@ -1,0 +1,146 @@
+"""Optimisation: it finds a known optimum, obeys constraints, goes on where it was interrupted, and prunes."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from studies import SQUEEZE, Here
+
+from taichisoft.plugin_system.plugins import load_plugin
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft_studies.extras import StudyError
+from taichisoft_studies.objectives import figures
+from taichisoft_studies.optimisation_file import Optimisation
+from taichisoft_studies.optimise import optimise, trial_rows
+from taichisoft_studies.optimiser import OWNER, best_trials, counted, open_study, take_over_abandoned
+from taichisoft_studies.study_file import check_study
+
+PRESSURE = "controller.settings.pressure"
+
+
+class FewAtATime(Here):
+    """One run at a time: what a sampler proposes then depends on nothing but its seed."""
+
+    count = 1
+
+
+def search_of(folder: Path, **tables: Any) -> Optimisation:
+    """A search for the pressure, from 0 to 10 kPa, that misses 6 kPa least."""
+    plugin = folder / "squeeze.py"
+    plugin.write_text(SQUEEZE)
+    base = {
+        "scene": str(TINY_GRIPPER),
+        "controller": "squeeze",
+        "duration": 0.01,
+        "plugins": [str(plugin)],
+        "set": ["limits.pressure_rate=1e6"],
+        "variables": {PRESSURE: {"low": 0.0, "high": 10.0}},
+        "objectives": {"miss": {"minimise": "(final_pressures_kPa['left.cavity'] - 6) ** 2"}},
+        "trials": 25,
+    }
+    load_plugin(plugin)
+    return check_study(Optimisation, {**base, **tables}, "study")
+
+
+def searched(study: Optimisation, folder: Path, workers: Here | None = None) -> Any:
+    """Optuna's study when all trials have been made."""
+    trials = open_study(study, folder)
+    trials.set_user_attr("folder", str(folder))
+    optimise(study, folder, trials, workers or FewAtATime(), lambda trial, record: None)
+    return trials
+
+
+@pytest.mark.parametrize("sampler", ["tpe", "cmaes", "nsga2"])
+def test_the_optimum_is_found_and_a_seed_repeats_the_search(
+    tmp_path: Path, taichisoft_plugins: Any, sampler: str
+) -> None:
+    study = search_of(tmp_path, sampler=sampler, trials=60 if sampler == "nsga2" else 25)
+    trials = searched(study, tmp_path / "first")
+    (best,) = best_trials(trials, 1)
+    assert best.params[PRESSURE] == pytest.approx(6.0, abs=0.6)
+    rows = trial_rows(study, trials)
+    assert len(rows) == study.trials
+    assert rows[best.number]["metrics.objectives.miss"] == best.value
+    again = searched(study.model_copy(update={"trials": 12}), tmp_path / "second")
+    assert [trial.params for trial in again.trials] == [trial.params for trial in trials.trials[:12]]
+
+
+def test_the_best_trial_satisfies_the_constraints(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    study = search_of(tmp_path, constraints={"low": "final_pressures_kPa['left.cavity'] <= 4"})
+    (best,) = best_trials(searched(study, tmp_path), 1)
+    assert 3.0 <= best.params[PRESSURE] <= 4.0
+
+
+def test_two_objectives_give_their_compromises(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    both = {
+        "high": {"maximise": "final_pressures_kPa['left.cavity']"},
+        "near": {"minimise": "abs(final_pressures_kPa['left.cavity'] - 6)"},
+    }
+    front = best_trials(searched(search_of(tmp_path, objectives=both), tmp_path), 100)
+    assert len(front) > 1
+    assert min(trial.params[PRESSURE] for trial in front) > 5.0
+
+
+def test_failed_runs_are_failed_trials_and_the_rest_go_on(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """A pressure that is text makes the controller fail; the search goes on with the others."""
+    study = search_of(tmp_path, variables={PRESSURE: ["much", 5.0, 6.0]}, trials=12)
+    trials = searched(study, tmp_path)
+    states = {trial.params[PRESSURE]: trial.state.name for trial in trials.trials}
+    assert states == {"'much'": "FAIL", "5.0": "COMPLETE", "6.0": "COMPLETE"}
+    assert trial_rows(study, trials)[0]["status"] in ("completed", "controller failed")
+    assert best_trials(trials, 1)[0].params[PRESSURE] == "6.0"
+
+
+def test_an_interrupted_search_goes_on(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    study = search_of(tmp_path, trials=6)
+    trials = searched(study.model_copy(update={"trials": 3}), tmp_path)
+    lost = trials.ask()
+    pressure = lost.suggest_float(PRESSURE, 0.0, 10.0)
+    host, _, _ = trials.trials[0].user_attrs[OWNER].rpartition(":")
+    lost.set_user_attr(OWNER, f"{host}:{2**22 + 1}")  # larger than any process's number
+    assert take_over_abandoned(trials) == 1
+    workers = FewAtATime()
+    trials = searched(study, tmp_path, workers)
+    assert len(workers.made) == 3
+    assert len(counted(trials)) == 6
+    made = [trial.params[PRESSURE] for trial in trials.trials if trial.state.name == "COMPLETE"]
+    assert len(made) == 6
+    assert pressure in made
+
+
+def test_hopeless_runs_are_pruned(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    study = search_of(tmp_path, pruning={"every": 0.01, "trials": 3}, duration=0.05, trials=15)
+    trials = searched(study, tmp_path)
+    states = [trial.state.name for trial in trials.trials]
+    assert states[:3] == ["COMPLETE"] * 3
+    assert states.count("PRUNED") > 2
+    rows = trial_rows(study, trials)
+    assert max(row["metrics.steps"] for row in rows if row["status"] == "pruned") < 5
+
+
+def test_functions_of_a_file_are_objectives(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    (tmp_path / "mine.py").write_text(
+        "def sum_of(parameters, metrics, folder):\n    return parameters['a'] + metrics['b']\n"
+    )
+    study = search_of(tmp_path, objectives={"x": {"maximise": f"{tmp_path / 'mine.py'}:sum_of"}})
+    assert figures(study)["x"]({"parameters": {"a": 1}, "metrics": {"b": 2}}, tmp_path) == 3.0
+    with pytest.raises(StudyError, match=r"objectives.x.maximise = .*mine.py:sum_of': KeyError: 'b'"):
+        figures(study)["x"]({"parameters": {"a": 1}, "metrics": {}}, tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("tables", "problem"),
+    [
+        ({"objectives": {}}, "objectives has no key"),
+        ({"objectives": {"a": {}}}, "exactly one of maximise, minimise is needed"),
+        ({"sampler": "cmaes", "constraints": {"a": "b <= 1"}}, "knows one objective and no constraints"),
+        ({"sampler": "annealing"}, "sampler = 'annealing'"),
+        ({"variables": {PRESSURE: {"low": 0, "high": 1, "count": 3}}}, f"variables.{PRESSURE}.count has no effect"),
+    ],
+)
+def test_a_search_that_is_wrong_is_told_by_its_key(
+    tmp_path: Path, taichisoft_plugins: Any, tables: dict[str, Any], problem: str
+) -> None:
+    with pytest.raises(StudyError) as refused:
+        search_of(tmp_path, **tables)
+    assert problem in str(refused.value)
