@@ -129,6 +129,9 @@ LAYERS = {
     "taichisoft_studies": [
         "__init__",
         "commands",
+        "calibrate",
+        "measured_data",
+        "calibration_file",
         "winner_parts",
         "optimise",
         "objectives",

@@ -10,7 +10,8 @@ if TYPE_CHECKING:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft sweep`, `mesh-sweep`, `optimise`, `compare` and `study`."""
+    """Add `taichisoft sweep`, `mesh-sweep`, `optimise`, `calibrate`, `compare` and `study`."""
+    from taichisoft_studies.commands.calibrate import calibrate
     from taichisoft_studies.commands.compare import compare
     from taichisoft_studies.commands.mesh_sweep import mesh_sweep
     from taichisoft_studies.commands.optimise import optimise
@@ -20,5 +21,6 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     application.command("sweep")(sweep)
     application.command("mesh-sweep")(mesh_sweep)
     application.command("optimise")(optimise)
+    application.command("calibrate")(calibrate)
     application.command("compare")(compare)
     application.add_typer(study, name="study")

@@ -1,0 +1,120 @@
+"""Calibration: data that a run made give back what made them; bounds, failures and wrong files are told."""
+
+import csv
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Figures
+from studies import SQUEEZE, Here
+
+from taichisoft.plugin_system.plugins import load_plugin
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft_studies.calibrate import calibrate
+from taichisoft_studies.calibration_file import Calibration
+from taichisoft_studies.curves_output import read_curves
+from taichisoft_studies.extras import StudyError
+from taichisoft_studies.measured_data import Measurement, read_measurement
+from taichisoft_studies.study_file import check_study
+from taichisoft_studies.sweep import job_for, make_missing
+
+MODULUS, DAMPING = "soft_bodies.left.young_modulus", "soft_bodies.left.rayleigh_stiffness"
+TIP = "tip_positions['left'][0]"
+TRUE = {MODULUS: 130.0, DAMPING: 0.05}
+
+
+def calibration_of(folder: Path, **tables: Any) -> Calibration:
+    plugin = folder / "squeeze.py"
+    plugin.write_text(SQUEEZE)
+    load_plugin(plugin)
+    base = {
+        "scene": str(TINY_GRIPPER),
+        "controller": "squeeze",
+        "duration": 0.3,
+        "plugins": [str(plugin)],
+        "set": ["soft_bodies.left.tip={box=[[-1000.0, -1000.0, -1000.0], [1000.0, 1000.0, 1000.0]]}"],
+        "parameters": {
+            MODULUS: {"start": 70.0, "low": 40.0, "high": 400.0, "log": True},
+            DAMPING: {"start": 0.01, "low": 0.001, "high": 0.2, "log": True},
+        },
+        "experiments": [{"data": "tip.csv", "curves": [{"column": "tip_mm", "quantity": TIP, "relative": True}]}],
+    }
+    return check_study(Calibration, {**base, **tables}, "study")
+
+
+def made_data(study: Calibration, folder: Path, noise: float) -> Measurement:
+    """The curve of a run with the true values, with errors of measurement [mm]."""
+    job = job_for(study, TRUE, folder / "truth", 1, watch={"time": "time", "tip": TIP})
+    (record,) = make_missing([job], Here(), lambda *_: None)
+    assert record["status"] == "completed", record
+    curves = read_curves(job.place)
+    tip = curves["tip"] + noise * np.random.default_rng(2).standard_normal(len(curves["tip"]))
+    with (folder / "tip.csv").open("w", newline="") as file:
+        csv.writer(file).writerows([["time", "tip_mm"], *zip(curves["time"], tip, strict=True)])
+    return read_measurement(study.experiments[0], folder / "tip.csv", "experiments.0")
+
+
+def test_what_made_the_data_is_found(tmp_path: Path, taichisoft_plugins: Any, figures: Figures) -> None:
+    """Modulus and damping of a pad from the motion of its nodes, within 2 %; the tip moves by some millimetres."""
+    study = calibration_of(tmp_path)
+    data = made_data(study, tmp_path, noise=0.0)
+    fit = calibrate(study, [data], tmp_path, Here(), lambda values, cost: None)
+    for key, value in TRUE.items():
+        figures.close(f"{key}, found and true", fit.values[key], value, 0.02 * value)
+    assert fit.residuals[0][0] < 1e-3 * np.ptp(data.curves)
+    np.testing.assert_allclose(fit.modelled[0], data.curves, atol=1e-2 * np.ptp(data.curves))
+
+
+def test_the_interval_of_noisy_data_holds_the_truth(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """One draw of noise, 2 % of the motion: an interval of 95 % holds the true value, and is wider than none at all."""
+    study = calibration_of(tmp_path)
+    clean = made_data(study, tmp_path, noise=0.0)
+    noise = 0.02 * float(np.ptp(clean.curves))
+    fit = calibrate(study, [made_data(study, tmp_path, noise)], tmp_path, Here(), lambda values, cost: None)
+    for key, value in TRUE.items():
+        low, high = fit.intervals[key]
+        assert low < value < high
+        assert 1.001 < high / low < 3.0
+    assert fit.residuals[0][0] == pytest.approx(noise, rel=0.4)
+
+
+def test_rows_are_chosen_shifted_and_computed_from_columns(tmp_path: Path) -> None:
+    (tmp_path / "d.csv").write_text("t,a-1,b\n0,1,10\n1,2,20\n2,4,30\n3,9,40\n")
+    (experiment,) = calibration_of(
+        tmp_path,
+        experiments=[
+            {
+                "over_column": "t",
+                "first": 1.5,
+                "last": 3.0,
+                "shift": 0.5,
+                "curves": [{"column": "columns['a-1'] + b", "quantity": TIP, "relative": True, "scale": 2.0}],
+            }
+        ],
+    ).experiments
+    data = read_measurement(experiment, tmp_path / "d.csv", "experiments.0")
+    assert data.over.tolist() == [1.5, 2.5]
+    assert data.curves.tolist() == [[0.0, 12.0]]
+    assert data.scales.tolist() == [2.0]
+
+
+@pytest.mark.parametrize(
+    ("tables", "problem"),
+    [
+        ({"parameters": {MODULUS: {"start": 5.0, "low": 10.0, "high": 20.0}}}, "start (5) must lie between low (10)"),
+        ({"experiments": []}, "experiments = []: at least 1 is needed"),
+    ],
+)
+def test_a_calibration_that_is_wrong_is_told_by_its_key(
+    tmp_path: Path, taichisoft_plugins: Any, tables: dict[str, Any], problem: str
+) -> None:
+    with pytest.raises(StudyError) as refused:
+        calibration_of(tmp_path, **tables)
+    assert problem in str(refused.value)
+
+
+def test_data_that_outlast_the_run_are_an_error(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    data = Measurement(np.array([0.0, 5.0]), np.array([[0.0, 1.0]]), np.ones(1))
+    with pytest.raises(StudyError, match=r"experiments.0: the data lie from 0 to 5, and the run from 0.01 to 0.02"):
+        calibrate(calibration_of(tmp_path, duration=0.02), [data], tmp_path, Here(), lambda values, cost: None)
