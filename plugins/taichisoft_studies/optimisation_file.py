@@ -5,6 +5,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
+from taichisoft.errors import nearest
 from taichisoft.scenes.table import KeySets, NotNegative, Positive, Table
 from taichisoft_studies.study_file import Count, Range, Study, Values, check_values
 
@@ -49,6 +50,8 @@ class Optimisation(Study):
     """What is wanted, by a name of your own; with several, the result is the set of compromises (Pareto front)."""
     constraints: dict[str, str] = Field(default={})
     """Comparisons that the result must satisfy ("rest_volumes_mm3['finger'] <= 40000"), by a name of your own."""
+    start: dict[str, Any] = Field(default={})
+    """Values of the first trial by key, such as those of a design that is known."""
     trials: Count = 60
     """Number of runs, those before a continuation included."""
     sampler: Literal["tpe", "cmaes", "nsga2", "gp"] = "tpe"
@@ -65,6 +68,9 @@ class Optimisation(Study):
         for key, values in self.variables.items():
             if isinstance(values, Range) and values.count is not None:
                 raise ValueError(f"variables.{key}.count has no effect here; remove it")
+        unknown = next((key for key in self.start if key not in self.variables), None)
+        if unknown is not None:
+            raise ValueError(f"start.{unknown} is no variable; {nearest(unknown, list(self.variables), 'there are')}")
         if not self.objectives:
             raise ValueError("objectives has no key; name what is wanted")
         many = len(self.objectives) > 1

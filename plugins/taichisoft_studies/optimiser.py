@@ -34,6 +34,8 @@ def open_study(study: Optimisation, folder: Path) -> Any:
     )
     if [one.name.lower() for one in made.directions] != directions:
         raise StudyError(f"{folder}: holds a study with other objectives; take another folder")
+    if study.start and not made.get_trials(deepcopy=False):
+        made.enqueue_trial({key: _stored(study.variables[key], value) for key, value in study.start.items()})
     opened = made.user_attrs.get("opened", 0)  # each session draws other random numbers
     made.set_user_attr("opened", opened + 1)
     made.sampler = _sampler(study, study.seed + 1000 * opened)
@@ -125,11 +127,16 @@ def _sampler(study: Optimisation, seed: int) -> Any:
 
 def _suggested(trial: Any, key: str, values: Values) -> Any:
     if not isinstance(values, Range):
-        texts = [repr(value) for value in values]  # Optuna's choices are plain values; lists are none
+        texts = [_stored(values, value) for value in values]
         return values[texts.index(trial.suggest_categorical(key, texts))]
     if values.integer:
         return trial.suggest_int(key, int(values.low), int(values.high), log=values.log)
     return float(f"{trial.suggest_float(key, values.low, values.high, log=values.log):.10g}")
+
+
+def _stored(values: Values, value: Any) -> Any:
+    """A value as Optuna keeps it: choices as text, since lists are none of its own."""
+    return value if isinstance(values, Range) else repr(value)
 
 
 def _is_abandoned(trial: Any) -> bool:

@@ -152,7 +152,7 @@ def read_tables(path: Path) -> dict[str, Any]:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))
     except (tomllib.TOMLDecodeError, UnicodeDecodeError, OSError) as error:
         raise StudyError(f"{path}: not readable as TOML: {error}") from error
-    for key in ("vary", "variables", "parameters"):
+    for key in ("vary", "variables", "parameters", "start"):
         if isinstance(tables.get(key), dict):
             tables[key] = dotted(tables[key])
     if isinstance(tables.get("scene"), str):

@@ -71,6 +71,11 @@ def test_the_best_trial_satisfies_the_constraints(tmp_path: Path, taichisoft_plu
     assert 3.0 <= best.params[PRESSURE] <= 4.0
 
 
+def test_a_known_design_is_tried_first(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    trials = searched(search_of(tmp_path, start={PRESSURE: 2.5}, trials=2), tmp_path)
+    assert trials.trials[0].params[PRESSURE] == 2.5 != trials.trials[1].params[PRESSURE]
+
+
 def test_two_objectives_give_their_compromises(tmp_path: Path, taichisoft_plugins: Any) -> None:
     both = {
         "high": {"maximise": "final_pressures_kPa['left.cavity']"},
@@ -134,6 +139,7 @@ def test_functions_of_a_file_are_objectives(tmp_path: Path, taichisoft_plugins: 
         ({"objectives": {}}, "objectives has no key"),
         ({"objectives": {"a": {}}}, "exactly one of maximise, minimise is needed"),
         ({"sampler": "cmaes", "constraints": {"a": "b <= 1"}}, "knows one objective and no constraints"),
+        ({"start": {"controller.settings.presure": 1}}, f"is no variable; did you mean '{PRESSURE}'?"),
         ({"sampler": "annealing"}, "sampler = 'annealing'"),
         ({"variables": {PRESSURE: {"low": 0, "high": 1, "count": 3}}}, f"variables.{PRESSURE}.count has no effect"),
     ],
