@@ -31,6 +31,7 @@ FOLDERS = {
     "taichisoft/data/fingers": "data/fingers",
     "taichisoft/data/meshes": "data/meshes",
     "taichisoft/data/scenes": "data/scenes",
+    "taichisoft/data/studies": "data/studies",
 }
 """Folders of the checkout by the place where they are installed."""
 
