@@ -17,6 +17,7 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import SceneError, TaichisoftError
 from taichisoft.running.display import print_profile, print_summary, progress_bar, warn_if_slow
+from taichisoft.running.folder_lock import locked_folder
 from taichisoft.running.live_status import live_status
 from taichisoft.running.loop import INTERRUPTED, run_session
 from taichisoft.running.messages import logged_to, warnings_printed_to
@@ -102,7 +103,7 @@ def run_simulation(
     if speed is not None and not 0.0 < speed < math.inf:
         raise TaichisoftError(f"--speed {speed:g}: must be a positive, finite number; 1 is real time")
     console = rich.get_console()  # an output that takes long at the end shows its progress there too
-    with warnings_printed_to(console):
+    with warnings_printed_to(console), locked_folder(folder):
         with _errors_in(name):
             controller = make_controller(scene)
         if request.steering is not None and controller.bindings:
@@ -174,5 +175,4 @@ def _errors_in(scene: str) -> Iterator[None]:
 
 def _write_scene(scene: Scene, folder: Path) -> None:
     with named_os_errors(f"--output {folder}"):
-        folder.mkdir(parents=True, exist_ok=True)
         (folder / "scene.toml").write_text(scene_to_toml(scene), encoding="utf-8")
