@@ -91,7 +91,8 @@ def served(path: Path) -> Iterator[tuple[Any, PanelViewer, Callable[[Callable[[]
     from taichisoft_plugins.web.address import find_address
     from taichisoft_plugins.web.recording_page import RecordingPage
 
-    page = RecordingPage(path, find_address("127.0.0.1:0"))
+    address = find_address("127.0.0.1:0")
+    page = RecordingPage(path, address)
 
     def until(condition: Callable[[], bool]) -> None:
         deadline = time.monotonic() + conftest.PATIENCE
@@ -101,7 +102,7 @@ def served(path: Path) -> Iterator[tuple[Any, PanelViewer, Callable[[Callable[[]
             time.sleep(0.02)
 
     try:
-        with PanelViewer(f"http://127.0.0.1:{page.page.port}") as viewer:
+        with PanelViewer(address.at(page.page.port).url) as viewer:
             yield page, viewer, until
     finally:
         page.close()

@@ -19,7 +19,7 @@ def test_without_an_address_the_next_free_port_of_this_machine_is_taken(monkeypa
         monkeypatch.setattr(module, "PORT", port)
         found = find_address(None)
         assert found.host == "127.0.0.1" and port < found.port < port + module.PORTS_TRIED
-        assert found.url == f"http://127.0.0.1:{found.port}" and found.token == ""
+        assert found.url == f"http://127.0.0.1:{found.port}/?token={found.token}"
         monkeypatch.setattr(module, "PORTS_TRIED", 1)
         with pytest.raises(WebError, match=rf"the ports {port} to {port} of 127\.0\.0\.1 are all taken"):
             find_address(None)
@@ -27,15 +27,18 @@ def test_without_an_address_the_next_free_port_of_this_machine_is_taken(monkeypa
             find_address(f"127.0.0.1:{port}")
 
 
-@pytest.mark.parametrize("text", ["127.0.0.1:0", "localhost:0", "127.0.0.9:0"])
-def test_who_only_this_machine_reaches_needs_no_token(text: str) -> None:
-    assert find_address(text).token == ""
+@pytest.mark.parametrize(
+    ("text", "is_open"), [("127.0.0.1:0", False), ("localhost:0", False), ("127.0.0.9:0", False), ("0.0.0.0:0", True)]
+)
+def test_every_page_has_a_token_that_nobody_guesses(text: str, is_open: bool) -> None:
+    one, other = find_address(text), find_address(text)
+    assert len(one.token) >= 20 and one.token != other.token
+    assert one.is_open == is_open
 
 
-def test_who_others_reach_needs_a_token_that_nobody_guesses() -> None:
-    one, other = find_address("0.0.0.0:0"), find_address("0.0.0.0:0")
-    assert len(one.token) >= 16 and one.token != other.token
-    assert one.at(8090).url == f"http://{socket.gethostname()}:8090"
+def test_an_address_of_all_interfaces_is_shown_with_the_name_of_the_machine() -> None:
+    found = find_address("0.0.0.0:0")
+    assert found.at(8090).url == f"http://{socket.gethostname()}:8090/?token={found.token}"
 
 
 @pytest.mark.parametrize(

@@ -11,6 +11,7 @@ from taichisoft.errors import TaichisoftError
 HOST, PORT = "127.0.0.1", 8080
 PORTS_TRIED = 100
 """Ports that are tried, from the usual one on, where the user named none."""
+NOT_ENCRYPTED = "what passes, the token too, is not encrypted: an ssh tunnel is safer"
 VALID = "must look like 127.0.0.1:8080 or [::1]:8080, with a port from 0 to 65535 (0 takes any that is free)"
 
 
@@ -31,7 +32,7 @@ class Address:
     Attributes:
         host: name or number of a network interface of this machine.
         port: a port that was free when the address was found.
-        token: what a viewer must enter to control a run; empty where only this machine reaches the page.
+        token: what a viewer must know; the address of the page ends with it.
     """
 
     host: str
@@ -42,7 +43,12 @@ class Address:
     def url(self) -> str:
         """The page as a browser opens it; an address that stands for all interfaces gets the machine's name."""
         named = {"0.0.0.0": socket.gethostname(), "::": socket.gethostname()}.get(self.host, self.host)
-        return f"http://{f'[{named}]' if ':' in named else named}:{self.port}"
+        return f"http://{f'[{named}]' if ':' in named else named}:{self.port}/?token={self.token}"
+
+    @property
+    def is_open(self) -> bool:
+        """Whether other machines may reach it."""
+        return not _is_loopback(self.host)
 
     def at(self, port: int) -> "Address":
         """The same address with another port."""
@@ -58,13 +64,17 @@ def find_address(text: str | None) -> Address:
     if text is None:
         for port in range(PORT, PORT + PORTS_TRIED):
             if not _problem(HOST, port):
-                return Address(HOST, port, "")
+                return Address(HOST, port, _new_token())
         raise WebError(f"no page: the ports {PORT} to {PORT + PORTS_TRIED - 1} of {HOST} are all taken")
     host, port = _parse(text)
     problem = _problem(host, port)
     if problem:
         raise WebError(f"address {text}: cannot be listened at: {problem}")
-    return Address(host, port, "" if _is_loopback(host) else secrets.token_urlsafe(12))
+    return Address(host, port, _new_token())
+
+
+def _new_token() -> str:
+    return secrets.token_urlsafe(16)
 
 
 def _parse(text: str) -> tuple[str, int]:

@@ -1,6 +1,5 @@
 """What one viewer may do: sliders, buttons and hotkeys, all of which become key events of the run."""
 
-import hmac
 import math
 import time
 from collections.abc import Awaitable, Callable, Iterable
@@ -29,17 +28,14 @@ HOTKEYS = {
 
 
 class Controls:
-    """The controls of one viewer; without the token, if the page has one, only a field to enter it."""
+    """The controls of one viewer."""
 
     def __init__(self, gui: Any, setup: PageSetup, first: Snapshot, send: Callable[[Any], None]):
         """Put the controls into the viewer's own panel; `send` takes key events and speeds."""
         self._gui, self._setup, self._send = gui, setup, send
         self._sliders: dict[str, tuple[Any, list[float]]] = {}
         self._speed: tuple[Any, Any] | None = None
-        if setup.token:
-            self._ask_for_token(first)
-        else:
-            self._add_all(first)
+        self._add_all(first)
 
     def follow(self, snapshot: Snapshot) -> None:
         """Let sliders follow changes that somebody else made, by keys or on another page."""
@@ -52,17 +48,6 @@ class Controls:
             unlimited.value = snapshot.speed is None
             if snapshot.speed is not None:
                 number.value = clamped(snapshot.speed, SPEEDS)
-
-    def _ask_for_token(self, first: Snapshot) -> None:
-        with self._gui.add_folder("control", order=1.0) as folder:
-            self._gui.add_markdown("You are watching. To control the run, enter the token that it printed.")
-            field = self._gui.add_text("token", "")
-
-        @field.on_update
-        async def _(event: Any) -> None:
-            if hmac.compare_digest(field.value.strip().encode(), self._setup.token.encode()):
-                folder.remove()
-                self._add_all(first)
 
     def _add_all(self, first: Snapshot) -> None:
         setup = self._setup

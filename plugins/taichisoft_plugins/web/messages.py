@@ -54,7 +54,7 @@ class PageSetup:
 
     Attributes:
         host, port: where the page listens.
-        token: what a viewer must enter to control the run; empty where all viewers may.
+        token: what viewers must know.
         content: what stays the same on the page.
         surfaces: the surfaces of `content`, which know where they are in a snapshot.
         first: the state before the first step.

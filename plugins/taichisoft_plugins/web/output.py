@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichisoft.session.output import Output
-from taichisoft_plugins.web.address import find_address, require_viser
+from taichisoft_plugins.web.address import NOT_ENCRYPTED, find_address, require_viser
 
 if TYPE_CHECKING:
     from taichisoft.session.session import Session
@@ -51,11 +51,8 @@ class WebOutput(Output):
         self._link = PageLink(session, self._address)
         self.url = self._address.at(self._link.port).url
         print(f"web page: {self.url}", flush=True)
-        if self._address.token:
-            warnings.warn(
-                f"whoever reaches {self._address.host} can watch, and what passes is not encrypted", stacklevel=2
-            )
-            print(f"to control the run, enter this token on the page: {self._address.token}", flush=True)
+        if self._address.is_open:
+            warnings.warn(f"{self._address.host}: other machines reach the page; {NOT_ENCRYPTED}", stacklevel=2)
 
     def record(self, state: "State", report: "StepReport") -> None:
         """Leave the step for the page, which looks at the newest one when it has time."""

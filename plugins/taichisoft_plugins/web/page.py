@@ -5,6 +5,7 @@ from typing import Any
 from taichisoft_plugins.web.address import WebError
 from taichisoft_plugins.web.curves import Curves
 from taichisoft_plugins.web.frame import Frame, PageScene
+from taichisoft_plugins.web.guard import Guard, guarded
 from taichisoft_plugins.web.scene_view import SceneView
 
 SPEEDS = (0.05, 4.0)
@@ -28,13 +29,13 @@ class Page:
         curves: the plots.
     """
 
-    def __init__(self, host: str, port: int, content: PageScene, first: Frame):
-        """Serve at an address that `find_address` gave.
+    def __init__(self, host: str, port: int, token: str, content: PageScene, first: Frame):
+        """Serve at an address that `find_address` gave, those who know the token.
 
         Raises:
-            WebError: the port was taken in the meantime.
+            WebError: the port was taken in the meantime, or this version of viser cannot be guarded.
         """
-        self.server = make_server(host, port)
+        self.server = make_server(host, port, token)
         self.port = self.server.get_port()
         if port and self.port != port:
             self.server.stop()
@@ -58,8 +59,8 @@ def clamped(value: float, ends: tuple[float, float]) -> float:
     return float(min(max(value, ends[0]), ends[1]))
 
 
-def make_server(host: str, port: int) -> Any:
-    """A viser server that cannot be made public by its viewers."""
+def make_server(host: str, port: int, token: str) -> Any:
+    """A viser server for those who know the token, that cannot be made public by them."""
     import viser
 
     class Server(viser.ViserServer):
@@ -68,4 +69,5 @@ def make_server(host: str, port: int) -> Any:
         def request_share_url(self, verbose: bool = True) -> None:
             """Refuse: there is no tunnel."""
 
-    return Server(host=host, port=port, verbose=False)
+    with guarded(Guard(host, token)):
+        return Server(host=host, port=port, verbose=False)

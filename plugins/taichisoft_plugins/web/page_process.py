@@ -57,7 +57,7 @@ class Inbox:
 
 
 class LivePage:
-    """The page of a run, with controls for every viewer who may have them."""
+    """The page of a run, with controls for every viewer."""
 
     def __init__(self, setup: PageSetup, tell: Callable[[Any], None]):
         """Serve the page; `tell` sends a message to the run, from any thread."""
@@ -67,7 +67,7 @@ class LivePage:
         self._last_text = self._last_curves = 0.0
         first = frame_of(setup, setup.first)
         self._history = History(first)
-        self.page = Page(setup.host, setup.port, setup.content, first)
+        self.page = Page(setup.host, setup.port, setup.token, setup.content, first)
         self.page.server.gui.add_html(KEEP_KEYS_FROM_CAMERA)
         self.page.server.on_client_connect(self._arrived)
         self.page.server.on_client_disconnect(self._left)

@@ -84,7 +84,7 @@ class RecordingPage:
         self._last_look = time.monotonic()
         self._read_curves()
         content = PageScene(recording.scene, recording.surfaces, recording.planes, recording.cavities, recording.cables)
-        self.page = Page(address.host, address.port, content, frame_of(recording, 0))
+        self.page = Page(address.host, address.port, address.token, content, frame_of(recording, 0))
         self._add_controls(self.page.server.gui)
 
     def tick(self, seconds: float) -> None:

@@ -15,7 +15,7 @@ def view(
     ] = None,
 ) -> None:
     """Serve a web page on which a recording is played and scrubbed."""
-    from taichisoft_plugins.web.address import find_address, require_viser
+    from taichisoft_plugins.web.address import NOT_ENCRYPTED, find_address, require_viser
 
     require_viser()
     from taichisoft_plugins.web.recording_page import RecordingPage
@@ -24,8 +24,8 @@ def view(
     with contextlib.redirect_stdout(None):  # viser prints where it listens, in its own way
         served = RecordingPage(run, found)
     typer.echo(f"web page: {found.at(served.page.port).url}; Ctrl and c ends it")
-    if found.token:
-        typer.echo(f"warning: whoever reaches {found.host} can watch, and what passes is not encrypted", err=True)
+    if found.is_open:
+        typer.echo(f"warning: {found.host}: other machines reach the page; {NOT_ENCRYPTED}", err=True)
     with contextlib.redirect_stdout(None):
         with contextlib.suppress(KeyboardInterrupt):
             served.serve()

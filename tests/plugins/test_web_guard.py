@@ -1,0 +1,105 @@
+"""A page answers those who open its printed address, and nobody else: no other website, and no other name."""
+
+import http.client
+import threading
+from collections.abc import Iterator
+from typing import Any
+from urllib.parse import urlsplit
+
+import pytest
+
+from taichisoft_plugins.web.address import Address, WebError, find_address
+from taichisoft_plugins.web.guard import Guard, guarded
+from taichisoft_plugins.web.page import make_server
+
+pytest.importorskip("viser", reason="needs the extra 'web'")
+
+FOREIGN_HOSTS = (
+    "evil.example", "evil.example:{port}", "localhost.evil.example", "127.0.0.1.evil.example:{port}", "",
+    "127.0.0.1@evil.example", "evil.example#127.0.0.1", "[::1",
+)  # fmt: skip
+FOREIGN_ORIGINS = (
+    "http://evil.example", "https://evil.example", "null", "http://127.0.0.1", "http://127.0.0.1:1",
+    "http://localhost:{port}", "http://127.0.0.1:{port}.evil.example", "http://evil.example:{port}", "file://",
+    "http://127.0.0.1:{port}@evil.example",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def address() -> Iterator[Address]:
+    """Of a page without anything on it."""
+    found = find_address("127.0.0.1:0")
+    server = make_server(found.host, found.port, found.token)
+    yield found.at(server.get_port())
+    server.stop()
+
+
+def status(address: Address, path: str = "/", **headers: str | None) -> Any:
+    """The answer to a request; `Host` and a WebSocket's headers as a browser sends them, unless others are given."""
+    connection = http.client.HTTPConnection(address.host, address.port, timeout=20)
+    connection.putrequest("GET", path, skip_host=True)
+    sent = {"Host": f"{address.host}:{address.port}"} | headers
+    for name, value in sent.items():
+        if value is not None:
+            connection.putheader(name.replace("_", "-"), value)
+    connection.endheaders()
+    answer = connection.getresponse()
+    connection.close()
+    return answer
+
+
+def websocket(address: Address, path: str, **headers: str | None) -> int:
+    """The status of the answer to a request for a WebSocket; 101 lets it in."""
+    wanted = {"Upgrade": "websocket", "Connection": "Upgrade", "Sec_WebSocket_Version": "13"}
+    key = {"Sec_WebSocket_Key": "MDEyMzQ1Njc4OWFiY2RlZg==", "Sec_WebSocket_Protocol": "viser-v1.1.1"}
+    return int(status(address, path, **wanted, **key, **headers).status)
+
+
+def test_the_printed_address_opens_the_page_and_its_cookie_the_rest(address: Address) -> None:
+    """As a browser does it: the address, then what it leads to, then the WebSocket from there."""
+    onward = status(address, "/?" + urlsplit(address.url).query)
+    assert (onward.status, onward.headers["Location"]) == (303, "/")
+    cookie = onward.headers["Set-Cookie"].partition(";")[0]
+    assert "HttpOnly" in onward.headers["Set-Cookie"]
+    page = status(address, "/", Cookie=f"other=1; {cookie}")
+    assert page.status == 200 and page.headers["Content-Type"].startswith("text/html")
+    origin = f"http://{address.host}:{address.port}"
+    assert websocket(address, "/", Cookie=cookie, Origin=origin) == 101
+
+
+@pytest.mark.parametrize("host", ["localhost:9000", "127.0.0.1:9000", "[::1]:9000"])
+def test_a_page_at_the_end_of_an_ssh_tunnel_is_the_same(address: Address, host: str) -> None:
+    """`ssh -L 9000:127.0.0.1:PORT` gives it another port, and a browser may call it by another name."""
+    query = "/?" + urlsplit(address.url).query
+    cookie = status(address, query, Host=host).headers["Set-Cookie"].partition(";")[0]
+    assert websocket(address, "/", Host=host, Cookie=cookie, Origin=f"http://{host}") == 101
+
+
+@pytest.mark.parametrize("path", ["/", "/index.html", "/?token=", "/?token=wrong", "/?token=wrong&token={token}"])
+def test_without_the_right_token_there_is_no_page(address: Address, path: str) -> None:
+    path = path.format(token=address.token)
+    assert status(address, path).status == 403
+    assert websocket(address, path) == 403
+    assert websocket(address, path, Cookie=f"taichisoft-{address.port}=wrong") == 403
+
+
+@pytest.mark.parametrize("host", FOREIGN_HOSTS)
+def test_another_name_is_refused_even_with_the_token(address: Address, host: str) -> None:
+    """DNS rebinding: a website lets its own name point to this machine."""
+    host = host.format(port=address.port)
+    query = "/?" + urlsplit(address.url).query
+    assert status(address, query, Host=host).status == 403
+    assert websocket(address, query, Host=host, Origin=f"http://{host}") == 403
+
+
+@pytest.mark.parametrize("origin", FOREIGN_ORIGINS)
+def test_another_website_is_refused_even_with_the_token(address: Address, origin: str) -> None:
+    """A browser that has the cookie sends it along with what other websites ask for."""
+    origin = origin.format(port=address.port)
+    assert websocket(address, "/?" + urlsplit(address.url).query, Origin=origin) == 403
+    assert websocket(address, "/", Cookie=f"taichisoft-{address.port}={address.token}", Origin=origin) == 403
+
+
+def test_a_viser_that_serves_in_another_way_is_refused() -> None:
+    with pytest.raises(WebError, match="cannot be guarded against other websites"), guarded(Guard("localhost", "t")):
+        threading.Thread(target=lambda: None).start()
