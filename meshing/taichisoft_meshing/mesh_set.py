@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import MeshError
+from taichisoft.interruption import deferred_signals
 from taichisoft.meshes.file_kind import require_suffix
 from taichisoft.meshes.files import VOLUME_SUFFIXES, write_volume_mesh
 from taichisoft.meshes.surface_files import write_stl
-from taichisoft.running.interruption import deferred_signals
 from taichisoft_meshing.mesh_job import MadeMesh
 from taichisoft_meshing.mesh_record import mesh_record, write_record
 from taichisoft_meshing.quality.picture import draw_report

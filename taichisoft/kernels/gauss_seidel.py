@@ -197,16 +197,23 @@ def solve(
     progress: Progress,
     tolerance: ti.f64,
     max_iterations: ti.i32,
+    pause: ti.i32,
     one: ti.i32,
 ):
-    """Improve the impulses of `current` until the residual is below the tolerance; its velocities follow."""
+    """Improve the impulses of `current` until the residual is below the tolerance; its velocities follow.
+
+    It pauses after that many sweeps in all; launched again with a later pause it goes on as if it had not paused. The
+    first launch is that with no sweep counted.
+    """
     ti.loop_config(serialize=True)
     for _ in range(1):
         rows = row_count(problem)
-        begin(problem, current, search, progress, tolerance)
+        if progress.count[SWEEPS] == 0:
+            begin(problem, current, search, progress, tolerance)
         pull.share[0] = PROXIMAL_SHARE
         weigh_rows(problem, pull)
-        while progress.count[SWEEPS] < max_iterations and progress.figure[RESIDUAL] >= tolerance:
+        end = ti.min(max_iterations, pause)
+        while progress.count[SWEEPS] < end and progress.figure[RESIDUAL] >= tolerance:
             for k in range(rows):
                 search.last_impulse[k] = current.impulse[k]
                 search.last_velocity[k] = current.velocity[k]

@@ -8,9 +8,9 @@ from typing import Any, TypeVar
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.errors import ControlError, GoalMissed, PluginError
+from taichisoft.interruption import deferred_signals, stop_if_asked
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import notify
-from taichisoft.running.interruption import deferred_signals
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.strain_watch import StrainWatch
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
@@ -69,7 +69,7 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
     begun: list[Output] = []
     errors: list[BaseException] = []
     hooks_called = False
-    with deferred_signals() as stop_if_asked:
+    with deferred_signals():
         try:
             _call(session.controller, session.controller.reset, session.simulation.model)
             for output in session.outputs:
@@ -77,7 +77,7 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
                 _call(output, output.begin, session.simulation.model, session.simulation.state)
             hooks_called = True
             notify("taichisoft_run_begins", session=session)
-            outcome = _advance(session, on_step, stop_if_asked)
+            outcome = _advance(session, on_step)
         except KeyboardInterrupt:
             outcome = INTERRUPTED
         except BaseException as error:
@@ -93,7 +93,7 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
     return outcome
 
 
-def _advance(session: Session, on_step: Callable[[StepReport], None] | None, stop_if_asked: Callable[[], None]) -> str:
+def _advance(session: Session, on_step: Callable[[StepReport], None] | None) -> str:
     """Make the steps; returns how they ended."""
     controller = session.controller
     key_handling = KeyHandling(
@@ -121,7 +121,7 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None, sto
                 warnings.warn(complaint, stacklevel=4)
             if on_step is not None:
                 on_step(report)
-            _wait_for_pace(session, stop_if_asked)
+            _wait_for_pace(session)
     finally:
         key_handling.end()
 
@@ -173,7 +173,7 @@ def _start_anew(session: Session) -> None:
     session.pace.restart()
 
 
-def _wait_for_pace(session: Session, stop_if_asked: Callable[[], None]) -> None:
+def _wait_for_pace(session: Session) -> None:
     wait = session.pace.seconds_to_wait(session.simulation.model.scene.time.step)
     while wait > 0.0:
         time.sleep(min(wait, LONGEST_WAIT))

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
+from taichisoft.interruption import stop_if_asked
 from taichisoft.kernels import compliance, constraint_rows, moment_rows
 from taichisoft.kernels.constraint_rows import ACTUATORS, MOMENTS, PairLaws
 from taichisoft.kernels.contact_reduction import TAKING_PART
@@ -179,6 +180,7 @@ class Constraints:
 
     def _find_motion(self, found: Found) -> None:
         while True:
+            stop_if_asked()
             self._build_rows(found.contacts)
             self._assemble_compliance()
             strike = self._strike() if self._gives_back and self._contact_count else None
@@ -198,6 +200,7 @@ class Constraints:
         moving = rigid.state.linear.copy(), rigid.state.angular.copy()
         rigid.state.free[:] = 0.0
         while True:
+            stop_if_asked()
             self._build_rows(contacts, with_actuators=False)
             rows, count = self._problem.rows, self._contact_count
             self._assemble_compliance()

@@ -2,12 +2,14 @@
 
 import numpy as np
 
+from taichisoft.interruption import stop_if_asked
 from taichisoft.kernels import gauss_seidel, interior_point, proximal_newton, smallest_impulses
 from taichisoft.kernels.constraint_problem import Iterate, Problem
 from taichisoft.kernels.elimination import make_linear_system
 from taichisoft.kernels.newton import Pull
 
-# Sweeps before something else is tried; a grasp's steps take 5 at the median.
+# Sweeps of a launch, between which a run may be interrupted, and before something else is tried; a grasp's steps take 5
+# at the median.
 SWEEPS_AT_A_TIME = 64
 # Then Newton steps from there, with this first pull.
 NEWTON_STEPS, NEWTON_PULL = 16, 1e-6
@@ -112,24 +114,33 @@ class GaussSeidel:
         return self._last_shares
 
     def _sweep(self, tolerance: float, sweeps: int) -> None:
-        gauss_seidel.solve(
-            self._problem,
-            self.answer,
-            self._point,
-            self._trial,
-            self._search,
-            self._system,
-            self._pull,
-            self._progress,
-            tolerance,
-            sweeps,
-            1,
-        )
-        self.iterations += int(self._progress.count[gauss_seidel.SWEEPS])
-        self.residual = float(self._progress.figure[gauss_seidel.RESIDUAL])
+        done = self._progress.count[gauss_seidel.SWEEPS : gauss_seidel.SWEEPS + 1]
+        done[0] = 0
+        while True:
+            stop_if_asked()
+            before = int(done[0])
+            gauss_seidel.solve(
+                self._problem,
+                self.answer,
+                self._point,
+                self._trial,
+                self._search,
+                self._system,
+                self._pull,
+                self._progress,
+                tolerance,
+                sweeps,
+                before + SWEEPS_AT_A_TIME,
+                1,
+            )
+            self.residual = float(self._progress.figure[gauss_seidel.RESIDUAL])
+            if done[0] >= sweeps or done[0] == before or self.residual < tolerance:
+                break
+        self.iterations += int(done[0])
 
     def _improve(self, tolerance: float, first_pull: float, steps: int, to_zero: bool = False) -> None:
         """Proximal Newton steps; what they do not improve stays."""
+        stop_if_asked()
         impulse = self.impulse.copy()
         self._figure[0] = self.residual
         proximal_newton.improve(
@@ -153,6 +164,7 @@ class GaussSeidel:
 
     def _begin_anew(self, tolerance: float, share: float, first_pull: float) -> None:
         """Interior points and Newton steps from where they end; back to what was before if that was better."""
+        stop_if_asked()
         before, residual = self.impulse.copy(), self.residual
         interior_point.follow_path(
             self._problem, self.answer, self._trial, self._system, self._path, self._figure, tolerance, share, 1

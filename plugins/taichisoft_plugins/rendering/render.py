@@ -9,7 +9,7 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file, named_os_errors
 from taichisoft.errors import TaichisoftError
-from taichisoft.running.interruption import deferred_signals
+from taichisoft.interruption import deferred_signals
 from taichisoft_plugins.base_motion import last_at_rest
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording

@@ -9,7 +9,7 @@ import numpy as np
 import rich
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from taichisoft.running.interruption import deferred_signals
+from taichisoft.interruption import deferred_signals
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.rendering.render import RenderError, draw_frames

@@ -1,0 +1,63 @@
+"""A step that lasts long is interrupted within, and leaves the state of the last whole step."""
+
+import signal
+from typing import Any
+
+import pytest
+
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.control.controller import Controller
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft.running.loop import run
+from taichisoft.session.output import Output
+from taichisoft.step import gauss_seidel
+
+HOPELESS = ("contact.tolerance=1e-15", "contact.max_iterations=3000")
+"""A tolerance below the rounding: every step with a contact takes all of its sweeps."""
+
+
+class Inflate(Controller):
+    """Until both fingers press."""
+
+    def control(self, observation: Any) -> Control:
+        return Control(pressure=dict.fromkeys(observation.pressures, 0.5 * (observation.step + 1)))
+
+
+class Steps(Output):
+    """Which were recorded."""
+
+    def __init__(self) -> None:
+        self.made: list[int] = []
+
+    def record(self, state: Any, report: Any) -> None:
+        self.made.append(report.step)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_sweeps_are_interrupted_and_the_step_is_not_made(monkeypatch: pytest.MonkeyPatch, number: int) -> None:
+    """The signal comes in the tenth launch of a step; no other follows, and what goes on has the same bits."""
+    simulation = Simulation(load_scene(TINY_GRIPPER, HOPELESS))
+    launches: list[int] = []
+    solve = gauss_seidel.gauss_seidel.solve
+
+    def launched(*arguments: Any) -> None:
+        solve(*arguments)
+        launches.append(simulation.state.step)
+        if launches.count(launches[-1]) == 10:
+            signal.raise_signal(number)
+
+    monkeypatch.setattr(gauss_seidel.gauss_seidel, "solve", launched)
+    steps = Steps()
+    assert run(simulation, Inflate(), [steps], duration=1.0) == "interrupted"
+    last = simulation.state.step
+    assert launches[-1] == last and launches.count(last) == 10
+    assert steps.made == list(range(last))
+    monkeypatch.undo()
+    control = Inflate().control(simulation.observe())
+    simulation.step(control)
+    again = Simulation(simulation.model)
+    for _ in range(last + 1):
+        again.step(Inflate().control(again.observe()))
+    assert simulation.state == again.state
