@@ -2,7 +2,7 @@
 
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
@@ -22,8 +22,8 @@ def stop_if_asked() -> None:
 
 
 @contextmanager
-def deferred_signals() -> Iterator[None]:
-    """Note the first signal instead of obeying it, for `stop_if_asked`.
+def deferred_signals() -> Iterator[Callable[[], None]]:
+    """Note the first signal that comes meanwhile instead of obeying it, for `stop_if_asked`, which is yielded.
 
     So the outputs have either the whole of a step or nothing of it. A second signal raises at once: whoever sends
     it no longer wants to wait. A signal that the process was told to ignore stays ignored, and outside of the main
@@ -34,14 +34,14 @@ def deferred_signals() -> Iterator[None]:
         stop_if_asked()
         _came.append(number)
 
-    before = {}
+    before, noted_outside = {}, _came.copy()
+    _came.clear()
     if threading.current_thread() is threading.main_thread():
         heeded = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]
         before = {number: signal.signal(number, note) for number in heeded}
     try:
-        yield
+        yield stop_if_asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
-        if before:
-            _came.clear()
+        _came[:] = noted_outside

@@ -50,6 +50,9 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
     return {
         "--every": RunOption("recording", "Record every N-th step and the last one.", "every", int, "N"),
         "--compress": RunOption("recording", "Pack the recording: a quarter smaller, but slower.", "compress", bool),
+        "--record-limit": RunOption(
+            "recording", "Room for the recording [GB], of which the newest half or more is kept.", "limit", float, "GB"
+        ),
         "--image": RunOption("pictures", "Draw pictures of the key moments at the end."),
         "--video": RunOption("video", "Draw a video at the end: .mp4, .gif, or a folder.", "file", Path, "FILE"),
         "--fps": RunOption("video", "Frames per second of the video.", "fps", float),
@@ -63,9 +66,11 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
 
 @hookimpl
 def taichisoft_run_begins(session: "Session") -> None:
-    """Serve the web page."""
+    """Serve the web page; keep the recording of a run without an end within bounds."""
+    from taichisoft_plugins.recording.output import limit_endless_recordings
     from taichisoft_plugins.web.output import begin_pages
 
+    limit_endless_recordings(session)
     begin_pages(session)
 
 

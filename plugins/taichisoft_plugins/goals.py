@@ -6,40 +6,28 @@ from typing import Any
 import numpy as np
 
 from taichisoft.scenes.scene import Goal, Scene
-from taichisoft_plugins.base_motion import last_at_rest
+from taichisoft_plugins.run_figures import LiftFigures
 
 DOUBTFUL_SHARE = 0.05
 """Share of the steps of a run that did not converge from which on nothing of it can be trusted."""
 
 
-def goal_figures(scene: Scene, goal: Goal, base: np.ndarray, position: np.ndarray, hold_steps: int) -> dict[str, Any]:
-    """Figures of the goal's object; lift and slip are counted from the moment before the base moves.
-
-    Args:
-        scene: scene of the run.
-        goal: its goal.
-        base: shift of the base [mm] before the first step and after each, shape (step_count + 1, 3).
-        position: places of the object [mm] at the same times, shape (step_count + 1, 3).
-        hold_steps: number of steps at the end in which the object must stand still.
-    """
-    before = last_at_rest(base) or 0
-    base_lift = float((base[-1] - base[before]) @ scene.up)
-    object_lift = float((position[-1] - position[before]) @ scene.up)
-    held = position[-1 - hold_steps :]
+def goal_figures(scene: Scene, goal: Goal, lift: LiftFigures) -> dict[str, Any]:
+    """Figures of the goal's object; lift and slip are counted from the moment before the base moves."""
+    base_lift, object_lift = float(lift.base_way @ scene.up), float(lift.object_way @ scene.up)
+    position = lift.positions[-1]
     figures = {
         "object_lift_mm": object_lift,
-        "object_peak_lift_mm": float(((position - position[before]) @ scene.up).max()),
+        "object_peak_lift_mm": lift.peak_lift,
         "base_lift_mm": base_lift,
         "object_slip_mm": base_lift - object_lift,
-        "object_creep_mm": float(np.linalg.norm(held - held[0], axis=1).max()),
-        "final_object_position_mm": position[-1].tolist(),
+        "object_creep_mm": lift.creep,
+        "final_object_position_mm": position.tolist(),
     }
     if goal.position is not None:
-        figures["object_distance_mm"] = float(np.linalg.norm(position[-1] - goal.position))
-    pushed = _first_push(scene, goal)
-    if pushed is not None and pushed < len(position):
-        beside_base = position - base
-        figures["object_pushed_away_mm"] = float(np.linalg.norm(beside_base[-1] - beside_base[pushed]))
+        figures["object_distance_mm"] = float(np.linalg.norm(position - goal.position))
+    if lift.pushed_away is not None:
+        figures["object_pushed_away_mm"] = lift.pushed_away
     return figures
 
 
@@ -137,7 +125,7 @@ def _still(goal: Goal, m: Mapping[str, Any]) -> Check:
     return creep <= goal.creep, f"creep {creep:.3g} mm in the last {goal.hold:g} s (limit {goal.creep:g} mm)"
 
 
-def _first_push(scene: Scene, goal: Goal) -> int | None:
+def first_push(scene: Scene, goal: Goal) -> int | None:
     """Number of steps made before the first external force on the object acts; None without one."""
     starts = [force.start for force in scene.external_forces if force.body == goal.object]
     return round(min(starts) / scene.time.step) if starts else None

@@ -11,7 +11,8 @@ from taichisoft.atomic_file import atomic_file
 from taichisoft.bodies.strain import Stretches
 from taichisoft.errors import GoalMissed
 from taichisoft.session.output import Output
-from taichisoft_plugins.goals import doubts, goal_figures, shortcomings
+from taichisoft_plugins.goals import doubts, first_push, goal_figures, shortcomings
+from taichisoft_plugins.run_figures import LiftFigures, StepFigures
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -26,7 +27,7 @@ MOST = 0.99
 
 
 class MetricsOutput(Output):
-    """Collects a few numbers per step; writes and judges them at the end."""
+    """Keeps a few figures up to date; writes and judges them at the end."""
 
     def __init__(self, folder: Path):
         self.folder = Path(folder)
@@ -46,19 +47,31 @@ class MetricsOutput(Output):
 
     def restart(self, state: "State") -> None:
         """Forget all steps before: the figures are those since the last start."""
-        self._reports: list[StepReport] = []
+        self._figures = StepFigures(self._scene.contact.contact_distance, self._scene.time.newton_tolerance)
         self._stretch = {name: (1.0, 1.0) for name, _, _ in self._soft}
+        self._largest: dict[str, dict[str, float]] = {"tensions": {}, "pulls": {}}
         self._last_state = state
-        self._object_positions = [self._object_position(state)]
-        self._base_positions = [state.base_translation]
+        self._lift: LiftFigures | None = None
+        if self._scene.goal is not None:
+            goal = self._scene.goal
+            hold_steps, push = max(1, round(goal.hold / self._scene.time.step)), first_push(self._scene, goal)
+            self._lift = LiftFigures(
+                self._scene.up, hold_steps, push, state.base_translation, self._object_position(state)
+            )
 
     def record(self, state: "State", report: "StepReport") -> None:
-        """Remember a step."""
-        self._reports.append(report)
-        self._object_positions.append(self._object_position(state))
-        self._base_positions.append(state.base_translation)
+        """Take a step into account."""
+        self._figures.add(report)
         self._last_state = state
-        if len(self._reports) % STRETCH_EVERY == 0:
+        if self._lift is not None:
+            force = self._normal_force(report, self._scene.soft_bodies)
+            self._lift.add(state.base_translation, self._object_position(state), force, report.converged)
+        for name in self._cables:
+            seen = report.observation
+            for kind, values in (("tensions", seen.cable_tensions), ("pulls", seen.cable_pulls)):
+                largest = self._largest[kind]
+                largest[name] = max(largest.get(name, values[name]), values[name], key=abs)
+        if self._figures.steps % STRETCH_EVERY == 0:
             self._look_at_stretches()
 
     def end(self, outcome: str) -> None:
@@ -72,7 +85,7 @@ class MetricsOutput(Output):
         goal = self._scene.goal
         missed = self._shortcomings() if goal is not None and outcome == "completed" else []
         reached = None if goal is None else outcome == "completed" and not missed
-        doubt = doubts(self.metrics, self._hold_steps()) if reached else ""
+        doubt = doubts(self.metrics, len(self._lift.forces)) if reached and self._lift is not None else ""
         self.metrics |= {
             "goal": None if goal is None else goal.kind,
             "goal_reached": reached,
@@ -101,7 +114,7 @@ class MetricsOutput(Output):
     def summary(self) -> dict[str, str]:
         """Rows of the table that closes a run."""
         m = self.metrics
-        if not m or not self._reports:
+        if not m or not self._figures.steps:
             return {}
         rows = {}
         if self._scene.goal is not None:
@@ -147,12 +160,6 @@ class MetricsOutput(Output):
         most, at_end = self.metrics["inverted_elements_max"], self.metrics["inverted_elements_at_end"]
         return {"elements turned inside out, most and at the end": f"{most} and {at_end}"} if most else {}
 
-    def _hold_steps(self) -> int:
-        """Number of the steps at the end in which the object must stand still."""
-        goal = self._scene.goal
-        assert goal is not None
-        return min(len(self._reports), max(1, round(goal.hold / self._scene.time.step)))
-
     def _write(self) -> None:
         path = self.folder / FILE_NAME
         with atomic_file(path) as partial:
@@ -160,37 +167,35 @@ class MetricsOutput(Output):
             partial.write_text(json.dumps(self.metrics, indent=2) + "\n", encoding="utf-8")
 
     def _object_position(self, state: "State") -> np.ndarray:
-        return state.rigid_position[self._object] if self._object is not None else np.zeros(3)
+        return state.rigid_position[self._object]
 
     def _step_metrics(self) -> dict[str, Any]:
-        reports = self._reports
-        if not reports:
+        figures = self._figures
+        if figures.last is None:
             return {"steps": 0}
-        median = float(np.median([report.step_time for report in reports]))
-        iterations = [report.iterations for report in reports]
-        distance = self._scene.contact.contact_distance
+        median, most = figures.iterations
         return {
-            "steps": len(reports),
-            "simulated_time_s": reports[-1].time,
-            "max_penetration_mm": max(report.max_penetration for report in reports),
-            "overlapping_steps": sum(report.max_penetration > distance for report in reports),
-            "iterations_median": float(np.median(iterations)),
-            "iterations_max": max(iterations),
-            "unconverged_steps": sum(not report.converged for report in reports),
+            "steps": figures.steps,
+            "simulated_time_s": figures.last.time,
+            "max_penetration_mm": figures.max_penetration,
+            "overlapping_steps": figures.overlapping,
+            "iterations_median": median,
+            "iterations_max": most,
+            "unconverged_steps": figures.unconverged,
             **self._newton_metrics(),
-            "inverted_elements_max": max(report.inverted_elements for report in reports),
-            "inverted_elements_at_end": reports[-1].inverted_elements,
-            "step_time_median_ms": 1e3 * median,
-            "real_time_factor": self._scene.time.step / median,
+            "inverted_elements_max": figures.inverted_elements,
+            "inverted_elements_at_end": figures.last.inverted_elements,
+            "step_time_median_ms": 1e3 * figures.step_time.value,
+            "real_time_factor": self._scene.time.step / figures.step_time.value,
         }
 
     def _body_metrics(self) -> dict[str, Any]:
         """Volumes of the soft bodies at rest, and where everything is and what presses after the last step."""
         volumes = {name: float(stretches.rest_volumes.sum()) for name, _, stretches in self._soft}
         figures: dict[str, Any] = {"rest_volumes_mm3": volumes} if volumes else {}
-        if not self._reports:
+        if self._figures.last is None:
             return figures
-        seen = self._reports[-1].observation
+        seen = self._figures.last.observation
         return figures | {
             "final_pressures_kPa": dict(seen.pressures),
             "final_volumes_mm3": dict(seen.volumes),
@@ -204,14 +209,13 @@ class MetricsOutput(Output):
 
     def _newton_metrics(self) -> dict[str, Any]:
         """How far the equations at the ends of the steps were solved; nothing where steps have one linearisation."""
-        residuals = [one.newton_residual for one in self._reports if one.newton_residual is not None]
-        if not residuals:
+        figures = self._figures
+        if figures.worst_newton_residual is None:
             return {}
-        tolerance = self._scene.time.newton_tolerance
         return {
-            "linearisations_max": max(report.linearisations for report in self._reports),
-            "worst_newton_residual_mm_per_s": max(residuals),
-            "unconverged_newton_steps": sum(not one <= tolerance for one in residuals),
+            "linearisations_max": figures.linearisations,
+            "worst_newton_residual_mm_per_s": figures.worst_newton_residual,
+            "unconverged_newton_steps": figures.unconverged_newton,
         }
 
     def _look_at_stretches(self) -> None:
@@ -232,30 +236,20 @@ class MetricsOutput(Output):
 
     def _cable_metrics(self) -> dict[str, Any]:
         """The largest tension and pull of each cable, with its sign; nothing where there are no cables."""
-        if not self._cables or not self._reports:
+        if not self._largest["pulls"]:
             return {}
-        seen = [report.observation for report in self._reports]
-        return {
-            "largest_tensions_mN": {
-                name: max((one.cable_tensions[name] for one in seen), key=abs) for name in self._cables
-            },
-            "largest_pulls_mm": {name: max((one.cable_pulls[name] for one in seen), key=abs) for name in self._cables},
-        }
+        return {"largest_tensions_mN": self._largest["tensions"], "largest_pulls_mm": self._largest["pulls"]}
 
     def _goal_metrics(self) -> dict[str, Any]:
         """Figures of the goal's object, and of what presses on it."""
-        goal = self._scene.goal
-        if goal is None or not self._reports:
+        goal, lift = self._scene.goal, self._lift
+        if goal is None or lift is None or self._figures.last is None:
             return {}
-        hold_steps = self._hold_steps()
-        base, position = np.array(self._base_positions), np.array(self._object_positions)
-        forces = np.array([self._normal_force(report, self._scene.soft_bodies) for report in self._reports])
         return {
-            **goal_figures(self._scene, goal, base, position, hold_steps),
-            "unconverged_hold_steps": sum(not report.converged for report in self._reports[-hold_steps:]),
-            "peak_normal_force_mN": float(forces.max()),
-            "mean_normal_force_mN": float(forces[-hold_steps:].mean()),
-            "final_object_position_mm": position[-1].tolist(),
+            **goal_figures(self._scene, goal, lift),
+            "unconverged_hold_steps": sum(lift.unconverged),
+            "peak_normal_force_mN": lift.peak_force,
+            "mean_normal_force_mN": float(np.mean(lift.forces)),
         }
 
     def _normal_force(self, report: "StepReport", others: Iterable[str]) -> float:
@@ -266,6 +260,6 @@ class MetricsOutput(Output):
 
     def _shortcomings(self) -> list[str]:
         """What keeps the goal from being reached."""
-        assert self._scene.goal is not None
-        floor_force = self._normal_force(self._reports[-1], self._scene.obstacles)
+        assert self._scene.goal is not None and self._figures.last is not None
+        floor_force = self._normal_force(self._figures.last, self._scene.obstacles)
         return shortcomings(self._scene, self._scene.goal, self.metrics, floor_force)

@@ -129,8 +129,8 @@ def test_the_file_has_the_figures_of_the_steps(tmp_path: Path) -> None:
     assert metrics["peak_normal_force_mN"] == 120.0  # of the fingers on the cube: neither the floor nor each other
     assert metrics["mean_normal_force_mN"] == pytest.approx((19 * 50.0 + 120.0) / 20)
     median = 20.0 + (count - 1) / 2
-    assert metrics["step_time_median_ms"] == pytest.approx(median)
-    assert metrics["real_time_factor"] == pytest.approx(1e3 * STEP / median)
+    assert metrics["step_time_median_ms"] == pytest.approx(median, rel=1e-3)
+    assert metrics["real_time_factor"] == pytest.approx(1e3 * STEP / median, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -88,6 +88,11 @@ class RecordingFile:
             raise RecordingError(f"{self.path}: was removed or replaced while the run went on; its frames are lost")
         self._append(rows)
 
+    @property
+    def size(self) -> int:
+        """Length of the file [bytes]."""
+        return int(self._root.id.get_filesize())
+
     def close(self, outcome: str) -> None:
         """Say how the run ended; a file that nobody closes says that it has not ended."""
         self._datasets["outcome"][()] = as_bytes(outcome, OUTCOME_LENGTH)
@@ -98,7 +103,7 @@ class RecordingFile:
         rows = {path: np.ascontiguousarray(values, self._datasets[path].dtype) for path, values in rows.items()}
         length = sum(values.nbytes for values in rows.values()) + self._one_chunk + METADATA
         with named_os_errors(self.path, RecordingError):
-            self._room.reach(self._root.id.get_filesize() + length)
+            self._room.reach(self.size + length)
         for path, values in rows.items():
             before = self.frame_count if path.startswith("steps") else self.contact_count
             _extend(self._datasets[path], before, values)

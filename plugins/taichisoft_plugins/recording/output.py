@@ -1,9 +1,12 @@
 """The output "recording": everything that a run computed, in one HDF5 file that survives a killed run."""
 
+import math
 import time
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from taichisoft.atomic_file import named_os_errors
 from taichisoft.session.output import Output
 from taichisoft_plugins.recording.bodies import write_constants
 from taichisoft_plugins.recording.file import RecordingFile
@@ -12,11 +15,16 @@ from taichisoft_plugins.recording.rows import Frame, RowMaker, SolverFigures
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
+    from taichisoft.session.session import Session
     from taichisoft.state import State
     from taichisoft.step.report import StepReport
 
 BUFFERED_FRAMES = 100
 """Most frames that are kept in memory between two writes, which a killed run loses."""
+BEFORE = "recording-before.h5"
+"""Name of the recording that a full one becomes."""
+USUAL_LIMIT = 4.0
+"""Room for the recording of a run without an end [GB]: ten minutes or so of a gripper at real time."""
 LONGEST_BUFFERED = 2.0
 """Time [s] after which frames are written in any case, so that a slow run loses less and can be watched."""
 
@@ -24,21 +32,28 @@ LONGEST_BUFFERED = 2.0
 class RecordingOutput(Output):
     """Writes `recording.h5` into the folder of a run."""
 
-    def __init__(self, folder: Path, every: int = 1, compress: bool = False):
+    def __init__(self, folder: Path, every: int = 1, compress: bool = False, limit: float | None = None):
         """Prepare a recording.
 
         Args:
             folder: folder of the run.
             every: steps from frame to frame; the last step before the run ends or starts anew is a frame in any case.
             compress: pack what has a number for every node: a quarter smaller, at thirty times the time.
+            limit: most room of the recording [GB]: when half of it is full, the file becomes `recording-before.h5`, in
+                place of an older one, and another begins. None for `USUAL_LIMIT` in runs without an end, and none in
+                others.
 
         Raises:
-            RecordingError: `every` is less than 1.
+            RecordingError: `every` is less than 1, or `limit` not positive.
         """
+        if limit is not None and not limit > 0.0:
+            raise RecordingError(f"--record-limit {limit:g}: must be a positive number of gigabytes")
         if every < 1:
             raise RecordingError(f"--every {every}: must be at least 1, the number of steps from frame to frame")
         self.path = Path(folder) / FILE_NAME
+        self.limit = limit
         self._every, self._compress = every, compress
+        self._part_count = 1
         self._file: RecordingFile | None = None
         self._frames: list[Frame] = []
         self._skipped: Frame | None = None
@@ -52,9 +67,9 @@ class RecordingOutput(Output):
         """
         self._model = model
         self._rows = RowMaker(model)
-        first = self._rows.rows([Frame(state, None, self._solver)], 0)
-        self._file = RecordingFile(self.path, self._describe, first, self._compress)
-        self._written_at = time.monotonic()
+        self._begin_file(Frame(state, None, self._solver))
+        with named_os_errors(self.path, RecordingError):
+            self._before.unlink(missing_ok=True)
 
     def record(self, state: "State", report: "StepReport") -> None:
         """Keep the step if it is to be a frame, and write when enough are kept.
@@ -70,6 +85,8 @@ class RecordingOutput(Output):
         self._keep(frame)
         if self._bundle_is_full() or time.monotonic() - self._written_at > LONGEST_BUFFERED:
             self._write()
+            if self.limit is not None and self._file is not None and self._file.size > 0.5e9 * self.limit:
+                self._begin_next_part(frame)
 
     def restart(self, state: "State") -> None:
         """The frames go on with the first state again; what came before stays."""
@@ -90,6 +107,31 @@ class RecordingOutput(Output):
         finally:
             file, self._file = self._file, None
             file.close(outcome)
+
+    @property
+    def _before(self) -> Path:
+        return self.path.with_name(BEFORE)
+
+    def _begin_file(self, first: Frame) -> None:
+        self._file = RecordingFile(self.path, self._describe, self._rows.rows([first], 0), self._compress)
+        self._written_at = time.monotonic()
+
+    def _begin_next_part(self, frame: Frame) -> None:
+        """Go on in another file, whose first frame is the last one of this."""
+        assert self._file is not None
+        if self._part_count <= 2:
+            dropped = "; what was there before is dropped" if self._part_count == 2 else ""
+            warnings.warn(
+                f"{self.path}: half of {self.limit:g} GB is full: it is {BEFORE} now, and another one begins{dropped}; "
+                "--record-limit allows more, --every records less",
+                stacklevel=2,
+            )
+        self._part_count += 1
+        file, self._file = self._file, None
+        file.close("continued in another recording")
+        with named_os_errors(self.path, RecordingError):
+            self.path.replace(self._before)
+        self._begin_file(frame)
 
     def _keep(self, frame: Frame) -> None:
         self._frames.append(frame)
@@ -118,3 +160,10 @@ class RecordingOutput(Output):
         self._written_at = time.monotonic()
         if self._file is not None and frames:
             self._file.append(self._rows.rows(frames, self._file.contact_count))
+
+
+def limit_endless_recordings(session: "Session") -> None:
+    """Give the recordings of a run without an end the usual limit, unless they have one."""
+    for output in session.outputs:
+        if isinstance(output, RecordingOutput) and output.limit is None and math.isinf(session.step_count):
+            output.limit = USUAL_LIMIT
