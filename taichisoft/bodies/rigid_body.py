@@ -78,12 +78,16 @@ class Obstacle:
     shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
 
+ROUNDING = 1e-6
+"""Relative error of an inertia that was written with a few digits."""
+
+
 def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
     """Compute a rigid body from its table in the scene.
 
     Raises:
         MeshError: its surface cannot be read, is not closed, or is not smooth although it should be.
-        SceneError: the given inertia is not symmetric positive definite.
+        SceneError: the given inertia is not symmetric positive definite, or one that no body has.
     """
     shape = round_shape(body)
     vertices, triangles = _surface(body, shape)
@@ -94,6 +98,12 @@ def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
     mass, centre, inertia = _mass_properties(body, shape, vertices, triangles)
     if not np.allclose(inertia, inertia.T) or np.linalg.eigvalsh(inertia)[0] <= 0.0:
         raise SceneError(f"rigid_bodies.{name}.inertia = {inertia.tolist()}: must be symmetric and positive definite")
+    first, second, third = np.linalg.eigvalsh(inertia)
+    if third > (first + second) * (1.0 + ROUNDING):
+        raise SceneError(
+            f"rigid_bodies.{name}.inertia = {inertia.tolist()}: no body has it; the largest principal moment, "
+            f"{third:g} kg mm^2, must not exceed the sum of the others, {first + second:g}"
+        )
     turn = rotation_from_degrees(body.rotation)
     return RigidBody(
         name=name,

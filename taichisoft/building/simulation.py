@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from taichisoft import simulation
+from taichisoft.building.plausibility import check_plausibility, check_rigid_plausibility
 from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
@@ -88,7 +89,11 @@ def make_model(scene: Scene) -> Model:
         PluginError: the plug-in that makes a mesh failed.
     """
     _warn_of_locking(scene)
-    return Model(scene, load_meshes(scene))
+    meshes = load_meshes(scene)
+    check_plausibility(scene, meshes)
+    model = Model(scene, meshes)
+    check_rigid_plausibility(model)
+    return model
 
 
 def _warn_of_locking(scene: Scene) -> None:

@@ -1,5 +1,6 @@
 """Rigid objects and obstacles as a user describes them."""
 
+import math
 from typing import ClassVar, Self
 
 from pydantic import model_validator
@@ -43,6 +44,9 @@ class RigidBody(Shaped):
     alternatives = (("surface", *SHAPES), ("mass", "density"))
 
 
+SHORTEST_NORMAL = 1e-9
+
+
 class Plane(Table):
     """An infinite plane, solid on the side that its normal points away from."""
 
@@ -53,8 +57,8 @@ class Plane(Table):
 
     @model_validator(mode="after")
     def _check_normal(self) -> Self:
-        if not any(self.normal):
-            raise ValueError("the normal of a plane must not be zero")
+        if math.hypot(*self.normal) < SHORTEST_NORMAL:
+            raise ValueError(f"normal = {list(self.normal)}: has no direction; its length must not vanish")
         return self
 
 

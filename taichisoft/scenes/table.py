@@ -6,14 +6,25 @@ Units: millimetre, kilogram, second; so forces are in mN and pressures and modul
 from collections.abc import Mapping
 from typing import Annotated, ClassVar, Self
 
-from pydantic import BaseModel, ConfigDict, Field, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
+
+LARGEST, LONGEST, SMALLEST = 1e30, 1e9, 1e-18
+"""What exceeds these is no number of anybody's robot in any unit, and would only be found out as a singular matrix."""
+
+
+def _not_vanishing(value: float) -> float:
+    if value < SMALLEST:
+        raise ValueError(f"{value:g} must be {SMALLEST:g} or more")
+    return value
+
 
 # Strict: no text and no truth value is taken for a number.
-Number = Annotated[float, Field(strict=True)]
-Positive = Annotated[float, Field(strict=True, gt=0)]
-NotNegative = Annotated[float, Field(strict=True, ge=0)]
+Number = Annotated[float, Field(strict=True, ge=-LARGEST, le=LARGEST)]
+Positive = Annotated[float, Field(strict=True, gt=0, le=LARGEST), AfterValidator(_not_vanishing)]
+NotNegative = Annotated[float, Field(strict=True, ge=0, le=LARGEST)]
 PoissonRatio = Annotated[float, Field(strict=True, gt=-1, lt=0.5)]
-Vector = tuple[Number, Number, Number]
+Component = Annotated[float, Field(strict=True, ge=-LONGEST, le=LONGEST)]
+Vector = tuple[Component, Component, Component]
 NodeNumber = Annotated[int, Field(strict=True, ge=0)]
 Groups = list[Annotated[int, Field(strict=True)]]
 KeySets = tuple[tuple[str, ...], ...]

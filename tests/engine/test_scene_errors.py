@@ -103,7 +103,7 @@ WRONG = [
     (with_box(contact={"max_iterations": 0}), "contact.max_iterations = 0: "),
     (
         with_box(obstacles={"floor": {"plane": {"point": [0, 0, 0], "normal": [0, 0, 0]}}}),
-        "obstacles.floor.plane: the normal of a plane must not be zero",
+        "obstacles.floor.plane: normal = [0.0, 0.0, 0.0]: has no direction; its length must not vanish",
     ),
     (soft(anchors=[{"nodes": [3, -1]}]), "soft_bodies.finger.anchors.0.nodes.1 = -1: input should be greater than or"),
     (soft(anchors=[{"nodes": [3.0]}]), "soft_bodies.finger.anchors.0.nodes.0 = 3.0: input should be a valid integer"),

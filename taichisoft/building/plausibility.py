@@ -1,0 +1,141 @@
+"""Numbers of a scene that no soft robot has: mostly a unit is mixed up; some orders of magnitude on they are absurd."""
+
+import math
+import warnings
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import trimesh
+
+from taichisoft.errors import SceneError
+from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.model import Model
+from taichisoft.scenes.scene import Scene
+
+ABSURD = 1e9
+"""Factor beyond the plausible range at which a number is refused: that far no unit of anybody's leads."""
+
+
+@dataclass(frozen=True)
+class Plausible:
+    """The range that a quantity has in soft robots.
+
+    Attributes:
+        unit: its unit in scenes.
+        lowest, highest: bounds that are still plausible.
+        mistaken: factors from other units of the quantity to ours, by the name of the unit.
+    """
+
+    unit: str
+    lowest: float
+    highest: float
+    mistaken: Mapping[str, float]
+
+
+MODULUS = Plausible("kPa", 0.5, 1e7, {"MPa": 1e3, "GPa": 1e6, "Pa": 1e-3})
+"""From the softest gels to stiff plastics; what matters of stiffer parts is that they are stiff."""
+SOFT_DENSITY = Plausible("kg/mm^3", 1e-8, 2e-5, {"g/cm^3": 1e-6, "kg/m^3": 1e-9, "g/mm^3": 1e-3})
+"""From foams to metals."""
+DENSITY = Plausible("kg/mm^3", 1e-9, 2.3e-5, {"g/cm^3": 1e-6, "kg/m^3": 1e-9, "g/mm^3": 1e-3})
+"""From aerogels to osmium."""
+SIZE = Plausible("mm", 0.05, 2e4, {"m": 1e3, "um": 1e-3, "cm": 10.0})
+TIME_STEP = Plausible("s", 1e-7, 0.5, {"ms": 1e-3, "us": 1e-6})
+DURATION = Plausible("s", 1e-6, 1e6, {"ms": 1e-3})
+GRAVITY = Plausible("mm/s^2", 50.0, 1e6, {"m/s^2": 1e3})
+MASS_FACTOR = {"g": 1e-3, "mg": 1e-6}
+"""Kilograms in units that masses are mistakenly given in."""
+
+
+def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
+    """Warn of what no soft robot has, with the unit that was probably meant, and of meshes of several pieces.
+
+    Raises:
+        SceneError: a number is absurd.
+    """
+    _check("time.step", scene.time.step, TIME_STEP)
+    if math.isfinite(scene.time.duration):
+        _check("time.duration", scene.time.duration, DURATION)
+    strength = math.hypot(*scene.gravity)
+    if strength > 0.0:
+        _check("gravity", strength, GRAVITY)
+    for name, body in scene.soft_bodies.items():
+        for material, modulus in scene.young_moduli.items():
+            if material == name or material.startswith(f"{name}."):
+                _check(f"soft_bodies.{material}.young_modulus", modulus, MODULUS)
+        mesh = meshes[name]
+        _check(f"soft_bodies.{name}.mesh: its longest side", float(np.ptp(mesh.nodes, axis=0).max()), SIZE)
+        if body.density is not None:
+            _check(f"soft_bodies.{name}.density", body.density, SOFT_DENSITY)
+        elif body.mass is not None:
+            volume = float(tetrahedron_volumes(mesh.nodes, mesh.elements).sum())
+            _check_mass(f"soft_bodies.{name}.mass", body.mass, volume, SOFT_DENSITY)
+        count = _piece_count(mesh.elements)
+        if count > 1:
+            _warn(f"soft_bodies.{name}.mesh: has {count} pieces that nothing holds together")
+
+
+def check_rigid_plausibility(model: Model) -> None:
+    """The same for rigid bodies, whose masses and surfaces are computed.
+
+    Raises:
+        SceneError: a number is absurd.
+    """
+    for body in model.rigid_bodies:
+        key, table = f"rigid_bodies.{body.name}", model.scene.rigid_bodies[body.name]
+        _check(f"{key}: its longest side", float(np.ptp(body.vertices, axis=0).max()), SIZE)
+        volume = float(trimesh.Trimesh(body.vertices, body.triangles, process=False).volume)
+        if table.density is not None:
+            _check(f"{key}.density", table.density, DENSITY)
+        else:
+            _check_mass(f"{key}.mass", body.mass, volume, DENSITY)
+        count = _piece_count(body.triangles)
+        if count > 1:
+            _warn(f"{key}.surface: has {count} pieces; they move as one body, and hollows count as solid")
+
+
+def _check(key: str, value: float, plausible: Plausible) -> None:
+    low, high = plausible.lowest, plausible.highest
+    if low <= value <= high:
+        return
+    meant = "; ".join(_meant(value, plausible))
+    line = f"{key} = {value:g} {plausible.unit}: soft robots have {low:g} to {high:g}{'; ' if meant else ''}{meant}"
+    if not low / ABSURD <= value <= high * ABSURD:
+        raise SceneError(line)
+    _warn(line)
+
+
+def _check_mass(key: str, mass: float, volume: float, density: Plausible) -> None:
+    """A mass is judged by the density that it makes."""
+    if density.lowest <= mass / volume <= density.highest:
+        return
+    line = (
+        f"{key} = {mass:g} kg: makes {mass / volume:.3g} kg/mm^3 of {volume:.3g} mm^3, where {density.lowest:g} to "
+        f"{density.highest:g} are usual (water has 1e-06)"
+    )
+    for unit, factor in MASS_FACTOR.items():
+        if density.lowest <= mass * factor / volume <= density.highest:
+            line += f"; {mass:g} {unit} are {mass * factor:g} kg"
+            break
+    if not density.lowest / ABSURD <= mass / volume <= density.highest * ABSURD:
+        raise SceneError(line)
+    _warn(line)
+
+
+def _meant(value: float, plausible: Plausible) -> Iterator[str]:
+    """The value in the first unit in which it would be plausible."""
+    for unit, factor in plausible.mistaken.items():
+        if plausible.lowest <= value * factor <= plausible.highest:
+            yield f"{value:g} {unit} are {value * factor:g} {plausible.unit}"
+            return
+
+
+def _piece_count(cells: np.ndarray) -> int:
+    """Number of parts of a mesh that have no node in common; `cells` are node indices, shape (count, nodes)."""
+    pairs = cells[:, [[0, k] for k in range(1, cells.shape[1])]].reshape(-1, 2)
+    labels = trimesh.graph.connected_component_labels(pairs)  # type: ignore[no-untyped-call]
+    return len(np.unique(labels[np.unique(cells)]))
+
+
+def _warn(line: str) -> None:
+    warnings.warn(line, stacklevel=4)

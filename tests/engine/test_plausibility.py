@@ -1,0 +1,115 @@
+"""Numbers that no soft robot has: a warning with the unit that was probably meant; far beyond, an error."""
+
+import warnings
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from taichisoft.building.simulation import make_model
+from taichisoft.errors import SceneError
+from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.scenes.file import scene_from_dict
+
+BODY = {"density": 1e-6, "young_modulus": 300.0, "poisson_ratio": 0.3}
+CUBE = {"box": [40.0] * 3, "mass": 0.05}
+
+
+def told(scene: dict[str, Any]) -> list[str]:
+    """The warnings about a scene."""
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        make_model(scene_from_dict(scene))
+    return [str(warning.message) for warning in seen if warning.category is UserWarning]
+
+
+def soft(mesh: str, **changes: Any) -> dict[str, Any]:
+    return {"soft_bodies": {"finger": {**BODY, "mesh": mesh, **changes}}}
+
+
+def rigid(**changes: Any) -> dict[str, Any]:
+    return {"rigid_bodies": {"cube": {key: value for key, value in {**CUBE, **changes}.items() if value is not None}}}
+
+
+@pytest.mark.parametrize(
+    ("changes", "line"),
+    [
+        ({"young_modulus": 0.3}, "finger.young_modulus = 0.3 kPa: soft robots have 0.5 to 1e+07; 0.3 MPa are 300 kPa"),
+        ({"young_modulus": 3e8}, "= 3e+08 kPa: soft robots have 0.5 to 1e+07; 3e+08 Pa are 300000 kPa"),
+        ({"density": 1070.0}, "1070 kg/m^3 are 1.07e-06 kg/mm^3"),
+        ({"density": 1.07}, "1.07 g/cm^3 are 1.07e-06 kg/mm^3"),
+        ({"density": None, "mass": 8.0}, "finger.mass = 8 kg: makes 0.001 kg/mm^3 of 8e+03 mm^3"),
+    ],
+)  # fmt: skip
+def test_what_a_soft_body_cannot_have(block: Callable[..., str], changes: dict[str, Any], line: str) -> None:
+    mesh = block((2, 2, 2), (20.0, 20.0, 20.0))
+    assert told(soft(mesh)) == []
+    given = {key: value for key, value in soft(mesh, **changes)["soft_bodies"]["finger"].items() if value is not None}
+    (warning,) = told({"soft_bodies": {"finger": given}})
+    assert line in warning
+
+
+def test_a_mesh_in_metres(block: Callable[..., str]) -> None:
+    (warning,) = told(soft(block((2, 2, 2), (0.02, 0.01, 0.01))))
+    assert (
+        "soft_bodies.finger.mesh: its longest side = 0.02 mm: soft robots have 0.05 to 20000; 0.02 m are 20 mm"
+        in warning
+    )
+
+
+@pytest.mark.parametrize(
+    ("scene", "line"),
+    [
+        (rigid(mass=50.0), "rigid_bodies.cube.mass = 50 kg: makes 0.000781 kg/mm^3 of 6.4e+04 mm^3"),
+        (rigid(mass=50.0), "50 g are 0.05 kg"),
+        (rigid(mass=None, density=2.7), "2.7 g/cm^3 are 2.7e-06 kg/mm^3"),
+        ({**rigid(), "time": {"step": 10.0}}, "time.step = 10 s: soft robots have 1e-07 to 0.5; 10 ms are 0.01 s"),
+        ({**rigid(), "gravity": [0.0, 0.0, -9.81]}, "gravity = 9.81 mm/s^2: soft robots have 50 to 1e+06; 9.81 m"),
+        ({**rigid(), "time": {"duration": 1e7}}, "time.duration = 1e+07 s"),
+    ],
+)  # fmt: skip
+def test_what_a_scene_of_rigid_bodies_cannot_have(scene: dict[str, Any], line: str) -> None:
+    assert told(rigid()) == []
+    (warning,) = told(scene)
+    assert line in warning
+
+
+@pytest.mark.parametrize(
+    ("scene", "line"),
+    [
+        (rigid(mass=1e300), "less than or equal to 1"),
+        (rigid(mass=1e15), "rigid_bodies.cube.mass = 1e+15 kg: makes"),
+        (rigid(box=[1e-300] * 3), "must be 1e-18 or more"),
+        (rigid(position=[0.0, 1e200, 0.0]), "less than or equal to 1"),
+        (rigid(box=[1e-12] * 3, mass=1e-17), "its longest side = 1e-12 mm"),
+        ({**rigid(), "time": {"step": 1e-17}}, "time.step = 1e-17 s"),
+        (
+            {**rigid(), "obstacles": {"floor": {"plane": {"point": [0.0] * 3, "normal": [0.0, 1e-200, 0.0]}}}},
+            "normal = [0.0, 1e-200, 0.0]: has no direction",
+        ),
+        (
+            rigid(inertia=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.1]]),
+            "no body has it; the largest principal moment, 2.1 kg mm^2, must not exceed the sum of the others, 2",
+        ),
+    ],
+)
+def test_what_is_absurd_is_refused(scene: dict[str, Any], line: str) -> None:
+    with pytest.raises(SceneError) as refused:
+        told(scene)
+    assert line in str(refused.value)
+
+
+def test_a_flat_plate_has_an_inertia_at_the_limit() -> None:
+    """Without thickness the largest principal moment is the sum of the others."""
+    assert told(rigid(inertia=[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 2.0]])) == []
+
+
+def test_a_body_of_two_pieces(block: Callable[..., str], tmp_path: Any) -> None:
+    one = read_volume_mesh(block((1, 1, 1), (10.0, 10.0, 10.0)))
+    nodes = np.vstack([one.nodes, one.nodes + np.array([30.0, 0.0, 0.0])])
+    elements = np.vstack([one.elements, one.elements + len(one.nodes)])
+    write_volume_mesh(VolumeMesh("two", nodes, elements, {}, {}), tmp_path / "two.msh")
+    (warning,) = told(soft(str(tmp_path / "two.msh")))
+    assert "has 2 pieces that nothing holds together" in warning
