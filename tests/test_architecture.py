@@ -174,6 +174,7 @@ LAYERS = {
         "mesh_record",
         "scene_meshes",
         "mesh_cache",
+        "mesh_process",
         "mesh_job",
         "fingerprint",
         "tendon_finger",

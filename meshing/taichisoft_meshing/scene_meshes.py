@@ -11,7 +11,8 @@ from typing import Any
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.geometry_file import read_tables
 from taichisoft_meshing.mesh_cache import cache_folder, keep_mesh, kept_mesh
-from taichisoft_meshing.mesh_job import MeshJob, make_mesh, require_fit
+from taichisoft_meshing.mesh_job import MeshJob, require_fit
+from taichisoft_meshing.mesh_process import make_mesh_apart
 
 LOGGER = logging.getLogger("taichisoft.meshing")
 DIGITS = 16  # of the hash, in the file name of a kept mesh
@@ -49,7 +50,7 @@ def mesh_for_scene(
     else:
         LOGGER.info("meshing %s%s", file, wish)
         start = time.perf_counter()
-        made = make_mesh(job)
+        made = make_mesh_apart(job)
         require_fit(made, "other limits in its [quality]")
         for remark in made.remarks:
             warnings.warn(f"mesh of {file}: {remark}", stacklevel=2)

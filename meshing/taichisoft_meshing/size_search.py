@@ -1,6 +1,7 @@
-"""The element size for a number of nodes, and the finest size for a volume."""
+"""The element size for a number of nodes, and an estimate of the number of elements for a size."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from taichisoft.errors import MeshError
@@ -23,13 +24,46 @@ DIMENSION = 2.4
 FARTHEST = 4.0
 """Largest ratio of the next size to one that was tried: nothing is known of sizes farther away [-]."""
 
+GROWTH = 0.5
+"""Growth of the element size with the distance from the cavities [-]."""
+
 MOST_ELEMENTS = 5_000_000
 """More elements than any machine meshes and simulates in a sensible time."""
 
 
-def finest_size(volume: float) -> float:
-    """The size [mm] at which a volume [mm^3] takes MOST_ELEMENTS regular tetrahedra, of size^3 / (6 sqrt 2) each."""
-    return float((8.5 * volume / MOST_ELEMENTS) ** (1 / 3))
+def element_count(volume: float, largest: float, smallest: float, cavity_volumes: Sequence[float] = ()) -> float:
+    """An estimate of the number of tetrahedra in a body, from below.
+
+    Elements of the smallest size lie at the cavities, of which each has no less surface than a ball of its volume, and
+    grow away from it by GROWTH: the integral of A / size^3 over the distance is A / (2 GROWTH smallest^2).
+
+    Args:
+        volume: volume of the silicone [mm^3].
+        largest, smallest: sizes of elements [mm].
+        cavity_volumes: volumes of the cavities [mm^3].
+    """
+    far = 8.5 * volume / largest**3
+    if not smallest < largest:
+        return far
+    area = sum((36.0 * math.pi) ** (1 / 3) * cavity ** (2 / 3) for cavity in cavity_volumes)
+    return far + 8.5 * area * (1.0 / smallest**2 - 1.0 / largest**2) / (2.0 * GROWTH)
+
+
+def refuse_too_many(count: float, key: str, size: float, power: int = 3) -> None:
+    """Raise ValueError where a mesh would have more than MOST_ELEMENTS elements, because of a size [mm].
+
+    Args:
+        count: estimate of their number, which goes like size ** -power.
+        key: key of the size.
+        size: length of elements [mm].
+        power: 3 of elements that fill a body, 2 of those at surfaces.
+    """
+    if count > MOST_ELEMENTS:
+        least = size * (count / MOST_ELEMENTS) ** (1 / power)
+        raise ValueError(
+            f"{key} = {size:g}: must be at least {least:.2g} mm; it would make about {count:.0e} elements, and "
+            f"{MOST_ELEMENTS:.0e} are the most"
+        )
 
 
 def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:

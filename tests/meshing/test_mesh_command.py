@@ -256,7 +256,7 @@ def test_options_that_are_wrong_are_named(
     if "stretch.x=3" in arguments:
         problem = "Block failed in mesh(): TypeError"
     result = command("mesh", block, "-o", tmp_path / "body", *arguments)
-    assert result.code == 2
+    assert result.code == (1 if "failed" in problem else 2)  # of a plug-in that does not check what it is given
     assert problem in result.error
     assert list(tmp_path.iterdir()) == [block]
 

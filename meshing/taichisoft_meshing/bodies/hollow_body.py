@@ -28,6 +28,11 @@ class HollowBody:
     cavities: tuple[Shell, ...]
 
     @property
+    def cavity_volumes(self) -> tuple[float, ...]:
+        """Volumes of the cavities [mm^3]."""
+        return tuple(cavity.volume for cavity in self.cavities)
+
+    @property
     def volume(self) -> float:
         """Volume of the silicone [mm^3]."""
         return self.outer.volume - sum(cavity.volume for cavity in self.cavities)

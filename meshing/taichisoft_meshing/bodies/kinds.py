@@ -102,7 +102,8 @@ class _BodyFromFiles(Geometry):
     def mesh(self, size: float | None = None) -> VolumeMesh:
         """Mesh the body with gmsh; `size` [mm] replaces the largest element size and scales the smallest with it."""
         try:
-            sizes = self.table.mesh.fitted(self.body.extent, self.body.volume, size)
+            body = self.body
+            sizes = self.table.mesh.fitted(body.extent, body.volume, size, body.cavity_volumes)
         except ValueError as error:
             raise MeshError(f"{self.file}: {error}") from error
         return with_base(with_elements_across(self._fill(sizes), sizes), self.table.base)

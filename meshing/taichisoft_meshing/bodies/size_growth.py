@@ -10,9 +10,7 @@ from taichisoft_meshing.bodies.closed_shells import Shell
 from taichisoft_meshing.bodies.surface_geometry import angles_between, area_vectors, joined_sides
 from taichisoft_meshing.bodies.tables import FittedSizes
 from taichisoft_meshing.gmsh_session import obey_size_fields
-
-GROWTH = 0.5
-"""Growth of the element size for each millimetre of distance [-]."""
+from taichisoft_meshing.size_search import GROWTH
 
 FINEST = 0.25
 """Least size on curves, such as that of a tiny fillet, over the smallest size that was asked for [-]."""

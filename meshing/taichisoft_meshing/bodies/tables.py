@@ -1,5 +1,6 @@
 """The tables that geometry files of bodies from elsewhere share: their base and the sizes of their elements."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -8,7 +9,7 @@ from pydantic import Field, model_validator
 
 from taichisoft.scenes.table import Positive, Table, Vector
 from taichisoft_meshing.bodies.surface_geometry import NEAR, diagonal
-from taichisoft_meshing.size_search import finest_size
+from taichisoft_meshing.size_search import element_count, refuse_too_many
 
 Count = Annotated[int, Field(strict=True, ge=0)]
 
@@ -88,13 +89,16 @@ class Sizes(Table):
             raise ValueError(f"smallest = {self.smallest:g}: needs largest beside it")
         return self
 
-    def fitted(self, extent: np.ndarray, volume: float, size: float | None = None) -> FittedSizes:
+    def fitted(
+        self, extent: np.ndarray, volume: float, size: float | None = None, cavity_volumes: Sequence[float] = ()
+    ) -> FittedSizes:
         """The sizes for a body.
 
         Args:
             extent: edge lengths of the box around the body along x, y and z [mm], shape (3,).
             volume: volume of the silicone [mm^3].
             size: largest size, instead of the table's; scales the smallest with it [mm].
+            cavity_volumes: volumes of the cavities, where they are known [mm^3].
 
         Raises:
             ValueError: a size is larger than the body, or so small that the mesh would not end.
@@ -103,9 +107,8 @@ class Sizes(Table):
         if not largest <= extent.max():
             raise ValueError(f"size {largest:g}: is larger than the body; must be at most {extent.max():.4g} mm")
         smallest = largest * (self.smallest / self.largest if self.smallest and self.largest else 1.0)
-        least = finest_size(volume)
-        if largest < least:
-            raise ValueError(f"size {largest:g}: must be at least {least:.2g} mm, or the mesh would not end")
+        refuse_too_many(element_count(volume, largest, largest), "size", largest)
+        refuse_too_many(element_count(volume, largest, smallest, cavity_volumes), "smallest", smallest, power=2)
         return FittedSizes(largest, smallest, self.curvature, self.elements_across_walls)
 
 

@@ -45,7 +45,8 @@ def mesh(
     from rich.text import Text
 
     from taichisoft.running.messages import print_warning
-    from taichisoft_meshing.mesh_job import make_mesh, require_fit
+    from taichisoft_meshing.mesh_job import require_fit
+    from taichisoft_meshing.mesh_process import make_mesh_apart
     from taichisoft_meshing.mesh_set import prepare, write_output
     from taichisoft_meshing.quality.table import mesh_tables
 
@@ -63,7 +64,7 @@ def mesh(
     prepare(output)
     console = Console()
     with stages_bar(console, job.file.name) as stage:
-        made = make_mesh(job, stage)
+        made = make_mesh_apart(job, stage)
         written = force or not made.problems
         if written:
             stage("writing")

@@ -4,7 +4,7 @@ from pydantic import BaseModel, model_validator
 
 from taichisoft_meshing.finger.dimensions import FingerDimensions, end, starts
 from taichisoft_meshing.geometry_file import ROUNDING, at_least, at_most
-from taichisoft_meshing.size_search import finest_size
+from taichisoft_meshing.size_search import element_count, refuse_too_many
 
 # [mm] A thinner wall cannot be cast, and its elements would be flat.
 THINNEST_WALL = 0.1
@@ -184,5 +184,8 @@ def _check_sizes(finger: FingerDimensions) -> None:
     sizes = finger.mesh
     at_most("mesh.largest", sizes.largest, finger.body.length, "body.length: elements larger than the body")
     at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
-    finest = finest_size(finger.solid_volume - finger.cavity_volume)
-    at_least("mesh.largest", sizes.largest, finest, "or the mesh would not end")
+    silicone, cavity = finger.solid_volume - finger.cavity_volume, finger.cavity_volume
+    refuse_too_many(element_count(silicone, sizes.largest, sizes.largest), "mesh.largest", sizes.largest)
+    refuse_too_many(
+        element_count(silicone, sizes.largest, sizes.smallest, [cavity]), "mesh.smallest", sizes.smallest, power=2
+    )

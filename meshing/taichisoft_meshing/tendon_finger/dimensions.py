@@ -10,7 +10,7 @@ from pydantic import Field, model_validator
 
 from taichisoft.scenes.table import NotNegative, Positive, Table
 from taichisoft_meshing.geometry_file import ROUNDING, at_least, at_most
-from taichisoft_meshing.size_search import finest_size
+from taichisoft_meshing.size_search import element_count, refuse_too_many
 
 THINNEST = 0.1
 """Least silicone that must remain anywhere [mm]."""
@@ -141,5 +141,5 @@ class TendonFingerTable(Table):
         sizes = self.mesh
         at_most("mesh.largest", sizes.largest, self.body.length, "body.length: elements larger than the body")
         at_most("mesh.smallest", sizes.smallest, sizes.largest, "mesh.largest")
-        at_least("mesh.largest", sizes.largest, finest_size(self.volume), "or the mesh would not end")
+        refuse_too_many(element_count(self.volume, sizes.largest, sizes.largest), "mesh.largest", sizes.largest)
         return self
