@@ -17,11 +17,11 @@ from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, packages_for
 def doctor():
     application = typer.Typer()
     taichisoft_plugins.taichisoft_commands(application)
-    return lambda: CliRunner().invoke(application, ["doctor"])
+    return lambda *options: CliRunner().invoke(application, ["doctor", *options])
 
 
 def test_where_the_tests_run_nothing_is_missing(doctor):
-    answer = doctor()
+    answer = doctor("--time-limit", "300")
     assert answer.exit_code == 0, answer.output
     rows = dict(line.split(maxsplit=2)[1:] for line in answer.output.splitlines())
     modules = ["taichi", "gmsh", "h5py", "matplotlib", "open3d", "viser"]
@@ -103,3 +103,14 @@ def test_a_library_leads_to_its_package():
             message = f"ImportError: {library.file}: cannot open shared object file: No such file or directory"
             assert packages_for(message, "taichi") == [library.package]
     assert packages_for("libunknown.so.3: cannot open shared object file", "h5py") == []
+
+
+def test_a_check_that_hangs_does_not_keep_the_answer_waiting(doctor, monkeypatch):
+    """Each is given the time that is left; those that have none are reported like those that took too long."""
+    hanging = (("-c", "import time; time.sleep(600)"), "")
+    monkeypatch.setattr(doctor_command, "PROGRAMS", dict.fromkeys("abcdef", hanging))
+    answer = doctor("--time-limit", "1")
+    assert answer.exit_code == 1
+    rows = [line for line in answer.output.splitlines() if line.startswith("late")]
+    assert [row.split()[1] for row in rows][:6] == list("abcdef")
+    assert "apt-get" not in answer.output

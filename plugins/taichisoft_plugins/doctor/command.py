@@ -1,20 +1,30 @@
 """The command `taichisoft doctor`: is everything there that taichisoft needs from this machine?"""
 
+import math
 import platform
 import re
 import sys
+import time
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import metadata
+from typing import Annotated
 
 import typer
 
+from taichisoft.cache_folder import cache_folder
 from taichisoft.child_process import last_line, run_python
 from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, install_line, packages_for
 
-TIME_LIMIT = 90.0
-"""Longest duration of an import or a check [s]."""
+TIME_LIMIT = 14.0
+"""Time that all checks together may take [s]; the command itself takes some more."""
+LATE = "no answer within"
+LIBRARY_TIME_LIMIT = 5.0
+"""Longest time to load one library [s]."""
+
+WORKERS = 4
+"""Checks at a time."""
 
 CHECK = ("-m", "taichisoft_plugins.doctor.checks")
 PROGRAMS: dict[str, tuple[Sequence[str], str]] = {
@@ -62,12 +72,18 @@ class Finding:
     @property
     def verdict(self) -> str:
         """The word that begins the row."""
+        if self.found.startswith(LATE):
+            return "late"
         return "ok" if self.ok else "MISSING" if self.needed else "without"
 
 
-def doctor() -> None:
+def doctor(
+    time_limit: Annotated[
+        float, typer.Option(min=1.0, help="Time that all checks may take together \\[s].")
+    ] = TIME_LIMIT,
+) -> None:
     """Check Python, the compiled libraries, off-screen drawing and videos; say what to install."""
-    findings = examine()
+    findings = examine(time_limit)
     width = max(len(finding.subject) for finding in findings)
     for finding in findings:
         typer.echo(f"{finding.verdict:7} {finding.subject:{width}}  {finding.found}")
@@ -78,12 +94,14 @@ def doctor() -> None:
         raise typer.Exit(1)
 
 
-def examine() -> list[Finding]:
-    """All findings, in the order in which they are shown."""
-    # Two at a time: each import reads some hundred megabytes.
-    with ThreadPoolExecutor(max_workers=2) as pool:
-        jobs = [pool.submit(_examine, subject) for subject in PROGRAMS]
-        jobs.append(pool.submit(_examine_libraries))
+def examine(time_limit: float = TIME_LIMIT) -> list[Finding]:
+    """All findings, in the order in which they are shown, after so many seconds at most."""
+    cache_folder()  # without a home Taichi needs to be told of one
+    deadline = time.monotonic() + time_limit
+    # Those that have begun end with the deadline, and those that have not do not begin.
+    with ThreadPoolExecutor(max_workers=WORKERS) as pool:
+        jobs = [pool.submit(_examine, subject, deadline) for subject in PROGRAMS]
+        jobs.append(pool.submit(_examine_libraries, deadline))
     return [_examine_python(), *(job.result() for job in jobs)]
 
 
@@ -95,27 +113,40 @@ def _examine_python() -> Finding:
     return Finding("python", platform.python_version() + needed, ok)
 
 
-def _examine(subject: str) -> Finding:
-    """Run one of PROGRAMS."""
+def _time_left(deadline: float) -> float:
+    """Time [s] until a moment of the clock, and a little more where it has passed: what is asked then has no chance."""
+    return min(max(deadline - time.monotonic(), 0.1), 3600.0)
+
+
+def _examine(subject: str, deadline: float = math.inf) -> Finding:
+    """Run one of PROGRAMS, until a moment of the clock at most."""
     if subject == "EGL" and sys.platform != "linux":
         return Finding(subject, "only needed on Linux", True)
     arguments, module = PROGRAMS[subject]
-    child = run_python(arguments, TIME_LIMIT)
+    child = run_python(arguments, _time_left(deadline))
     if not child.problem:
         return Finding(subject, last_line(child.output), True)
     if subject in OPTIONAL:
         absent = "not installed" if "No module named" in child.problem else child.problem
         return Finding(subject, f"{absent}; {OPTIONAL[subject]}", False, needed=False)
+    if child.problem.startswith(LATE):
+        hint = "the check hangs, or the machine is busy: --time-limit 120 waits longer"
+        return Finding(subject, f"{LATE} the time limit; {hint}", False)
     return Finding(subject, child.problem, False, tuple(packages_for(child.problem, module) if module else ()))
 
 
-def _examine_libraries() -> Finding:
+def _examine_libraries(deadline: float = math.inf) -> Finding:
     """Try all libraries at once: an import stops at the first one that is missing."""
     if sys.platform != "linux":
         return Finding("libraries", "only looked at on Linux", True)
     loads = "import ctypes; ctypes.CDLL('{}')".format
-    missing = [
-        library for library in SYSTEM_LIBRARIES if library.file and run_python(["-c", loads(library.file)], 20).problem
-    ]
+    missing = []
+    for library in SYSTEM_LIBRARIES:
+        limit = min(LIBRARY_TIME_LIMIT, _time_left(deadline))
+        problem = run_python(["-c", loads(library.file)], limit).problem if library.file else ""
+        if problem.startswith(LATE):
+            return Finding("libraries", f"{LATE} the time limit; not all were looked at", False)
+        if problem:
+            missing.append(library)
     found = ", ".join(library.file for library in missing) or "all found"
     return Finding("libraries", found, not missing, tuple(library.package for library in missing))
