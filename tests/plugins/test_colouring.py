@@ -125,7 +125,8 @@ def test_a_colour_scale_is_linear_and_holds_its_ends():
     colours = scale.colours(np.array([-20.0, -10.0, -5.0, 0.0, 10.0, 99.0]))
     expected = [[0, 0, 0], [0, 0, 0], [0.25, 0.5, 0], [0.5, 1, 0], [1, 0, 0], [1, 0, 0]]
     assert np.allclose(colours, expected)
-    assert [round_up(value) for value in (0.7, 1.0, 1.1, 2.2, 130.0, 500.0, 501.0)] == [1, 1, 2, 2.5, 200, 500, 1000]
+    values = (0.7, 1.0, 1.1, 2.2, 101.0, 130.0, 500.0, 501.0)
+    assert [round_up(value) for value in values] == [0.7, 1, 1.2, 2.5, 120, 150, 500, 600]
 
 
 def test_the_caption_has_time_pressure_and_height(gripper):

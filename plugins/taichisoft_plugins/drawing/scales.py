@@ -15,6 +15,9 @@ LINE = ((0.42, 0.43, 0.46), (0.62, 0.25, 0.55), (0.72, 0.02, 0.50), (0.36, 0.00,
 """Colours from grey over magenta to purple, which are neither those of the silicone nor those of the air."""
 
 
+STEPS = (1.0, 1.2, 1.5, 1.8, 2.0, 2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0, 10.0)
+
+
 @dataclass(frozen=True)
 class ColourScale:
     """Colours that run linearly from the lowest to the highest value.
@@ -37,9 +40,10 @@ class ColourScale:
 
 
 def round_up(value: float) -> float:
-    """The next of 1, 2, 2.5, 5 and 10 times a power of ten, for the high end of a scale."""
+    """The next of STEPS times a power of ten, for the high end of a scale: no more than a quarter above the value."""
     power = 10.0 ** np.floor(np.log10(value))
-    return float(power * next(step for step in (1.0, 2.0, 2.5, 5.0, 10.0) if value <= step * power * (1 + 1e-9)))
+    step = next(step for step in STEPS if value <= step * power * (1 + 1e-9))
+    return float(f"{step * power:.6g}")  # the decimal number, not 0.7000000000000001
 
 
 def round_down(value: float) -> float:
