@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from taichisoft.building.named_materials import fill_in_materials
 from taichisoft.errors import PluginError, SceneError, nearest
 from taichisoft.input_file import read_toml
 from taichisoft.plugin_system.failure import failures_of
@@ -43,6 +44,7 @@ def load_scene(
     path = _find_scene(name)
     document = _read_tables(path, reader_settings or {})
     change_scene(document, overrides, controller, goal)
+    fill_in_materials(document)
     source = " with --set ".join([str(path), *overrides])  # the error may be in either
     return scene_from_dict(document, source, folder=path.parent)
 

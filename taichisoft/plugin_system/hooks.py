@@ -24,6 +24,7 @@ KINDS = {
     "scene reader": "taichisoft_scene_readers",
     "run option": "taichisoft_run_options",
     "renderer": "taichisoft_renderers",
+    "material": "taichisoft_materials",
 }
 """The kinds of things that a plug-in can provide by name, and the hook that provides each."""
 
@@ -44,7 +45,7 @@ def find(kind: str, name: str) -> Callable[..., Any]:
 
 
 def provided(kind: str) -> dict[str, Any]:
-    """All that plug-ins provide of a kind, by name: options as `RunOption`, else what makes the thing.
+    """All that plug-ins provide of a kind, by name: options as `RunOption`, materials as tables, else what makes it.
 
     Raises:
         PluginError: two plug-ins claim one name, or one gave something that is not valid.
@@ -78,7 +79,9 @@ def provided_by_plugin(kind: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
                 raise PluginError(f"{gave} the name {name!r}; must begin with --")
             if kind == "run option" and not isinstance(thing, RunOption):
                 raise PluginError(f"{gave} {thing!r} as '{name}'; must be a RunOption")
-            if kind != "run option" and not callable(thing):
+            if kind == "material" and not isinstance(thing, Mapping):
+                raise PluginError(f"{gave} {thing!r} as '{name}'; must be a mapping with the keys of a material's file")
+            if kind not in ("run option", "material") and not callable(thing):
                 raise PluginError(f"{gave} {thing!r} as '{name}'; must be a class or a function")
         yield plugin, by_name
 

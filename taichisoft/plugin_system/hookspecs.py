@@ -120,6 +120,15 @@ def taichisoft_renderers() -> "Mapping[str, Callable[..., Renderer]]":  # type: 
 
 
 @hookspec
+def taichisoft_materials() -> "Mapping[str, Mapping[str, Any]]":  # type: ignore[empty-body]
+    """Materials by the name that `material` of a scene gives; called when a scene that names one is read.
+
+    Each value has the keys of a material's file: name, law, coefficients, poisson_ratio, density, highest_stretch,
+    source. A name of theirs wins over one that ships.
+    """
+
+
+@hookspec
 def taichisoft_commands(application: "typer.Typer") -> None:
     """Add sub-commands to the command line; called once when `taichisoft` starts, also for `--help`.
 

@@ -24,9 +24,9 @@ def list_materials(context: typer.Context) -> None:
     import rich
     from rich.table import Table
 
-    from taichisoft_plugins.materials.shipped import shipped_materials
+    from taichisoft_plugins.materials.shipped import materials_of_plugins, shipped_materials
 
-    found = shipped_materials()
+    found = shipped_materials() | materials_of_plugins()
     table = Table("name", "law", "Young's modulus at rest [kPa]", "fitted up to a stretch of", "error [%]")
     for name, one in found.items():
         young = 2.0 * (1.0 + one.poisson_ratio) * one.shear_modulus

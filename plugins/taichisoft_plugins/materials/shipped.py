@@ -1,9 +1,10 @@
-"""The materials that ship, and a material as a file."""
+"""The materials that ship, those of plug-ins, and a material as a file."""
 
 from pathlib import Path
 
 import tomli_w
 
+from taichisoft.plugin_system.hooks import provided
 from taichisoft.scenes.material import Material, read_material
 from taichisoft.scenes.shipped import data_folder, find_file
 from taichisoft_plugins.materials.tension_test import MaterialError
@@ -16,12 +17,31 @@ def shipped_materials() -> dict[str, Material]:
     return {path.stem: read_material(path) for path in sorted((data_folder() / "materials").glob("*.toml"))}
 
 
+def materials_of_plugins() -> dict[str, Material]:
+    """Those that plug-ins provide, by name.
+
+    Raises:
+        PluginError: two plug-ins claim one name.
+        MaterialError: one is not valid.
+    """
+    found = {}
+    for name, table in provided("material").items():
+        try:
+            found[name] = Material.model_validate(dict(table))
+        except ValueError as error:
+            raise MaterialError(f"material '{name}' of a plug-in: {' '.join(str(error).split())}") from error
+    return found
+
+
 def find_material(name: str) -> Material:
-    """A shipped material by name, or one by its file.
+    """A material of a plug-in or a shipped one by name, or one by its file.
 
     Raises:
         MaterialError: there is none, or it is not valid.
     """
+    of_plugins = materials_of_plugins()
+    if name in of_plugins:
+        return of_plugins[name]
     try:
         return read_material(find_file(name, "materials", SUFFIXES, error=MaterialError))
     except ValueError as error:
