@@ -48,8 +48,8 @@ def _draw(points: list[tuple[float, float, float, float]], axis: str, path: Path
 
 
 @contextmanager
-def svg_axes(path: Path, size: tuple[float, float]) -> Iterator[Any]:
-    """Axes of an SVG file that is written at the end; `size` in inches."""
+def svg_axes(path: Path, size: tuple[float, float], columns: int = 1) -> Iterator[Any]:
+    """Axes of an SVG file that is written at the end, an array of them where there are several; `size` in inches."""
     import matplotlib
     from matplotlib.figure import Figure
 
@@ -57,7 +57,8 @@ def svg_axes(path: Path, size: tuple[float, float]) -> Iterator[Any]:
     style: Any = {"svg.fonttype": "none", "svg.hashsalt": "taichisoft", "font.size": 9.0}
     with matplotlib.rc_context(style):
         figure = Figure(figsize=size, layout="constrained")
-        axes = figure.add_subplot()
-        axes.grid(which="major", alpha=0.3)
-        yield axes
+        axes = figure.subplots(ncols=columns, squeeze=False)[0]
+        for one in axes:
+            one.grid(which="major", alpha=0.3)
+        yield axes if columns > 1 else axes[0]
         figure.savefig(path, format="svg", metadata={"Date": None, "Creator": None})

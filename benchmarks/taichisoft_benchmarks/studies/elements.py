@@ -3,6 +3,10 @@
     python -m taichisoft_benchmarks.studies.elements --output docs/elements.md
 
 fills what stands between `<!-- elements -->` and `<!-- end -->` in the page. It takes some ten minutes.
+
+    TAICHISOFT_THREADS=1 python -m taichisoft_benchmarks.studies.elements --plot docs/elements.svg
+
+draws the bend of the tutorial's finger over nodes and over the processor's time for a step, on one thread.
 """
 
 import argparse
@@ -20,6 +24,7 @@ from taichisoft.errors import TaichisoftError
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_benchmarks.errors import BenchmarkError
+from taichisoft_benchmarks.studies.element_costs import draw_costs, measure_costs
 from taichisoft_benchmarks.studies.finger_at_rest import bend
 from taichisoft_benchmarks.studies.round_meshes import bar, hollow_sphere, tube
 
@@ -260,11 +265,16 @@ def _beam_table() -> Iterator[str]:
 
 
 def main() -> None:
-    """Measure, and fill the page in place."""
+    """Measure, and fill the page in place, or draw."""
     parser = argparse.ArgumentParser(prog="python -m taichisoft_benchmarks.studies.elements")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE.md", help="page to fill")
+    where = parser.add_mutually_exclusive_group(required=True)
+    where.add_argument("-o", "--output", type=Path, metavar="PAGE.md", help="page to fill")
+    where.add_argument("--plot", type=Path, metavar="FILE.svg", help="draw bend and time per step instead")
     arguments = parser.parse_args()
     try:
+        if arguments.plot:
+            draw_costs(measure_costs(), arguments.plot)
+            return
         page = arguments.output.read_text(encoding="utf-8")
         if not MARKED.search(page):
             raise BenchmarkError(f"{arguments.output}: has no line <!-- elements -->")
