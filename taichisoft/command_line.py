@@ -19,6 +19,7 @@ from taichisoft.plugin_system.run_options import (
     takes_reader_options,
     takes_run_options,
 )
+from taichisoft.terminal_text import printable
 
 application = typer.Typer(
     name="taichisoft",
@@ -68,12 +69,12 @@ def main() -> None:
 
 def _complain(problem: Exception | str) -> None:
     """One line, whatever a parser or a plug-in had to say; under it where a plug-in raised what it should not."""
-    line = " ".join(str(problem).split())
+    line = printable(" ".join(str(problem).split()))
     if len(line) > LONGEST_LINE:  # it repeats what was given, such as a name of thousands of characters
         line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
     print(f"taichisoft: {line}", file=sys.stderr)
     if isinstance(problem, TaichisoftError):
-        print(plugin_traceback(problem), end="", file=sys.stderr)
+        print(printable(plugin_traceback(problem)), end="", file=sys.stderr)
 
 
 def _show_version(wanted: bool) -> None:

@@ -48,6 +48,7 @@ LAYERS = {
         "atomic_file",
         "child_process",
         "interruption",
+        "terminal_text",
         "kernels",
         "cache_folder",
         "input_file",

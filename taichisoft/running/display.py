@@ -18,6 +18,7 @@ from taichisoft.session.output import Output
 from taichisoft.session.pace import KEEPING_UP
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
+from taichisoft.terminal_text import printable
 
 
 @contextmanager
@@ -31,7 +32,7 @@ def progress_bar(console: Console, session: Session, title: str) -> Iterator[Cal
     )
     with Progress(*columns, console=console) as progress:
         total = session.step_count if math.isfinite(session.step_count) else None
-        task = progress.add_task(title, total=total, state="")
+        task = progress.add_task(printable(title), total=total, state="")
 
         def show(report: StepReport) -> None:
             progress.update(task, advance=1, state=f"{report.time:.2f} s  {report.contact_count} contacts")
@@ -69,7 +70,7 @@ def print_summary(console: Console, parts: Sequence[Controller | Output], folder
     for part in parts:
         try:
             for quantity, value in part.summary().items():
-                table.add_row(Text(quantity), Text(value))
+                table.add_row(Text(printable(quantity)), Text(printable(value)))
         except KeyboardInterrupt:
             raise
         except BaseException as error:
@@ -77,5 +78,5 @@ def print_summary(console: Console, parts: Sequence[Controller | Output], folder
             print_warning(console, str(plugin_failure(f"{type(part).__name__} failed in summary()", error)))
     if table.row_count:
         console.print(table)
-    console.print(Text(f"results in {folder}"), soft_wrap=True)
+    console.print(Text(printable(f"results in {folder}")), soft_wrap=True)
     return complete

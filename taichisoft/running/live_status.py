@@ -12,6 +12,7 @@ from rich.text import Text
 
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
+from taichisoft.terminal_text import printable
 
 REFRESHES = 8
 """How often the status is redrawn in a second of wall-clock time."""
@@ -71,7 +72,7 @@ class LiveStatus:
         if self._object is not None:
             parts.append(f"{self._object} {self._object_state()}")
         with contextlib.suppress(OSError):
-            self._console.print(Text("; ".join(parts)), soft_wrap=True)
+            self._console.print(Text(printable("; ".join(parts))), soft_wrap=True)
 
     def picture(self) -> RenderableType:
         """The state of the run as a few lines of constant height, and the keys if somebody asked for them."""
@@ -79,13 +80,13 @@ class LiveStatus:
         rows.add_column(style="cyan", no_wrap=True)
         rows.add_column(no_wrap=True, overflow="ellipsis")
         rows.add_row("time", Text(self._clock()))
-        rows.add_row("pressure", Text(self._pressures()))
+        rows.add_row("pressure", Text(printable(self._pressures())))
         if self._object is not None:
-            rows.add_row(Text(self._object), Text(self._object_state()))
+            rows.add_row(Text(printable(self._object)), Text(self._object_state()))
         keys = " ".join(str(event) for event in tuple(self._session.recent_keys))
         rows.add_row("keys", Text(keys or "none yet"))
         hint = "? shows what the keys do, Esc ends the run"
-        rows.add_row("", Text("; ".join(filter(None, [self._session.controller.status, hint])), style="dim"))
+        rows.add_row("", Text(printable("; ".join(filter(None, [self._session.controller.status, hint]))), style="dim"))
         return Group(rows, self._help()) if self._session.shows_help else rows
 
     def _clock(self) -> str:
@@ -117,5 +118,5 @@ class LiveStatus:
     def _help(self) -> RenderableType:
         table = Table("key", "what it does", title="keys, with Ctrl or without", title_justify="left")
         for key, effect in self._session.bindings.items():
-            table.add_row(Text(key), Text(effect))
+            table.add_row(Text(printable(key)), Text(printable(effect)))
         return table

@@ -8,12 +8,14 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.text import Text
 
+from taichisoft.terminal_text import printable
+
 PROJECT_LOGGER = "taichisoft"
 
 
 def print_warning(console: Console, message: str) -> None:
     """One line, without markup."""
-    console.print(Text.assemble(("warning: ", "yellow"), message), soft_wrap=True)
+    console.print(Text.assemble(("warning: ", "yellow"), printable(message)), soft_wrap=True)
 
 
 @contextmanager
@@ -44,4 +46,4 @@ class _ConsoleHandler(logging.Handler):
         self._console = console
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._console.print(Text(record.getMessage()), soft_wrap=True)
+        self._console.print(Text(printable(record.getMessage())), soft_wrap=True)

@@ -28,8 +28,9 @@ Vector = tuple[Component, Component, Component]
 NodeNumber = Annotated[int, Field(strict=True, ge=0)]
 Groups = list[Annotated[int, Field(strict=True)]]
 KeySets = tuple[tuple[str, ...], ...]
-# Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path.
-Name = Annotated[str, Field(pattern=r"^[^.|/]+$")]
+# Without the signs that join names: "finger.cavity" is a cavity, "finger|cube" a pair, "base/cube.h5" a path. Without
+# control characters, which terminals obey and at which texts in files end.
+Name = Annotated[str, Field(pattern=r"^[^.|/\x00-\x1f\x7f-\x9f]+$", max_length=200)]
 
 
 class Table(BaseModel):

@@ -36,7 +36,12 @@ def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], pre
             return f"{key}: unknown key; {nearest(str(location[-1]), _valid_keys(table, path[:-1]), 'valid keys')}"
         case "string_pattern_mismatch" if location[-1] == "[key]":  # pydantic's mark for the name of an entry
             name, table_key = problem["input"], ".".join(str(part) for part in location[:-2])
+            if not name.isprintable():
+                return f"{table_key} has a {name!r}: a name must not contain control characters"
             return f"{table_key} has a '{name}': a name must not be empty nor contain any of . | /"
+        case "string_too_long" if location[-1] == "[key]":
+            table_key, most = ".".join(str(part) for part in location[:-2]), problem["ctx"]["max_length"]
+            return f"{table_key} has a '{problem['input'][:20]}...': a name must not be longer than {most} characters"
         case "missing" if isinstance(location[-1], int):  # the entries that a list of fixed length lacks
             absent = [found for found in problems if found["type"] == "missing" and found["loc"][:-1] == path[:-1]]
             given = len(problem["input"])

@@ -102,7 +102,13 @@ def figure_bytes(figure: "Figure", format: str) -> bytes:
 
 def _style() -> Any:
     """Settings that leave text of SVG as text and fix its identities: small files that change only with the figures."""
-    return {"svg.fonttype": "none", "svg.hashsalt": "taichisoft", "font.size": 9.0, "axes.axisbelow": True}
+    return {
+        "svg.fonttype": "none",
+        "svg.hashsalt": "taichisoft",
+        "font.size": 9.0,
+        "axes.axisbelow": True,
+        "text.parse_math": False,  # a $ in a name is a $
+    }
 
 
 def _draw_panel(axes: "Axes", panel: Panel, colours: dict[str, str]) -> None:

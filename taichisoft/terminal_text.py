@@ -1,0 +1,9 @@
+"""Text from elsewhere, as a terminal may show it."""
+
+
+def printable(text: str) -> str:
+    r"""A text in which control characters are written out: "\x1b" for the one with which a terminal is told things.
+
+    Those that turn the direction of writing are written out as well, since they let one name look like another.
+    """
+    return "".join(one if one.isprintable() or one in "\n\t" else ascii(one)[1:-1] for one in text)
