@@ -57,6 +57,7 @@ LAYERS = {
     "taichisoft_benchmarks": [
         "__init__",
         "fuzz_scenes",
+        "faults",
         "command",
         "page",
         "studies",

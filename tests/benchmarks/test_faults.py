@@ -1,0 +1,13 @@
+"""A short version of `python -m taichisoft_benchmarks.faults`: damage is told of, and no wrong number is read."""
+
+from pathlib import Path
+
+from taichisoft_benchmarks.faults import DAMAGES, damaged, readable, record, tiny_run
+
+
+def test_damaged_recordings_are_told_of(tmp_path: Path) -> None:
+    run = tiny_run(3)
+    record(run, tmp_path)
+    assert readable(tmp_path / "recording.h5")
+    failed, told, _ = damaged(run, tmp_path, 3 * len(DAMAGES))
+    assert failed == 0 and told > 0
