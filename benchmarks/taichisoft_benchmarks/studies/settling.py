@@ -53,7 +53,7 @@ def all_holds() -> list[Hold]:
         Grasp("cube", mass=60.0, pressure=100.0),
         Grasp("cube", mass=100.0, pressure=120.0, friction=1.5),
     )
-    changes = ({}, {"step": 0.005}, {"step": 0.0025}, {"damping": DAMPING / 5})
+    changes: tuple[dict[str, float], ...] = ({}, {"step": 0.005}, {"step": 0.0025}, {"damping": DAMPING / 5})
     pressures = (80.0, 90.0, 95.0, 100.0, 105.0, 110.0)
     holds = [Hold(grasp, **change) for grasp in moving for change in changes]
     return holds + [Hold(Grasp("cube", mass=60.0, pressure=pressure, friction=1.5)) for pressure in pressures]
