@@ -48,9 +48,10 @@ def test_a_file_that_is_no_table_is_refused(tmp_path: Path) -> None:
 
 @pytest.mark.skipif(not MEASURED.is_dir(), reason="needs the recorded takes of the beam")
 def test_the_beam_rings_down_as_measured() -> None:
-    """Frequency and rest within 5 %, decay within 15 % of the mean of two takes, the tip's way within 15 % of the first peak.
+    """Frequency and rest within 5 %, decay within 15 % of the mean of two takes; the tip's way within 15 %.
 
-    That is its root mean square over half a second: the phase drifts by 2 % of four periods, and the takes begin 4 % apart.
+    The way's is the root mean square over half a second, over the first peak: the phase drifts by 2 % of four periods,
+    and the takes begin 4 % apart.
     """
     swings = measured_swings(MEASURED)
     takes = swings["gravity"]
