@@ -77,6 +77,8 @@ def _step_time(mesh: Any, body: dict[str, Any]) -> tuple[int, float]:
 
 def draw_costs(costs: Sequence[Cost], path: Path) -> None:
     """Draw bend over nodes, and beside it over the time of a step."""
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     styles = {0.3: "-", 0.49: "--"}
     colours = dict(zip(ELEMENTS, ("tab:red", "tab:green", "tab:blue"), strict=True))
     with svg_axes(path, (7.2, 3.4), columns=2) as both:
@@ -96,6 +98,9 @@ def draw_costs(costs: Sequence[Cost], path: Path) -> None:
             for limit in LIMITS.values():
                 axes.axhline(limit, color="0.5", linewidth=1, linestyle=":")
             axes.set_xscale("log")
+            axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axes.xaxis.set_major_formatter("{x:g}")
+            axes.xaxis.set_minor_formatter(NullFormatter())
             axes.set_ylim(bottom=0)
             axes.set_xlabel(label)
         both[0].set_ylabel("bend of the finger at 30 kPa [mm]")
