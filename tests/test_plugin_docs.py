@@ -62,7 +62,7 @@ def test_all_that_is_shown_works(
     buttons = hooks.find("controller", "buttons")()
     buttons.reset(None)
     buttons.key(KeyEvent("c"))
-    assert buttons.control(Observation(0.0, 0, {"left": 0.0})).pressure == {"left": 30.0}
+    assert buttons.control(Observation(0.0, 0, pressures={"left": 0.0})).pressure == {"left": 30.0}
 
 
 def run(line: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> str:

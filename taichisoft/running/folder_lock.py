@@ -4,7 +4,7 @@ import os
 import socket
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from taichisoft.atomic_file import named_os_errors
@@ -19,7 +19,7 @@ class FolderTaken(TaichisoftError):
 
 @contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
-    """Keep a folder, which is made if it is not there, for this run.
+    """Keep a folder, which is made if it is not there, for this run; one that stays empty goes again.
 
     The lock is the operating system's on a file in the folder, so it ends with the process, however that ends. On NFS
     it holds between machines, if the server grants locks; where a file system has none, a warning says so.
@@ -29,6 +29,7 @@ def locked_folder(folder: Path) -> Iterator[None]:
         TaichisoftError: the folder cannot be made.
     """
     path = folder / FILE_NAME
+    made = [one for one in (folder, *folder.parents) if not one.exists()]
     with named_os_errors(f"--output {folder}"):
         folder.mkdir(parents=True, exist_ok=True)
         file = _locked(path, folder)
@@ -37,6 +38,9 @@ def locked_folder(folder: Path) -> Iterator[None]:
     finally:
         path.unlink(missing_ok=True)
         os.close(file)
+        with suppress(OSError):  # what has files stays
+            for one in made:
+                one.rmdir()
 
 
 def _locked(path: Path, folder: Path) -> int:

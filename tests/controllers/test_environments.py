@@ -263,7 +263,8 @@ def test_a_page_in_the_browser_shows_an_episode(capfd: pytest.CaptureFixture[str
     env.reset(seed=0)
     env.step(np.zeros(3))
     address = next(line for line in capfd.readouterr().out.splitlines() if line.startswith("web page: "))
-    with urllib.request.urlopen(address.removeprefix("web page: ")) as page:
+    browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+    with browser.open(address.removeprefix("web page: ")) as page:
         assert page.status == 200
     assert env.render() is None
     env.close()

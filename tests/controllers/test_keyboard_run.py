@@ -68,7 +68,7 @@ def test_after_an_exception_the_terminal_is_as_before(falling_cube: Path, tmp_pa
     with terminal(*COMMAND, str(falling_cube), "--plugin", "failing.py", folder=tmp_path) as screen:
         started(screen)
         screen.wait_for("a mistake in a plug-in")
-        screen.wait_for("shell: exit code 2")
+        screen.wait_for("shell: exit code 1")
         assert screen.is_as_before
     assert json.loads((tmp_path / "results" / "metrics.json").read_text())["steps"] == 21
 

@@ -104,7 +104,7 @@ def test_without_its_options_an_output_is_not_there_but_by_its_name(command: Com
 def test_an_option_may_name_who_drives_where_the_user_does_not(command: Command) -> None:
     unnamed = [argument for argument in RUN if argument not in ("--controller", "other")]
     assert "idle" in command(*unnamed, "--count")[1]
-    assert "there is no [controller]" in command(*unnamed, "--count-from", "1")[2]
+    assert "idle" not in command(*unnamed, "--count-from", "1")[1]
     assert "idle" not in command(*RUN, "--count")[1]
 
 

@@ -205,7 +205,7 @@ def test_a_body_without_a_cavity_is_said(tmp_path: Path) -> None:
         ({"outer": "body.stl", "mesh": {"largest": 31}}, "size 31: is larger than the body; must be at most 30 mm"),
         (
             {"outer": "body.stl", "mesh": {"largest": 0.01}},
-            "size 0.01: must be at least 0.27 mm, or the mesh would not",
+            "size = 0.01: must be at least 0.27 mm; it would make about ",
         ),
         ({"outer": "body.stl", "base": {}}, "base: exactly one of point, box is needed"),
         ({"outer": "body.stl", "base": {"point": [0, 0, 0]}}, "base: a plane needs both, point and normal"),
