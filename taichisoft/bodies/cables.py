@@ -16,8 +16,8 @@ from taichisoft.kernels import cables as kernels
 from taichisoft.kernels.actuators import Coordinates, Gradient
 from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.meshes.point_files import read_points
-from taichisoft.meshes.second_order import linear_parts
 from taichisoft.meshes.surface import stacked
+from taichisoft.meshes.ten_nodes import linear_parts
 from taichisoft.scenes import soft_body as settings
 
 # A cable that rubs must stretch a little: where it sticks at some points and slides at others, its tensions would else

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft.bodies.elements import linear_tetrahedra, quadratic_tetrahedra
-from taichisoft.meshes.second_order import SIDES
+from taichisoft.meshes.ten_nodes import SIDES
 
 
 @dataclass(frozen=True)

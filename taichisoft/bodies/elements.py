@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichisoft.meshes.second_order import SIDES
+from taichisoft.meshes.ten_nodes import CUBIC_POINTS, CUBIC_WEIGHTS, QUADRATURE_POINTS, jacobians, slopes
 
 
 def linear_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -24,12 +24,13 @@ def linear_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarr
     return np.ascontiguousarray(np.concatenate([first, last_three], axis=1)[:, None]), volumes[:, None]
 
 
-# Four points that integrate quadratic functions over a tetrahedron exactly, as barycentric coordinates.
-QUADRATURE_POINTS = np.full((4, 4), (5.0 - 5.0**0.5) / 20.0) + np.eye(4) * 5.0**-0.5
-
-
 def quadratic_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Gradients and volumes of ten-node tetrahedra, whose sides may be curved, at four quadrature points.
+
+    Over curved elements the gradients times the determinant of the Jacobian are cubic functions, which four points do
+    not integrate exactly, so that a constant stress would push nodes inside a body. The volumes are scaled to that of
+    the element, and the gradients shifted by what their mean misses (the integration constraint of Chen, Wu, Yoon and
+    You 2001): then they give rigid motions and constant strains exactly, too, and a constant stress is at rest.
 
     Args:
         nodes: rest positions [mm], shape (node_count, 3).
@@ -39,16 +40,21 @@ def quadratic_tetrahedra(nodes: np.ndarray, elements: np.ndarray) -> tuple[np.nd
         gradients [1/mm] of the shape functions, shape (element_count, 4, 10, 3), and the volume [mm^3] that each
         quadrature point stands for, shape (element_count, 4); negative where an element is inside out.
     """
-    first, second = SIDES.T
-    unit, points = np.eye(4), QUADRATURE_POINTS
-    # Slopes of the shape functions along the barycentric coordinates, then along the last three of them.
-    at_corners = (4.0 * points - 1.0)[:, :, None] * unit
-    at_middles = 4.0 * (points[:, first, None] * unit[second] + points[:, second, None] * unit[first])
-    slopes = np.concatenate([at_corners, at_middles], axis=1)
-    slopes = slopes[..., 1:] - slopes[..., :1]
-    jacobian = np.einsum("eai,qaj->eqij", nodes[elements], slopes)
-    gradients = np.einsum("qaj,eqji->eqai", slopes, np.linalg.inv(jacobian))
-    return np.ascontiguousarray(gradients), np.linalg.det(jacobian) / 24.0
+    gradients, determinants = _gradients(nodes, elements, QUADRATURE_POINTS)
+    exact_gradients, exact_determinants = _gradients(nodes, elements, CUBIC_POINTS)
+    exact_parts = exact_determinants * CUBIC_WEIGHTS / 6.0
+    volume = exact_parts.sum(axis=1)
+    volumes = determinants * (volume / determinants.sum(axis=1))[:, None]
+    missing = np.einsum("eq,eqai->eai", exact_parts, exact_gradients)
+    missing -= np.einsum("eq,eqai->eai", volumes, gradients)
+    gradients += (missing / volume[:, None, None])[:, None]
+    return np.ascontiguousarray(gradients), volumes
+
+
+def _gradients(nodes: np.ndarray, elements: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Gradients [1/mm], (element_count, point_count, 10, 3), and determinants of the Jacobian [mm^3], at points."""
+    jacobian = jacobians(nodes, elements, points)
+    return np.einsum("qaj,eqji->eqai", slopes(points), np.linalg.inv(jacobian)), np.linalg.det(jacobian)
 
 
 def edge_frames(along: np.ndarray, across: np.ndarray) -> np.ndarray:

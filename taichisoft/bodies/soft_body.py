@@ -12,10 +12,11 @@ from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
 from taichisoft.kernels.laws import HOOKE
-from taichisoft.meshes.second_order import linear_parts, with_middle_nodes
+from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
+from taichisoft.meshes.ten_nodes import linear_parts
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, element_volumes
 from taichisoft.scenes import soft_body as settings
 
 # A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
@@ -117,7 +118,8 @@ def make_soft_body(
         mesh = with_middle_nodes(mesh)
     elif mesh.elements.shape[1] != 4:
         raise MeshError(
-            f'{mesh.source}: has ten-node tetrahedra, with {key}.element = "{body.element}"; use "quadratic"'
+            f'{mesh.source}: has ten-node tetrahedra, with {key}.element = "{body.element}"; use "quadratic", or mesh '
+            "with order = 1"
         )
     node_count = len(mesh.nodes)
     turn = rotation_from_degrees(body.rotation)
@@ -178,7 +180,7 @@ def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:
     # Of the mass of an element: equal parts, or those of the diagonal of the consistent mass matrix (Hinton, Rock and
     # Zienkiewicz 1976), since the integrals of the quadratic functions of corners are negative.
     part = np.full(4, 1 / 4) if nodes_per_element == 4 else np.repeat([1 / 36, 4 / 27], [4, 6])
-    share = (body.density or 0.0) * tetrahedron_volumes(mesh.nodes, mesh.elements)
+    share = (body.density or 0.0) * element_volumes(mesh.nodes, mesh.elements)
     return np.bincount(mesh.elements.ravel(), np.outer(share, part).ravel(), node_count)
 
 

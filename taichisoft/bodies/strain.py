@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from taichisoft.bodies.elements import linear_tetrahedra
-from taichisoft.meshes.second_order import linear_parts
+from taichisoft.meshes.ten_nodes import linear_parts
 from taichisoft.scenes.soft_body import SoftBody
 
 HOOKE_STRETCH = 1.2

@@ -9,7 +9,7 @@ import numpy as np
 import trimesh
 
 from taichisoft.errors import SceneError
-from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
 from taichisoft.model import Model
 from taichisoft.scenes.scene import Scene
 
@@ -68,7 +68,7 @@ def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
         if body.density is not None:
             _check(f"soft_bodies.{name}.density", body.density, SOFT_DENSITY)
         elif body.mass is not None:
-            volume = float(tetrahedron_volumes(mesh.nodes, mesh.elements).sum())
+            volume = float(element_volumes(mesh.nodes, mesh.elements).sum())
             _check_mass(f"soft_bodies.{name}.mass", body.mass, volume, SOFT_DENSITY)
         count = _piece_count(mesh.elements)
         if count > 1:

@@ -14,13 +14,13 @@ VOLUME_SUFFIXES = (".msh", ".vtk", ".vtu")
 
 
 def read_volume_mesh(path: str | Path) -> VolumeMesh:
-    """Read linear tetrahedra from legacy VTK, VTU or MSH (2.2, 4.0, 4.1, text or binary).
+    """Read tetrahedra of four or ten nodes from legacy VTK, VTU or MSH (2.2, 4.0, 4.1, text or binary).
 
-    Nodes and tetrahedra keep the file's order, in MSH 4.1 that of their numbers; positions are in [mm]. Named groups
-    of triangles (the physical groups of MSH, cell data called "group:NAME" in VTK and VTU) become the mesh's surface
-    groups, those of tetrahedra its element groups; the file's points, lines and other triangles are ignored. No
-    tetrahedron is ever turned round, because the corotational frames depend on the order of its nodes: an inverted
-    one is an error.
+    Nodes and tetrahedra keep the file's order, in MSH 4.1 that of their numbers, but ten nodes of a tetrahedron come in
+    VTK's order; positions are in [mm]. Named groups of triangles (the physical groups of MSH, cell data called
+    "group:NAME" in VTK and VTU) become the mesh's surface groups, with four triangles for one of six nodes; those of
+    tetrahedra become its element groups; the file's points, lines and other triangles are ignored. No tetrahedron is
+    ever turned round, because the corotational frames depend on the order of its nodes: an inverted one is an error.
 
     Args:
         path: file whose suffix, .msh, .vtk or .vtu, says the format.
@@ -35,7 +35,7 @@ def read_unchecked_mesh(path: str | Path) -> VolumeMesh:
     """Read a mesh as `read_volume_mesh` does, but leave it to the caller to see whether it is fit to simulate.
 
     Raises:
-        MeshError: the file is missing, unreadable or of another kind, or has other cells than linear tetrahedra.
+        MeshError: the file is missing, unreadable or of another kind, or has other cells than tetrahedra.
     """
     path = existing_file(path, "volume mesh", VOLUME_SUFFIXES)
     try:
@@ -47,14 +47,15 @@ def read_unchecked_mesh(path: str | Path) -> VolumeMesh:
 
 
 def write_volume_mesh(mesh: VolumeMesh, path: str | Path) -> None:
-    """Write linear tetrahedra; reading them again gives equal nodes, bit for bit, and equal elements.
+    """Write tetrahedra of four or ten nodes; reading them again gives equal nodes, bit for bit, and equal elements.
 
     MSH (4.1, as text) and VTU keep the groups: a triangle in several surface groups stands in the file once, and each
     group comes back in the order of the first that names its triangles. VTU has no place for a group of nothing.
-    Legacy VTK is for other programs: it has the tetrahedra alone. The file appears under its name when it is complete.
+    Triangles are written with three nodes, four of them on each side of a tetrahedron of ten nodes. Legacy VTK is for
+    other programs: it has the tetrahedra alone. The file appears under its name when it is complete.
 
     Args:
-        mesh: mesh of linear tetrahedra.
+        mesh: mesh of tetrahedra.
         path: file whose suffix, .msh, .vtu or .vtk, says the format.
 
     Raises:

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.meshes.volume_mesh import MeshContent
+from taichisoft.meshes.volume_mesh import MeshContent, four_triangles
 
-CORNERS = {"triangle": 3, "tetra": 4}
-DIMENSIONS = {"triangle": 2, "tetra": 3}
+NODE_COUNTS = {"triangle": 3, "triangle6": 6, "tetra": 4, "tetra10": 10}
+DIMENSIONS = {"triangle": 2, "triangle6": 2, "tetra": 3, "tetra10": 3}
 
 # Cell data of this prefix is 1 for the cells of a group and 0 for the others.
 GROUP_PREFIX = "group:"
@@ -33,13 +33,16 @@ def read_with_meshio(path: Path) -> MeshContent:
     if suffix == ".vtk":
         _refuse_lost_cells(path, sum(len(block.data) for block in content.cells))
     groups_of = _named_groups if suffix == ".msh" else _flagged_groups
-    tetrahedra, element_groups = groups_of(content, "tetra")
-    triangles, surface_groups = groups_of(content, "triangle")
+    tetrahedra, element_groups = groups_of(content, _one_of(content, "tetra", "tetra10"))
+    triangles, surface_groups = groups_of(content, _one_of(content, "triangle", "triangle6"))
+    if triangles.shape[1] == 6:
+        triangles = four_triangles(triangles)
+        surface_groups = {name: (4 * group[:, None] + np.arange(4)).ravel() for name, group in surface_groups.items()}
     return MeshContent(content.points, tetrahedra, triangles, element_groups, surface_groups, _other_volumes(content))
 
 
 def _named_groups(content: Any, cell_type: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """All cells of one type, (count, corners), and the indices, (size,), of each physical group of MSH."""
+    """All cells of one type, (count, nodes), and the indices, (size,), of each physical group of MSH."""
     blocks = _blocks(content, cell_type)
     cells = _cells(content, cell_type)
     tags = {
@@ -69,19 +72,27 @@ def _flagged_groups(content: Any, cell_type: str) -> tuple[np.ndarray, dict[str,
     return _cells(content, cell_type), groups
 
 
+def _one_of(content: Any, linear: str, quadratic: str) -> str:
+    """The type of which the file has cells; ValueError where it has both."""
+    found = [cell_type for cell_type in (linear, quadratic) if _blocks(content, cell_type)]
+    if len(found) == 2:
+        raise ValueError(f"it has cells of the types {linear} and {quadratic}; mesh again with one order of elements")
+    return found[0] if found else linear
+
+
 def _blocks(content: Any, cell_type: str) -> list[int]:
     return [number for number, block in enumerate(content.cells) if block.type == cell_type]
 
 
 def _cells(content: Any, cell_type: str) -> np.ndarray:
     blocks = [content.cells[b].data for b in _blocks(content, cell_type)]
-    return np.concatenate([np.empty((0, CORNERS[cell_type]), int), *blocks])
+    return np.concatenate([np.empty((0, NODE_COUNTS[cell_type]), int), *blocks])
 
 
 def _other_volumes(content: Any) -> dict[str, int]:
     others: dict[str, int] = {}
     for block in content.cells:
-        if block.dim == 3 and block.type != "tetra":
+        if block.dim == 3 and block.type not in NODE_COUNTS:
             others[block.type] = others.get(block.type, 0) + len(block.data)
     return others
 

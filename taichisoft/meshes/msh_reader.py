@@ -5,13 +5,14 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft.meshes.volume_mesh import MeshContent
+from taichisoft.meshes.volume_mesh import MeshContent, four_triangles
 
 # By gmsh's number of a type of cell: how many nodes it has, and a name for those with a volume.
 NODE_COUNTS = {1: 2, 2: 3, 3: 4, 4: 4, 5: 8, 6: 6, 7: 5, 8: 3, 9: 6, 10: 9, 11: 10, 12: 27, 13: 18, 14: 14, 15: 1}
 NODE_COUNTS |= {16: 8, 17: 20, 18: 15, 19: 13, 20: 9, 21: 10, 22: 12, 23: 15, 24: 15, 25: 21, 29: 20, 30: 35, 31: 56}
-VOLUME_NAMES = {5: "hexahedron", 6: "wedge", 7: "pyramid", 11: "tetra10", 29: "tetra20"}
-TRIANGLE, TETRAHEDRON = 2, 4
+VOLUME_NAMES = {5: "hexahedron", 6: "wedge", 7: "pyramid", 29: "tetra20"}
+TRIANGLE, SIX_NODES, TETRAHEDRON, TEN_NODES = 2, 9, 4, 11
+VTK_ORDER = [*range(8), 9, 8]  # of the nodes of a ten-node tetrahedron in gmsh's order
 
 Entity = tuple[int, int]
 """Dimension and tag of a piece of the geometry."""
@@ -93,12 +94,17 @@ def read_msh41(path: Path) -> MeshContent:
         }
         return {names[dimension, tag]: np.flatnonzero(np.isin(entity, members)) for tag, members in inside.items()}
 
+    if TETRAHEDRON in counts and TEN_NODES in counts:
+        raise ValueError("it has tetrahedra of four and of ten nodes; mesh again with one order of elements")
+    tetrahedra, kind = cells[TETRAHEDRON], TETRAHEDRON
+    if TEN_NODES in counts:
+        tetrahedra, kind = cells[TEN_NODES][:, VTK_ORDER], TEN_NODES
     return MeshContent(
         nodes,
-        cells[TETRAHEDRON],
-        cells[TRIANGLE],
-        groups(3, entities[TETRAHEDRON]),
-        groups(2, entities[TRIANGLE]),
+        tetrahedra,
+        np.concatenate([cells[TRIANGLE], four_triangles(cells[SIX_NODES])]),
+        groups(3, entities[kind]),
+        groups(2, np.concatenate([entities[TRIANGLE], np.repeat(entities[SIX_NODES], 4)])),
         {name: counts[kind] for kind, name in VOLUME_NAMES.items() if kind in counts},
     )
 
@@ -170,7 +176,10 @@ def _cells(
     numbers: Numbers, node_numbers: np.ndarray
 ) -> tuple[dict[int, np.ndarray], dict[int, np.ndarray], Mapping[int, int]]:
     """Triangles and tetrahedra with indices of nodes, the entity of each, and how many cells each type has."""
-    rows = {kind: [np.empty((0, 2 + NODE_COUNTS[kind]), dtype=np.int64)] for kind in (TRIANGLE, TETRAHEDRON)}
+    rows = {
+        kind: [np.empty((0, 2 + NODE_COUNTS[kind]), dtype=np.int64)]
+        for kind in (TRIANGLE, SIX_NODES, TETRAHEDRON, TEN_NODES)
+    }
     counts: dict[int, int] = {}
     for _ in range(numbers.sizes(4)[0]):
         _, entity, kind = (int(value) for value in numbers.integers(3))

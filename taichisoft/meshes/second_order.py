@@ -2,10 +2,8 @@
 
 import numpy as np
 
+from taichisoft.meshes.ten_nodes import SIDES
 from taichisoft.meshes.volume_mesh import VolumeMesh, four_triangles
-
-SIDES = np.array([[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]])
-"""The corners between which the nodes 4 to 9 of a tetrahedron lie, in VTK's order."""
 
 
 def with_middle_nodes(mesh: VolumeMesh) -> VolumeMesh:
@@ -43,20 +41,3 @@ def _halved(triangle: np.ndarray, middle: np.ndarray) -> np.ndarray:
     whole = int(np.argmin(middle))  # the parts meet in a corner of a side that has none
     ring = [node for k in range(3) for node in (triangle[(whole + k) % 3], middle[(whole + k) % 3]) if node >= 0]
     return np.array([[ring[0], *ring[k : k + 2]] for k in range(1, len(ring) - 1)])
-
-
-def linear_parts(elements: np.ndarray) -> np.ndarray:
-    """Each ten-node tetrahedron as eight of four nodes, shape (8 element_count, 4); four-node ones as they are."""
-    if elements.shape[1] == 4:
-        return elements
-    parts = [
-        [0, 4, 6, 7],
-        [4, 1, 5, 8],
-        [6, 5, 2, 9],
-        [7, 8, 9, 3],
-        [4, 9, 5, 6],
-        [4, 9, 6, 7],
-        [4, 9, 7, 8],
-        [4, 9, 8, 5],
-    ]
-    return elements[:, parts].reshape(-1, 4)

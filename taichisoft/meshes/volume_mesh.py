@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from taichisoft.errors import MeshError
+from taichisoft.meshes.ten_nodes import curved_volumes, least_volumes
 
 
 @dataclass(frozen=True)
@@ -16,7 +17,7 @@ class VolumeMesh:
         source: file or mesher that made the mesh; errors begin with it.
         nodes: rest positions [mm], shape (node_count, 3).
         elements: node indices, shape (element_count, 4), or (element_count, 10) with nodes in the middles of the sides,
-            see `second_order.py`.
+            or on a curved surface near them, see `ten_nodes.py`.
         surface_groups: named boundary triangles ("outer", "cavity", "base", ...), each (count, 3) node indices.
         element_groups: named sets of elements, each (count,) element indices.
     """
@@ -35,7 +36,8 @@ class VolumeMesh:
         """Return the mesh itself when it is fit to simulate.
 
         Raises:
-            MeshError: no elements, NaN, indices out of range, unused nodes, flat, inverted or duplicate elements.
+            MeshError: no elements, NaN, indices out of range, unused nodes, flat, inverted or duplicate elements,
+                or one that curved sides turn over.
         """
         if self.elements.size == 0:
             raise self._error("has no tetrahedra; a volume mesh (.vtk, .vtu, .msh) is needed, not a surface")
@@ -53,6 +55,9 @@ class VolumeMesh:
         flat = np.abs(volumes) <= 1e-12 * np.abs(volumes).max()
         _refuse(self, flat, "element", "has no volume")
         _refuse(self, volumes < 0, "element", "is inverted (its volume is negative); swap two of its nodes")
+        if self.elements.shape[1] == 10:
+            turned = least_volumes(self.nodes, self.elements) <= 1e-12 * volumes.max()
+            _refuse(self, turned, "element", "is turned over by its curved sides; mesh more finely, or with order = 1")
         return self
 
     def _error(self, what: str) -> MeshError:
@@ -65,11 +70,11 @@ class MeshContent:
 
     Attributes:
         nodes: positions [mm], shape (node_count, 3).
-        tetrahedra: node indices of the linear tetrahedra, shape (element_count, 4).
-        triangles: node indices of the linear triangles, shape (triangle_count, 3).
+        tetrahedra: node indices, shape (element_count, 4), or (element_count, 10) in VTK's order.
+        triangles: node indices, shape (triangle_count, 3); of one with six nodes, its four parts.
         element_groups: indices of tetrahedra by name, each (count,).
         surface_groups: indices of triangles by name, each (count,).
-        others: number of cells with a volume that are no linear tetrahedra, by meshio's name of their type.
+        others: number of cells with a volume that are no such tetrahedra, by meshio's name of their type.
     """
 
     nodes: np.ndarray
@@ -83,10 +88,8 @@ class MeshContent:
         """The mesh, not checked yet; `source` begins its errors.
 
         Raises:
-            MeshError: there are other cells with a volume than linear tetrahedra.
+            MeshError: there are other cells with a volume than tetrahedra of four or ten nodes.
         """
-        if "tetra10" in self.others:
-            raise MeshError(f"{source}: has quadratic tetrahedra; mesh again with linear ones (element order 1)")
         if self.others:
             found = ", ".join(f"{count} of {name}" for name, count in self.others.items())
             raise MeshError(f"{source}: has cells that are no tetrahedra ({found}); mesh again with tetrahedra only")
@@ -100,6 +103,11 @@ def tetrahedron_volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
     """Signed volumes [mm^3] of the tetrahedra spanned by each element's first four nodes, shape (element_count,)."""
     edges = nodes[elements[:, 1:4]] - nodes[elements[:, :1]]
     return np.linalg.det(edges) / 6.0
+
+
+def element_volumes(nodes: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """Signed volumes [mm^3] of four-node or ten-node tetrahedra, these between their curved sides, (element_count,)."""
+    return (curved_volumes if elements.shape[1] == 10 else tetrahedron_volumes)(nodes, elements)
 
 
 def boundary_triangles(elements: np.ndarray) -> np.ndarray:

@@ -10,9 +10,13 @@ from taichisoft.errors import MeshError
 from taichisoft.meshes.meshio_reader import GROUP_PREFIX
 from taichisoft.meshes.volume_mesh import VolumeMesh
 
-# Dimension, and gmsh's number of the linear cell.
-TRIANGLE = (2, 2)
-TETRAHEDRON = (3, 4)
+TRIANGLE = 2
+TETRAHEDRA = {4: 4, 10: 11}
+"""gmsh's numbers of the cells, of tetrahedra by the number of their nodes."""
+MESHIO_TETRAHEDRA = {4: "tetra", 10: "tetra10"}
+
+GMSH_ORDER = [*range(8), 9, 8]
+"""Of the nodes of a ten-node tetrahedron in VTK's order; the same brings that order back."""
 
 
 def write_msh(mesh: VolumeMesh, path: Path) -> None:
@@ -48,7 +52,9 @@ def write_vtk(mesh: VolumeMesh, path: Path) -> None:
     import meshio
 
     # Version 4.2: most programs besides ParaView do not know the arrays of 5.1.
-    meshio.vtk.write(path, meshio.Mesh(mesh.nodes, [("tetra", mesh.elements)]), fmt_version="4.2")
+    meshio.vtk.write(
+        path, meshio.Mesh(mesh.nodes, [(MESHIO_TETRAHEDRA[mesh.elements.shape[1]], mesh.elements)]), fmt_version="4.2"
+    )
 
 
 def write_vtu(mesh: VolumeMesh, path: Path) -> None:
@@ -61,7 +67,8 @@ def write_vtu(mesh: VolumeMesh, path: Path) -> None:
     import meshio
 
     triangles, elements = grouped_cells(mesh)
-    blocks = [("tetra", elements), *([("triangle", triangles)] if len(triangles.cells) else [])]
+    kind = MESHIO_TETRAHEDRA[mesh.elements.shape[1]]
+    blocks = [(kind, elements), *([("triangle", triangles)] if len(triangles.cells) else [])]
     flags = {
         f"{GROUP_PREFIX}{name}": [
             cells.groups.get(name, np.zeros(len(cells.cells))).astype(np.uint8) for _, cells in blocks
@@ -164,11 +171,13 @@ def _nodes(mesh: VolumeMesh) -> Iterator[str]:
 def _cells(triangles: GroupedCells, elements: GroupedCells) -> Iterator[str]:
     count = len(elements.cells) + len(triangles.cells)
     yield f"{len(triangles.by_groups()) + len(elements.by_groups())} {count} 1 {count}"
-    for (dimension, number), cells, cells_before in (
-        (TRIANGLE, triangles, len(elements.cells)),
-        (TETRAHEDRON, elements, 0),
+    nodes_per_element = elements.cells.shape[1]
+    tetrahedra = elements.cells[:, GMSH_ORDER[:nodes_per_element]]
+    for dimension, number, cells, rows, cells_before in (
+        (2, TRIANGLE, triangles, triangles.cells, len(elements.cells)),
+        (3, TETRAHEDRA[nodes_per_element], elements, tetrahedra, 0),
     ):
         for entity, (_, members) in enumerate(cells.by_groups(), start=1):
             yield f"{dimension} {entity} {number} {len(members)}"
-            for row in np.column_stack([members + cells_before, cells.cells[members]]) + 1:
+            for row in np.column_stack([members + cells_before, rows[members]]) + 1:
                 yield " ".join(map(str, row.tolist()))

@@ -134,16 +134,6 @@ def test_a_surface_is_no_volume_mesh(tmp_path: Path) -> None:
     assert "has no tetrahedra" in refusal(tmp_path / "skin.vtk")
 
 
-def test_quadratic_tetrahedra_are_named_as_such(tmp_path: Path) -> None:
-    import meshio
-
-    corners = np.arange(10).reshape(1, 10)
-    meshio.vtu.write(
-        tmp_path / "curved.vtu", meshio.Mesh(np.random.default_rng(1).random((10, 3)), [("tetra10", corners)])
-    )
-    assert "quadratic tetrahedra; mesh again with linear ones" in refusal(tmp_path / "curved.vtu")
-
-
 @pytest.mark.parametrize("suffix", [".vtk", ".vtu"])
 def test_cells_of_other_shapes_are_named(tmp_path: Path, suffix: str) -> None:
     """A hexahedron beside a tetrahedron: to leave it out would leave a hole."""

@@ -1,5 +1,7 @@
 """Elements of every kind: patch tests, objectivity, momentum, and tangents that are slopes of the forces."""
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,12 +14,15 @@ from scenes import advance, silicone, simulate, soft_momentum
 from scipy.spatial.transform import Rotation
 
 from taichisoft.bodies.elasticity import ElasticSystem, internal_force
-from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
+from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft.model import Model
 
 SIZE = (30.0, 20.0, 10.0)
-KINDS = ("linear", "smoothed", "quadratic")
+ELEMENTS = ("linear", "smoothed", "quadratic")
+KINDS = (*ELEMENTS, "curved")
+"""The curved ones are quadratic, with the sides inside the block bent."""
 YOUNG, POISSON = 500.0, 0.3
 
 
@@ -38,7 +43,19 @@ def models(irregular: str) -> dict[str, Model]:
     return {kind: _model(irregular, kind) for kind in KINDS}
 
 
+def _curved(mesh: str) -> str:
+    """A file with ten-node tetrahedra beside one with four: middles inside shifted by up to a 25th of a cell."""
+    quadratic = with_middle_nodes(read_volume_mesh(mesh))
+    middles = np.setdiff1d(quadratic.elements[:, 4:], boundary_triangles(quadratic.elements))
+    nodes, path = quadratic.nodes.copy(), Path(mesh).with_name("curved.msh")
+    nodes[middles] += np.random.default_rng(4).uniform(-0.04, 0.04, (len(middles), 3)) * np.array(SIZE) / 3
+    write_volume_mesh(replace(quadratic, nodes=nodes), path)
+    return str(path)
+
+
 def _model(mesh: str, kind: str, **changes: Any) -> Model:
+    if kind == "curved":
+        mesh, kind = _curved(mesh), "quadratic"
     body = silicone(mesh, element=kind, corotation="polar", **changes)
     return simulate(soft_bodies={"block": body}).model
 
@@ -111,7 +128,7 @@ def test_forces_turn_with_the_body_and_balance(models: dict[str, Model], kind: s
     np.testing.assert_allclose(np.cross(position, force).sum(axis=0), 0.0, atol=1e-10 * scale * max(SIZE))
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ELEMENTS)
 def test_forces_do_not_depend_on_the_order_of_nodes_in_elements(
     irregular: str, kind: str, tmp_path: Any, models: dict[str, Model]
 ) -> None:
@@ -165,7 +182,7 @@ def _dense(system: ElasticSystem, node_count: int) -> np.ndarray:
     return matrix.reshape(3 * node_count, -1)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", ELEMENTS)
 def test_momentum_and_spin_stay(irregular: str, kind: str) -> None:
     """A free body that starts bent keeps its momentum, and does not begin to turn.
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.surfaces import soft_surface
-from taichisoft.meshes.second_order import linear_parts
 from taichisoft.meshes.surface import MappedSurface
 from taichisoft.meshes.surface_files import read_surface
+from taichisoft.meshes.ten_nodes import linear_parts
 from taichisoft_plugins.drawing.style import StyleError
 from taichisoft_plugins.recording.bodies import RecordedSoftBody, RecordedSurface
 from taichisoft_plugins.recording.reader import Recording

@@ -13,8 +13,8 @@ import numpy as np
 import taichisoft
 from taichisoft.bodies.cable_paths import CablePath, cable_paths
 from taichisoft.bodies.surfaces import BodySurface, Plane, Surface, soft_surface
-from taichisoft.meshes.second_order import linear_parts
 from taichisoft.meshes.surface import MappedSurface
+from taichisoft.meshes.ten_nodes import linear_parts
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft_plugins.recording.layout import LAYOUT
