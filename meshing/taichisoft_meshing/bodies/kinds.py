@@ -18,8 +18,9 @@ from taichisoft_meshing.bodies.hollow_body import HollowBody, read_hollow_body
 from taichisoft_meshing.bodies.meshed_body import with_base
 from taichisoft_meshing.bodies.step_mesher import StepSolid, mesh_step, read_step
 from taichisoft_meshing.bodies.surface_mesher import keep_surfaces, remesh_surfaces
-from taichisoft_meshing.bodies.tables import Base, Count, FittedSizes, Sizes, preset_sizes
+from taichisoft_meshing.bodies.tables import Base, Count, FittedSizes, Sizes, SolidSizes, preset_sizes
 from taichisoft_meshing.bodies.wall_splitting import with_elements_across
+from taichisoft_meshing.curved_sides import CurvedSides, with_curved_sides
 from taichisoft_meshing.geometry_file import checked
 
 FileName = Annotated[str, Field(strict=True, min_length=1)]
@@ -34,7 +35,7 @@ class StepTable(Table):
     """Number of voids that the body must have; any number when it is not given."""
     base: Base | None = None
     """Triangles of the outside that make the group "base"."""
-    mesh: Sizes = Sizes()
+    mesh: SolidSizes = SolidSizes()
 
 
 class SurfacesTable(Table):
@@ -106,11 +107,13 @@ class _BodyFromFiles(Geometry):
             sizes = self.table.mesh.fitted(body.extent, body.volume, size, body.cavity_volumes)
         except ValueError as error:
             raise MeshError(f"{self.file}: {error}") from error
-        return with_base(with_elements_across(self._fill(sizes), sizes), self.table.base)
+        mesh, sides = self._fill(sizes)
+        mesh = with_elements_across(mesh, sizes)
+        return with_base(mesh if sides is None else with_curved_sides(mesh, sides), self.table.base)
 
     @abstractmethod
-    def _fill(self, sizes: FittedSizes) -> VolumeMesh:
-        """Fill the body with tetrahedra."""
+    def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
+        """Fill the body with tetrahedra of four nodes; with the curved sides of those of ten, if they are asked for."""
 
     def _check_cavities(self, found: int, place: Path, where: str, hint: str = "") -> None:
         """Raise MeshError when the files have another number of cavities than the tables; warn when there is none."""
@@ -134,8 +137,8 @@ class StepBody(_BodyFromFiles):
         self._check_cavities(len(solid.cavity_volumes), solid.path, f"{solid.path} has", hint)
         return solid
 
-    def _fill(self, sizes: FittedSizes) -> VolumeMesh:
-        return mesh_step(self.body, sizes, str(self.file))
+    def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
+        return mesh_step(self.body, sizes, str(self.file), curved=self.table.mesh.order == 2)
 
 
 class SurfacesBody(_BodyFromFiles):
@@ -151,7 +154,7 @@ class SurfacesBody(_BodyFromFiles):
         self._check_cavities(len(body.cavities), folder / table.outer, "the files have")
         return body
 
-    def _fill(self, sizes: FittedSizes) -> VolumeMesh:
+    def _fill(self, sizes: FittedSizes) -> tuple[VolumeMesh, CurvedSides | None]:
         if self.table.keep_surface:
-            return keep_surfaces(self.body, sizes, str(self.file))
-        return remesh_surfaces(self.body, sizes, self.table.feature_angle, str(self.file))
+            return keep_surfaces(self.body, sizes, str(self.file)), None
+        return remesh_surfaces(self.body, sizes, self.table.feature_angle, str(self.file)), None

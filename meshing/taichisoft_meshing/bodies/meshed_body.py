@@ -9,7 +9,7 @@ import numpy as np
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
+from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, element_volumes
 from taichisoft_meshing.bodies.tables import Base
 from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, tetrahedra
 from taichisoft_meshing.quality.surfaces import cavity_names
@@ -85,7 +85,7 @@ def compare_volumes(mesh: VolumeMesh, silicone: float, cavities: Sequence[float]
     Raises:
         MeshError: a volume differs too much.
     """
-    meshed = [float(tetrahedron_volumes(mesh.nodes, mesh.elements).sum())]
+    meshed = [float(element_volumes(mesh.nodes, mesh.elements).sum())]
     meshed += [enclosed_volume(mesh.nodes, mesh.surface_groups[name]) for name in cavity_names(len(cavities))]
     names = ["silicone", *cavity_names(len(cavities))]
     for refused in (True, False):  # all are looked at before any is only said

@@ -13,6 +13,7 @@ from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.bodies.meshed_body import compare_volumes, meshed_body, shells_of_solid
 from taichisoft_meshing.bodies.size_growth import set_sizes
 from taichisoft_meshing.bodies.tables import FittedSizes
+from taichisoft_meshing.curved_sides import CurvedSides, bent, curved_sides
 from taichisoft_meshing.gmsh_session import SURFACE_ALGORITHMS, first_success, gmsh_session
 
 SUFFIXES = (".step", ".stp")
@@ -66,21 +67,31 @@ def read_step(path: Path) -> StepSolid:
     return StepSolid(path, volume, tuple(abs(one) for one in enclosed[1:]), upper - lower, flat)
 
 
-def mesh_step(solid: StepSolid, sizes: FittedSizes, source: str) -> VolumeMesh:
-    """Mesh the body of a STEP file with elements of some sizes; `source` begins every error.
+def mesh_step(
+    solid: StepSolid, sizes: FittedSizes, source: str, curved: bool = False
+) -> tuple[VolumeMesh, CurvedSides | None]:
+    """Mesh the body of a STEP file with elements of four nodes and some sizes.
+
+    Args:
+        solid: the body.
+        sizes: of its elements.
+        source: begins every error.
+        curved: whether the middles of the sides on its surfaces are wanted, too.
 
     Raises:
         MeshError: gmsh fails, or a volume comes out wrong.
     """
 
-    def make(gmsh: Any, algorithm: int) -> VolumeMesh:
+    def make(gmsh: Any, algorithm: int) -> tuple[VolumeMesh, CurvedSides | None]:
         gmsh.option.setNumber("Mesh.Algorithm", algorithm)
         shells = shells_of_solid(gmsh.model.occ, _import_solid(gmsh, solid.path))
         set_sizes(gmsh, sizes, [face for shell in shells[1:] for face in shell])
         gmsh.model.mesh.generate(3)
         mesh = meshed_body(gmsh, shells, source)
-        compare_volumes(mesh, solid.volume, solid.cavity_volumes, FLAT_TOLERANCE if solid.flat else None)
-        return mesh
+        sides = curved_sides(gmsh, mesh.nodes, mesh.elements) if curved else None
+        shaped = mesh if sides is None else bent(mesh, sides)[0]
+        compare_volumes(shaped, solid.volume, solid.cavity_volumes, FLAT_TOLERANCE if solid.flat else None)
+        return mesh, sides
 
     return first_success(str(solid.path), SURFACE_ALGORITHMS, make)
 

@@ -82,7 +82,7 @@ class Sizes(Table):
     """Least number of elements; 2 cuts the edges that lead through a wall, which about doubles the nodes."""
 
     @model_validator(mode="after")
-    def _check_order(self) -> "Sizes":
+    def _check_sizes(self) -> "Sizes":
         if self.largest is not None and self.smallest is not None and self.smallest > self.largest:
             raise ValueError(f"smallest = {self.smallest:g}: must be at most largest, {self.largest:g}")
         if self.largest is None and self.smallest is not None:
@@ -110,6 +110,13 @@ class Sizes(Table):
         refuse_too_many(element_count(volume, largest, largest), "size", largest)
         refuse_too_many(element_count(volume, largest, smallest, cavity_volumes), "smallest", smallest, power=2)
         return FittedSizes(largest, smallest, self.curvature, self.elements_across_walls)
+
+
+class SolidSizes(Sizes):
+    """Sizes of the tetrahedra in a solid, whose surfaces are known between the nodes, and how they follow them."""
+
+    order: Literal[1, 2] = 1
+    """1: tetrahedra of four nodes; 2: of ten, whose sides follow curved surfaces, for `element = "quadratic"`."""
 
 
 def preset_sizes(extent: np.ndarray) -> dict[str, float]:

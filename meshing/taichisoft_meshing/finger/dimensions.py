@@ -5,7 +5,7 @@ Axes as in the mesh: the base is the plane x = 0 and the finger points to -x; y 
 """
 
 import math
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
@@ -139,6 +139,8 @@ class ElementSizes(_Table):
     """Layers of elements in the thin walls of the cavity, if `smallest` is so small that they are not flat."""
     curvature: CountOrNone = 8
     """Number of edges around a full turn of a fillet or bore; 0: no finer where the surface is curved."""
+    order: Literal[1, 2] = 1
+    """1: tetrahedra of four nodes; 2: of ten, whose sides follow curved surfaces, for `element = "quadratic"`."""
 
 
 def starts(row: Slots | Chambers) -> list[float]:

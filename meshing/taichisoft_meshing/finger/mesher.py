@@ -7,6 +7,7 @@ import numpy as np
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.bodies.meshed_body import compare_volumes
+from taichisoft_meshing.curved_sides import curved_sides, with_curved_sides
 from taichisoft_meshing.finger.boxes import Box, chamber_boxes, channel_box
 from taichisoft_meshing.finger.cavity_walls import layer_count, thin_walls
 from taichisoft_meshing.finger.groups import element_groups, surface_groups
@@ -27,7 +28,7 @@ is thick, nodes come to lie inside it; gmsh finds no place for any where they ar
 
 
 def mesh_finger(parameters: FingerParameters, source: str = "finger") -> VolumeMesh:
-    """Mesh a finger with linear tetrahedra; the same parameters give the same mesh, node for node.
+    """Mesh a finger; the same parameters give the same mesh, node for node.
 
     Surface groups: "outer", the closed outer skin; "base", its part in the plane x = 0; "cavity", the wall of
     the air, closed, pointing into the silicone so that the volume that it encloses is positive. Element
@@ -44,11 +45,14 @@ def mesh_finger(parameters: FingerParameters, source: str = "finger") -> VolumeM
         build_finger(gmsh, parameters)
         _mesh_with_sizes(gmsh, parameters)
         nodes, elements, _ = tetrahedra(gmsh)
+        sides = curved_sides(gmsh, nodes, elements) if parameters.mesh.order == 2 else None
     try:
         groups = element_groups(parameters, nodes, elements)
     except ValueError as error:
         raise MeshError(f"{source}: {error}") from error
     mesh = VolumeMesh(f"{source} meshed by gmsh", nodes, elements, surface_groups(nodes, elements), groups).check()
+    if sides is not None:
+        mesh = with_curved_sides(mesh, sides).check()
     air = parameters.cavity_volume
     compare_volumes(mesh, parameters.solid_volume - air, [air], CURVED if parameters.is_curved else ROUNDING)
     return mesh

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
 from taichisoft_meshing.quality.surfaces import SurfaceQuality, cavities_outside, measure_surfaces
 from taichisoft_meshing.quality.tetrahedra import dihedral_angles, edge_lengths, neighbours, radius_ratios
 from taichisoft_meshing.quality.walls import WallQuality, measure_walls
@@ -54,7 +54,7 @@ class MeshQuality:
 
 def measure(mesh: VolumeMesh) -> MeshQuality:
     """Measure a mesh, which may be one that is not fit to simulate."""
-    volumes = tetrahedron_volumes(mesh.nodes, mesh.elements)
+    volumes = element_volumes(mesh.nodes, mesh.elements)
     surfaces = measure_surfaces(mesh)
     return MeshQuality(
         len(mesh.nodes),

@@ -4,7 +4,7 @@ Axes as those of `pneunet_finger`: the base is the plane x = 0 and the finger po
 (0), along which the cable runs, to the back; z is centred. Positions along the finger are distances from the base [mm].
 """
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -59,6 +59,8 @@ class ElementSizes(Table):
     """Edge length far from the hinges [mm]; --size replaces it and scales the other."""
     smallest: Positive = 3.5
     """Edge length in the hinges [mm]."""
+    order: Literal[1, 2] = 1
+    """1: tetrahedra of four nodes; 2: of ten, for `element = "quadratic"`; all faces are flat, and so are theirs."""
 
 
 class TendonFingerTable(Table):

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system.geometry import Geometry
 from taichisoft_meshing.bodies.meshed_body import compare_volumes
@@ -84,13 +85,14 @@ class TendonFinger(Geometry):
         surfaces = surface_groups(nodes, elements)
         mesh = VolumeMesh(f"{source} meshed by gmsh", nodes, elements, surfaces, groups).check()
         compare_volumes(mesh, finger.volume, [], VOLUME_TOLERANCE)
-        return mesh
+        return with_middle_nodes(mesh) if finger.mesh.order == 2 else mesh  # it has no curved faces
 
     def _with_size(self, size: float | None) -> TendonFingerTable:
         finger = self.dimensions
         if size is None:
             return finger
-        sizes = {"largest": size, "smallest": size * finger.mesh.smallest / finger.mesh.largest}
+        smallest = size * finger.mesh.smallest / finger.mesh.largest
+        sizes = {**self.tables.get("mesh", {}), "largest": size, "smallest": smallest}
         return checked(TendonFingerTable, {**self.tables, "mesh": sizes}, self.file)
 
 
