@@ -184,6 +184,7 @@ LAYERS = {
         "bodies",
         "size_search",
         "geometry_file",
+        "curved_sides",
         "quality",
         "gmsh_session",
     ],
