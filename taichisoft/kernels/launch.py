@@ -27,10 +27,11 @@ from taichisoft.errors import ForkedProcess
 from taichisoft.kernels.runtime import ti
 
 # Sets of arrays that a kernel remembers, for problems of several sizes and models side by side. A set keeps its arrays
-# alive.
+# alive; whoever puts larger ones in the place of large ones calls `forget`.
 REMEMBERED = 16
 # Taichi has one program a process, and promises nothing to threads that launch at once.
 LAUNCHING = Lock()
+KERNELS: list["Kernel"] = []
 
 
 def kernel(function: Callable[..., None]) -> "Kernel":
@@ -44,6 +45,14 @@ def func(function: Callable[..., Any]) -> Any:
         if _is_bundle(annotation):
             function.__annotations__[name] = ti.template()
     return ti.func(function)
+
+
+def forget(*held: Any) -> None:
+    """Let all kernels forget the launches with any of these arrays or bundles, so that nothing keeps them alive."""
+    unwanted = set(map(id, held))
+    with LAUNCHING:
+        for one in KERNELS:
+            one.forget(unwanted)
 
 
 class Kernel:
@@ -72,6 +81,7 @@ class Kernel:
         self._pick_held = _picker([index for index, name in enumerate(self._names) if name not in numbers])
         self._remembered: dict[tuple[int, ...], _Launch] = {}
         self._compiled: Any = None
+        KERNELS.append(self)
 
     def __call__(self, *arguments: Any) -> None:
         """Launch; arrays are changed in place.
@@ -89,6 +99,11 @@ class Kernel:
             if numbers != launch.numbers:
                 self._set_numbers(launch, numbers)
             self._program.launch_kernel(self._compiled, launch.context)
+
+    def forget(self, unwanted: set[int]) -> None:
+        """Forget the launches with any of these arguments, told by `id`."""
+        for identity in [known for known in self._remembered if not unwanted.isdisjoint(known)]:
+            del self._remembered[identity]
 
     def _set_numbers(self, launch: "_Launch", numbers: tuple[Any, ...]) -> None:
         launch.numbers = numbers
@@ -130,7 +145,9 @@ class Kernel:
 
     def _compile(self, flat: list[Any]) -> None:
         primal = self._kernel._primal
-        self._taichi_kernel = primal.compiled_kernels[primal.ensure_compiled(*flat)]
+        # Taichi keeps what it compiles with, of which it needs the types alone: so not these arrays.
+        alike = [np.empty_like(one[:0]) if isinstance(one, np.ndarray) else one for one in flat]
+        self._taichi_kernel = primal.compiled_kernels[primal.ensure_compiled(*alike)]
         self._program = ti.lang.impl.get_runtime().prog
         capabilities = self._program.get_device_caps()
         self._compiled = self._program.compile_kernel(self._program.config(), capabilities, self._taichi_kernel)

@@ -6,6 +6,7 @@ from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
 from taichisoft.kernels.compliance import GROUP, SparseColumns
 from taichisoft.kernels.constraint_problem import Problem
 from taichisoft.kernels.constraint_rows import Rows
+from taichisoft.kernels.launch import forget
 from taichisoft.model import Model
 from taichisoft.step.gauss_seidel import GaussSeidel
 
@@ -68,3 +69,8 @@ class ConstraintRows:
                 y=np.empty((groups, 3 * len(symbolic.order), GROUP)),
                 done=np.zeros(1, dtype=np.int32),
             )
+
+    def release(self) -> None:
+        """Let no kernel keep these arrays alive, when larger ones take their place."""
+        forget(self.rows)
+        self.gauss_seidel.release()

@@ -228,6 +228,7 @@ class Constraints:
         """What the rows of the chosen contacts and of the actuators act on."""
         self._contact_count = count = int(self._active_set.choice.count[TAKING_PART])
         if count > self._problem.contact_capacity:
+            self._problem.release()
             self._problem = ConstraintRows(self._model, int(GROWTH * count))
         rows, actuators = self._problem.rows, self._actuators
         actuator_count = len(actuators.coordinates) if with_actuators else 0

@@ -6,6 +6,7 @@ from taichisoft.interruption import stop_if_asked
 from taichisoft.kernels import gauss_seidel, interior_point, proximal_newton, smallest_impulses
 from taichisoft.kernels.constraint_problem import Iterate, Problem
 from taichisoft.kernels.elimination import make_linear_system
+from taichisoft.kernels.launch import forget
 from taichisoft.kernels.newton import Pull
 
 # Sweeps of a launch, between which a run may be interrupted, and before something else is tried; a grasp's steps take 5
@@ -50,6 +51,10 @@ class GaussSeidel:
         self._progress = gauss_seidel.Progress(np.zeros(5, dtype=np.int32), np.zeros(3))
         self._figure = np.zeros(1)
         self._last_shares: smallest_impulses.Shares | None = None
+
+    def release(self) -> None:
+        """Let no kernel keep these arrays alive, when larger ones take their place."""
+        forget(self._problem, self.answer)
 
     def solve(self, tolerance: float, max_iterations: int) -> None:
         """Improve `impulse` in place.

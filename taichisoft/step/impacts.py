@@ -78,6 +78,7 @@ class Impacts:
     def _inelastic(self, own: np.ndarray, velocity: np.ndarray, friction: np.ndarray) -> np.ndarray:
         count = len(friction)
         if count > len(self._problem.friction):
+            self._solver.release()
             self._make_room(2 * count)
         problem = self._problem
         problem.size[0] = count

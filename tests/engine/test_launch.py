@@ -1,12 +1,13 @@
 """Kernels take exactly the arrays that they are annotated with: a wrong one is an error, never misread memory."""
 
+import weakref
 from typing import NamedTuple
 
 import numpy as np
 import pytest
 
 from taichisoft.kernels import launch
-from taichisoft.kernels.launch import func, kernel, timed_launches
+from taichisoft.kernels.launch import forget, func, kernel, timed_launches
 from taichisoft.kernels.runtime import Scalars, Vectors, ti, vec3
 
 
@@ -103,6 +104,18 @@ def test_something_else_than_the_bundle_is_refused() -> None:
 def test_an_array_of_another_kind_in_a_bundle_is_refused() -> None:
     with pytest.raises(TypeError, match="double, result_mass: must be a contiguous float64 array of 1 dimensions"):
         double(1.0, particles(4), particles(4)._replace(mass=np.ones(4, dtype=np.int32)), np.ones(4))
+
+
+def test_what_is_forgotten_is_not_kept_alive() -> None:
+    some, result, masses = particles(4), particles(4), np.ones(4)
+    others = particles(4), particles(4), np.ones(4)
+    for held in ((some, result, masses), others):
+        double(1.0, *held)
+    freed, kept = weakref.ref(some.position), weakref.ref(others[0].position)
+    forget(some)
+    del some, result, masses, others, held
+    assert freed() is None
+    assert kept() is not None
 
 
 def test_only_the_launch_itself_is_timed(monkeypatch: pytest.MonkeyPatch) -> None:
