@@ -7,7 +7,7 @@ which are I1 - 3 and I2 - 3 where the volume stays, and 2 e : e for small strain
         c10 alone the stable neo-Hookean law of Smith, de Goes and Kim 2018 (Stable Neo-Hookean Flesh Simulation, whose
         lambda is lambda + mu here), with c01 Mooney and Rivlin's, with c20 and c30 Yeoh's;
     Ogden       sum_p mu_p / a_p (s1^a_p + s2^a_p + s3^a_p - 3) + mu_p ((J - 1)^2 / 2 - (J - 1)).
-All agree with Hooke's law for small strains, and none has a barrier at J = 0, so that inverted elements come back.
+All agree with Hooke's law for small strains, and none has a barrier at J = 0, so that inverted elements can come back.
 
 The second derivatives by F = U diag(s) V^T have, in the axes of U and V, the Hessian by the stretches, and for each
 pair of axes i, j with the third one k two eigenvalues (Smith, de Goes and Kim 2019, Analytic Eigensystems for Isotropic

@@ -6,8 +6,8 @@ from typing import Any
 from taichisoft.errors import SceneError, nearest
 from taichisoft.input_file import DEEPEST, parse_toml
 
-# Tables whose keys are names that the user gave: a new one here is a misspelt one, not a default to be replaced.
 NO_GOAL = "none"
+# Tables whose keys are names that the user gave: a new one here is a misspelt one, not a default to be replaced.
 NAMED_TABLES = ("soft_bodies", "rigid_bodies", "obstacles")
 
 

@@ -54,7 +54,7 @@ class DivergenceCheck:
         centres = list(range(len(rigid) + 1))
         self._rigid = _Leaps([body.name for body in rigid], [body.vertices for body in rigid], centres)
         counts = [len(body.elements) for body in soft]
-        # Laws of rubber push elements out again that are turned inside out, however many.
+        # Laws of rubber can push elements out again that are turned inside out, however many.
         follows_hooke = np.array([bool((body.laws.kind == HOOKE).any()) for body in soft])
         self._largest_inverted = np.where(follows_hooke, INVERTED_SHARE, 1.0) * np.array(counts)
         self.inverted = 0

@@ -28,9 +28,8 @@ class EndOfStep:
 
     and in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)). The damping is that of the start of the
     step, where K0 has no negative eigenvalues; C0 is K0 less what resists the turning of stresses, which strains
-    nothing (`kernels/domains.py`). `SoftMotion` solves them linearised at
-    v = 0; here they are evaluated, and linearised anew, at other velocities. A linearisation leaves out how loads that
-    follow the body turn with it.
+    nothing (`kernels/domains.py`). `SoftMotion` solves them linearised at v = 0; here they are evaluated, and
+    linearised anew, at other velocities. A linearisation leaves out how loads that follow the body turn with it.
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, soft: SoftMotion, geometry: ActuatorGeometry):
