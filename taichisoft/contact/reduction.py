@@ -16,7 +16,7 @@ class ContactReduction:
 
     Attributes:
         choice: which contacts take part, in arrays with room for more.
-        all_impulse: of each contact in the last step, 0 where it is new [mN s], shape (capacity, 3).
+        impulse: of each contact in the last step, 0 where it is new [mN s], shape (capacity, 3).
     """
 
     def __init__(self, body_size: np.ndarray, spacing: float, contact_distance: float):
@@ -40,7 +40,7 @@ class ContactReduction:
             gap=np.zeros(capacity),
             count=np.zeros(2, dtype=np.int32),
         )
-        self.all_impulse = np.zeros((capacity, 3))
+        self.impulse = np.zeros((capacity, 3))
 
     def _make_room_for_last(self, capacity: int) -> None:
         self._last = LastContacts(
@@ -52,27 +52,18 @@ class ContactReduction:
         )
 
     @property
-    def impulse(self) -> np.ndarray:
-        """Of each contact in the last step, 0 where it is new [mN s], shape (contact_count, 3)."""
-        return self.all_impulse[: self._contacts.count[0]]
-
-    @property
     def taking_part(self) -> np.ndarray:
         """Whether each contact does, shape (contact_count,)."""
         taking_part: np.ndarray = self.choice.status[: self._contacts.count[0]] >= BEFORE
         return taking_part
 
-    def make_room(self, contacts: Contacts) -> None:
-        """Have as much room as these arrays."""
-        if len(contacts.distance) != len(self.all_impulse):
-            self._make_room(len(contacts.distance))
-
     def begin(self, contacts: Contacts, state: State) -> None:
         """Let those contacts take part that pushed in the step that led to `state`; the others not yet."""
         self._contacts = contacts
-        self.make_room(contacts)
+        if len(contacts.distance) > len(self.impulse):
+            self._make_room(len(contacts.distance))
         self._remember(state)
-        kernels.continue_contacts(contacts, self._last, self._radius, self.choice, self.all_impulse)
+        kernels.continue_contacts(contacts, self._last, self._radius, self.choice, self.impulse)
 
     def add(self, wanted: np.ndarray, gap: np.ndarray, beside: bool) -> bool:
         """Let the worst of the wanted contacts take part, one of each neighbourhood; was there any?

@@ -48,14 +48,9 @@ class ActiveSet:
         return self._reduction.choice
 
     @property
-    def chosen(self) -> np.ndarray:
-        """Contacts that take part, shape (contact_count,)."""
-        return self._reduction.taking_part
-
-    @property
     def impulse(self) -> np.ndarray:
         """Of each contact: that of the last step, 0 where it is new, then what is found [mN s], (capacity, 3)."""
-        return self._reduction.all_impulse
+        return self._reduction.impulse
 
     @property
     def gap(self) -> np.ndarray:
@@ -84,7 +79,7 @@ class ActiveSet:
         """
         self.contacts: Contacts = found.contacts
         self._count, capacity = int(found.contacts.count[0]), len(found.contacts.distance)
-        if capacity != len(self.separation.speed):
+        if capacity > len(self.separation.speed):
             self.separation = Separation.with_room(capacity, self.separation.terms)
         self._reduction.begin(found.contacts, state)
         kernels.begin_separation(

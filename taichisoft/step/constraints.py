@@ -383,7 +383,7 @@ class Constraints:
         """Keep what is worth telling of the contacts."""
         if not contacts.count[0]:
             return
-        if len(contacts.distance) != len(self.told.slip):
+        if len(contacts.distance) > len(self.told.slip):
             self.told = ToldContacts.with_room(len(contacts.distance), len(self._model.body_names))
         tell(
             self._model.scene.contact.alarm_distance,

@@ -34,7 +34,7 @@ class Found(NamedTuple):
 
     Attributes:
         contacts: the pairs of points, in arrays with room for more.
-        fraction: of the step at which each one was measured, with as much room, shape (capacity,).
+        fraction: of the step at which each one was measured, with as much room or more, shape (capacity,).
     """
 
     contacts: Contacts
@@ -88,7 +88,7 @@ class ContactPrediction:
         contacts = self._search(pairs.reach, 1.0)
         if pairs.count[TOO_CLOSE]:
             return self._joined(self._with_overlaps(contacts, pairs.reach, 1.0))
-        if len(self._at_the_end) != len(contacts.distance):
+        if len(self._at_the_end) < len(contacts.distance):
             self._at_the_end = np.ones(len(contacts.distance))
         return Found(contacts, self._at_the_end)
 

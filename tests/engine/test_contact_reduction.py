@@ -85,8 +85,20 @@ def test_what_pushed_goes_on_in_the_nearest_contact_that_is_still_free(
             far[:, nearest] = np.inf
     for _ in range(2):
         reduction.begin(contacts, after(start, last))
-        np.testing.assert_array_equal(reduction.impulse, expected[:, None] * np.ones(3))
+        np.testing.assert_array_equal(reduction.impulse[:count], expected[:, None] * np.ones(3))
         np.testing.assert_array_equal(reduction.taking_part, expected > 0.0)
+
+
+def test_room_for_many_contacts_stays_when_there_are_fewer(start: State) -> None:
+    """Arrays that change their place with every search are set up anew for every kernel."""
+    random, reduction = np.random.default_rng(0), ContactReduction(SIZE, SPACING, contact_distance=1.0)
+    reduction.begin(some_contacts(random, 40), start)
+    choice, few = reduction.choice, some_contacts(random, 5)
+    reduction.begin(few, start)
+    assert reduction.choice is choice
+    assert len(reduction.taking_part) == 5
+    assert reduction.add(np.ones(5, dtype=bool), few.distance, beside=True)
+    assert 1 <= reduction.taking_part.sum() <= 5
 
 
 @examples(100)
