@@ -1,6 +1,7 @@
 """A page answers those who open its printed address, and nobody else: no other website, and no other name."""
 
 import http.client
+import socket
 import threading
 from collections.abc import Iterator
 from typing import Any
@@ -21,7 +22,7 @@ FOREIGN_HOSTS = (
 FOREIGN_ORIGINS = (
     "http://evil.example", "https://evil.example", "null", "http://127.0.0.1", "http://127.0.0.1:1",
     "http://localhost:{port}", "http://127.0.0.1:{port}.evil.example", "http://evil.example:{port}", "file://",
-    "http://127.0.0.1:{port}@evil.example",
+    "http://127.0.0.1:{port}@evil.example", "ftp://127.0.0.1:{port}", "http://[",
 )  # fmt: skip
 
 
@@ -81,6 +82,15 @@ def test_without_the_right_token_there_is_no_page(address: Address, path: str) -
     assert status(address, path).status == 403
     assert websocket(address, path) == 403
     assert websocket(address, path, Cookie=f"taichisoft-{address.port}=wrong") == 403
+
+
+@pytest.mark.parametrize(("path", "cookie"), [("//[", "x"), ("/?token=\xff", "x"), ("/", "\xff"), ("/", "=;; =")])
+def test_nonsense_is_refused_like_a_wrong_token(address: Address, path: str, cookie: str) -> None:
+    """And is no error of the server, which would write it and its cause into the user's terminal."""
+    with socket.create_connection((address.host, address.port), timeout=20) as connection:
+        named = f"Host: localhost\r\nCookie: taichisoft-{address.port}={cookie}"
+        connection.sendall(f"GET {path} HTTP/1.1\r\n{named}\r\n\r\n".encode("latin-1"))
+        assert connection.recv(1000).startswith(b"HTTP/1.1 403 ")
 
 
 @pytest.mark.parametrize("host", FOREIGN_HOSTS)

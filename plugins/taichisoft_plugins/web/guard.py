@@ -34,17 +34,17 @@ class Guard:
 
     def answer(self, connection: Any, request: Any) -> Any:
         """The refusal of a request, or the way on for one with the token in its address; None for one that may pass."""
-        asked = urlsplit(request.path)
+        path, _, query = request.path.partition("?")
         socket_wanted = request.headers.get("Upgrade", "").lower() == "websocket"
         cookie = f"taichisoft-{connection.local_address[1]}"
         if problem := self._problem(request.headers):
             return connection.respond(http.HTTPStatus.FORBIDDEN, f"{problem}\n")
-        in_address = self._is_token(parse_qs(asked.query).get("token", [""])[0])
+        in_address = self._is_token(parse_qs(query).get("token", [""])[0])
         if not (in_address or self._is_token(_cookies(request.headers).get(cookie, ""))):
             return connection.respond(
                 http.HTTPStatus.FORBIDDEN, "open the address that was printed: it ends with a token\n"
             )
-        if in_address and not socket_wanted and asked.path in ("", "/"):
+        if in_address and not socket_wanted and path == "/":
             onward = connection.respond(http.HTTPStatus.SEE_OTHER, "")
             onward.headers["Location"] = "/"
             onward.headers["Set-Cookie"] = f"{cookie}={self.token}; Path=/; HttpOnly; SameSite=Lax"
@@ -57,7 +57,9 @@ class Guard:
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         if len(hosts) != 1 or not self._is_here(hosts[0]):
             return "this is no name of the machine that serves the page"
-        if any(urlsplit(origin).netloc.lower() != hosts[0].lower() for origin in origins):
+        if any(
+            origin.lower() not in (f"http://{hosts[0]}".lower(), f"https://{hosts[0]}".lower()) for origin in origins
+        ):
             return "the request comes from another website"
         return ""
 
@@ -74,7 +76,8 @@ class Guard:
         return True
 
     def _is_token(self, text: str) -> bool:
-        return hmac.compare_digest(text.encode(), self.token.encode())
+        # What a header has beside ASCII comes as surrogates, which only this way have bytes.
+        return hmac.compare_digest(text.encode(errors="surrogateescape"), self.token.encode())
 
 
 @contextmanager
