@@ -7,6 +7,11 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+PYTHON = (sys.executable, "-P")
+"""This Python, which takes no modules from the current folder, as the command that starts it takes none.
+
+A user's script there may be called `gmsh.py`, and the folder may come from somebody else."""
+
 
 @dataclass(frozen=True)
 class ChildResult:
@@ -37,7 +42,7 @@ def run_python(
     """
     try:
         child = subprocess.run(
-            [sys.executable, *arguments],
+            [*PYTHON, *arguments],
             env=environment,
             cwd=folder,
             stdin=subprocess.DEVNULL,

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from taichisoft.child_process import how_it_ended
+from taichisoft.child_process import PYTHON, how_it_ended
 from taichisoft.errors import MeshError, PluginError, TaichisoftError
 from taichisoft.plugin_system.commands import FILE_OPTION, load_requested
 from taichisoft.plugin_system.hooks import provided_by_plugin
@@ -49,7 +49,7 @@ def make_mesh_apart(
         asked, answer = Path(folder) / "job", Path(folder) / "answer"
         asked.write_bytes(pickle.dumps(job))
         arguments = [str(asked), str(answer), *(word for file in files for word in (FILE_OPTION, file))]
-        problem = _run([sys.executable, "-m", "taichisoft_meshing.mesh_process", *arguments], job.file, time_limit)
+        problem = _run([*PYTHON, "-m", "taichisoft_meshing.mesh_process", *arguments], job.file, time_limit)
         if problem:
             raise MeshError(f"{job.file}: the process that meshes it ended without a mesh: {problem}")
         made = pickle.loads(answer.read_bytes())

@@ -8,12 +8,11 @@ import os
 import queue
 import signal
 import subprocess
-import sys
 import threading
 from collections.abc import Sequence
 from typing import Any
 
-from taichisoft.child_process import how_it_ended
+from taichisoft.child_process import PYTHON, how_it_ended
 from taichisoft_studies.run_process import READY
 
 START_LIMIT = 600.0
@@ -53,7 +52,7 @@ class RunChild:
         """
         self.plugins, self.with_engine = tuple(plugins), with_engine
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "taichisoft_studies.run_process", str(int(with_engine)), *plugins],
+            [*PYTHON, "-m", "taichisoft_studies.run_process", str(int(with_engine)), *plugins],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             text=True,

@@ -14,6 +14,7 @@ import pytest
 from conftest import PATIENCE
 
 import taichisoft
+from taichisoft.child_process import run_python
 from taichisoft.errors import ForkedProcess
 
 needs_fork = pytest.mark.skipif(not hasattr(os, "fork"), reason="this system does not fork")
@@ -107,3 +108,14 @@ def test_a_forked_process_that_computes_nothing_ends(falling_cube: Path, tmp_pat
     )
     done = subprocess.run([sys.executable, str(program)], capture_output=True, text=True, timeout=PATIENCE)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+
+
+def test_a_file_in_the_current_folder_is_no_module_of_a_child(tmp_path: Path) -> None:
+    """Users name their scripts "gmsh.py", and folders come from others."""
+    (tmp_path / "gmsh.py").write_text("raise SystemExit('taken from the current folder')")
+    (tmp_path / "h5py.py").write_text("raise SystemExit('taken from the current folder')")
+    for arguments in (
+        ["-c", "import gmsh, h5py"],
+        ["-m", "taichisoft_plugins.recording.repair_process", '{"run": "x"}'],
+    ):
+        assert "current folder" not in run_python(arguments, PATIENCE, folder=tmp_path).problem

@@ -3,7 +3,6 @@
 import json
 import queue
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -11,7 +10,7 @@ from pathlib import Path
 from tempfile import TemporaryFile
 from typing import IO, Any
 
-from taichisoft.child_process import how_it_ended
+from taichisoft.child_process import PYTHON, how_it_ended
 from taichisoft_plugins.recording.layout import RecordingError
 
 LONGEST_SILENCE = 20.0
@@ -99,7 +98,7 @@ def _answers(job: dict[str, Any]) -> Iterator[dict[str, Any]]:
     """
     with TemporaryFile() as errors:
         child = subprocess.Popen(
-            [sys.executable, "-m", "taichisoft_plugins.recording.repair_process", json.dumps(job)],
+            [*PYTHON, "-m", "taichisoft_plugins.recording.repair_process", json.dumps(job)],
             stdout=subprocess.PIPE,
             stderr=errors,
             text=True,

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -11,7 +10,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from taichisoft.child_process import how_it_ended
+from taichisoft.child_process import PYTHON, how_it_ended
 
 WORKER = ("-m", "taichisoft_plugins.rendering.render_process")
 """Arguments of Python for the process; `render_process` says what it reads and writes."""
@@ -47,7 +46,7 @@ class FrameProcess:
             description.write(json.dumps(job, default=str).encode())
             description.seek(0)
             self._process = subprocess.Popen(
-                [sys.executable, *WORKER],
+                [*PYTHON, *WORKER],
                 stdin=description,
                 stdout=subprocess.PIPE,
                 stderr=self._log,

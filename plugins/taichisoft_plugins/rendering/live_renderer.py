@@ -2,7 +2,6 @@
 
 import pickle
 import subprocess
-import sys
 import threading
 import warnings
 from contextlib import suppress
@@ -13,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.child_process import how_it_ended
+from taichisoft.child_process import PYTHON, how_it_ended
 from taichisoft.plugin_system.renderer import Renderer
 from taichisoft_plugins.drawing.style import Style, StyleError
 from taichisoft_plugins.recording.output import RecordingOutput
@@ -94,7 +93,7 @@ class _Process:
         recording.begin(model, first)
         recording.end("picture")
         self._child = subprocess.Popen(
-            [sys.executable, *WORKER],
+            [*PYTHON, *WORKER],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._log,

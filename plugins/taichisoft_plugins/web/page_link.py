@@ -2,7 +2,6 @@
 
 import math
 import subprocess
-import sys
 import threading
 import time
 import warnings
@@ -14,7 +13,7 @@ import numpy as np
 
 from taichisoft.bodies.cable_paths import cable_paths, segment_tensions
 from taichisoft.bodies.surfaces import body_surfaces, planes_of
-from taichisoft.child_process import how_it_ended
+from taichisoft.child_process import PYTHON, how_it_ended
 from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
@@ -58,7 +57,7 @@ class PageLink:
         self._ended = threading.Event()
         self._errors: IO[bytes] = TemporaryFile()  # noqa: SIM115 - needed as long as the process
         self._process = subprocess.Popen(
-            [sys.executable, "-m", "taichisoft_plugins.web.page_process"],
+            [*PYTHON, "-m", "taichisoft_plugins.web.page_process"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,
