@@ -10,6 +10,7 @@ import tempfile
 from pathlib import Path
 
 from taichisoft.input_file import from_home
+from taichisoft.terminal_text import printable
 
 VARIABLE = "XDG_CACHE_HOME"
 """The folder of all programs' caches; other libraries, and child processes, find theirs by it, too."""
@@ -30,8 +31,8 @@ def cache_folder() -> Path:
     if not (named.is_absolute() and _can_be_written(named / ours)):
         temporary = temporary_cache()
         print(
-            f"taichisoft: {named} cannot be written; compiled kernels and meshes are kept in {temporary} "
-            f"({VARIABLE} can name another folder)",
+            f"taichisoft: {printable(str(named))} cannot be written; compiled kernels and meshes are kept in "
+            f"{printable(str(temporary))} ({VARIABLE} can name another folder)",
             file=sys.stderr,
         )
         named = temporary

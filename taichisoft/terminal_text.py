@@ -7,3 +7,8 @@ def printable(text: str) -> str:
     Those that turn the direction of writing are written out as well, since they let one name look like another.
     """
     return "".join(one if one.isprintable() or one in "\n\t" else ascii(one)[1:-1] for one in text)
+
+
+def say(line: object) -> None:
+    """Print a line with a name or a path in it, which need not be one that a terminal should show as it is."""
+    print(printable(str(line)))

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from taichisoft.terminal_text import say
 from taichisoft_benchmarks import machine
 from taichisoft_benchmarks.cases import SHIPPED, NamedCase, choose, read_cases
 from taichisoft_benchmarks.comparison import compare
@@ -70,7 +71,7 @@ def bench(
         typer.echo(line)
     if output is not None:
         for path in (write_results(results, output), *draw_plots(results, output)):
-            typer.echo(f"# {path}")
+            say(f"# {path}")
     if results.interrupted:
         raise KeyboardInterrupt
     worse = _compare(results, old) if old is not None else 0

@@ -10,6 +10,7 @@ import typer
 
 from taichisoft.cache_folder import cache_folder as users_cache_folder
 from taichisoft.errors import MeshError
+from taichisoft.terminal_text import say
 
 if TYPE_CHECKING:
     from taichisoft.meshes.volume_mesh import VolumeMesh
@@ -81,4 +82,4 @@ def mesh_cache(
                 path.unlink(missing_ok=True)
         except OSError as error:
             raise MeshError(f"{folder}: cannot be cleared: {error.strerror or error}") from error
-    typer.echo(f"{'deleted ' * clear}{about}")
+    say(f"{'deleted ' * clear}{about}")

@@ -10,6 +10,7 @@ from rich.text import Text
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
+from taichisoft.terminal_text import printable
 from taichisoft_studies.mesh_plan import Variant
 
 SUMMARY = "summary.csv"
@@ -48,7 +49,7 @@ def write_summary(rows: Sequence[Mapping[str, str]], folder: Path) -> Path:
 def summary_table(rows: Sequence[Mapping[str, str]], title: str) -> Table:
     """The rows for people, as far as they fit on a screen; what went wrong is said in lines of its own."""
     columns = [column for column in rows[0] if column not in LEFT_OUT]
-    table = Table(title=Text(title))
+    table = Table(title=Text(printable(title)))
     for column in columns:
         words = column.replace("_mm3", " [mm³]").replace("_", " ")
         table.add_column(Text(words), justify="right", min_width=max(len(row[column]) for row in rows))

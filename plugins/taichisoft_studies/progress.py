@@ -12,7 +12,8 @@ if TYPE_CHECKING:
 def progress_bar(console: "Console", title: str, total: int, finished: int = 0) -> Iterator[Callable[[str], None]]:
     """Show a bar of `total` runs; the yielded function counts one, and prints a line about it unless it is empty."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
-    from rich.text import Text
+
+    from taichisoft.running.messages import print_line
 
     columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}")
     with Progress(
@@ -23,6 +24,6 @@ def progress_bar(console: "Console", title: str, total: int, finished: int = 0) 
         def count(line: str) -> None:
             progress.advance(task)
             if line:
-                console.print(Text(line), soft_wrap=True)
+                print_line(console, line)
 
         yield count

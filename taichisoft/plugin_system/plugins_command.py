@@ -11,6 +11,7 @@ from taichisoft.plugin_system.commands import command_names, commands_by_plugin
 from taichisoft.plugin_system.hooks import KINDS, implementations, provided, provided_by_plugin
 from taichisoft.plugin_system.plugins import plugin_registry
 from taichisoft.plugin_system.registry import Origin, hook_names
+from taichisoft.terminal_text import say
 
 application = typer.Typer(help="List the plug-ins that are loaded, or begin one of your own.")
 
@@ -83,10 +84,10 @@ def new_command(
     from taichisoft.plugin_system.new_plugin import check_name, write_project
 
     module, written = check_name(name), write_project(name, output)
-    print(f"{written} holds the plug-in '{name}'; what to do with it is in its README.md. To begin with:\n")
+    say(f"{written} holds the plug-in '{name}'; what to do with it is in its README.md. To begin with:\n")
     for command in (
         f"cd {shlex.quote(str(written))}",
         "python -m pytest",
         f"taichisoft run gripper --plugin {module}.py --controller {name} --duration 1 --outputs recording",
     ):
-        print(f"  {command}")
+        say(f"  {command}")

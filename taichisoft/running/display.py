@@ -12,7 +12,7 @@ from rich.text import Text
 
 from taichisoft.control.controller import Controller
 from taichisoft.plugin_system.failure import plugin_failure
-from taichisoft.running.messages import print_warning
+from taichisoft.running.messages import print_line, print_warning
 from taichisoft.running.profile import REST, TOTAL, Profile
 from taichisoft.session.output import Output
 from taichisoft.session.pace import KEEPING_UP
@@ -78,5 +78,5 @@ def print_summary(console: Console, parts: Sequence[Controller | Output], folder
             print_warning(console, str(plugin_failure(f"{type(part).__name__} failed in summary()", error)))
     if table.row_count:
         console.print(table)
-    console.print(Text(printable(f"results in {folder}")), soft_wrap=True)
+    print_line(console, f"results in {folder}")
     return complete

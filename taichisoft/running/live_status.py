@@ -10,6 +10,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from taichisoft.running.messages import print_line
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
 from taichisoft.terminal_text import printable
@@ -72,7 +73,7 @@ class LiveStatus:
         if self._object is not None:
             parts.append(f"{self._object} {self._object_state()}")
         with contextlib.suppress(OSError):
-            self._console.print(Text(printable("; ".join(parts))), soft_wrap=True)
+            print_line(self._console, "; ".join(parts))
 
     def picture(self) -> RenderableType:
         """The state of the run as a few lines of constant height, and the keys if somebody asked for them."""

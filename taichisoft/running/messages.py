@@ -13,6 +13,11 @@ from taichisoft.terminal_text import printable
 PROJECT_LOGGER = "taichisoft"
 
 
+def print_line(console: Console, line: str) -> None:
+    """One line, without markup."""
+    console.print(Text(printable(line)), soft_wrap=True)
+
+
 def print_warning(console: Console, message: str) -> None:
     """One line, without markup."""
     console.print(Text.assemble(("warning: ", "yellow"), printable(message)), soft_wrap=True)
@@ -46,4 +51,4 @@ class _ConsoleHandler(logging.Handler):
         self._console = console
 
     def emit(self, record: logging.LogRecord) -> None:
-        self._console.print(Text(printable(record.getMessage())), soft_wrap=True)
+        print_line(self._console, record.getMessage())

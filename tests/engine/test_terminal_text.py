@@ -12,8 +12,8 @@ from rich.console import Console
 from taichisoft.building.scene_files import load_scene
 from taichisoft.command_line import _complain
 from taichisoft.errors import SceneError, TaichisoftError
-from taichisoft.running.messages import warnings_printed_to
-from taichisoft.terminal_text import printable
+from taichisoft.running.messages import print_line, warnings_printed_to
+from taichisoft.terminal_text import printable, say
 
 CLEAR = "\x1b[2J\x1b]0;owned\x07"
 
@@ -34,6 +34,15 @@ def test_errors_and_warnings_write_them_out(capsys: pytest.CaptureFixture[str]) 
     for text in (capsys.readouterr().err, shown.getvalue()):
         assert "\x1b" not in text and "\x07" not in text
         assert r"\x1b[2J\x1b]0;owned\x07" in text
+
+
+def test_paths_write_them_out_and_one_that_is_no_text_is_no_error(capsys: pytest.CaptureFixture[str]) -> None:
+    shown = io.StringIO()
+    path = Path(f"{CLEAR}\udcff.html")
+    print_line(Console(file=shown, force_terminal=False), f"results in {path}")
+    say(path)
+    assert capsys.readouterr().out == "\\x1b[2J\\x1b]0;owned\\x07\\udcff.html\n"
+    assert shown.getvalue() == "results in \\x1b[2J\\x1b]0;owned\\x07\\udcff.html\n"
 
 
 @pytest.mark.parametrize(

@@ -42,9 +42,8 @@ def mesh(
 ) -> None:
     """Mesh a finger, a body from CAD, or what a plug-in knows of another kind, with tetrahedra."""
     from rich.console import Console  # --help need not wait for any of these
-    from rich.text import Text
 
-    from taichisoft.running.messages import print_warning
+    from taichisoft.running.messages import print_line, print_warning
     from taichisoft_meshing.mesh_job import require_fit
     from taichisoft_meshing.mesh_process import make_mesh_apart
     from taichisoft_meshing.mesh_set import prepare, write_output
@@ -70,7 +69,7 @@ def mesh(
             stage("writing")
             write_output(made, output)
     console.print(mesh_tables(str(output), made.quality, made.limits, made.seconds))
-    console.print(Text(f"written to {output}" if written else "not written"), soft_wrap=True)
+    print_line(console, f"written to {output}" if written else "not written")
     for remark in (*made.remarks, *(made.problems if force else ())):
         print_warning(console, remark)
     if not force:

@@ -27,12 +27,12 @@ def mesh_info(
 ) -> None:
     """Show the figures of a mesh or a surface; the exit code is 1 when it is not fit to simulate."""
     from rich.console import Console  # --help need not wait for any of these
-    from rich.text import Text
 
     from taichisoft.errors import MeshError
     from taichisoft.meshes.file_kind import require_suffix
     from taichisoft.meshes.files import VOLUME_SUFFIXES
     from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
+    from taichisoft.running.messages import print_line
     from taichisoft.scenes.shipped import find_file
     from taichisoft_meshing.mesh_set import prepare_folder
     from taichisoft_meshing.quality.limits import summary
@@ -46,7 +46,7 @@ def mesh_info(
     console = Console()
     problems = (_show_surface if surface else _show_mesh)(console, path, output)
     if output is not None:
-        console.print(Text(f"written to {output}"), soft_wrap=True)
+        print_line(console, f"written to {output}")
     if problems:
         raise GoalMissed(f"{path}: {summary(problems)}")
 

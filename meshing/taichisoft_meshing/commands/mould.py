@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from taichisoft.errors import MeshError
+from taichisoft.terminal_text import say
 from taichisoft_meshing.commands import options
 
 
@@ -24,7 +25,7 @@ def mould(
     job = options.geometry_job(file, set_, {})
     prepare_folder(output)
     for name, volume in write_parts(job.kind, job.tables, job.file, output, wall).items():
-        typer.echo(f"{output / name}.stl: {volume:.1f} mm^3")
+        say(f"{output / name}.stl: {volume:.1f} mm^3")
 
 
 def write_parts(kind: Any, tables: Mapping[str, Any], file: Path, output: Path, wall: float) -> dict[str, float]:

@@ -7,6 +7,7 @@ from rich.console import Group
 from rich.table import Table
 from rich.text import Text
 
+from taichisoft.terminal_text import printable
 from taichisoft_meshing.quality.limits import QualityLimits
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
 from taichisoft_meshing.quality.surfaces import SurfaceQuality
@@ -50,7 +51,7 @@ def surface_table(title: str, surface: SurfaceQuality, pieces: int, extent: np.n
 
 def _table(title: str | None, *headings: str) -> Table:
     """An empty table; the column of a heading that begins with ">" has figures, which stand on the right."""
-    table = Table(title=None if title is None else Text(title))
+    table = Table(title=None if title is None else Text(printable(title)))
     for heading in headings:
         table.add_column(Text(heading.removeprefix(">")), justify="right" if heading.startswith(">") else "left")
     return table

@@ -15,6 +15,7 @@ import typer
 
 from taichisoft.cache_folder import cache_folder
 from taichisoft.child_process import last_line, run_python
+from taichisoft.terminal_text import say
 from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, install_line, packages_for
 
 TIME_LIMIT = 14.0
@@ -86,7 +87,7 @@ def doctor(
     findings = examine(time_limit)
     width = max(len(finding.subject) for finding in findings)
     for finding in findings:
-        typer.echo(f"{finding.verdict:7} {finding.subject:{width}}  {finding.found}")
+        say(f"{finding.verdict:7} {finding.subject:{width}}  {finding.found}")
     packages = sorted({package for finding in findings for package in finding.packages})
     if packages:
         typer.echo(f"\nOn Debian and Ubuntu: {install_line(packages)}")

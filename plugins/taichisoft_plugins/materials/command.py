@@ -5,6 +5,8 @@ from typing import Annotated, cast
 
 import typer
 
+from taichisoft.terminal_text import say
+
 HIGHEST_STRETCH = 3.0
 LOWEST_STRAIN = 0.05
 POISSON_RATIO = 0.499
@@ -34,7 +36,7 @@ def list_materials(context: typer.Context) -> None:
         table.add_row(name, one.law, f"{young:.3g}", f"{one.highest_stretch:.3g}", error)
     rich.get_console().print(table)
     for source in sorted({one.source for one in found.values()}):
-        typer.echo(source)
+        say(source)
 
 
 @materials.command()
@@ -87,10 +89,10 @@ def fit(
     )
     if output is not None:
         write_material(material, output)
-        typer.echo(output)
+        say(output)
     if plot is not None:
         draw_materials({"fit": material}, {"fit": measured}, plot)
-        typer.echo(plot)
+        say(plot)
 
 
 @materials.command()
@@ -112,4 +114,4 @@ def plot(
     files = {path.stem: path for path in data.glob("*.csv")} if data is not None else {}
     tests = {name: read_tension_test(files[one.name]) for name, one in chosen.items() if one.name in files}
     draw_materials(chosen, tests, output)
-    typer.echo(output)
+    say(output)

@@ -7,6 +7,7 @@ import typer
 from rich.console import Console
 from rich.progress import track
 
+from taichisoft.terminal_text import say
 from taichisoft_plugins.paraview.export import chosen_frames, export_vtu
 from taichisoft_plugins.recording.reader import read_recording
 
@@ -26,4 +27,4 @@ def export(
             typer.echo(f"the run was started anew; exported is what came after the last start ({len(frames)} frames)")
         shown = track(frames, description=f"exporting {len(frames)} frames", console=Console(stderr=True))
         for path in export_vtu(recording, shown, output or run.parent / "vtu"):
-            typer.echo(path)
+            say(path)

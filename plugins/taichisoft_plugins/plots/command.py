@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from taichisoft.atomic_file import atomic_file
+from taichisoft.terminal_text import say
 from taichisoft_plugins.plots.panels import PANELS
 from taichisoft_plugins.plots.plots import FORMATS, PlotError, draw_plots
 from taichisoft_plugins.recording.reader import read_recording
@@ -33,4 +34,4 @@ def plot(
     with atomic_file(path, PlotError) as partial:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial.write_bytes(plots.picture)
-    typer.echo(path)
+    say(path)

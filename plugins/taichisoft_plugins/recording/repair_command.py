@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from taichisoft.terminal_text import say
+
 
 def repair(
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Damaged recording; it is only read.")],
@@ -14,6 +16,6 @@ def repair(
     from taichisoft_plugins.recording.repair import repair as rescue
 
     rescued = rescue(run, output)
-    typer.echo(f"{output}: {len(rescued.whole)} of {rescued.frame_count} frames")
+    say(f"{output}: {len(rescued.whole)} of {rescued.frame_count} frames")
     if rescued.damage:
-        typer.echo(f"the first that is not whole: {rescued.damage}")
+        say(f"the first that is not whole: {rescued.damage}")

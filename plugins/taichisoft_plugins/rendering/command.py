@@ -8,6 +8,7 @@ import typer
 
 from taichisoft.errors import TaichisoftError
 from taichisoft.running.messages import warnings_printed_to
+from taichisoft.terminal_text import say
 from taichisoft_plugins.drawing.style import COLOURINGS, VIEWS, Style, parse_point, parse_size
 from taichisoft_plugins.recording.reader import read_recording
 from taichisoft_plugins.rendering.render import key_moments, render_pictures
@@ -105,9 +106,9 @@ def render(
             if image or time or video is None:
                 times = {name + ending: moment for name, moment in moments.items()}
                 for path in render_pictures(run, times, output or run.parent, style):
-                    typer.echo(path)
+                    say(path)
             if video is not None:
                 file = video.with_name(f"{video.stem}{ending}{video.suffix}")
                 with frame_progress(file.name) as show:
                     render_video(run, file, style, fps, slow_motion, show)
-                typer.echo(file)
+                say(file)

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from taichisoft.terminal_text import say
 from taichisoft_plugins.report.output import write_report
 
 
@@ -15,4 +16,4 @@ def report(
     ] = None,
 ) -> None:
     """Write one page with the pictures in a run's folder, its plots, metrics and scene."""
-    typer.echo(write_report(run, output))
+    say(write_report(run, output))

@@ -26,9 +26,9 @@ def calibrate(
     """Fit parameters to measured curves, with an interval of confidence and a plot of the data over the fit."""
     require("taichisoft calibrate", "distributed")
     from rich.console import Console
-    from rich.text import Text
 
     from taichisoft.atomic_file import atomic_file
+    from taichisoft.running.messages import print_line
     from taichisoft_studies.calibrate import calibrate as fit_parameters
     from taichisoft_studies.calibration_file import Calibration
     from taichisoft_studies.measured_data import read_measurement
@@ -49,17 +49,17 @@ def calibrate(
 
     def tried(values: Mapping[str, float], cost: float) -> None:
         said = ", ".join(f"{key} = {value:.6g}" for key, value in values.items())
-        console.print(Text(f"{said}: cost {cost:.6g}"), soft_wrap=True)
+        print_line(console, f"{said}: cost {cost:.6g}")
 
     most = len(measured) * 2 * len(asked.parameters)
     with options.quiet_interruption(), dask_workers(asked.cluster, most) as workers:
-        console.print(workers.about, markup=False, highlight=False, soft_wrap=True)
+        print_line(console, workers.about)
         fit = fit_parameters(asked, measured, output, workers, tried)
     for key, value in fit.values.items():
         low, high = fit.intervals[key]
-        console.print(Text(f"{key} = {value:.6g} (95 %: {low:.6g} to {high:.6g})"), soft_wrap=True)
+        print_line(console, f"{key} = {value:.6g} (95 %: {low:.6g} to {high:.6g})")
     for file, residuals in zip(files, fit.residuals, strict=True):
-        console.print(Text(f"{file.name}: residual {', '.join(f'{one:.4g}' for one in residuals)}"), soft_wrap=True)
+        print_line(console, f"{file.name}: residual {', '.join(f'{one:.4g}' for one in residuals)}")
     found = {
         "parameters": {key: {"value": value, "interval_95": fit.intervals[key]} for key, value in fit.values.items()},
         "residuals": {str(file): residuals for file, residuals in zip(files, fit.residuals, strict=True)},
@@ -69,7 +69,7 @@ def calibrate(
     with atomic_file(output / FIT, StudyError) as partial:
         partial.write_text(json.dumps(found, indent=2) + "\n", encoding="utf-8")
     _draw(asked, measured, fit, files, output / PICTURE)
-    console.print(Text(f"fit in {output / FIT}, data over fit in {output / PICTURE}"), soft_wrap=True)
+    print_line(console, f"fit in {output / FIT}, data over fit in {output / PICTURE}")
 
 
 def _files(study: Any, path: Path, data: Sequence[Path]) -> list[Path]:

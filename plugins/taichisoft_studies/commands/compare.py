@@ -25,6 +25,8 @@ def compare(
     from rich.text import Text
 
     from taichisoft.atomic_file import atomic_file
+    from taichisoft.running.messages import print_line
+    from taichisoft.terminal_text import printable
     from taichisoft_plugins.recording.layout import FILE_NAME
     from taichisoft_studies.comparison import differences, draw_comparison, labels, run_folder
 
@@ -41,22 +43,22 @@ def compare(
             csv.writer(file).writerows([["key", *names], *([key, *values] for key, values in rows.items())])
     table = Table("")
     for name in names:
-        table.add_column(Text(name))
+        table.add_column(Text(printable(name)))
     for key, values in rows.items():
         table.add_row(Text(key), *(Text(_short(value)) for value in values))
     console = Console()
     console.print(table)
-    console.print(Text(str(output / TABLE)), soft_wrap=True)
+    print_line(console, str(output / TABLE))
     unrecorded = [folder for folder in folders if not (folder / FILE_NAME).exists()]
     if unrecorded:
-        console.print(Text(f"no plots: {unrecorded[0]} has no recording (--record)"), soft_wrap=True)
+        print_line(console, f"no plots: {unrecorded[0]} has no recording (--record)")
         return
     wanted = [name.strip() for name in only.split(",")] if only is not None else None
     picture = draw_comparison(folders, names, wanted, format)
     path = output / f"comparison.{format}"
     with atomic_file(path, StudyError) as partial:
         partial.write_bytes(picture)
-    console.print(Text(str(path)), soft_wrap=True)
+    print_line(console, str(path))
 
 
 def _short(value: Any) -> str:

@@ -47,7 +47,7 @@ def mesh_sweep(
     require("taichisoft mesh-sweep", "distributed")
     from rich.console import Console  # --help need not wait for any of these
 
-    from taichisoft.running.messages import print_warning
+    from taichisoft.running.messages import print_line, print_warning
     from taichisoft_meshing.mesh_set import prepare_folder
     from taichisoft_studies.mesh_plan import plan
     from taichisoft_studies.mesh_summary import summary_rows, summary_table, write_summary
@@ -65,7 +65,7 @@ def mesh_sweep(
     for variant, outcome in zip(variants, outcomes, strict=True):
         for remark in (*outcome["remarks"], *([f"failed: {outcome['problem']}"] if outcome["problem"] else [])):
             print_warning(console, f"{variant.name}: {remark}")
-    console.print(f"summary in {written}", markup=False, highlight=False, soft_wrap=True)
+    print_line(console, f"summary in {written}")
     failed = sum(bool(outcome["problem"]) for outcome in outcomes)
     if failed:
         raise GoalMissed(f"{output}: {failed} of {len(variants)} variants failed")
@@ -82,6 +82,7 @@ def make_variants(
     Raises:
         StudyError: the workers are gone.
     """
+    from taichisoft.running.messages import print_line
     from taichisoft_studies.make_mesh import MeshRun, mesh_failure
     from taichisoft_studies.progress import progress_bar
     from taichisoft_studies.worker_task import do_mesh
@@ -100,7 +101,7 @@ def make_variants(
             dask_workers(cluster, len(runs)) as workers,
             progress_bar(console, title, len(runs)) as count,
         ):
-            console.print(workers.about, markup=False, highlight=False, soft_wrap=True)
+            print_line(console, workers.about)
             for name, run in runs.items():
                 workers.submit(name, do_mesh, run.to_json())
             for _ in runs:

@@ -23,8 +23,8 @@ def optimise(
     """Search for the best values of keys; started again, also on another machine, it goes on with the same study."""
     require("taichisoft optimise", "distributed", "optuna", "pandas", "pyarrow")
     from rich.console import Console
-    from rich.text import Text
 
+    from taichisoft.running.messages import print_line
     from taichisoft_studies.optimisation_file import Optimisation, with_function_paths
     from taichisoft_studies.optimise import optimise as search
     from taichisoft_studies.optimise import trial_rows
@@ -50,7 +50,7 @@ def optimise(
         console.print(f"{taken} trials of a process that is gone are made again", highlight=False)
     names = list(asked.objectives)
     with options.quiet_interruption(), dask_workers(asked.cluster, asked.trials) as workers:
-        console.print(workers.about, markup=False, highlight=False, soft_wrap=True)
+        print_line(console, workers.about)
         with progress_bar(console, "trials", asked.trials, len(counted(made))) as count:
 
             def done(trial: Any, record: Mapping[str, Any]) -> None:
@@ -61,7 +61,7 @@ def optimise(
             search(asked, output, made, workers, done)
         written = write_table(trial_rows(asked, made), output)
         _draw_curve(made, names, output)
-        console.print(Text(f"results in {written}"), soft_wrap=True)
+        print_line(console, f"results in {written}")
         _make_winners(console, asked, made, output, workers)
 
 
@@ -71,9 +71,8 @@ def _values(names: list[str], values: Any) -> str:
 
 def _make_winners(console: Any, study: Any, trials: Any, output: Path, workers: Any) -> None:
     """Run the best trials again as `finer` wants, and write what came out beside what the search saw."""
-    from rich.text import Text
-
     from taichisoft.atomic_file import atomic_file
+    from taichisoft.running.messages import print_line
     from taichisoft_studies.objectives import figures
     from taichisoft_studies.optimise import winner_job
     from taichisoft_studies.optimiser import best_trials
@@ -101,17 +100,14 @@ def _make_winners(console: Any, study: Any, trials: Any, output: Path, workers: 
         cells = [*job.parameters.values(), *trial.values, *(finer or [""] * len(wanted))]
         rows.append([trial.number, *cells, record["status"], f"{RUNS}/{job.name}"])
         again = _values(list(wanted), finer) if finer else f"{record['status']}: {record['message']}"
-        console.print(
-            Text(f"best: trial {trial.number}: {_values(list(wanted), trial.values)}; made again: {again}"),
-            soft_wrap=True,
-        )
+        print_line(console, f"best: trial {trial.number}: {_values(list(wanted), trial.values)}; made again: {again}")
         for key, value in job.parameters.items():
-            console.print(Text(f"  {key} = {value}"), soft_wrap=True)
+            print_line(console, f"  {key} = {value}")
     with atomic_file(output / WINNERS, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
         csv.writer(file).writerows([header, *rows])
-    console.print(Text(f"winners in {output / WINNERS}"), soft_wrap=True)
+    print_line(console, f"winners in {output / WINNERS}")
     for line in write_winner(jobs[0], output / "winner"):
-        console.print(Text(line), soft_wrap=True)
+        print_line(console, line)
 
 
 def _draw_curve(trials: Any, names: list[str], output: Path) -> None:

@@ -50,6 +50,7 @@ def sweep(
     require("taichisoft sweep", "distributed", "pandas", "pyarrow")
     from rich.console import Console
 
+    from taichisoft.running.messages import print_line
     from taichisoft_studies.results import result_row, write_table
     from taichisoft_studies.run_folder import COMPLETED, finished
     from taichisoft_studies.study_file import Sweep, check_study, find_study, read_tables
@@ -80,7 +81,7 @@ def sweep(
         records = []
         if missing:
             with dask_workers(asked.cluster, missing) as workers:
-                console.print(workers.about, markup=False, highlight=False, soft_wrap=True)
+                print_line(console, workers.about)
                 records = _make(console, planned, workers, ended, make_missing)
         else:
             records = [one for job in planned if (one := finished(job)) is not None]
@@ -88,7 +89,7 @@ def sweep(
     written = write_table(rows, output)
     statuses = Counter(record["status"] for record in records)
     console.print(", ".join(f"{count} {status}" for status, count in sorted(statuses.items())), highlight=False)
-    console.print(f"results in {written}", markup=False, highlight=False, soft_wrap=True)
+    print_line(console, f"results in {written}")
     failed = len(records) - statuses[COMPLETED]
     if failed:
         raise GoalMissed(f"{output}: {failed} of {len(records)} runs failed")
