@@ -7,6 +7,7 @@ import time
 from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
+from urllib.parse import unquote_to_bytes, urlsplit
 
 import fake_run
 import numpy as np
@@ -32,12 +33,14 @@ class Page(HTMLParser):
     def __init__(self, page: str):
         super().__init__()
         self.text, self.sources, self.links = "", {}, []
+        self.elements: set[str] = set()
         self._open: list[str] = []
         self.feed(page)
         assert self._open == [], "every element is closed"
 
     def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
         found = dict(attributes)
+        self.elements.add(tag)
         if tag not in self.EMPTY:
             self._open.append(tag)
         if "src" in found:
@@ -126,6 +129,18 @@ def test_a_video_is_embedded_unless_it_is_large(folder: Path, monkeypatch: pytes
     page = Page(write_report(folder / "recording.h5", path).read_text(encoding="utf-8"))
     assert "../grasp.mp4" in page.links and "too large to be embedded" in page.text
     assert not page.sources
+
+
+def test_a_name_leads_to_its_file_and_is_never_run(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Names may come from elsewhere, and need not be text: a colon, "#", "?", "%", quotes, and bytes of no letter."""
+    monkeypatch.setattr(report_page, "EMBEDDED_BYTES", 5)
+    names = [b"javascript:alert(1).png", b"a#b?c%41.png", b'" onclick="alert(1).gif', b"<img src=x>.mp4", b"\xff.png"]
+    for name in names:
+        (folder / os.fsdecode(name)).write_bytes(b"picture")
+    page = page_of(folder)
+    assert not page.sources and "img" not in page.elements
+    assert not any(urlsplit(link).scheme for link in page.links)
+    assert set(names) <= {unquote_to_bytes(urlsplit(link).path) for link in page.links}
 
 
 def test_plots_metrics_scene_and_versions_are_shown(folder: Path) -> None:

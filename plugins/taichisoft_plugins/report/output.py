@@ -76,5 +76,5 @@ def write_report(recording: Path, path: Path | None = None, began: float | None 
         except OSError as error:
             raise ReportError(f"{path}: not written: {error}") from error
     with atomic_file(path, ReportError) as partial:
-        partial.write_text(page, encoding="utf-8")
+        partial.write_text(page, encoding="utf-8", errors="replace")  # names of files need not be text
     return path

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Mapping
 from html import escape
 from pathlib import Path
 from typing import Any
+from urllib.parse import quote
 
 import taichisoft
 from taichisoft_plugins.recording.reader import Recording
@@ -144,7 +145,8 @@ def _figure(media: MediaFile, folder: Path) -> str:
     warning = '<em class="bad"> older than this run; it may show another one</em>' if media.older_than_run else ""
     size = path.stat().st_size
     if size > EMBEDDED_BYTES:
-        link = escape(Path(os.path.relpath(path, folder)).as_posix())
+        # Quoted, since a name may have a colon, and a browser would run "javascript:...", or a "#" or "?".
+        link = quote(os.fsencode(Path(os.path.relpath(path, folder)).as_posix()))
         body = f'<p><a href="{link}">{escape(path.name)}</a>, {size / 1e6:.0f} MB, is too large to be embedded</p>'
     else:
         kind = mimetypes.guess_type(path.name)[0] or "application/octet-stream"
