@@ -24,7 +24,7 @@ BUFFERED_FRAMES = 100
 BEFORE = "recording-before.h5"
 """Name of the recording that a full one becomes."""
 USUAL_LIMIT = 4.0
-"""Room for the recording of a run without an end [GB]: ten minutes or so of a gripper at real time."""
+"""Room for the recording of a run without an end [GB]: seven minutes or so of a gripper at real time."""
 LONGEST_BUFFERED = 2.0
 """Time [s] after which frames are written in any case, so that a slow run loses less and can be watched."""
 
