@@ -1,15 +1,14 @@
 """A run that ends at the mesh: one variant of a geometry, meshed into a folder."""
 
 import json
-import os
 import shutil
-import socket
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import TaichisoftError
+from taichisoft_studies.unfinished import partial_folder
 
 
 @dataclass(frozen=True)
@@ -54,7 +53,7 @@ def make_variant(run: MeshRun) -> dict[str, Any]:
     from taichisoft_meshing.mesh_set import RECORD, move_set, write_files
 
     job = MeshJob(**{**run.geometry, "file": Path(run.geometry["file"])})
-    partial = Path(run.folder) / f".{run.name}.{socket.gethostname()}-{os.getpid()}.partial"
+    partial = partial_folder(Path(run.folder), run.name)
     try:
         record = _record(run.place / RECORD)
         if record is not None and _is_of(record, job) and (run.force or not record["problems"]):

@@ -1,18 +1,19 @@
 """Optuna's study in the folder of an optimisation: a journal that several machines may write to at the same time."""
 
-import os
-import socket
 import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 from taichisoft_studies.extras import StudyError, require
 from taichisoft_studies.optimisation_file import Optimisation
 from taichisoft_studies.study_file import Range, Values
+from taichisoft_studies.unfinished import is_gone, owner
 
 JOURNAL = "optuna.journal"
 NAME = "optimisation"
+SESSION = "session "
 VIOLATIONS, OWNER, LOST = "violations", "owner", "lost"
 """Names of what is noted at trials."""
 
@@ -36,9 +37,7 @@ def open_study(study: Optimisation, folder: Path) -> Any:
         raise StudyError(f"{folder}: holds a study with other objectives; take another folder")
     if study.start and not made.get_trials(deepcopy=False):
         made.enqueue_trial({key: _stored(study.variables[key], value) for key, value in study.start.items()})
-    opened = made.user_attrs.get("opened", 0)  # each session draws other random numbers
-    made.set_user_attr("opened", opened + 1)
-    made.sampler = _sampler(study, study.seed + 1000 * opened)
+    made.sampler = _sampler(study, study.seed + 1000 * _session(made))
     return made
 
 
@@ -59,14 +58,16 @@ def suggest(trial: Any, variables: Mapping[str, Values]) -> dict[str, Any]:
 
 def own(trial: Any) -> None:
     """Note that this process makes the trial."""
-    trial.set_user_attr(OWNER, f"{socket.gethostname()}:{os.getpid()}")
+    trial.set_user_attr(OWNER, owner())
 
 
 def take_over_abandoned(study: Any) -> int:
     """Put the trials back into the queue whose process on this machine is gone; returns how many there were."""
     from optuna.trial import TrialState
 
-    abandoned = [trial for trial in study.get_trials(states=(TrialState.RUNNING,)) if _is_abandoned(trial)]
+    abandoned = [
+        trial for trial in study.get_trials(states=(TrialState.RUNNING,)) if is_gone(trial.user_attrs.get(OWNER, ""))
+    ]
     for trial in abandoned:
         study._storage.set_trial_user_attr(trial._trial_id, LOST, True)
         study.tell(trial.number, state=TrialState.FAIL)
@@ -104,6 +105,16 @@ def _dominates(one: list[float], other: list[float]) -> bool:
     return one != other and all(a <= b for a, b in zip(one, other, strict=True))
 
 
+def _session(made: Any) -> int:
+    """Number of this session, from 0: each draws other random numbers, also where two begin at the same moment.
+
+    A session notes a name of its own; the journal keeps the order of what is written to it for all of them.
+    """
+    name = f"{SESSION}{uuid4().hex}"
+    made.set_user_attr(name, True)
+    return [key for key in made.user_attrs if key.startswith(SESSION)].index(name)
+
+
 def _storage(path: Path) -> Any:
     from optuna.storages import JournalStorage
     from optuna.storages.journal import JournalFileBackend, JournalFileOpenLock
@@ -137,17 +148,3 @@ def _suggested(trial: Any, key: str, values: Values) -> Any:
 def _stored(values: Values, value: Any) -> Any:
     """A value as Optuna keeps it: choices as text, since lists are none of its own."""
     return value if isinstance(values, Range) else repr(value)
-
-
-def _is_abandoned(trial: Any) -> bool:
-    """Whether a trial that runs belongs to a process of this machine that is gone."""
-    host, _, pid = trial.user_attrs.get(OWNER, "").rpartition(":")
-    if host != socket.gethostname() or int(pid) == os.getpid():
-        return False
-    try:
-        os.kill(int(pid), 0)
-    except ProcessLookupError:
-        return True
-    except OSError:
-        return False
-    return False

@@ -1,9 +1,7 @@
 """The folder of a run: it appears when the run has ended, and `run.json` in it says how."""
 
 import json
-import os
 import shutil
-import socket
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +10,7 @@ from typing import Any
 from taichisoft.atomic_file import atomic_file, named_os_errors
 from taichisoft_studies.extras import StudyError
 from taichisoft_studies.run_job import RunJob
+from taichisoft_studies.unfinished import abandoned, partial_folder, remove_abandoned
 
 RECORD = "run.json"
 LOG = "log.txt"
@@ -44,12 +43,12 @@ def finished(job: RunJob) -> dict[str, Any] | None:
 def new_folder(job: RunJob) -> Iterator[Path]:
     """Give a folder to make a run in, which gets the run's name when its record has been written, or else vanishes.
 
-    Where another process was faster, its folder stays: a run is never made twice.
+    Where another process was faster, its folder stays. One that lacks an output which is wanted now stays until then.
 
     Raises:
         StudyError: it cannot be written.
     """
-    partial = Path(job.folder) / f".{job.name}.{socket.gethostname()}-{os.getpid()}.partial"
+    partial = partial_folder(Path(job.folder), job.name)
     try:
         with named_os_errors(partial, StudyError):
             shutil.rmtree(partial, ignore_errors=True)
@@ -91,9 +90,10 @@ def record_loss(job: RunJob, status: str, message: str) -> dict[str, Any]:
     Raises:
         StudyError: it cannot be written.
     """
-    left = sorted(Path(job.folder).glob(f".{job.name}.*.partial/{LOG}"))
+    attempts = abandoned(Path(job.folder), job.name, job.time_limit)
+    logs = [attempt / LOG for attempt in attempts if (attempt / LOG).is_file()]
     with new_folder(job) as folder:
-        for log in left[:1]:
+        for log in logs[:1]:
             shutil.copy(log, folder / LOG)
         record = write_record(job, folder, status, message, {})
     remove_partial(job)
@@ -102,13 +102,14 @@ def record_loss(job: RunJob, status: str, message: str) -> dict[str, Any]:
 
 def remove_partial(job: RunJob) -> None:
     """Remove what unfinished attempts at a run have left."""
-    for partial in Path(job.folder).glob(f".{job.name}.*.partial"):
-        shutil.rmtree(partial, ignore_errors=True)
+    remove_abandoned(Path(job.folder), job.name, job.time_limit)
 
 
 def _give_name(partial: Path, job: RunJob) -> None:
+    if finished(job) is None:
+        shutil.rmtree(job.place, ignore_errors=True)
     try:
         partial.rename(job.place)
     except OSError:
-        if read_record(job.place) is None:  # otherwise another process has made the same run
+        if finished(job) is None:  # otherwise another process has made the same run
             raise

@@ -1,5 +1,6 @@
 """Sweeps: the jobs of a study, and the loop that has the missing ones made."""
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -117,7 +118,6 @@ def make_missing(
     by_name = {job.name: job for job in jobs}
     missing = [job for job in jobs if records[job.name] is None]
     for job in missing:
-        remove_outdated(job)
         workers.submit(job.name, do_run, job.to_json())
     for _ in missing:
         name, record = workers.next_done()
@@ -139,17 +139,9 @@ def checked_record(job: RunJob, record: dict[str, Any] | None) -> dict[str, Any]
     return record
 
 
-def remove_outdated(job: RunJob) -> None:
-    """Remove a run that has ended without an output that is wanted now."""
-    import shutil
-
-    if job.place.exists():
-        shutil.rmtree(job.place, ignore_errors=True)
-
-
 def forget_unsure(jobs: Sequence[RunJob]) -> None:
     """Remove runs that failed for a reason that another try may not meet."""
     for job in jobs:
         record = read_record(job.place)
         if record is not None and record["status"] in UNSURE:
-            remove_outdated(job)
+            shutil.rmtree(job.place, ignore_errors=True)

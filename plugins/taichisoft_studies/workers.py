@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any, Protocol
+from uuid import uuid4
 
 from taichisoft_studies.extras import StudyError, require
 from taichisoft_studies.study_file import Cluster
@@ -43,7 +44,7 @@ class DaskWorkers:
 
     def submit(self, key: str, task: Callable[[str], dict[str, Any]], text: str) -> None:
         """See `Workers`."""
-        future = self._client.submit(task, text, key=f"{key}-{os.getpid()}-{len(self._keys)}", pure=False)
+        future = self._client.submit(task, text, key=f"{key}-{uuid4().hex}", pure=False)
         self._keys[future] = key
         self._done.add(future)
 

@@ -101,8 +101,8 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, taichisoft_plugins: Any) 
     trials = searched(study.model_copy(update={"trials": 3}), tmp_path)
     lost = trials.ask()
     pressure = lost.suggest_float(PRESSURE, 0.0, 10.0)
-    host, _, _ = trials.trials[0].user_attrs[OWNER].rpartition(":")
-    lost.set_user_attr(OWNER, f"{host}:{2**22 + 1}")  # larger than any process's number
+    host, _, _ = trials.trials[0].user_attrs[OWNER].rpartition("-")
+    lost.set_user_attr(OWNER, f"{host}-{2**22 + 1}")  # larger than any process's number
     assert take_over_abandoned(trials) == 1
     workers = FewAtATime()
     trials = searched(study, tmp_path, workers)
@@ -111,6 +111,14 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, taichisoft_plugins: Any) 
     made = [trial.params[PRESSURE] for trial in trials.trials if trial.state.name == "COMPLETE"]
     assert len(made) == 6
     assert pressure in made
+
+
+def test_sessions_that_begin_at_the_same_moment_draw_different_values(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """Both are open before either asks for a trial, as on two machines."""
+    study = search_of(tmp_path)
+    sessions = [open_study(study, tmp_path), open_study(study, tmp_path)]
+    first, second = (session.ask().suggest_float(PRESSURE, 0.0, 10.0) for session in sessions)
+    assert first != second
 
 
 def test_hopeless_runs_are_pruned(tmp_path: Path, taichisoft_plugins: Any) -> None:

@@ -1,7 +1,10 @@
 """Sweeps: what runs there are, that each is made once, and that kills and the order of ending change nothing."""
 
 import json
+import os
+import socket
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
@@ -173,6 +176,24 @@ def test_a_run_that_lacks_an_output_is_made_anew(tmp_path: Path, taichisoft_plug
         make_missing([one], workers, ignore)
     assert len(workers.made) == 2
     assert (job.place / "recording.h5").is_file()
+
+
+def test_what_others_are_making_is_left_alone_and_what_was_abandoned_is_removed(
+    tmp_path: Path, taichisoft_plugins: Any
+) -> None:
+    """Two machines may make the same run at the same time; the folder of each is its own."""
+    study = sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0]})
+    load_plugin(study.plugins[0])
+    (job,) = sweep_jobs(study, tmp_path)
+    here = socket.gethostname()
+    others = {f"{here}-{os.getppid()}": True, "elsewhere-1": True, f"{here}-{2**22 + 1}": False, "elsewhere-2": False}
+    for owner in others:
+        (Path(job.folder) / f".{job.name}.{owner}.partial").mkdir(parents=True)
+    long_ago = time.time() - job.time_limit - 3600.0
+    os.utime(Path(job.folder) / f".{job.name}.elsewhere-2.partial", (long_ago, long_ago))
+    make_missing([job], Here(), ignore)
+    left = {path.name for path in Path(job.folder).iterdir()}
+    assert left == {job.name, *(f".{job.name}.{owner}.partial" for owner, stays in others.items() if stays)}
 
 
 def test_the_table_has_parameters_metrics_and_no_time_of_the_machine(tmp_path: Path, taichisoft_plugins: Any) -> None:
