@@ -96,14 +96,19 @@ class Carry(GripperEnvironment):
                 f"options['target'] = {target!r}: must be a way to the right and to the front [mm], not zero"
             )
 
-    def _judge(self, seen: Observation, action: np.ndarray) -> Judgement:
+    def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
         way, touching = self._way(seen), self._touching(seen)
         left = float(np.linalg.norm(self._target - way[:2]))
         progress = float(np.clip(1.0 - left / np.linalg.norm(self._target), -1.0, 1.0))
         arrived = left < self._tolerance
         placed = arrived and way[2] < PLACED and touching == 0.0 and self._speed(seen) < STILL
         failed = self._is_lost(way)
-        told = {"is_success": placed and not failed, "distance": left, "lift": float(way[2]), "touching": touching}
+        told = {
+            "is_success": bool(placed) and not failed,
+            "distance": left,
+            "lift": float(way[2]),
+            "touching": touching,
+        }
         # Letting go is worth more than holding once the object has arrived, so that nobody holds it there for ever.
         grip = 1.0 - touching if arrived else touching
         return Judgement(0.2 * grip + 0.8 * progress + float(placed), failed, told)

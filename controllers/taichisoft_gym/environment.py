@@ -84,6 +84,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         self.channels: tuple[Channel, ...] = tuple(one for what in self._quantities for one in what.channels)
         self._space = box_of(self.channels)
         self.observation_space = self._space
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_period))}  # type: ignore[misc]
         self.render_mode, self._camera, self._size = render_mode, camera, size
         self._model: Model | None = None
         self._drawing: Simulation | None = None
@@ -113,7 +114,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         if options:
             raise SceneError(f"options: there is no '{next(iter(options))}'; there are: state, {self._options}")
         seen = self.simulation.observe()
-        told = {**self._judge(seen, np.zeros(len(self.action_channels))).told, "randomised": drawn}
+        told = {**self._judge(seen, None).told, "randomised": drawn}
         self._show()
         return self._measure(seen), told
 
@@ -186,8 +187,8 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         """Choose what is to be done from a state; takes what it knows out of `options`."""
 
     @abstractmethod
-    def _judge(self, seen: Observation, action: np.ndarray) -> Judgement:
-        """How well it goes after a control period with an action."""
+    def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
+        """How well it goes after a control period with an action; None at the beginning of an episode."""
 
     def _begin(self, given: State | None, drawn: Mapping[str, float]) -> None:
         """Put the simulation at the start of an episode."""
@@ -196,11 +197,11 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
 
         model, start = prepared(self._scene_text, SETTLING_TIME)
         friction, factor = drawn.get("friction"), drawn.get("mass")
-        if self._model is None:
-            self.simulation = Simulation(model)
         if friction is not None or factor is not None:
             masses = {} if factor is None else {self.object: factor * self._mass_of(model)}
             self.simulation = Simulation(model.varied(friction, masses))
+        elif self._model is None or self.simulation.model is not model:  # what an earlier episode drew is over
+            self.simulation = Simulation(model)
         self._model = model
         self.simulation.restore(given if given is not None else self._placed(start, drawn))
 

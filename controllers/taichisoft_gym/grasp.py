@@ -130,11 +130,11 @@ class Grasp(GripperEnvironment):
     def _options(self) -> str:
         return "nothing else"
 
-    def _judge(self, seen: Observation, action: np.ndarray) -> Judgement:
+    def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
         way, touching = self._way(seen), self._touching(seen)
         slip = max((seen.slip_speeds.get((finger, self.object), 0.0) for finger in self.fingers), default=0.0)
         held = way[2] >= self._lift and touching > 0.0 and slip < STICKING and self._speed(seen) < STILL
-        self._held_for = self._held_for + self._period if held else 0.0
+        self._held_for = self._held_for + self._period if held and action is not None else 0.0
         failed = self._is_lost(way)
         told = {"is_success": self._held_for >= self._hold and not failed, "lift": float(way[2]), "touching": touching}
         return Judgement(0.2 * touching + 0.8 * float(np.clip(way[2] / self._lift, 0.0, 1.0)), failed, told)

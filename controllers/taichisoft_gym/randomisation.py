@@ -37,13 +37,24 @@ class Randomisation:
         if isinstance(told, cls):
             return told
         names = [field.name for field in fields(cls)]
-        for name, value in dict(told or {}).items():  # type: ignore[arg-type]
-            if name not in names:
-                raise SceneError(f"randomisation: there is no '{name}'; {nearest(name, names, 'there are')}")
-            low, high = (0.0, value) if name == "place" else value
-            if not (0.0 <= low <= high and np.isfinite(high)) or (name in ("mass", "modulus") and low == 0.0):
-                raise SceneError(f"randomisation['{name}'] = {value!r}: must be a lowest and a highest positive number")
+        unknown = next((name for name in told or () if name not in names), None)  # type: ignore[union-attr]
+        if unknown is not None:
+            raise SceneError(f"randomisation: there is no '{unknown}'; {nearest(unknown, names, 'there are')}")
         return cls(**dict(told or {}))  # type: ignore[arg-type]
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            SceneError: one is none.
+        """
+        for name, range_ in (("friction", self.friction), ("mass", self.mass), ("modulus", self.modulus)):
+            if range_ is not None and not _is_range(range_, zero_is_valid=name == "friction"):
+                raise SceneError(
+                    f"randomisation['{name}'] = {range_!r}: must be a lowest and a highest positive number"
+                )
+        if not _is_range((0.0, self.place), zero_is_valid=True):
+            raise SceneError(f"randomisation['place'] = {self.place!r}: must be a distance [mm], not negative")
 
     def draw(self, random: np.random.Generator) -> dict[str, float]:
         """A value for each range that is given; "place right" and "place front" [mm] for the place."""
@@ -52,3 +63,11 @@ class Randomisation:
         if self.place:
             drawn |= {f"place {axis}": random.uniform(-self.place, self.place) for axis in ("right", "front")}
         return drawn
+
+
+def _is_range(value: Any, zero_is_valid: bool) -> bool:
+    try:
+        low, high = map(float, value)
+    except (TypeError, ValueError):
+        return False
+    return bool(0.0 <= low <= high and np.isfinite(high)) and (zero_is_valid or low > 0.0)

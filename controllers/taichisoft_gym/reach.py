@@ -106,11 +106,15 @@ class Reach(SoftRobotEnvironment):
             else:
                 target = places[int(share * len(places))]
         self._target = np.array(target, np.float64)
+        if self._target.shape != (3,) or not np.isfinite(self._target).all():
+            raise SceneError(f"options['target'] = {target!r}: must be a point [mm], three finite numbers")
         self._last_action: np.ndarray | None = None
 
-    def _judge(self, seen: Observation, action: np.ndarray) -> Judgement:
+    def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
         distance = float(np.linalg.norm(self._target - seen.tip_positions[self.finger]))
-        change = 0.0 if self._last_action is None else float(np.abs(action - self._last_action).mean())
+        change = 0.0
+        if action is not None and self._last_action is not None:
+            change = float(np.abs(action - self._last_action).mean())
         self._last_action = action
         told = {"is_success": distance < self._tolerance, "distance": distance, "target": self._target.copy()}
         return Judgement(-0.1 * distance - 0.1 * change, False, told)

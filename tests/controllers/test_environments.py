@@ -32,7 +32,7 @@ def make(name: str, **told: Any) -> gymnasium.Env:
 def test_gymnasiums_checker_has_nothing_to_say(name: str) -> None:
     env = make(name)
     with warnings.catch_warnings():
-        warnings.simplefilter("error")
+        warnings.simplefilter("error", UserWarning)  # what gymnasium's logger uses
         check_env(env.unwrapped, skip_render_check=True)
     env.close()
 
@@ -142,6 +142,7 @@ def test_an_episode_begins_at_the_state_that_is_given() -> None:
     again, _ = env.reset(options={"state": state})
     assert readings.tobytes() == again.tobytes()
     assert env.get_wrapper_attr("simulation").state == state
+    assert env.get_wrapper_attr("simulation").model.friction == pytest.approx(0.6)  # the scene's, nothing drawn before
     assert readings[0] == pytest.approx(15.0)
 
 
@@ -161,6 +162,11 @@ def test_the_pressure_that_a_target_was_measured_at_reaches_it(share: float) -> 
     assert not terminated
     assert told["distance"] < 1.0
     assert reward == pytest.approx(-0.1 * told["distance"])
+    env.reset(options={"target": target})
+    _, reward, _, _, told = env.step(np.array([1.0]))  # the first action is no change
+    assert reward == pytest.approx(-0.1 * told["distance"])
+    with pytest.raises(SceneError, match="must be a point"):
+        env.reset(options={"target": (1.0, 2.0)})
 
 
 def test_carrying_pays_where_the_object_comes_nearer_and_most_where_it_is_let_go() -> None:
@@ -191,6 +197,7 @@ def test_another_object_takes_the_place_of_the_scenes() -> None:
         ({"control_period": 0.015}, "must be a whole multiple of the time step, 0.01 s"),
         ({"randomisation": {"fiction": (0.1, 0.2)}}, "there is no 'fiction'; did you mean 'friction'"),
         ({"randomisation": {"mass": (2.0, 1.0)}}, r"randomisation\['mass'\]"),
+        ({"randomisation": {"friction": 0.5}}, r"randomisation\['friction'\] = 0.5: must be"),
         ({"object": {"weight": 1.0}}, "rigid_bodies.cube.weight"),
     ],
 )
@@ -211,22 +218,22 @@ def test_options_and_actions_that_make_no_sense_are_refused() -> None:
         env.reset(options={"state": other})
 
 
-@pytest.mark.parametrize("mode", [None, "sync"])
+@pytest.mark.parametrize(("mode", "count"), [(None, 1), ("sync", 2)])  # a process of its own takes long to start
 def test_environments_side_by_side_give_the_bits_of_one_alone(
-    mode: str | None, monkeypatch: pytest.MonkeyPatch
+    mode: str | None, count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from taichisoft.kernels.runtime import THREADS
 
     monkeypatch.setenv("TAICHISOFT_THREADS", str(THREADS))  # kernels for another number would have to be compiled
     alone = make("Grasp")
     expected, _ = alone.reset(seed=5)
-    envs = gymnasium.make_vec("taichisoft_gym:taichisoft/Grasp-v0", num_envs=2, vectorization_mode=mode, **SMALL)
+    envs = gymnasium.make_vec("taichisoft_gym:taichisoft/Grasp-v0", num_envs=count, vectorization_mode=mode, **SMALL)
     readings, _ = envs.reset(seed=5)
     assert readings[0].tobytes() == expected.tobytes()
-    actions = np.array([[0.0, 0.0, 0.0], [0.5, 0.5, 0.0]], np.float32)
+    actions = np.array([[0.0, 0.0, 0.0], [0.5, 0.5, 0.0]][:count], np.float32)
     stepped, *_ = envs.step(actions)
     assert stepped[0].tobytes() == alone.step(actions[0])[0].tobytes()
-    assert stepped[1].tobytes() != stepped[0].tobytes()
+    assert len({one.tobytes() for one in stepped}) == count
     envs.close()
 
 
@@ -263,7 +270,7 @@ def test_a_page_in_the_browser_shows_an_episode(capfd: pytest.CaptureFixture[str
     env.reset(seed=0)
     env.step(np.zeros(3))
     address = next(line for line in capfd.readouterr().out.splitlines() if line.startswith("web page: "))
-    browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())
+    browser = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())  # the page keeps its key in a cookie
     with browser.open(address.removeprefix("web page: ")) as page:
         assert page.status == 200
     assert env.render() is None
