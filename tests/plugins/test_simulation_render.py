@@ -9,6 +9,7 @@ import pytest
 from taichisoft import Control, Simulation
 from taichisoft.errors import PluginError, TaichisoftError
 from taichisoft.scenes.scene import Scene
+from taichisoft_plugins.rendering.live_renderer import LiveRenderer
 
 SMALL = (160, 120)
 
@@ -43,6 +44,26 @@ def test_a_picture_shows_the_present_state_and_its_process_stays_and_is_replaced
     assert np.array_equal(again, first)
     simulation.close()
     assert not simulation._renderers
+
+
+def test_a_picture_that_is_interrupted_is_not_taken_for_the_next_one(taichisoft_scene: Scene) -> None:
+    """Ctrl and c while the picture is drawn: what the process still sends belongs to no later picture."""
+    renderer = LiveRenderer(Simulation(taichisoft_scene).model, SMALL, "front")
+    ended = []
+
+    class Interrupted:
+        def draw(self, state: object) -> None:
+            raise KeyboardInterrupt
+
+        def end(self) -> tuple[str, bool]:
+            ended.append(self)
+            return "", False
+
+    renderer._process = Interrupted()  # type: ignore[assignment]
+    with pytest.raises(KeyboardInterrupt):
+        renderer.picture(Simulation(taichisoft_scene).state)
+    assert ended
+    assert renderer._process is None
 
 
 def test_a_camera_at_a_point_looks_where_it_is_told(taichisoft_scene: Scene) -> None:

@@ -60,7 +60,11 @@ class LiveRenderer(Renderer):
         for _ in range(2):
             if self._process is None:
                 self._process = _Process(self._model, self._style)
-            drawn = self._process.draw(state)
+            try:
+                drawn = self._process.draw(state)
+            except BaseException:  # Ctrl and c: the rest of this picture must not be taken for the next one
+                self.close()
+                raise
             if drawn is not None:
                 return drawn
             problem, refused = self._process.end()
