@@ -48,6 +48,7 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.NotEq: operator.ne,
 }
 LONGEST = 1000
+CANNOT_BE_COMPUTED = (ArithmeticError, ValueError, TypeError, AttributeError, RecursionError)
 
 
 class Expression:
@@ -82,7 +83,7 @@ class Expression:
         try:
             value = _value(self._tree, names, where)
             number = float(value)
-        except (ArithmeticError, ValueError, TypeError) as error:
+        except CANNOT_BE_COMPUTED as error:
             raise StudyError(f"{where}: {error}") from error
         if not math.isfinite(number):
             raise StudyError(f"{where}: is {number:g}, no finite number")
@@ -104,8 +105,10 @@ class Expression:
             raise StudyError(f"{where}: must compare two values by <= or >=")
         try:
             left, right = (float(_value(side, names, where)) for side in (tree.left, tree.comparators[0]))
-        except (ArithmeticError, ValueError, TypeError) as error:
+        except CANNOT_BE_COMPUTED as error:
             raise StudyError(f"{where}: {error}") from error
+        if not (math.isfinite(left) and math.isfinite(right)):
+            raise StudyError(f"{where}: compares {left:g} with {right:g}; both must be finite numbers")
         return left - right if isinstance(tree.ops[0], ast.Lt | ast.LtE) else right - left
 
 

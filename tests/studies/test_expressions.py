@@ -66,6 +66,8 @@ def test_nothing_but_arithmetic_is_read(text: str) -> None:
         ("9.0 ** 9.0 ** 9.0", "math range error"),
         ("nothing + 1", "must be a string or a real number"),
         ("tips", "must be a string or a real number"),
+        ("get(force, 'a', 0)", "'float' object has no attribute 'get'"),
+        ("-" * 900 + "1", "maximum recursion depth exceeded"),
     ],
 )
 def test_what_cannot_be_computed_is_one_line(text: str, problem: str) -> None:
@@ -78,5 +80,7 @@ def test_what_cannot_be_computed_is_one_line(text: str, problem: str) -> None:
 def test_a_constraint_is_missed_by_a_difference() -> None:
     assert Expression("force <= 10", "c").violation(NAMES) == 2.0
     assert Expression("force >= 10", "c").violation(NAMES) == -2.0
+    with pytest.raises(StudyError, match="both must be finite numbers"):
+        Expression("huge >= 10", "c").violation({"huge": math.nan})
     with pytest.raises(StudyError, match="must compare two values"):
         Expression("force", "c").violation(NAMES)

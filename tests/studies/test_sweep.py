@@ -254,7 +254,7 @@ def test_a_run_that_hangs_or_crashes_is_a_failure_that_says_so(tmp_path: Path, t
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for the workers among processes")
 def test_killed_workers_and_a_killed_command_change_nothing(tmp_path: Path, taichisoft_plugins: Any) -> None:
     """The table is that of the same runs made in this process, one after the other, the last first."""
-    outcome = interrupted_sweep(tmp_path, runs=8, kills=1, seed=1)
+    outcome = interrupted_sweep(tmp_path, runs=8, kills=1, seed=1, workers=1)
     assert (outcome.complete, outcome.redone, outcome.kills) == (True, 0, 1)
     assert 4 <= outcome.ended_before < 8
     tables = read_tables(tmp_path / "disturbed" / "study.toml")
