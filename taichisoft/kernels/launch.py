@@ -156,7 +156,8 @@ class Kernel:
 def _refuse(self: Kernel, *arguments: Any) -> None:
     raise ForkedProcess(
         "this process was forked after the simulator had started, and would wait for threads that it does not have; "
-        "start processes with multiprocessing.get_context('spawn') or 'forkserver', or fork before the first simulation"
+        "start processes with multiprocessing.get_context('spawn') or 'forkserver', or fork before "
+        "taichisoft.Simulation is imported"
     )
 
 
