@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from taichisoft_studies.extras import StudyError
 from taichisoft_studies.objectives import Figure, figures, violations
 from taichisoft_studies.optimisation_file import Optimisation
 from taichisoft_studies.optimiser import JOURNAL, VIOLATIONS, counted, own, suggest
@@ -36,7 +37,7 @@ def optimise(
         done: called with each trial and the record of its run.
 
     Raises:
-        StudyError, SceneError: a key or an expression is not valid.
+        StudyError, SceneError: a key is not valid, or an expression cannot be computed of the first run that completes.
     """
     wanted, limits = figures(study), violations(study)
     running: dict[str, tuple[Any, RunJob]] = {}
@@ -114,8 +115,15 @@ def _tell(
     trial.set_user_attr(STATUS, record["status"])
     trial.set_user_attr(MESSAGE, record["message"])
     if record["status"] == COMPLETED:
-        values = [figure(record, place) for figure in wanted.values()]
-        missed = {name: figure(record, place) for name, figure in limits.items()}
+        try:
+            values = [figure(record, place) for figure in wanted.values()]
+            missed = {name: figure(record, place) for name, figure in limits.items()}
+        except StudyError as error:
+            trial.set_user_attr(MESSAGE, str(error))
+            trials.tell(trial, state=TrialState.FAIL)
+            if not trials.get_trials(deepcopy=False, states=(TrialState.COMPLETE,)):
+                raise  # it is the expression that is wrong, not this run
+            return
         trial.set_user_attr(VIOLATIONS, list(missed.values()))
         for name, value in missed.items():
             trial.set_constraint(name, value)

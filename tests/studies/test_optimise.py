@@ -96,6 +96,18 @@ def test_failed_runs_are_failed_trials_and_the_rest_go_on(tmp_path: Path, taichi
     assert best_trials(trials, 1)[0].params[PRESSURE] == "6.0"
 
 
+def test_a_figure_that_one_run_does_not_give_is_a_failed_trial(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """Of the first run it is an error: an expression that is wrong is wrong for all."""
+    values = {PRESSURE: [5.0, 6.0]}
+    never = {"x": {"minimise": "1 / (final_pressures_kPa['left.cavity'] - 6)"}}
+    study = search_of(tmp_path, variables=values, objectives=never, start={PRESSURE: 5.0}, trials=8)
+    trials = searched(study, tmp_path / "later")
+    states = {trial.params[PRESSURE]: trial.state.name for trial in trials.trials}
+    assert states == {"5.0": "COMPLETE", "6.0": "FAIL"}
+    with pytest.raises(StudyError, match=r"objectives.x.minimise = .*division by zero"):
+        searched(study.model_copy(update={"start": {PRESSURE: 6.0}}), tmp_path / "first")
+
+
 def test_an_interrupted_search_goes_on(tmp_path: Path, taichisoft_plugins: Any) -> None:
     study = search_of(tmp_path, trials=6)
     trials = searched(study.model_copy(update={"trials": 3}), tmp_path)

@@ -38,6 +38,7 @@ def calibrate(
     path = find_study(study)
     tables: dict[str, Any] = read_tables(path)
     options.add_cluster(tables, jobs, scheduler)
+    options.add_plugins(tables)
     asked = check_study(Calibration, tables, str(path))
     options.load_plugins(asked)
     files = _files(asked, path, data or [])

@@ -37,9 +37,8 @@ def optimise(
     path = find_study(study)
     tables: dict[str, Any] = with_function_paths(read_tables(path), path.parent)
     options.add_cluster(tables, jobs, scheduler)
-    plugins = options.requested_plugins()
+    options.add_plugins(tables)
     tables |= {"trials": trials} if trials is not None else {}
-    tables |= {"plugins": [*tables.get("plugins", []), *plugins]} if plugins else {}
     asked = check_study(Optimisation, tables, str(path))
     options.load_plugins(asked)
     console = Console()

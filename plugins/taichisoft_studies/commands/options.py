@@ -50,6 +50,13 @@ def add_cluster(tables: dict[str, Any], jobs: int | None, scheduler: str | None)
         tables["cluster"] = {**tables.get("cluster", {}), **given}
 
 
+def add_plugins(tables: dict[str, Any]) -> None:
+    """Put the plug-ins that the command line names into a study's tables."""
+    plugins = requested_plugins()
+    if plugins:
+        tables["plugins"] = list(dict.fromkeys([*tables.get("plugins", []), *plugins]))
+
+
 def load_plugins(study: Any) -> None:
     """Load the plug-ins of a study here as well: its keys are checked against what they provide."""
     from taichisoft.plugin_system.plugins import load_plugin

@@ -142,9 +142,7 @@ def _add_options(
         tables["set"] = [*tables.get("set", []), *set_]
     if record:
         tables["outputs"] = list(dict.fromkeys([*tables.get("outputs", ["metrics"]), "recording"]))
-    plugins = options.requested_plugins()
-    if plugins:
-        tables["plugins"] = list(dict.fromkeys([*tables.get("plugins", []), *plugins]))
+    options.add_plugins(tables)
 
 
 def _write_study(tables: Mapping[str, Any], output: Path) -> None:
