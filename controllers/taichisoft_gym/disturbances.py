@@ -120,7 +120,7 @@ class Sampled(Disturbance):
     """Reads anew every `every` control periods, and holds what was read until then."""
 
     def __init__(self, env: Any, every: int, channels: Sequence[str] | None = None):
-        super().__init__(env, channels, every=every)
+        super().__init__(env, channels, every=_whole("every", every, 1))
         self._every = every
 
     def begin(self, values: np.ndarray) -> None:
@@ -139,7 +139,7 @@ class Delayed(Disturbance):
     """Tells what was read `steps` control periods before; until then, what was read first."""
 
     def __init__(self, env: Any, steps: int, channels: Sequence[str] | None = None):
-        super().__init__(env, channels, steps=steps)
+        super().__init__(env, channels, steps=_whole("steps", steps, 0))
         self._steps = steps
 
     def begin(self, values: np.ndarray) -> None:
@@ -150,3 +150,14 @@ class Delayed(Disturbance):
         """Put the values into the line, and take out those that have waited."""
         self._line.append(values)
         return self._line.popleft()
+
+
+def _whole(name: str, value: int, least: int) -> int:
+    """A number of control periods.
+
+    Raises:
+        SceneError: it is no whole number, or too small.
+    """
+    if value != int(value) or value < least:
+        raise SceneError(f"{name} = {value!r}: must be a whole number of control periods, {least} or more")
+    return int(value)

@@ -108,3 +108,10 @@ def test_wrappers_of_one_kind_draw_different_numbers(exact: np.ndarray) -> None:
 def test_a_channel_that_is_not_there_is_refused() -> None:
     with pytest.raises(SceneError, match=r"no name begins with 'preasure'; there are: pressure left\.cavity, "):
         disturbances.Noise(make(), 0.1, channels=["preasure"])
+
+
+def test_numbers_of_control_periods_that_make_no_sense_are_refused() -> None:
+    with pytest.raises(SceneError, match="every = 0: must be a whole number of control periods, 1 or more"):
+        disturbances.Sampled(make(), 0)
+    with pytest.raises(SceneError, match="steps = -1: must be a whole number"):
+        disturbances.Delayed(make(), -1)
