@@ -162,6 +162,7 @@ LAYERS = {
         "curves_output",
         "observed",
         "run_job",
+        "unfinished",
         "results",
         "expressions",
         "keys",
