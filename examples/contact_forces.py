@@ -1,8 +1,9 @@
 """Read contact forces: between pairs of bodies, and contact by contact.
 
-`report.observation` has sums by pair of bodies, in the scene's order: `normal_forces["finger1", "cube"]`. `report` has
-the contacts themselves, `contact_points` [mm] and `contact_forces` [mN]; a force is on the second body of its pair,
-whose numbers are in `state.contact_body_pair`. Forces are in mN, so that the weight of a cube of 1 g is 9.81 mN.
+`report.observation` has sums by pair of bodies, in the scene's order: `normal_forces["finger1", "cube"]`, and points
+[mm] and forces of the contacts of a pair. `report` has all contacts in one row: `contact_points`, `contact_forces` and
+the `contact_pairs` that they belong to. A force is on the second body of its pair. Forces are in mN, so that the weight
+of a cube of 1 g is 9.81 mN.
 
 Prints:
 
@@ -28,15 +29,13 @@ print("                     normal  friction [mN]")
 for pair, force in report.observation.normal_forces.items():
     print(f"{' on '.join(pair):<18} {force:8.1f} {report.observation.friction_forces[pair]:8.1f}")
 
-cube = simulation.model.body_names.index("cube")
-first, second = simulation.state.contact_body_pair.T
-on_cube = np.vstack([report.contact_forces[second == cube], -report.contact_forces[first == cube]])
-total = on_cube.sum(axis=0)
+total = np.zeros(3)
+for (first, second), force in zip(report.contact_pairs, report.contact_forces, strict=True):
+    total += force * ((second == "cube") - (first == "cube"))
 weight = simulation.model.rigid_mass[0] * simulation.model.gravity
 print(f"All contacts together push the cube up with {total[0]:.2f} mN; its weight is {-weight[0]:.2f} mN.")
 
-finger = simulation.model.body_names.index("finger1")
-from_finger = (first == finger) & (second == cube)
-strength = np.linalg.norm(report.contact_forces[from_finger], axis=1)
-x, y, z = np.average(report.contact_points[from_finger], axis=0, weights=strength)
+points = report.observation.contact_points["finger1", "cube"]
+forces = report.observation.contact_forces["finger1", "cube"]
+x, y, z = np.average(points, axis=0, weights=np.linalg.norm(forces, axis=1))
 print(f"centre of finger1's force: ({x:.2f}, {y:.2f}, {z:.2f}) mm")

@@ -145,6 +145,8 @@ class Simulation:
             time=end.time,
             contact_points=end.contact_point,
             contact_forces=end.contact_impulse / time_step,
+            contact_bodies=end.contact_body_pair,
+            body_names=names,
             max_penetration=solved.penetration,
             iterations=solved.iterations,
             residual=solved.residual,

@@ -18,12 +18,16 @@ class ContactSummary:
         normal_forces: sum of the normal forces [mN].
         friction_forces: sum of the magnitudes of the friction forces [mN].
         slip_speeds: fastest sliding of a contact that presses [mm/s].
+        points: middles of the contacts, the open ones too [mm], shape (count, 3).
+        forces: force on the second body in each of these [mN], shape (count, 3).
     """
 
     counts: dict[Pair, int] = field(default_factory=dict)
     normal_forces: dict[Pair, float] = field(default_factory=dict)
     friction_forces: dict[Pair, float] = field(default_factory=dict)
     slip_speeds: dict[Pair, float] = field(default_factory=dict)
+    points: dict[Pair, np.ndarray] = field(default_factory=dict)
+    forces: dict[Pair, np.ndarray] = field(default_factory=dict)
 
 
 def summarise_contacts(model: Model, state: State) -> ContactSummary:
@@ -42,4 +46,12 @@ def summarise_contacts(model: Model, state: State) -> ContactSummary:
         normal_forces=dict(zip(names, np.add.reduceat(along[order], start).tolist(), strict=True)),
         friction_forces=dict(zip(names, np.add.reduceat(across[order], start).tolist(), strict=True)),
         slip_speeds=dict(zip(names, np.maximum.reduceat(state.contact_slip[order], start).tolist(), strict=True)),
+        points=_by_pair(names, state.contact_point[order], start),
+        forces=_by_pair(names, forces[order], start),
     )
+
+
+def _by_pair(names: list[Pair], rows: np.ndarray, start: np.ndarray) -> dict[Pair, np.ndarray]:
+    """The rows of each pair, read-only; those of one stand together from `start` on."""
+    rows.flags.writeable = False
+    return dict(zip(names, np.split(rows, start[1:]), strict=True))

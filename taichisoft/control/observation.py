@@ -41,6 +41,8 @@ class Observation:
         normal_forces: sum of the normal forces in the last step [mN], by pair.
         friction_forces: sum of the magnitudes of the friction forces in the last step [mN], by pair.
         slip_speeds: fastest sliding of a contact that presses [mm/s], by pair.
+        contact_points: middles of the contacts, the open ones too [mm], shape (count, 3), by pair.
+        contact_forces: force on the second body in each of these [mN], shape (count, 3), by pair.
         clipped: parts of the last request that the scene's limits held back: names of cavities and cables,
             "base_translation" and "base_rotation".
         state: the complete state that all the above was worked out from, read-only, for controllers that need every
@@ -69,5 +71,7 @@ class Observation:
     normal_forces: Mapping[Pair, float] = field(default_factory=dict)
     friction_forces: Mapping[Pair, float] = field(default_factory=dict)
     slip_speeds: Mapping[Pair, float] = field(default_factory=dict)
+    contact_points: Mapping[Pair, np.ndarray] = field(default_factory=dict)
+    contact_forces: Mapping[Pair, np.ndarray] = field(default_factory=dict)
     clipped: tuple[str, ...] = ()
     state: State | None = field(default=None, repr=False, compare=False)

@@ -70,6 +70,8 @@ class Observer:
             normal_forces=MappingProxyType(contacts.normal_forces),
             friction_forces=MappingProxyType(contacts.friction_forces),
             slip_speeds=MappingProxyType(contacts.slip_speeds),
+            contact_points=MappingProxyType(contacts.points),
+            contact_forces=MappingProxyType(contacts.forces),
             clipped=clipped(model, state),
             state=state,
         )

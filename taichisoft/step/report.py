@@ -6,7 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
-from taichisoft.control.observation import Observation
+from taichisoft.control.observation import Observation, Pair
 
 
 @dataclass(frozen=True)
@@ -19,6 +19,8 @@ class StepReport:
         contact_points: middles of the contacts at the start of the step, the open ones too [mm], shape
             (contact_count, 3).
         contact_forces: force on the second body of each contact [mN], shape (contact_count, 3).
+        contact_bodies: numbers of the two bodies of each contact in `body_names`, shape (contact_count, 2).
+        body_names: names of all bodies in the scene's order: soft bodies, rigid bodies, obstacles.
         max_penetration: deepest intrusion into the contact distance at the start of the step [mm]; surfaces overlap
             when it exceeds that distance.
         iterations: number of sweeps of the Gauss-Seidel.
@@ -38,6 +40,8 @@ class StepReport:
     time: float
     contact_points: np.ndarray
     contact_forces: np.ndarray
+    contact_bodies: np.ndarray
+    body_names: tuple[str, ...]
     max_penetration: float
     iterations: int
     residual: float
@@ -54,6 +58,11 @@ class StepReport:
     def contact_count(self) -> int:
         """Number of contacts, the open ones too."""
         return len(self.contact_points)
+
+    @cached_property
+    def contact_pairs(self) -> tuple[Pair, ...]:
+        """Names of the two bodies of each contact; its force is on the second one."""
+        return tuple((self.body_names[first], self.body_names[second]) for first, second in self.contact_bodies)
 
     @cached_property
     def observation(self) -> Observation:

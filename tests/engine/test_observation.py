@@ -121,6 +121,36 @@ def test_contacts_are_counted_and_their_forces_and_sliding_seen(sliding: Simulat
     assert observation.slip_speeds["cube", "floor"] == pytest.approx(1000.0 - 0.2 * 98.1, rel=1e-3)
 
 
+def test_contacts_carry_their_bodies(sliding: Simulation) -> None:
+    """Four corners stand on the floor; together the cube presses it down by its weight and drags it along."""
+    report = sliding.step()
+    assert report.contact_pairs == (("cube", "floor"),) * 4
+    points, forces = (
+        seen["cube", "floor"] for seen in (report.observation.contact_points, report.observation.contact_forces)
+    )
+    np.testing.assert_allclose(np.sort(points[:, 0]), [-10.0, -10.0, 10.0, 10.0], atol=1e-9)
+    np.testing.assert_allclose(forces.sum(axis=0), [0.0, 0.2 * 98.1, -98.1], rtol=1e-6, atol=1e-6)
+    with pytest.raises(ValueError, match="read-only"):
+        points[0] = 0.0
+
+
+def test_points_and_forces_of_a_pair_are_its_own() -> None:
+    """Two cubes on one floor: each has the contacts below it, which carry its weight."""
+    cubes = {
+        name: {"box": [20, 20, 20], "mass": mass, "position": [x, 0, 10.2]}
+        for name, mass, x in (("left", 0.01, -50.0), ("right", 0.03, 50.0))
+    }
+    floor = {"plane": {"point": [0, 0, 0], "normal": [0, 0, 1]}}
+    simulation = Simulation(scene_from_dict({"rigid_bodies": cubes, "obstacles": {"floor": floor}}))
+    report = simulation.step()
+    for name, mass, x in (("left", 0.01, -50.0), ("right", 0.03, 50.0)):
+        seen, pair = report.observation, (name, "floor")
+        assert seen.contact_points[pair][:, 0].mean() == pytest.approx(x)
+        assert seen.contact_forces[pair][:, 2].sum() == pytest.approx(-9810.0 * mass, rel=1e-6)
+        mine = [one == pair for one in report.contact_pairs]
+        np.testing.assert_array_equal(report.contact_points[mine], seen.contact_points[pair])
+
+
 def test_what_sticks_does_not_slip(sliding: Simulation) -> None:
     for _ in range(60):
         sliding.step()

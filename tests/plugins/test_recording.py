@@ -13,6 +13,7 @@ from taichisoft.state import State
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.output import BUFFERED_FRAMES, RecordingOutput
 from taichisoft_plugins.recording.reader import read_recording
+from taichisoft_plugins.recording.repair import repair
 
 
 @pytest.fixture(scope="module")
@@ -58,6 +59,13 @@ def test_contacts_of_a_frame(recording, frame):
     points, forces = recording.contacts(frame)
     assert np.array_equal(points, np.full((frame % 3, 3), float(frame)))
     assert np.array_equal(forces, fake_run.fake_report(frame).contact_forces)
+    assert recording.contact_pairs(frame) == [("finger", "cube")] * (frame % 3)
+
+
+def test_a_repaired_recording_still_names_the_bodies_of_its_contacts(recording, tmp_path):
+    repair(recording.path, tmp_path / "new.h5")
+    with read_recording(tmp_path / "new.h5") as repaired:
+        assert repaired.contact_pairs(2) == [("finger", "cube")] * 2
 
 
 def test_header(recording):

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from taichisoft.errors import TaichisoftError
 
 FILE_NAME = "recording.h5"
-LAYOUT = 7
+LAYOUT = 8
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 OUTCOME_LENGTH = 2000
 """Most bytes of the text that says how the run ended."""

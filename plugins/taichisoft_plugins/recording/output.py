@@ -12,6 +12,7 @@ from taichisoft_plugins.recording.bodies import write_constants
 from taichisoft_plugins.recording.file import RecordingFile
 from taichisoft_plugins.recording.layout import FILE_NAME, RecordingError
 from taichisoft_plugins.recording.rows import Frame, RowMaker, SolverFigures
+from taichisoft_plugins.recording.texts import write_texts
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -153,6 +154,7 @@ class RecordingOutput(Output):
         materials = list(self._model.material_names)
         columns = {"cavities": rows.cavities, "cables": rows.cables, "pairs": pairs, "materials": materials}
         write_constants(root, self._model, self._every, columns)
+        write_texts(root.require_group("contacts").attrs, "names", self._model.body_names)
 
     def _write(self) -> None:
         """Add the frames that are kept to the file."""

@@ -45,6 +45,7 @@ class Recording:
         cable_paths: the points that the cables run through, and what carries them.
         pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
         materials: names of the columns of `column("young_modulus")`.
+        body_names: names of all bodies in the order of the scene, by which contacts number them.
         base_pivot: the point about which the base turns [mm], shape (3,).
         surfaces: everything with triangles: soft bodies with their cavities, rigid bodies, obstacles.
         planes: the infinite obstacles.
@@ -74,6 +75,7 @@ class Recording:
         pairs = [pair.split("|") for pair in read_texts(columns, "pairs")]
         self.pairs: list[Pair] = [(first, second) for first, second in pairs]
         self.materials = read_texts(columns, "materials")
+        self.body_names = read_texts(file["contacts"].attrs, "names")
         self.base_pivot: np.ndarray = attributes["base_pivot"]
         self.surfaces = tuple(map(self.follow, read_surfaces(file)))
         self.planes = tuple(read_planes(file))
@@ -141,6 +143,12 @@ class Recording:
     def contacts(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
         """Points [mm] and forces [mN] on the second body of each contact, each of shape (contact_count, 3)."""
         return self._contact_rows("point", frame), self._contact_rows("impulse", frame) / self.step_size
+
+    def contact_pairs(self, frame: int) -> list[Pair]:
+        """Names of the two bodies of each of these contacts."""
+        return [
+            (self.body_names[first], self.body_names[second]) for first, second in self._contact_rows("bodies", frame)
+        ]
 
     def cable_points(self, frame: int) -> list[np.ndarray]:
         """Points of each cable from its pulled end on [mm], each of shape (point_count, 3)."""

@@ -77,7 +77,8 @@ def copy_frames(recording: Recording, new: Path, frames: Sequence[int], count: i
 
         def describe(root: Any) -> None:
             root.attrs.update(source.attrs)
-            root.require_group("steps").attrs.update(source["steps"].attrs)
+            for group in ("steps", "contacts"):
+                root.require_group(group).attrs.update(source[group].attrs)
             for name in source:
                 if name not in OF_FRAMES:
                     source.copy(name, root)
