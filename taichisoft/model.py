@@ -143,7 +143,7 @@ class Model:
             contact_point=np.zeros((0, 3)),
             contact_normal=np.zeros((0, 3)),
             contact_impulse=np.zeros((0, 3)),
-            contact_slip=np.zeros(0),
+            contact_slip=np.zeros((0, 3)),
         )
 
     def varied(self, friction: float | None = None, masses: Mapping[str, float] | None = None) -> "Model":

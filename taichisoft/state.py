@@ -49,7 +49,8 @@ class State:
         contact_point: middle of each contact when it was found [mm], shape (contact_count, 3).
         contact_normal: unit vector from the first body to the second, shape (contact_count, 3).
         contact_impulse: impulse on the second body [mN s], shape (contact_count, 3).
-        contact_slip: sliding speed of each contact, 0 where nothing presses [mm/s], shape (contact_count,).
+        contact_slip: sliding velocity of the second body of each contact on the first, 0 where nothing presses [mm/s],
+            shape (contact_count, 3).
     """
 
     time: float

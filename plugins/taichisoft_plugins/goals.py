@@ -20,7 +20,7 @@ def goal_figures(scene: Scene, goal: Goal, lift: LiftFigures) -> dict[str, Any]:
         "object_lift_mm": object_lift,
         "object_peak_lift_mm": lift.peak_lift,
         "base_lift_mm": base_lift,
-        "object_slip_mm": base_lift - object_lift,
+        "object_slip_mm": lift.slip,
         "object_creep_mm": lift.creep,
         "final_object_position_mm": position.tolist(),
     }
@@ -75,7 +75,8 @@ Check = tuple[bool, str]
 def _held(goal: Goal, m: Mapping[str, Any], floor_force: float) -> Iterator[Check]:
     yield (
         abs(m["object_slip_mm"]) <= goal.tolerance,
-        f"lifted by {m['object_lift_mm']:z.2f} mm with a base that rose {m['base_lift_mm']:z.2f} mm "
+        f"lifted by {m['object_lift_mm']:z.2f} mm with a base that rose {m['base_lift_mm']:z.2f} mm, slipped by "
+        f"{m['object_slip_mm']:z.2f} mm "
         f"(tolerance {goal.tolerance:g} mm)",
     )
     # An object that stays where it is slips by less than the tolerance, too, while the base rises by less.

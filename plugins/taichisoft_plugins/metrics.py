@@ -13,6 +13,7 @@ from taichisoft.errors import GoalMissed
 from taichisoft.session.output import Output
 from taichisoft_plugins.goals import doubts, first_push, goal_figures, shortcomings
 from taichisoft_plugins.run_figures import LiftFigures, StepFigures
+from taichisoft_plugins.slipping import Slipping
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -51,6 +52,7 @@ class MetricsOutput(Output):
         self._stretch = {name: (1.0, 1.0) for name, _, _ in self._soft}
         self._largest: dict[str, dict[str, float]] = {"tensions": {}, "pulls": {}}
         self._last_state = state
+        self._slipping = Slipping(len(self._scene.soft_bodies), state)
         self._lift: LiftFigures | None = None
         if self._scene.goal is not None:
             goal = self._scene.goal
@@ -65,7 +67,8 @@ class MetricsOutput(Output):
         self._last_state = state
         if self._lift is not None:
             force = self._normal_force(report, self._scene.soft_bodies)
-            self._lift.add(state.base_translation, self._object_position(state), force, report.converged)
+            slide = self._slipping.add(state)[self._object]
+            self._lift.add(state.base_translation, self._object_position(state), slide, force, report.converged)
         for name in self._cables:
             seen = report.observation
             for kind, values in (("tensions", seen.cable_tensions), ("pulls", seen.cable_pulls)):

@@ -103,6 +103,8 @@ class LiftFigures:
     """Where an object and the base were before the base moved and in the last steps, and what pressed the object.
 
     Attributes:
+        slip: how far the object has slid down what holds it, since the moment before the base moved, or since the start
+            where it did not [mm].
         peak_force: the largest sum of the fingers' normal forces [mN].
         positions: of the object before and after each of the last steps [mm].
         forces: that sum in each of these steps [mN].
@@ -126,13 +128,13 @@ class LiftFigures:
         self._before, self._at_rest = (base, position), True
         self._rest = base, position
         self._now = base, position
-        self.peak_force = 0.0
+        self.slip = self.peak_force = 0.0
         self.positions = deque([position], maxlen=hold_steps + 1)
         self.forces: deque[float] = deque(maxlen=hold_steps)
         self.unconverged: deque[bool] = deque(maxlen=hold_steps)
 
-    def add(self, base: np.ndarray, position: np.ndarray, force: float, converged: bool) -> None:
-        """Take a step into account."""
+    def add(self, base: np.ndarray, position: np.ndarray, slide: np.ndarray, force: float, converged: bool) -> None:
+        """Take a step into account, in which the object slid by `slide` on what holds it [mm], shape (3,)."""
         self._now = base, position
         self._steps += 1
         self._highest = max(self._highest, float(position @ self._up))
@@ -142,6 +144,8 @@ class LiftFigures:
             self._rest = self._now
         elif self._at_rest:
             self._before, self._at_rest = self._rest, False
+            self.slip = 0.0
+        self.slip -= float(slide @ self._up)
         self.peak_force = max(self.peak_force, force) if self.forces else force
         self.positions.append(position)
         self.forces.append(force)

@@ -37,6 +37,7 @@ def summarise_contacts(model: Model, state: State) -> ContactSummary:
     forces = state.contact_impulse / model.scene.time.step
     along = np.einsum("cd,cd->c", forces, state.contact_normal)
     across = np.linalg.norm(forces - along[:, None] * state.contact_normal, axis=1)
+    slip_speeds = np.linalg.norm(state.contact_slip, axis=1)
     order = np.lexsort(state.contact_body_pair.T[::-1])
     body_pair = state.contact_body_pair[order]
     start = np.flatnonzero(np.diff(body_pair, axis=0, prepend=-1).any(axis=1))
@@ -45,7 +46,7 @@ def summarise_contacts(model: Model, state: State) -> ContactSummary:
         counts=dict(zip(names, np.add.reduceat(along[order] > 0.0, start, dtype=np.int64).tolist(), strict=True)),
         normal_forces=dict(zip(names, np.add.reduceat(along[order], start).tolist(), strict=True)),
         friction_forces=dict(zip(names, np.add.reduceat(across[order], start).tolist(), strict=True)),
-        slip_speeds=dict(zip(names, np.maximum.reduceat(state.contact_slip[order], start).tolist(), strict=True)),
+        slip_speeds=dict(zip(names, np.maximum.reduceat(slip_speeds[order], start).tolist(), strict=True)),
         points=_by_pair(names, state.contact_point[order], start),
         forces=_by_pair(names, forces[order], start),
     )

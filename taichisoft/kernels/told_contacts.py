@@ -5,10 +5,11 @@ from typing import NamedTuple
 import numpy as np
 
 from taichisoft.kernels.constraint_problem import Iterate
+from taichisoft.kernels.constraint_rows import contact_basis
 from taichisoft.kernels.contact_reduction import BEFORE, Choice
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import Integers, IntegerTable, Scalars, Vectors, ti, vec3
+from taichisoft.kernels.runtime import Integers, IntegerTable, Vectors, ti, vec3
 
 # What a pair of bodies has instead of a closest contact.
 NONE, TAKES_PART = -1, -2
@@ -23,7 +24,7 @@ class ToldContacts(NamedTuple):
         point: middle of the two points [mm], shape (capacity, 3).
         normal: unit vector from the first body to the second, shape (capacity, 3).
         impulse: on the second body [mN s], shape (capacity, 3).
-        slip: sliding speed where it presses, else 0 [mm/s], shape (capacity,).
+        slip: sliding velocity of the second body on the first where it presses, else 0 [mm/s], shape (capacity, 3).
         closest: work space: a contact of each pair of bodies, shape (body_count, body_count).
     """
 
@@ -32,7 +33,7 @@ class ToldContacts(NamedTuple):
     point: Vectors
     normal: Vectors
     impulse: Vectors
-    slip: Scalars
+    slip: Vectors
     closest: IntegerTable
 
     @classmethod
@@ -44,7 +45,7 @@ class ToldContacts(NamedTuple):
             point=np.zeros((capacity, 3)),
             normal=np.zeros((capacity, 3)),
             impulse=np.zeros((capacity, 3)),
-            slip=np.zeros(capacity),
+            slip=np.zeros((capacity, 3)),
             closest=np.zeros((body_count, body_count), dtype=np.int32),
         )
 
@@ -87,11 +88,13 @@ def tell(
                 told.point[k] = 0.5 * (contacts.points[c, 0] + contacts.points[c, 1])
                 told.normal[k] = contacts.normal[c]
                 told.impulse[k] = vec3(0.0)
-                told.slip[k] = 0.0
+                told.slip[k] = vec3(0.0)
                 if takes_part:
                     told.impulse[k] = contact_impulse[c]
                     if solved.impulse[3 * row] > 0.0:
                         first, second = solved.velocity[3 * row + 1], solved.velocity[3 * row + 2]
-                        told.slip[k] = ti.sqrt(first * first + second * second)
+                        basis = contact_basis(contacts.normal[c])
+                        for d in ti.static(range(3)):
+                            told.slip[k][d] = first * basis[1, d] + second * basis[2, d]
             if takes_part:
                 row += 1

@@ -81,7 +81,7 @@ def gripper_state(model: SimpleNamespace, step: int) -> SimpleNamespace:
     state.contact_point = middle - 21.0 * inwards
     state.contact_normal = inwards
     state.contact_impulse = 300.0 * inwards * model.scene.time.step
-    state.contact_slip = np.zeros(count)
+    state.contact_slip = np.zeros((count, 3))
     return state
 
 

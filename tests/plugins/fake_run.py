@@ -115,7 +115,7 @@ def fake_state(step: int) -> SimpleNamespace:
         contact_point=np.full((contacts, 3), float(step)),
         contact_normal=np.tile([0.0, 0.0, 1.0], (contacts, 1)),
         contact_impulse=np.full((contacts, 3), -STEP * step),
-        contact_slip=np.full(contacts, 0.5 * step),
+        contact_slip=np.tile([0.5 * step, 0.0, 0.0], (contacts, 1)),
     )
 
 

@@ -63,11 +63,15 @@ def report(step: int, **changes: Any) -> Any:
     return SimpleNamespace(**{**values, **changes}, observation=Observation((step + 1) * STEP, step, **seen))
 
 
-def state(height_of_base: float, height_of_cube: float) -> Any:
-    return SimpleNamespace(
+def state(height_of_base: float, height_of_cube: float, **contacts: Any) -> Any:
+    made_up = SimpleNamespace(
         base_translation=height_of_base * UP,
         rigid_position=np.array([np.zeros(3), np.array([5.0, 6.0, 7.0]) + height_of_cube * UP]),
+        time=0.0,
+        contact_body_pair=np.zeros((0, 2), dtype=int),
     )
+    vars(made_up).update(contacts)
+    return made_up
 
 
 def follow(
@@ -111,6 +115,29 @@ def test_lift_slip_and_creep_are_those_of_the_made_up_run(tmp_path: Path) -> Non
     assert metrics["object_lift_mm"] == pytest.approx(LIFT - 0.5 - 0.05)
     assert metrics["object_slip_mm"] == pytest.approx(0.55)
     assert metrics["object_creep_mm"] == pytest.approx(0.05)
+
+
+def test_an_object_that_fingers_take_along_does_not_slip_where_they_lag_behind_the_base(tmp_path: Path) -> None:
+    """It rises by 2 mm less than the base, and so do the fingers: against them it slides down by 0.3 mm alone.
+
+    Three quarters of the normal force are on a finger on which it slides by 0.4 mm, on the other it does not.
+    """
+    output = MetricsOutput(tmp_path)
+    output.begin(model(), state(0.0, 0.0))
+    heights = [*RISE[1:], *HOLD]
+    for step, height in enumerate(heights):
+        contacts = {
+            "time": (step + 1) * STEP,
+            "contact_body_pair": np.array([[0, 3], [3, 1]]),  # of finger1 and cube, and of cube and finger2
+            "contact_normal": np.array([[0.0, 1.0, 0.0], [0.0, 1.0, 0.0]]),
+            "contact_impulse": np.array([[0.1, 3.0, 0.2], [0.0, 1.0, 0.0]]),
+            "contact_slip": np.array([-0.4 / STEP * UP, 0.0 * UP]) if step == 5 else np.zeros((2, 3)),
+        }
+        output.record(state(height, height * (1.0 - 2.0 / LIFT), **contacts), report(step))
+    output.end("completed")
+    assert output.metrics["object_slip_mm"] == pytest.approx(0.3)
+    assert output.metrics["object_lift_mm"] == pytest.approx(LIFT - 2.0)
+    assert output.metrics["held"] is True
 
 
 def test_the_file_has_the_figures_of_the_steps(tmp_path: Path) -> None:
@@ -201,7 +228,12 @@ def test_the_table_that_closes_a_run_says_what_is_doubtful(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("base", "cube", "changes", "why"),
     [
-        (RISE + HOLD, cube_heights(slip=1.2), {}, "lifted by 28.75 mm with a base that rose 30.00 mm (tolerance 1 mm)"),
+        (
+            RISE + HOLD,
+            cube_heights(slip=1.2),
+            {},
+            "lifted by 28.75 mm with a base that rose 30.00 mm, slipped by 1.25 mm (tolerance 1 mm)",
+        ),
         (RISE + HOLD, cube_heights(slip=-1.2), {}, "lifted by 31.15 mm with a base that rose 30.00 mm"),
         (RISE + HOLD, cube_heights(creep=0.12), {}, "creep 0.12 mm in the last 2 s (limit 0.1 mm)"),
         (RISE + HOLD, cube_heights(), {9: {"max_penetration": 1.5}}, "surfaces overlapped by 0.5 mm (contact_distance"),

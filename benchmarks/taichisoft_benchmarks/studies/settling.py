@@ -73,7 +73,7 @@ def measure(hold: Hold) -> tuple[list[float], float]:
     for index in range(round((SHAKEN_TO + SHOWN[-1]) / hold.step)):
         simulation.step(control_at(simulation, hold.grasp.pressure, (index + 1) * hold.step))
         places.append(simulation.state.rigid_position[0])
-        slips.append(float(simulation.state.contact_slip.max(initial=0.0)))
+        slips.append(float(np.linalg.norm(simulation.state.contact_slip, axis=1).max(initial=0.0)))
     second = round(1.0 / hold.step)
     held = np.array(places[-SHOWN[-1] * second - 1 :])
     return [float(np.linalg.norm(held[i + second] - held[i])) for i in range(0, len(held) - 1, second)], max(

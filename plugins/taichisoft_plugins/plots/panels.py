@@ -104,16 +104,16 @@ def height(run: RunCurves) -> Panel:
 
 
 def slip(run: RunCurves) -> Panel:
-    """Heights by which objects stay behind the base since the moment before it moves, as in metrics.json."""
+    """How far objects have slid down the fingers since the moment before the base moves, as in metrics.json."""
     base, names = run.recording.column("base_translation"), _objects(run.recording)
+    slide = -run.recording.column("slide") @ run.recording.scene.up
     behind = np.full((len(run.times), len(names)), np.nan)
     for start, end in pieces(run.times):
         rest = last_at_rest(base[start:end])
         if rest is not None:
             before = start + rest
-            motion = base[before:end, None] - run.recording.column("rigid_position")[before:end]
-            behind[before:end] = (motion - motion[0]) @ run.recording.scene.up
-    return run.over_time("slip against the base [mm]", behind, names, names)
+            behind[before:end] = np.cumsum(slide[before:end], axis=0) - slide[before]
+    return run.over_time("slip against the fingers [mm]", behind, names, names)
 
 
 def tips_side(run: RunCurves) -> Panel:

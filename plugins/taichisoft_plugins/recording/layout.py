@@ -62,6 +62,7 @@ QUANTITIES = {
     "steps/normal_force": Quantity("mN"),
     "steps/friction_force": Quantity("mN"),
     "steps/slip_speed": Quantity("mm/s"),
+    "steps/slide": Quantity("mm"),
     "steps/contact_offset": Quantity("1"),
     "steps/contact_count": Quantity("1"),
     "steps/max_penetration": Quantity("mm"),

@@ -6,6 +6,8 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from taichisoft.atomic_file import named_os_errors
 from taichisoft.session.output import Output
 from taichisoft_plugins.recording.bodies import write_constants
@@ -13,6 +15,7 @@ from taichisoft_plugins.recording.file import RecordingFile
 from taichisoft_plugins.recording.layout import FILE_NAME, RecordingError
 from taichisoft_plugins.recording.rows import Frame, RowMaker, SolverFigures
 from taichisoft_plugins.recording.texts import write_texts
+from taichisoft_plugins.slipping import Slipping
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -68,7 +71,7 @@ class RecordingOutput(Output):
         """
         self._model = model
         self._rows = RowMaker(model)
-        self._begin_file(Frame(state, None, self._solver))
+        self._begin_file(self._first_frame(state))
         with named_os_errors(self.path, RecordingError):
             self._before.unlink(missing_ok=True)
 
@@ -79,7 +82,8 @@ class RecordingOutput(Output):
             RecordingError: the file cannot be written.
         """
         self._solver.add(report)
-        frame = Frame(state, report, self._solver)
+        self._slide = self._slide + self._slipping.add(state)
+        frame = Frame(state, report, self._solver, self._slide)
         if self._solver.steps < self._every:
             self._skipped = frame
             return
@@ -92,7 +96,7 @@ class RecordingOutput(Output):
     def restart(self, state: "State") -> None:
         """The frames go on with the first state again; what came before stays."""
         self._keep_skipped()
-        self._keep(Frame(state, None, SolverFigures()))
+        self._keep(self._first_frame(state))
 
     def end(self, outcome: str) -> None:
         """Write what is still in memory and how the run ended; the file is closed whatever happens.
@@ -108,6 +112,12 @@ class RecordingOutput(Output):
         finally:
             file, self._file = self._file, None
             file.close(outcome)
+
+    def _first_frame(self, state: "State") -> Frame:
+        """The frame of a first state, from which the steps go on."""
+        self._solver, self._slide = SolverFigures(), np.zeros_like(state.rigid_position)
+        self._slipping = Slipping(len(self._model.scene.soft_bodies), state)
+        return Frame(state, None, self._solver, self._slide)
 
     @property
     def _before(self) -> Path:
@@ -137,6 +147,7 @@ class RecordingOutput(Output):
     def _keep(self, frame: Frame) -> None:
         self._frames.append(frame)
         self._skipped, self._solver = None, SolverFigures()
+        self._slide = np.zeros_like(self._slide)
 
     def _keep_skipped(self) -> None:
         """Keep the last step, whatever its number."""

@@ -53,11 +53,13 @@ class Frame:
         state: the state at the end of the step.
         report: the report of the step; None for the state before the first one.
         solver: figures of the steps since the last frame.
+        slide: way of each rigid body against what holds it since the last frame [mm], shape (rigid_count, 3).
     """
 
     state: "State"
     report: "StepReport | None"
     solver: SolverFigures
+    slide: np.ndarray
 
 
 class RowMaker:
@@ -103,6 +105,7 @@ class RowMaker:
             "steps/normal_force": self._by_pair(contacts.normal_forces),
             "steps/friction_force": self._by_pair(contacts.friction_forces),
             "steps/slip_speed": self._by_pair(contacts.slip_speeds),
+            "steps/slide": frame.slide,
             "steps/max_penetration": float(solver.max_penetration),
             "steps/iterations": int(solver.iterations),
             "steps/residual": float(solver.residual),
