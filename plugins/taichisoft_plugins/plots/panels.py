@@ -1,7 +1,7 @@
 """The curves of a run: one small panel for each quantity, made from the recording's columns."""
 
 from collections.abc import Callable, Sequence
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -148,6 +148,12 @@ def step_time(run: RunCurves) -> Panel:
     return Panel(TIME_AXIS, "time per step [ms]", curves, logarithmic=True, level=level)
 
 
+def signal(column: int, run: RunCurves) -> Panel:
+    """A number of the controller's own, in a unit of its own."""
+    name = run.recording.signals[column]
+    return run.over_time(f"signal {name}", run.recording.column("signals")[:, [column]], [name], [""])
+
+
 PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "pressure": pressure,
     "volume": volume,
@@ -164,6 +170,12 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "step-time": step_time,
 }
 """The functions that make the panels, by name."""
+
+
+def panels_of(recording: Recording) -> dict[str, Callable[[RunCurves], Panel]]:
+    """Those of every run, and one for each of the controller's signals, "signal NAME"."""
+    return PANELS | {f"signal {name}": partial(signal, column) for column, name in enumerate(recording.signals)}
+
 
 CABLE_PANELS = ("tension", "pull")
 """Panels that nobody expects of a run without cables."""

@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.errors import TaichisoftError
 from taichisoft_plugins.plots.figure import Panel, draw_figure, figure_bytes
-from taichisoft_plugins.plots.panels import CABLE_PANELS, PANELS, RunCurves
+from taichisoft_plugins.plots.panels import CABLE_PANELS, RunCurves, panels_of
 from taichisoft_plugins.recording.reader import Recording
 
 FORMATS = ("png", "svg")
@@ -41,12 +41,13 @@ def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = N
     """
     if format not in FORMATS:
         raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
+    known = panels_of(recording)
     for name in only or ():
-        if name not in PANELS:
-            raise PlotError(f"--only {name}: there are: {', '.join(PANELS)}")
+        if name not in known:
+            raise PlotError(f"--only {name}: there are: {', '.join(known)}")
     run = RunCurves(recording)
-    names = only or [name for name in PANELS if recording.cables or name not in CABLE_PANELS]
-    panels = {name: _with_something_in_it(PANELS[name](run)) for name in names}
+    names = only or [name for name in known if recording.cables or name not in CABLE_PANELS]
+    panels = {name: _with_something_in_it(known[name](run)) for name in names}
     left_out = tuple(name for name, panel in panels.items() if not panel.curves)
     shown = {name: panel for name, panel in panels.items() if panel.curves}
     if not shown:

@@ -2,7 +2,7 @@
 
 import glob
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +10,9 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file, named_os_errors
 from taichisoft_plugins.recording.checksums import CHECKSUMS, checksums
-from taichisoft_plugins.recording.layout import OUTCOME_LENGTH, QUANTITIES, UNFINISHED, RecordingError
+from taichisoft_plugins.recording.layout import OUTCOME_LENGTH, QUANTITIES, SIGNAL_NAMES, UNFINISHED, RecordingError
 from taichisoft_plugins.recording.still_file import SUPERBLOCK
-from taichisoft_plugins.recording.texts import as_bytes, write_texts
+from taichisoft_plugins.recording.texts import as_bytes, as_signal_names, write_texts
 
 ROWS_PER_CHUNK = 100
 CONTACTS_PER_CHUNK = 512
@@ -74,18 +74,26 @@ class RecordingFile:
             self._root = h5py.File(begun, "r+", libver="latest", locking=False, rdcc_nbytes=CACHED)
             _limit_cache(self._root)
             self._root.swmr_mode = True
-            self._datasets = {name: self._root[name] for name in ["frames", "outcome", CHECKSUMS, *rows]}
+            self._datasets = {name: self._root[name] for name in ["frames", "outcome", CHECKSUMS, SIGNAL_NAMES, *rows]}
+            self._signal_count = 0
             self._one_chunk = sum(_chunk_bytes(dataset) for dataset in self._datasets.values())
             self._append(rows)
 
-    def append(self, rows: Mapping[str, np.ndarray]) -> None:
+    def append(self, rows: Mapping[str, np.ndarray], signals: Sequence[str] = ()) -> None:
         """Add frames, by paths of datasets; they count when everything about them is in the file.
+
+        Args:
+            rows: the frames.
+            signals: names of the columns of signals that have one by now; none for those that `describe` wrote.
 
         Raises:
             RecordingError: the frames cannot be written; those before them stay.
         """
         if not self._room.is_file(self.path):
             raise RecordingError(f"{self.path}: was removed or replaced while the run went on; its frames are lost")
+        if len(signals) > self._signal_count:  # what has a place in the file already needs no room
+            self._signal_count = len(signals)
+            self._datasets[SIGNAL_NAMES][:] = as_signal_names(signals)
         self._append(rows)
 
     @property

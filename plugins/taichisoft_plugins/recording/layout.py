@@ -9,6 +9,10 @@ LAYOUT = 8
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 OUTCOME_LENGTH = 2000
 """Most bytes of the text that says how the run ended."""
+SIGNAL_NAMES = "signal_names"
+"""Dataset with the names of the columns of `steps/signals`, in the order in which the signals first came."""
+SIGNAL_COUNT, SIGNAL_NAME_LENGTH = 64, 200
+"""Signals that there is room for, and most bytes of their names: what may come is not known when a file begins."""
 UNFINISHED = "unfinished"
 """This text while the run goes on, and after it was killed."""
 
@@ -63,6 +67,7 @@ QUANTITIES = {
     "steps/friction_force": Quantity("mN"),
     "steps/slip_speed": Quantity("mm/s"),
     "steps/slide": Quantity("mm"),
+    "steps/signals": Quantity("of the controller"),
     "steps/contact_offset": Quantity("1"),
     "steps/contact_count": Quantity("1"),
     "steps/max_penetration": Quantity("mm"),

@@ -12,9 +12,9 @@ from taichisoft.atomic_file import named_os_errors
 from taichisoft.session.output import Output
 from taichisoft_plugins.recording.bodies import write_constants
 from taichisoft_plugins.recording.file import RecordingFile
-from taichisoft_plugins.recording.layout import FILE_NAME, RecordingError
+from taichisoft_plugins.recording.layout import FILE_NAME, SIGNAL_NAMES, RecordingError
 from taichisoft_plugins.recording.rows import Frame, RowMaker, SolverFigures
-from taichisoft_plugins.recording.texts import write_texts
+from taichisoft_plugins.recording.texts import as_signal_names, write_texts
 from taichisoft_plugins.slipping import Slipping
 
 if TYPE_CHECKING:
@@ -165,6 +165,7 @@ class RecordingOutput(Output):
         materials = list(self._model.material_names)
         columns = {"cavities": rows.cavities, "cables": rows.cables, "pairs": pairs, "materials": materials}
         write_constants(root, self._model, self._every, columns)
+        root[SIGNAL_NAMES] = as_signal_names(rows.signals)
         write_texts(root.require_group("contacts").attrs, "names", self._model.body_names)
 
     def _write(self) -> None:
@@ -172,7 +173,8 @@ class RecordingOutput(Output):
         frames, self._frames = self._frames, []
         self._written_at = time.monotonic()
         if self._file is not None and frames:
-            self._file.append(self._rows.rows(frames, self._file.contact_count))
+            rows = self._rows.rows(frames, self._file.contact_count)
+            self._file.append(rows, self._rows.signals)
 
 
 def limit_endless_recordings(session: "Session") -> None:

@@ -25,8 +25,8 @@ from taichisoft_plugins.recording.bodies import (
 )
 from taichisoft_plugins.recording.checksums import CHECKSUMS, COLUMN, checksum, checksums
 from taichisoft_plugins.recording.content import PATIENCE, Content, DamagedContent
-from taichisoft_plugins.recording.layout import QUANTITIES, RecordingError
-from taichisoft_plugins.recording.texts import read_text, read_texts
+from taichisoft_plugins.recording.layout import QUANTITIES, SIGNAL_NAMES, RecordingError
+from taichisoft_plugins.recording.texts import decoded, read_text, read_texts
 
 
 class Recording:
@@ -131,6 +131,16 @@ class Recording:
             return values
 
         return self._content.read(read)
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of the signals that the controller has had; `column("signals")` has them in this order, NaN for none.
+
+        Raises:
+            RecordingError: they are damaged.
+        """
+        names: list[str] = self._content.read(lambda _file: decoded(self._content.dataset(SIGNAL_NAMES)[:]))
+        return names[: max((place + 1 for place, name in enumerate(names) if name), default=0)]
 
     def row(self, name: str, frame: int) -> np.ndarray:
         """One quantity in one frame.

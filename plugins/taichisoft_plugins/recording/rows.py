@@ -1,5 +1,6 @@
 """The rows of a recording: what is written about each frame of a run."""
 
+import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
@@ -7,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft_plugins.recording.layout import QUANTITIES
+from taichisoft_plugins.recording.layout import QUANTITIES, SIGNAL_COUNT
 
 if TYPE_CHECKING:
     from taichisoft.control.contact_summary import ContactSummary
@@ -69,6 +70,7 @@ class RowMaker:
         cavities: names of the columns of `pressure` and `volume`.
         cables: names of the columns of `tension`, `pull` and `cable_length`.
         pairs: bodies of the columns of `normal_force`, `friction_force` and `slip_speed`: all that could touch.
+        signals: names of the columns of `signals`, of those that the controller has had by now.
     """
 
     def __init__(self, model: "Model"):
@@ -76,6 +78,8 @@ class RowMaker:
         self.pairs = list(combinations_with_replacement(model.body_names, 2))
         self.cavities = list(model.cavities.names)
         self.cables = list(model.cables.names)
+        self.signals: list[str] = []
+        self._left_out: set[str] = set()
         # A pair may come with its bodies the other way round.
         self._pair_column = {(second, first): column for column, (first, second) in enumerate(self.pairs)}
         self._pair_column |= {pair: column for column, pair in enumerate(self.pairs)}
@@ -106,6 +110,7 @@ class RowMaker:
             "steps/friction_force": self._by_pair(contacts.friction_forces),
             "steps/slip_speed": self._by_pair(contacts.slip_speeds),
             "steps/slide": frame.slide,
+            "steps/signals": self._signals(frame.report),
             "steps/max_penetration": float(solver.max_penetration),
             "steps/iterations": int(solver.iterations),
             "steps/residual": float(solver.residual),
@@ -120,6 +125,22 @@ class RowMaker:
 
         # A run that goes on from a recorded state begins with contacts and without a report.
         return summarise_contacts(self._model, frame.state)
+
+    def _signals(self, report: "StepReport | None") -> np.ndarray:
+        """The controller's signals in their columns; NaN where it has none."""
+        row = np.full(SIGNAL_COUNT, np.nan)
+        for name, value in (report.signals if report is not None else {}).items():
+            if name not in self.signals and len(self.signals) < SIGNAL_COUNT:
+                self.signals.append(name)
+            if name in self.signals:
+                row[self.signals.index(name)] = value
+            elif name not in self._left_out:
+                self._left_out.add(name)
+                warnings.warn(
+                    f"the recording has room for {SIGNAL_COUNT} signals of the controller; '{name}' is left out",
+                    stacklevel=2,
+                )
+        return row
 
     def _by_pair(self, values: "Mapping[Pair, float]") -> np.ndarray:
         """The values in their columns; a pair without a value has 0."""

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+
 import taichisoft
 from taichisoft_plugins.recording.reader import Recording
 from taichisoft_plugins.report.contents import MediaFile, ReportContents
@@ -84,6 +86,7 @@ def report_page(contents: ReportContents, folder: Path) -> str:
         _section("Plots", f'<div class="plots">{contents.plots[contents.plots.index("<svg") :]}</div>')
         if contents.plots
         else "",
+        _signals(recording),
         _section("Metrics", _table(_rows(contents.metrics))) if contents.metrics else "",
         _section("What is not here", _list(contents.missing)) if contents.missing else "",
         _section("Scene", scene),
@@ -132,6 +135,16 @@ def _short(value: float, unit: str) -> str:
     if abs(value) < ACCURACY.get(unit, 0.0):
         return "0"
     return f"{value:z.0f}" if abs(value) >= 100.0 else f"{value:z.3g}"
+
+
+def _signals(recording: Recording) -> str:
+    """What the numbers of the controller's own were; nothing where it has none."""
+    rows = []
+    for name, values in zip(recording.signals, recording.column("signals").T, strict=False):
+        known = values[np.isfinite(values)]
+        if len(known):
+            rows.append((name, f"{known[-1]:.4g} at last, from {known.min():.4g} to {known.max():.4g}"))
+    return _section("Signals of the controller", _table(rows)) if rows else ""
 
 
 def _gallery(title: str, media: list[MediaFile], folder: Path) -> str:
