@@ -21,6 +21,10 @@ class Slipping:
         self._soft_count = soft_count
         self._last = state
 
+    def restart(self, state: "State") -> None:
+        """Go on from another state."""
+        self._last = state
+
     def add(self, state: "State") -> np.ndarray:
         """Way of each rigid body against what holds it in the step that led to this state [mm], (rigid_count, 3)."""
         last, self._last = self._last, state

@@ -62,6 +62,7 @@ class RecordingOutput(Output):
         self._frames: list[Frame] = []
         self._skipped: Frame | None = None
         self._solver = SolverFigures()
+        self._slide = np.zeros((0, 3))
 
     def begin(self, model: "Model", state: "State") -> None:
         """Write scene and bodies; the state before the first step becomes frame 0.
@@ -71,6 +72,7 @@ class RecordingOutput(Output):
         """
         self._model = model
         self._rows = RowMaker(model)
+        self._slipping = Slipping(len(model.scene.soft_bodies), state)
         self._begin_file(self._first_frame(state))
         with named_os_errors(self.path, RecordingError):
             self._before.unlink(missing_ok=True)
@@ -96,6 +98,7 @@ class RecordingOutput(Output):
     def restart(self, state: "State") -> None:
         """The frames go on with the first state again; what came before stays."""
         self._keep_skipped()
+        self._slipping.restart(state)
         self._keep(self._first_frame(state))
 
     def end(self, outcome: str) -> None:
@@ -116,7 +119,6 @@ class RecordingOutput(Output):
     def _first_frame(self, state: "State") -> Frame:
         """The frame of a first state, from which the steps go on."""
         self._solver, self._slide = SolverFigures(), np.zeros_like(state.rigid_position)
-        self._slipping = Slipping(len(self._model.scene.soft_bodies), state)
         return Frame(state, None, self._solver, self._slide)
 
     @property
