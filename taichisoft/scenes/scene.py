@@ -171,7 +171,7 @@ class Goal(Table):
     height: Positive | None = None
     """Peak lift of an object that is to be lifted [mm], against gravity."""
     tolerance: Positive = 1.0
-    """Largest difference between the lift of the object and of the base, which must rise by more; between where it is
+    """Largest slip of the object in the fingers, where it and the base must rise by more; distance between where it is
     placed and `position`; or between where it is held before and after a push [mm]."""
     hold: Positive = 2.0
     """Time at the end of the run in which the object must stand still [s]."""
