@@ -116,6 +116,7 @@ LAYERS = {
         "recording",
         "goals",
         "run_figures",
+        "slipping",
         "base_motion",
         "system_libraries",
     ],

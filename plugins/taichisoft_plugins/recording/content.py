@@ -45,7 +45,7 @@ class Content:
             self._still.close()
             raise RecordingError(f"{path}: not readable as HDF5: {_one_line(error)}; {self._advice()}") from error
         try:
-            _check_layout(path, self._file)
+            _check_layout(path, self._file, self._advice())
         except RecordingError:
             self.close()
             raise
@@ -124,13 +124,13 @@ def _progress(file: Any) -> tuple[str, int]:
     return outcome or UNFINISHED, count
 
 
-def _check_layout(path: Path, file: Any) -> None:
+def _check_layout(path: Path, file: Any, advice: str) -> None:
     try:
         version, layout = read_text(file.attrs, "taichisoft_version"), file.attrs.get("layout", "none")
     except KeyError as error:
         raise RecordingError(f"{path}: not a recording of taichisoft: {_one_line(error)}") from error
     except WHAT_DAMAGE_RAISES as error:
-        raise RecordingError(f"{path}: damaged: {_one_line(error)}") from error
+        raise RecordingError(f"{path}: damaged: {_one_line(error)}; {advice}") from error
     if layout != LAYOUT:
         raise RecordingError(
             f"{path}: taichisoft {version} wrote it in layout {layout}, this version reads layout {LAYOUT}; run the "
