@@ -1,5 +1,6 @@
 """Pictures look as they did when somebody last looked at them, and anything broken in them would be noticed."""
 
+import os
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,8 @@ def drawn(tmp_path_factory):
     """Folder of the pictures, all drawn by one process."""
     folder = tmp_path_factory.mktemp("golden")
     script = Path(__file__).with_name("golden_pictures.py")
-    child = run_python([str(script), str(record_gripper(folder)), str(folder)], 300.0)
+    found = {**os.environ, "PYTHONPATH": str(script.parent)}
+    child = run_python([str(script), str(record_gripper(folder)), str(folder)], 300.0, found)
     assert not child.problem, child.problem
     return folder
 

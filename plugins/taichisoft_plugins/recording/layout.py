@@ -11,7 +11,7 @@ OUTCOME_LENGTH = 2000
 """Most bytes of the text that says how the run ended."""
 SIGNAL_NAMES = "signal_names"
 """Dataset with the names of the columns of `steps/signals`, in the order in which the signals first came."""
-SIGNAL_COUNT, SIGNAL_NAME_LENGTH = 64, 200
+SIGNAL_COUNT, SIGNAL_NAME_LENGTH = 32, 200
 """Signals that there is room for, and most bytes of their names: what may come is not known when a file begins."""
 UNFINISHED = "unfinished"
 """This text while the run goes on, and after it was killed."""
