@@ -9,24 +9,10 @@ from typing import Any
 from conftest import PATIENCE
 
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_benchmarks.studies.interrupted_sweep import COMMAND
+from taichisoft_benchmarks.studies.interrupted_sweep import COMMAND, PLUGIN
 from taichisoft_studies.make_run import make_run
 from taichisoft_studies.run_job import RunJob
 from taichisoft_studies.study_file import Sweep, check_study
-
-SQUEEZE = """
-from taichisoft import Control, Controller, hookimpl
-
-class Squeeze(Controller):
-    def __init__(self, pressure: float = 7.0):
-        self.pressure = pressure
-    def control(self, observation):
-        return Control(pressure=dict.fromkeys(observation.pressures, self.pressure))
-
-@hookimpl
-def taichisoft_controllers():
-    return {"squeeze": Squeeze}
-"""
 
 
 class Here:
@@ -50,7 +36,7 @@ class Here:
 def plugin(folder: Path) -> Path:
     """A plug-in with a controller that keeps a pressure."""
     path = folder / "squeeze.py"
-    path.write_text(SQUEEZE)
+    path.write_text(PLUGIN)
     return path
 
 

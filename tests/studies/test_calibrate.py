@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from conftest import Figures
-from studies import SQUEEZE, Here
+from studies import PLUGIN, Here
 
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -26,7 +26,7 @@ TRUE = {MODULUS: 130.0, DAMPING: 0.05}
 
 def calibration_of(folder: Path, **tables: Any) -> Calibration:
     plugin = folder / "squeeze.py"
-    plugin.write_text(SQUEEZE)
+    plugin.write_text(PLUGIN)
     load_plugin(plugin)
     base = {
         "scene": str(TINY_GRIPPER),

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from studies import SQUEEZE, Here
+from studies import PLUGIN, Here
 
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
@@ -27,7 +27,7 @@ class FewAtATime(Here):
 def search_of(folder: Path, **tables: Any) -> Optimisation:
     """A search for the pressure, from 0 to 10 kPa, that misses 6 kPa least."""
     plugin = folder / "squeeze.py"
-    plugin.write_text(SQUEEZE)
+    plugin.write_text(PLUGIN)
     base = {
         "scene": str(TINY_GRIPPER),
         "controller": "squeeze",

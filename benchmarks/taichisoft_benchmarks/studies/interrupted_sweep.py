@@ -29,8 +29,6 @@ main()
 """
 """Starts `taichisoft` with the studies, also where the installed distribution is older than them."""
 PLUGIN = """
-import os
-from pathlib import Path
 from taichisoft import Control, Controller, hookimpl
 
 class Squeeze(Controller):
