@@ -14,8 +14,8 @@ in bar.toml, `taichisoft mesh bar.toml --plugin examples/own_geometry.py -o out/
 Prints:
 
     112 nodes, 500.0 mm^3 of air
-    20 kPa: 30.322 mm long, 630.9 mm^3 of air
-    40 kPa: 30.864 mm long, 834.2 mm^3 of air
+    20 kPa: 30.455 mm long, 753.2 mm^3 of air
+    40 kPa: 31.643 mm long, 1385.0 mm^3 of air
 """
 
 import sys

@@ -33,6 +33,7 @@ def cable_scene(folder: Path, cables: bool = True) -> Scene:
     link = {"points": [[20.0, 0.0, 0.0], {"body": "cube", "point": [-5.0, 0.0, 2.0]}]}
     block: dict[str, Any] = {
         "mesh": str(mesh),
+        "element": "linear",
         "density": 1e-6,
         "young_modulus": 500.0,
         "poisson_ratio": 0.3,

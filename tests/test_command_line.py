@@ -26,6 +26,7 @@ name = "scripted"
 settings = { script = "rest" }
 [soft_bodies.finger]
 mesh = "tutorial-coarse"
+element = "linear"
 mass = 0.04
 young_modulus = 500.0
 poisson_ratio = 0.3

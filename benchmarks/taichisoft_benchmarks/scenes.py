@@ -133,6 +133,7 @@ def _mat(case: ContactsCase, meshes: Meshes) -> Scene:
             "soft_bodies": {
                 "mat": {
                     "mesh": str(path),
+                    "element": "linear",
                     "density": 1e-6,
                     "young_modulus": 500.0,
                     "poisson_ratio": 0.3,

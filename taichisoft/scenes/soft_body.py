@@ -270,9 +270,10 @@ class SoftBody(Table):
     """Placement: shift after the rotation [mm]."""
     velocity: Vector = (0.0, 0.0, 0.0)
     """Velocity of all nodes at the start [mm/s]."""
-    element: Literal["linear", "smoothed", "quadratic"] = "linear"
-    """What the tetrahedra of the mesh become: linear elements, which bend too little and lock where Poisson's ratio
-    comes near 0.5; linear ones whose strains are smoothed around edges and nodes, which do neither; quadratic ones."""
+    element: Literal["linear", "smoothed", "quadratic"] = "smoothed"
+    """What the tetrahedra of the mesh become: linear elements, which are cheap, but bend too little and lock where
+    Poisson's ratio comes near 0.5; linear ones whose strains are smoothed around edges and nodes, which do neither;
+    quadratic ones, the most accurate."""
     material: Material | None = None
     """Name of a material (`taichisoft materials` lists them), or a file (.toml); instead of law, young_modulus and
     coefficients. What it says
@@ -332,7 +333,16 @@ class SoftBody(Table):
                 raise ValueError(f"regions.{index}: {error}") from error
         ratios = [self.poisson_ratio, *(one.poisson_ratio for one in self.regions if one.poisson_ratio is not None)]
         if self.element == "smoothed" and min(ratios) < 0.0:
-            raise ValueError(f'poisson_ratio = {min(ratios):g}: must be 0 or more with element = "smoothed"')
+            raise ValueError(
+                f'poisson_ratio = {min(ratios):g}: must be 0 or more with element = "smoothed"; '
+                '"linear" and "quadratic" take any'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _check_corotation(self) -> Self:
+        if self.corotation == "edges" and self.element != "linear":
+            raise ValueError(f'corotation = "edges" is for element = "linear", not "{self.element}"')
         return self
 
     @model_validator(mode="before")

@@ -32,6 +32,7 @@ def two_cubes(folder: Path, groups: tuple[list[int], list[int]], gap: float = GA
         surfaces.append({"file": str(folder / f"{name}.stl"), "groups": some})
     return {
         "mesh": str(folder / "cubes.msh"),
+        "element": "linear",
         "density": 1e-6,
         "young_modulus": 500.0,
         "poisson_ratio": 0.3,

@@ -29,11 +29,18 @@ def scene(**body: Any) -> Scene:
         ({"law": "ogden", "coefficients": {"mu1": 1.0, "alpha1": -2.0}}, r"the sum of mu alpha / 2, must be positive"),
         ({"law": "yeoh"}, r"exactly one of young_modulus, coefficients is needed; given: none"),
         ({"young_modulus": 1.0, "element": "smoothed", "poisson_ratio": -0.1}, r"must be 0 or more with element"),
+        ({"young_modulus": 1.0, "corotation": "edges"}, r'"edges" is for element = "linear", not "smoothed"'),
     ],
 )
 def test_keys_that_do_not_fit_are_refused(body: dict[str, Any], expected: str) -> None:
     with pytest.raises(SceneError, match=expected):
         scene(**body)
+
+
+def test_who_names_no_element_gets_smoothed_ones_and_sofas_rotations_go_with_linear_ones() -> None:
+    assert scene(young_modulus=1.0).soft_bodies["f"].element == "smoothed"
+    sofas = scene(young_modulus=1.0, element="linear", corotation="edges").soft_bodies["f"]
+    assert (sofas.element, sofas.corotation) == ("linear", "edges")
 
 
 def test_the_modulus_at_rest_follows_from_the_coefficients() -> None:

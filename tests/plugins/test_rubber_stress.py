@@ -30,8 +30,8 @@ def test_forces_of_the_engine_follow_from_the_stress(tmp_path: Path, law: Any, k
     """f_a = -sum over elements of w J s F^-T g_a, to round-off, for uneven strains of some 20 %."""
     mesh = make_block((2, 2, 2), (30.0, 20.0, 10.0))
     write_volume_mesh(mesh, tmp_path / "block.msh")
-    body = {"mesh": str(tmp_path / "block.msh"), "density": 1e-6, "poisson_ratio": POISSON, "law": law, **keys}
-    scene = scene_from_dict({"soft_bodies": {"block": body}})
+    body = {"mesh": str(tmp_path / "block.msh"), "element": "linear", "density": 1e-6, "poisson_ratio": POISSON, **keys}
+    scene = scene_from_dict({"soft_bodies": {"block": {**body, "law": law}}})
     model = make_model(scene)
     position = mesh.nodes + np.random.default_rng(3).uniform(-0.5, 0.5, mesh.nodes.shape)
     gradients, volumes = linear_tetrahedra(mesh.nodes, mesh.elements)

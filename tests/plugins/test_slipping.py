@@ -26,6 +26,7 @@ def test_a_cube_on_a_soft_block_whose_foot_moves(tmp_path: Path, friction: float
     write_volume_mesh(make_block((3, 3, 2), (30.0, 30.0, 20.0)), tmp_path / "a.msh")
     block = {
         "mesh": str(tmp_path / "a.msh"),
+        "element": "linear",
         "density": 1e-6,
         "young_modulus": young_modulus,
         "poisson_ratio": 0.3,

@@ -23,6 +23,7 @@ def make_scene() -> Scene:
     """Fingers of 531 nodes, so that loops over nodes and elements are shared out between threads."""
     finger = {
         "mesh": "tutorial-coarse",
+        "element": "linear",
         "mass": 0.04,
         "young_modulus": 500,
         "poisson_ratio": 0.3,

@@ -18,7 +18,7 @@ def _deflection(cells: int, folder: Path) -> float:
     path = folder / f"beam{cells}.msh"
     write_volume_mesh(make_block((6 * cells, cells, cells), (LENGTH, WIDTH, WIDTH)), path)
     clamp = {"box": [[-LENGTH / 2, -WIDTH, -WIDTH], [-LENGTH / 2, WIDTH, WIDTH]]}
-    beam = silicone(str(path), density=DENSITY, young_modulus=E, poisson_ratio=0.0, anchors=[clamp])
+    beam = silicone(str(path), element="linear", density=DENSITY, young_modulus=E, poisson_ratio=0.0, anchors=[clamp])
     simulation = simulate(step=3600.0, gravity=(0.0, 0.0, -GRAVITY), soft_bodies={"beam": beam})
     simulation.step()
     rest = simulation.model.rest_position

@@ -217,6 +217,7 @@ def _capstan(block: Callable[..., str], friction: float, corners: int = 60) -> S
     around = [{"body": "post", "point": [20 * math.sin(-a), 20 * math.cos(a), 0.0]} for a in angles]
     table = silicone(
         block((8, 2, 2), SIZE),
+        element="linear",
         rayleigh_mass=5.0,
         rayleigh_stiffness=0.001,  # at 1 mm/s its part of the force is less than a hundredth of a percent
         rotation=[0.0, 0.0, -90.0],

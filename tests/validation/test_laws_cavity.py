@@ -21,6 +21,7 @@ def hollow(block: Callable[..., str]) -> Callable[[float], Simulation]:
     """Makes a hollow block held at one end, for a time step; it comes to rest in some 0.2 s."""
     table = silicone(
         block((3, 3, 3), SIZE, hollow=True),
+        element="linear",
         rayleigh_mass=1.0,
         cavities={"cavity": {"group": "cavity"}},
         anchors=[{"box": [[-15, -10, -10], [-15, 10, 10]]}],

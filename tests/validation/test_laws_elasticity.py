@@ -30,7 +30,7 @@ def models(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Model]:
     path = tmp_path_factory.mktemp("mesh") / "irregular.msh"
     write_volume_mesh(VolumeMesh("irregular", nodes, mesh.elements).check(), path)
     return {
-        corotation: simulate(soft_bodies={"block": silicone(str(path), corotation=corotation)}).model
+        corotation: simulate(soft_bodies={"block": silicone(str(path), element="linear", corotation=corotation)}).model
         for corotation in ("edges", "polar")
     }
 

@@ -147,7 +147,7 @@ def test_a_soft_body_gains_no_energy(
         young_modulus=modulus,
         poisson_ratio=ratio,
         rayleigh_stiffness=damping,
-        corotation="polar",
+        element="linear",
         velocity=others["velocity"],
         rotation=others["rotation"],
         translation=[0, 0, 25],

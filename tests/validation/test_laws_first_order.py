@@ -105,7 +105,7 @@ def test_a_cable_finger_sags_as_in_sofa(shared: Path, figures: Figures, tmp_path
     run = np.load(path)
     write_volume_mesh(VolumeMesh("finger", run["finger_rest"], run["finger_tets"]), tmp_path / "finger.msh")
     body = {"mesh": str(tmp_path / "finger.msh"), "mass": 0.5, "young_modulus": 18000.0, "poisson_ratio": 0.3}
-    body["corotation"] = "edges"  # SOFA's method "large"
+    body |= {"element": "linear", "corotation": "edges"}  # SOFA's method "large"
     anchors = {"nodes": run["finger_fixed_rss"].tolist(), "stiffness": float(run["finger_rss_stiffness"][0])}
     simulation = overdamped(
         run["gravity"].tolist(), float(run["dt"]), soft_bodies={"finger": {**body, "anchors": [anchors]}}

@@ -16,7 +16,8 @@ SPIN = np.array([3.0, 1.0, 2.0])
 
 def _spinning_block(block: Callable[..., str], step: float, corotation: str = "polar") -> Simulation:
     """A soft block that turns and flies; no gravity, no Rayleigh damping."""
-    table = silicone(block((3, 2, 2), (30.0, 20.0, 20.0)), corotation=corotation, rayleigh_stiffness=0.0)
+    mesh = block((3, 2, 2), (30.0, 20.0, 20.0))
+    table = silicone(mesh, element="linear", corotation=corotation, rayleigh_stiffness=0.0)
     simulation = simulate(step=step, soft_bodies={"block": table})
     state = simulation.state
     velocity = np.array([100.0, 0.0, -50.0]) + np.cross(SPIN, state.position)

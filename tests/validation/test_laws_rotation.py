@@ -28,6 +28,7 @@ def inflated(mesh: str, pressure: float, seconds: float, **body: Any) -> Simulat
     """A finger whose pressure rises by 100 kPa a second, and stays."""
     finger = {
         "mesh": mesh,
+        "element": "linear",
         "mass": 0.04,
         "young_modulus": 500,
         "poisson_ratio": 0.3,

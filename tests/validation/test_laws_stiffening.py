@@ -29,6 +29,7 @@ def bar(block: Callable[..., str]) -> Callable[..., Simulation]:
             young_modulus=upper,
             regions=[{"box": [[-5, -5, -20], [5, 5, 0]], "young_modulus": lower, "poisson_ratio": 0.4}],
             anchors=[{"box": [[-5, -5, 19.9], [5, 5, 20]]}],
+            element="linear",
             corotation=corotation,
             rayleigh_mass=20.0,
         )

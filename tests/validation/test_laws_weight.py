@@ -48,7 +48,8 @@ def test_a_stack_weighs_floor_by_floor(figures: Figures, side: float, turn: floa
 @pytest.mark.parametrize("corotation", ["edges", "polar"])
 def test_a_soft_block_weighs_its_weight(block: Callable[..., str], figures: Figures, corotation: str) -> None:
     """After half a second, 25 times its longest relaxation; 1e-5 of the weight remains of the motion."""
-    body = silicone(block((3, 3, 3), (20.0, 20.0, 20.0)), translation=[0, 0, _resting_on(0, 20)], corotation=corotation)
+    mesh, place = block((3, 3, 3), (20.0, 20.0, 20.0)), [0, 0, _resting_on(0, 20)]
+    body = silicone(mesh, translation=place, element="linear", corotation=corotation)
     simulation = simulate(gravity=DOWN, soft_bodies={"block": body}, obstacles={"floor": FLOOR})
     report = advance(simulation, 0.5)
     weight = 1e-6 * 20**3 * GRAVITY

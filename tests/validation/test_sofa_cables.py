@@ -33,6 +33,7 @@ def _scene(run: Any, folder: Path, fingers: dict[str, str], body: dict[str, Any]
         bodies[name] = {
             "mesh": str(mesh),
             **body,
+            "element": "linear",
             "corotation": "edges",  # SOFA's method "large"
             "anchors": [
                 {"nodes": run[f"{name}_fixed_rss"].tolist(), "stiffness": float(run[f"{name}_rss_stiffness"][0])}

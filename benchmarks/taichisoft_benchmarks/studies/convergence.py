@@ -114,8 +114,8 @@ def measure_all(sizes: Sequence[float], even_sizes: Sequence[float], tutorial_me
 
 
 def _point(name: str, mesh: Any, across: int | None = None, **body: Any) -> Point:
-    nodes, elements, by_volume = bend(mesh, **body)
-    even = bend(mesh, even_mass=True, **body)[2]
+    nodes, elements, by_volume = bend(mesh, element="linear", **body)
+    even = bend(mesh, even_mass=True, element="linear", **body)[2]
     print(f"{name}: {nodes} nodes, {by_volume:.2f} mm", flush=True)
     return Point(name, nodes, elements, across, by_volume, even)
 

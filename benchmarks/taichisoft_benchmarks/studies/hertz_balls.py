@@ -131,10 +131,10 @@ def _scene(mesh: str, two: bool) -> Any:
     gap = CONTACT_DISTANCE / 2 if two else CONTACT_DISTANCE
     ball = {
         "mesh": mesh,
+        "element": "linear",
         "density": 1e-6,
         "young_modulus": YOUNG_MODULUS,
         "poisson_ratio": POISSON_RATIO,
-        "corotation": "polar",
         "translation": [0.0, 0.0, RADIUS + gap],
         "anchors": [{"box": [[-RADIUS, -RADIUS, -1e-6], [RADIUS, RADIUS, 1e-6]]}],
     }

@@ -73,6 +73,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     table: dict[str, Any] = {
         "points_outside": "extrapolated",
         "mesh": translation.files.volume(name, VolumeMesh(name, nodes, elements, {}, groups)),
+        "element": "linear",
         **_mass(body.mass if moves else None, len(points), len(body.position)),
         "young_modulus": regions[0]["young_modulus"],
         "poisson_ratio": regions[0]["poisson_ratio"],
