@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from taichisoft.building.run_parts import make_controller as make_controller
     from taichisoft.building.run_parts import make_output as make_output
     from taichisoft.building.scene_files import load_scene as load_scene
+    from taichisoft.building.scene_files import scene_from_dict as scene_from_dict
     from taichisoft.building.simulation import Simulation as Simulation
     from taichisoft.building.simulation import make_model as make_model
     from taichisoft.control.control import Control as Control
@@ -33,7 +34,6 @@ if TYPE_CHECKING:
     from taichisoft.plugin_system.plugins import unregister_plugin as unregister_plugin
     from taichisoft.plugin_system.renderer import Renderer as Renderer
     from taichisoft.running.loop import run as run
-    from taichisoft.scenes.file import scene_from_dict as scene_from_dict
     from taichisoft.scenes.scene import Scene as Scene
     from taichisoft.session.output import Output as Output
     from taichisoft.session.session import Session as Session
@@ -44,7 +44,7 @@ __version__ = "0.1.0"
 
 _NAMES = {
     "building.run_parts": ["make_controller", "make_output"],
-    "building.scene_files": ["load_scene"],
+    "building.scene_files": ["load_scene", "scene_from_dict"],
     "building.simulation": ["Simulation", "make_model"],
     "control.control": ["Control"],
     "control.controller": ["Controller", "Slider"],
@@ -58,7 +58,6 @@ _NAMES = {
     "plugin_system.plugins": ["load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"],
     "plugin_system.renderer": ["Renderer"],
     "running.loop": ["run"],
-    "scenes.file": ["scene_from_dict"],
     "scenes.scene": ["Scene"],
     "session.output": ["Output"],
     "session.session": ["Session"],

@@ -11,7 +11,7 @@ from taichisoft.errors import PluginError, SceneError, nearest
 from taichisoft.input_file import read_toml
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import provided
-from taichisoft.scenes.file import scene_from_dict
+from taichisoft.scenes import file as scene_tables
 from taichisoft.scenes.overrides import change_scene
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import find_file
@@ -46,7 +46,24 @@ def load_scene(
     change_scene(document, overrides, controller, goal)
     fill_in_materials(document)
     source = " with --set ".join([str(path), *overrides])  # the error may be in either
-    return scene_from_dict(document, source, folder=path.parent)
+    return scene_tables.scene_from_dict(document, source, folder=path.parent)
+
+
+def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: Path | None = None) -> Scene:
+    """Make a scene from plain tables, as TOML gives them; materials of plug-ins may be named, as in `load_scene`.
+
+    Args:
+        document: tables of the scene by key; files that it names become absolute paths.
+        source: name of the document, which begins every error.
+        folder: folder in which the files are looked for first; the current one when it is not given.
+
+    Raises:
+        SceneError: something is not valid, with its key, value and what would be.
+        PluginError: two plug-ins claim one name of a material, or one gave something that is not valid.
+    """
+    tables = copy.deepcopy(dict(document))  # it stays the caller's
+    fill_in_materials(tables)
+    return scene_tables.scene_from_dict(tables, source, folder)
 
 
 def _find_scene(name: str | Path) -> Path:

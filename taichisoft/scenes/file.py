@@ -32,7 +32,7 @@ FILE_TABLES = ("mesh", "collision_surface")
 
 
 def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: Path | None = None) -> Scene:
-    """Make a scene from plain tables, as TOML gives them.
+    """Make a scene from plain tables, as TOML gives them; of materials by name it knows those in files alone.
 
     Args:
         document: tables of the scene by key; files that it names become absolute paths.

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from taichisoft import hookimpl, load_scene, register_plugin
+from taichisoft import hookimpl, load_scene, register_plugin, scene_from_dict
 from taichisoft.errors import PluginError, SceneError
 
 RUBBER = {
@@ -61,6 +61,15 @@ def test_a_body_or_region_may_name_it(taichisoft_plugins, scene_file: Path) -> N
     assert bodies["finger"].young_moduli[0] == pytest.approx(359.76)
     assert bodies["other"].young_moduli[1] == pytest.approx(359.76)
     assert bodies["finger"].material is not None and bodies["finger"].material.highest_stretch == 2.5
+
+
+def test_a_scene_in_tables_may_name_it(taichisoft_plugins) -> None:
+    """The caller's tables stay as they are, so that they make a second scene."""
+    register_plugin(Materials(**{"house-rubber": RUBBER}))
+    tables = {"soft_bodies": {"finger": {"mesh": "tutorial-coarse", "material": "house-rubber"}}}
+    for _ in range(2):
+        assert scene_from_dict(tables).soft_bodies["finger"].young_moduli[0] == pytest.approx(359.76)
+    assert tables["soft_bodies"]["finger"]["material"] == "house-rubber"
 
 
 def test_without_the_plugin_there_is_none(scene_file: Path) -> None:
