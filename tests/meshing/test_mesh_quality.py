@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from blocks import make_block
 
+from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits
 from taichisoft_meshing.quality.mesh_quality import measure
@@ -53,8 +54,14 @@ def test_surfaces_without_names_are_told_by_which_way_they_face() -> None:
 
 def test_a_wall_of_one_element_is_warned_of() -> None:
     (caution,) = cautions(measure(hollow()))
-    assert caution.endswith(": cavity to outer (100% of the area); try a smaller size")
+    assert caution.endswith(": cavity to outer (100% of the area); try a smaller size, or order = 2")
     assert cautions(measure(make_block((2, 2, 2), (1.0, 1.0, 1.0)))) == []
+
+
+def test_a_wall_of_one_quadratic_element_is_none_that_is_warned_of() -> None:
+    quality = measure(with_middle_nodes(hollow()))
+    assert quality.elements_across_walls == 1
+    assert cautions(quality) == []
 
 
 def test_two_pieces_are_a_fault_and_so_are_nodes_that_should_be_one() -> None:

@@ -18,6 +18,7 @@ class MeshQuality:
 
     Attributes:
         node_count: number of nodes.
+        order: 1 for tetrahedra of four nodes, 2 for those of ten.
         volumes: signed volume of each element [mm^3], shape (element_count,).
         radius_ratios: radius ratio of each element [-], shape (element_count,); 1 for a regular one.
         dihedral_angles: angles between the faces of each element [degrees], shape (element_count, 6).
@@ -30,6 +31,7 @@ class MeshQuality:
     """
 
     node_count: int
+    order: int
     volumes: np.ndarray
     radius_ratios: np.ndarray
     dihedral_angles: np.ndarray
@@ -58,6 +60,7 @@ def measure(mesh: VolumeMesh) -> MeshQuality:
     surfaces = measure_surfaces(mesh)
     return MeshQuality(
         len(mesh.nodes),
+        1 if mesh.elements.shape[1] == 4 else 2,
         volumes,
         radius_ratios(mesh.nodes, mesh.elements),
         dihedral_angles(mesh.nodes, mesh.elements),
