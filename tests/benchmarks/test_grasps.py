@@ -40,7 +40,7 @@ def _placed(body: object) -> np.ndarray:
 
 
 def test_every_grasp_has_a_file_of_its_own() -> None:
-    names = [grasp.name for grasp in all_grasps()]
+    names = [grasp.name for element in ("linear", "smoothed", "quadratic") for grasp in all_grasps(element)]
     assert len(set(names)) == len(names)
     assert "cylinder-lying-exact-30g-80kPa-0.6" in names
 
@@ -77,6 +77,23 @@ def test_the_page_is_filled_with_what_was_kept(tmp_path: Path, monkeypatch: pyte
     text = page.read_text()
     assert "| torus | 30 | 80 | 0.6 |" in text and "old" not in text
     assert text.startswith("before\n") and text.endswith("<!-- end -->\nafter\n")
+
+
+def test_other_elements_have_a_table_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The fingers and the soft cube are of the element, under lower pressures; the other table stays as it is."""
+    (grasp,) = (one for one in all_grasps("smoothed") if one.object == "soft cube")
+    scene = grasp_measure.scene_of(grasp, tmp_path)
+    assert {body.element for body in scene.soft_bodies.values()} == {"smoothed"}
+    assert grasp.pressure == pytest.approx(36.0)
+    (tmp_path / f"{grasp.name}.json").write_text(json.dumps(FIGURES))
+    page = tmp_path / "page.md"
+    page.write_text("<!-- grasps -->\nold\n<!-- end -->\n<!-- grasps smoothed -->\nolder\n<!-- end -->\n")
+    arguments = ["grasps", "--output", str(page), "--only", "none", "--results", str(tmp_path), "--element", "smoothed"]
+    monkeypatch.setattr("sys.argv", arguments)
+    grasps.main()
+    text = page.read_text()
+    assert text.startswith("<!-- grasps -->\nold\n<!-- end -->\n<!-- grasps smoothed -->\n| object")
+    assert "| soft cube | 30 | 36 | 0.6 |" in text and "older" not in text
 
 
 def test_a_page_without_the_mark_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -133,9 +133,10 @@ def scene_of(grasp: Grasp, folder: Path, step: float = 0.01, damping: float | No
     del tables["goal"], tables["controller"]
     for finger in tables["soft_bodies"].values():
         finger["rayleigh_stiffness"] = finger["rayleigh_stiffness"] if damping is None else damping
+        finger["element"] = grasp.element
     made = objects(grasp.object, 1e-3 * grasp.mass, grasp.exact, folder)
     tables["rigid_bodies"] = made["rigid_bodies"]
-    tables["soft_bodies"] |= made["soft_bodies"]
+    tables["soft_bodies"] |= {name: {**body, "element": grasp.element} for name, body in made["soft_bodies"].items()}
     return scene_from_dict(tables)
 
 

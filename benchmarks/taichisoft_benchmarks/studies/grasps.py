@@ -3,8 +3,9 @@
     python -m taichisoft_benchmarks.studies.grasps --output docs/validation.md
 
 tries every grasp and fills what stands between `<!-- grasps -->` and `<!-- end -->` in the page; it takes some ten
-minutes. `--only NAME` tries those whose name has NAME in it. What was measured is kept in `--results`, a file of JSON
-for each grasp, and the table shows all that is there: `--only none` draws it again.
+minutes. `--element smoothed` does so with fingers of other elements, at lower pressures, and fills what stands after
+`<!-- grasps smoothed -->`. `--only NAME` tries those whose name has NAME in it. What was measured is kept in
+`--results`, a file of JSON for each grasp, and the table shows all that is there: `--only none` draws it again.
 """
 
 import argparse
@@ -17,10 +18,9 @@ from typing import Any
 
 from taichisoft.errors import TaichisoftError
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.studies.grasp_cases import Grasp, all_grasps
+from taichisoft_benchmarks.studies.grasp_cases import PRESSURE_SHARES, Grasp, all_grasps
 from taichisoft_benchmarks.studies.grasp_measure import LIFT, measure_in_process
 
-MARKED = re.compile(r"(<!-- grasps -->\n).*?(<!-- end -->)", re.DOTALL)
 YIELD = 10.0
 """Largest difference between the lifts of object and base of what counts as held [mm]: the fingers give way."""
 CREEP = 0.01
@@ -80,16 +80,19 @@ def main() -> None:
     parser.add_argument(
         "--results", type=Path, default=Path("out/grasps"), metavar="DIR", help="where figures are kept"
     )
+    parser.add_argument("--element", choices=PRESSURE_SHARES, default="linear", help="of the fingers")
     arguments = parser.parse_args()
-    grasps = all_grasps()
+    grasps = all_grasps(arguments.element)
+    mark = "<!-- grasps -->" if arguments.element == "linear" else f"<!-- grasps {arguments.element} -->"
+    marked = re.compile(rf"({mark}\n).*?(<!-- end -->)", re.DOTALL)
     try:
-        if arguments.output and not MARKED.search(arguments.output.read_text(encoding="utf-8")):
-            raise BenchmarkError(f"{arguments.output}: has no line <!-- grasps -->")
+        if arguments.output and not marked.search(arguments.output.read_text(encoding="utf-8")):
+            raise BenchmarkError(f"{arguments.output}: has no line {mark}")
         measure_all([grasp for grasp in grasps if arguments.only in grasp.name], arguments.results)
         drawn = table(read_all(grasps, arguments.results))
         if arguments.output:
             page = arguments.output.read_text(encoding="utf-8")  # it may have changed in the meantime
-            filled = MARKED.sub(lambda match: f"{match[1]}{drawn}\n{match[2]}", page)
+            filled = marked.sub(lambda match: f"{match[1]}{drawn}\n{match[2]}", page)
             arguments.output.write_text(filled, encoding="utf-8")
         else:
             print(drawn)
