@@ -15,9 +15,10 @@ _came: list[int] = []
 def stop_if_asked() -> None:
     """Raise KeyboardInterrupt if a signal was noted: called between steps, and within a step between its parts.
 
-    A step puts its new state in place when it is done, so one that ends here has changed nothing.
+    A step puts its new state in place when it is done, so one that ends here has changed nothing. What was noted is for
+    the main thread, as signals are in Python; other threads go on.
     """
-    if _came:
+    if _came and _is_main_thread():
         raise KeyboardInterrupt
 
 
@@ -30,18 +31,25 @@ def deferred_signals() -> Iterator[Callable[[], None]]:
     thread nothing is deferred, because Python calls handlers only there.
     """
 
+    if not _is_main_thread():
+        yield stop_if_asked
+        return
+
     def note(number: int, _frame: Any) -> None:
         stop_if_asked()
         _came.append(number)
 
-    before, noted_outside = {}, _came.copy()
+    noted_outside = _came.copy()
     _came.clear()
-    if threading.current_thread() is threading.main_thread():
-        heeded = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]
-        before = {number: signal.signal(number, note) for number in heeded}
+    heeded = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]
+    before = {number: signal.signal(number, note) for number in heeded}
     try:
         yield stop_if_asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
         _came[:] = noted_outside
+
+
+def _is_main_thread() -> bool:
+    return threading.current_thread() is threading.main_thread()
