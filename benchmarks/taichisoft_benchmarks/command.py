@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
-from taichisoft.terminal_text import say
+from taichisoft.terminal_text import plain, printable, say
 from taichisoft_benchmarks import machine
 from taichisoft_benchmarks.cases import SHIPPED, NamedCase, choose, read_cases
 from taichisoft_benchmarks.comparison import compare
@@ -53,7 +53,7 @@ def bench(
     chosen = choose(read_cases(cases), case or [])
     if list_:
         for named in chosen:
-            typer.echo(f"{named.name:28} {named.case.kind:14} {named.case.title}")
+            say(f"{named.name:28} {named.case.kind:14} {named.case.title}")
         return
     if fail_on_regression and compare_ is None:
         raise BenchmarkError("--fail-on-regression: needs --compare OLD")
@@ -68,7 +68,7 @@ def bench(
     meshes = Meshes(tutorial_meshes.resolve() if tutorial_meshes is not None else None, made)
     results = _measure(chosen, meshes, 1 if quick else repeat, quick)
     for line in _closing_lines(results):
-        typer.echo(line)
+        say(line)
     if output is not None:
         for path in (write_results(results, output), *draw_plots(results, output)):
             say(f"# {path}")
@@ -77,7 +77,9 @@ def bench(
     worse = _compare(results, old) if old is not None else 0
     failed = [name for name, result in results.cases.items() if result.problem]
     if failed:
-        typer.echo(f"taichisoft: {len(failed)} of {len(results.cases)} cases failed: {', '.join(failed)}", err=True)
+        typer.echo(
+            printable(f"taichisoft: {len(failed)} of {len(results.cases)} cases failed: {', '.join(failed)}"), err=True
+        )
     if failed or (fail_on_regression and worse):
         raise typer.Exit(EXIT_FAILED)
 
@@ -86,17 +88,17 @@ def _measure(chosen: list[NamedCase], meshes: Meshes, repeat: int, quick: bool) 
     """Run the cases and print the figures of each when they are there."""
     console = Console(stderr=True)
     for line in _header_lines(meshes):
-        typer.echo(line)
+        say(line)
     with console.status("") as status:
 
         def show(progress: str) -> None:
             status.start()
-            status.update(progress)
+            status.update(plain(progress))
 
         def tell(name: str, result: CaseResult) -> None:
             status.stop()  # the figures may go to the same screen
             for line in _case_lines(name, result):
-                typer.echo(line)
+                say(line)
 
         return run_cases(chosen, meshes, repeat, quick, show, tell)
 
@@ -105,9 +107,9 @@ def _compare(new: Results, old: Results) -> int:
     """Print the comparison; returns how many figures are worse."""
     changes = compare(new, old)
     for change in changes:
-        typer.echo(str(change))
+        say(change)
     worse = [change.name for change in changes if change.verdict == "worse"]
-    typer.echo(f"# {len(worse)} of {len(changes)} figures worse: {', '.join(worse) or 'none'}")
+    say(f"# {len(worse)} of {len(changes)} figures worse: {', '.join(worse) or 'none'}")
     return len(worse)
 
 

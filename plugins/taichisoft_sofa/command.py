@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from taichisoft.terminal_text import say
+
 if TYPE_CHECKING:
     from taichisoft_sofa.translation.parts import Translation
 
@@ -30,14 +32,14 @@ def check(
     refused = False
     for scene in scenes:
         translation = _translated(scene, python_path, sofa_exact)
-        typer.echo(f"{scene}: {'refused' if translation.refused else 'can be run'}")
+        say(f"{scene}: {'refused' if translation.refused else 'can be run'}")
         for title, counts in (("understood", translation.understood), ("without effect", translation.ignored)):
             listed = ", ".join(f"{kind} ({count})" if count > 1 else kind for kind, count in sorted(counts.items()))
-            typer.echo(f"  {title}: {listed or 'nothing'}")
+            say(f"  {title}: {listed or 'nothing'}")
         for line in translation.departures:
-            typer.echo(f"  otherwise than in SOFA: {line}")
+            say(f"  otherwise than in SOFA: {line}")
         for line in translation.refused:
-            typer.echo(f"  refused: {line}")
+            say(f"  refused: {line}")
         refused = refused or bool(translation.refused)
     if refused:
         raise typer.Exit(EXIT_REFUSED)
@@ -65,7 +67,7 @@ def convert(
     if translation.refused:
         raise SceneError(f"{translation.refused[0]}; taichisoft sofa check {scene} lists all")
     for line in translation.departures:
-        typer.echo(f"otherwise than in SOFA: {line}")
+        say(f"otherwise than in SOFA: {line}")
     meshes = output.parent / f"{output.stem}-meshes"
     with named_os_errors(meshes):
         meshes.mkdir(parents=True, exist_ok=True)
@@ -73,7 +75,7 @@ def convert(
     tables: dict[str, Any] = with_files_in(Path(meshes.name), translation.tables)
     with atomic_file(output) as partial:
         partial.write_text(tomli_w.dumps(tables), encoding="utf-8")
-    typer.echo(f"{output}, with its meshes in {meshes}")
+    say(f"{output}, with its meshes in {meshes}")
 
 
 def _translated(scene: Path, python_path: str, exact: bool) -> "Translation":

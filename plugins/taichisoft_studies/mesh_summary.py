@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 from rich.table import Table
-from rich.text import Text
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
-from taichisoft.terminal_text import printable
+from taichisoft.terminal_text import plain
 from taichisoft_studies.mesh_plan import Variant
 
 SUMMARY = "summary.csv"
@@ -49,13 +48,13 @@ def write_summary(rows: Sequence[Mapping[str, str]], folder: Path) -> Path:
 def summary_table(rows: Sequence[Mapping[str, str]], title: str) -> Table:
     """The rows for people, as far as they fit on a screen; what went wrong is said in lines of its own."""
     columns = [column for column in rows[0] if column not in LEFT_OUT]
-    table = Table(title=Text(printable(title)))
+    table = Table(title=plain(title))
     for column in columns:
         words = column.replace("_mm3", " [mm³]").replace("_", " ")
-        table.add_column(Text(words), justify="right", min_width=max(len(row[column]) for row in rows))
+        table.add_column(plain(words), justify="right", min_width=max(len(plain(row[column])) for row in rows))
     table.add_column("", min_width=len(FAILED))
     for row in rows:
-        table.add_row(*(Text(row[column]) for column in columns), Text(FAILED if row["problem"] else ""))
+        table.add_row(*(plain(row[column]) for column in columns), FAILED if row["problem"] else "")
     return table
 
 

@@ -14,12 +14,13 @@ def progress_bar(console: "Console", title: str, total: int, finished: int = 0) 
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     from taichisoft.running.messages import print_line
+    from taichisoft.terminal_text import printable
 
     columns = TextColumn("{task.description}", markup=False), BarColumn(), TextColumn("{task.completed}/{task.total}")
     with Progress(
         *columns, TimeElapsedColumn(), TimeRemainingColumn(), console=console, disable=not console.is_terminal
     ) as progress:
-        task = progress.add_task(title, total=total, completed=finished)
+        task = progress.add_task(printable(title), total=total, completed=finished)
 
         def count(line: str) -> None:
             progress.advance(task)

@@ -11,7 +11,7 @@ from taichisoft.plugin_system.commands import command_names, commands_by_plugin
 from taichisoft.plugin_system.hooks import KINDS, implementations, provided, provided_by_plugin
 from taichisoft.plugin_system.plugins import plugin_registry
 from taichisoft.plugin_system.registry import Origin, hook_names
-from taichisoft.terminal_text import say
+from taichisoft.terminal_text import plain, say
 
 application = typer.Typer(help="List the plug-ins that are loaded, or begin one of your own.")
 
@@ -60,14 +60,15 @@ def list_command(context: typer.Context) -> None:
         return
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
 
-    table = Table("plug-in", "version", "from", "provides")
+    table = Table()
+    for heading in ("plug-in", "version", "from", "provides"):
+        table.add_column(heading, overflow="fold")
     for plugin in list_plugins():
         origin = plugin.origin
         source = " ".join(filter(None, (origin.kind, origin.distribution)))
         cells = (plugin.name, origin.version, f"{source}\n{origin.place}", "\n".join(plugin.provides))
-        table.add_row(*(Text(cell, overflow="fold") for cell in cells))
+        table.add_row(*(plain(cell) for cell in cells))
     Console().print(table)
 
 

@@ -8,7 +8,6 @@ from pathlib import Path
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
-from rich.text import Text
 
 from taichisoft.control.controller import Controller
 from taichisoft.plugin_system.failure import plugin_failure
@@ -18,7 +17,7 @@ from taichisoft.session.output import Output
 from taichisoft.session.pace import KEEPING_UP
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
-from taichisoft.terminal_text import printable
+from taichisoft.terminal_text import plain, printable
 
 
 @contextmanager
@@ -57,7 +56,7 @@ def print_profile(console: Console, profile: Profile) -> None:
     whole = medians[TOTAL][0]
     table = Table("phase of a step", title=f"median times of {len(profile.seconds[TOTAL])} steps")
     for heading in ("[ms]", "share", "of it in Python [ms]"):
-        table.add_column(Text(heading), justify="right")
+        table.add_column(plain(heading), justify="right")
     for phase, (time, in_python) in medians.items():
         table.add_row(phase, f"{time:.3f}", f"{time / whole:.0%}", f"{in_python:.3f}", end_section=phase == REST)
     console.print(table)
@@ -70,7 +69,7 @@ def print_summary(console: Console, parts: Sequence[Controller | Output], folder
     for part in parts:
         try:
             for quantity, value in part.summary().items():
-                table.add_row(Text(printable(quantity)), Text(printable(value)))
+                table.add_row(plain(quantity), plain(value))
         except KeyboardInterrupt:
             raise
         except BaseException as error:

@@ -13,7 +13,7 @@ from rich.text import Text
 from taichisoft.running.messages import print_line
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
-from taichisoft.terminal_text import printable
+from taichisoft.terminal_text import plain, printable
 
 REFRESHES = 8
 """How often the status is redrawn in a second of wall-clock time."""
@@ -80,12 +80,12 @@ class LiveStatus:
         rows = Table.grid(padding=(0, 2))
         rows.add_column(style="cyan", no_wrap=True)
         rows.add_column(no_wrap=True, overflow="ellipsis")
-        rows.add_row("time", Text(self._clock()))
-        rows.add_row("pressure", Text(printable(self._pressures())))
+        rows.add_row("time", plain(self._clock()))
+        rows.add_row("pressure", plain(self._pressures()))
         if self._object is not None:
-            rows.add_row(Text(printable(self._object)), Text(self._object_state()))
+            rows.add_row(plain(self._object), plain(self._object_state()))
         keys = " ".join(str(event) for event in tuple(self._session.recent_keys))
-        rows.add_row("keys", Text(keys or "none yet"))
+        rows.add_row("keys", plain(keys or "none yet"))
         hint = "? shows what the keys do, Esc ends the run"
         rows.add_row("", Text(printable("; ".join(filter(None, [self._session.controller.status, hint]))), style="dim"))
         return Group(rows, self._help()) if self._session.shows_help else rows
@@ -119,5 +119,5 @@ class LiveStatus:
     def _help(self) -> RenderableType:
         table = Table("key", "what it does", title="keys, with Ctrl or without", title_justify="left")
         for key, effect in self._session.bindings.items():
-            table.add_row(Text(printable(key)), Text(printable(effect)))
+            table.add_row(plain(key), plain(effect))
         return table

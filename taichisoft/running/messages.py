@@ -8,14 +8,14 @@ from contextlib import contextmanager
 from rich.console import Console
 from rich.text import Text
 
-from taichisoft.terminal_text import printable
+from taichisoft.terminal_text import plain, printable
 
 PROJECT_LOGGER = "taichisoft"
 
 
 def print_line(console: Console, line: str) -> None:
     """One line, without markup."""
-    console.print(Text(printable(line)), soft_wrap=True)
+    console.print(plain(line), soft_wrap=True)
 
 
 def print_warning(console: Console, message: str) -> None:

@@ -5,9 +5,8 @@ from collections.abc import Iterator
 import numpy as np
 from rich.console import Group
 from rich.table import Table
-from rich.text import Text
 
-from taichisoft.terminal_text import printable
+from taichisoft.terminal_text import plain
 from taichisoft_meshing.quality.limits import QualityLimits
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
 from taichisoft_meshing.quality.surfaces import SurfaceQuality
@@ -19,14 +18,14 @@ def mesh_tables(title: str, quality: MeshQuality, limits: QualityLimits, seconds
     figures = _table(title, "", ">", "", "limit")
     for section in (_size(quality, seconds), _shape(quality, limits)):
         for row in section:
-            figures.add_row(*map(Text, row))
+            figures.add_row(*map(plain, row))
         figures.add_section()
     walls = _table(None, "walls", ">thinnest [mm]", ">elements across", ">one element thick", "limit")
     for row in _walls(quality, limits):
-        walls.add_row(*map(Text, row))
+        walls.add_row(*map(plain, row))
     surfaces = _table(None, "surfaces", ">triangles", ">area [mm²]", "")
     for row in _surfaces(quality):
-        surfaces.add_row(*map(Text, row))
+        surfaces.add_row(*map(plain, row))
     return Group(figures, *([walls] if walls.row_count else []), surfaces)
 
 
@@ -45,15 +44,15 @@ def surface_table(title: str, surface: SurfaceQuality, pieces: int, extent: np.n
         ("volume inside", "none" if surface.open_edges else f"{abs(surface.volume):.1f}", "mm³"),
         ("faces", facing or "-", ""),
     ):
-        table.add_row(*map(Text, row))
+        table.add_row(*map(plain, row))
     return table
 
 
 def _table(title: str | None, *headings: str) -> Table:
     """An empty table; the column of a heading that begins with ">" has figures, which stand on the right."""
-    table = Table(title=None if title is None else Text(printable(title)))
+    table = Table(title=None if title is None else plain(title))
     for heading in headings:
-        table.add_column(Text(heading.removeprefix(">")), justify="right" if heading.startswith(">") else "left")
+        table.add_column(plain(heading.removeprefix(">")), justify="right" if heading.startswith(">") else "left")
     return table
 
 

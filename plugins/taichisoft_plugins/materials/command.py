@@ -5,7 +5,7 @@ from typing import Annotated, cast
 
 import typer
 
-from taichisoft.terminal_text import say
+from taichisoft.terminal_text import plain, say
 
 HIGHEST_STRETCH = 3.0
 LOWEST_STRAIN = 0.05
@@ -29,11 +29,13 @@ def list_materials(context: typer.Context) -> None:
     from taichisoft_plugins.materials.shipped import materials_of_plugins, shipped_materials
 
     found = shipped_materials() | materials_of_plugins()
-    table = Table("name", "law", "Young's modulus at rest [kPa]", "fitted up to a stretch of", "error [%]")
+    table = Table()
+    for heading in ("name", "law", "Young's modulus at rest [kPa]", "fitted up to a stretch of", "error [%]"):
+        table.add_column(plain(heading))
     for name, one in found.items():
         young = 2.0 * (1.0 + one.poisson_ratio) * one.shear_modulus
         error = "" if one.error is None else f"{100 * one.error:.2f}"
-        table.add_row(name, one.law, f"{young:.3g}", f"{one.highest_stretch:.3g}", error)
+        table.add_row(plain(name), plain(one.law), f"{young:.3g}", f"{one.highest_stretch:.3g}", error)
     rich.get_console().print(table)
     for source in sorted({one.source for one in found.values()}):
         say(source)

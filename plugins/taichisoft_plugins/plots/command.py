@@ -29,7 +29,7 @@ def plot(
     with read_recording(run) as recording:
         plots = draw_plots(recording, format, names)
     for name in plots.left_out:
-        typer.echo(f"no plot of {name}: nothing of the kind in this run")
+        say(f"no plot of {name}: nothing of the kind in this run")
     path = (output or run.parent) / f"plots.{format}"
     with atomic_file(path, PlotError) as partial:
         path.parent.mkdir(parents=True, exist_ok=True)

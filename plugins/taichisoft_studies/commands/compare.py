@@ -22,11 +22,10 @@ def compare(
     """Plot several runs over each other, and list the keys and metrics in which they differ."""
     from rich.console import Console
     from rich.table import Table
-    from rich.text import Text
 
     from taichisoft.atomic_file import atomic_file
     from taichisoft.running.messages import print_line
-    from taichisoft.terminal_text import printable
+    from taichisoft.terminal_text import plain
     from taichisoft_plugins.recording.layout import FILE_NAME
     from taichisoft_studies.comparison import differences, draw_comparison, labels, run_folder
 
@@ -43,9 +42,9 @@ def compare(
             csv.writer(file).writerows([["key", *names], *([key, *values] for key, values in rows.items())])
     table = Table("")
     for name in names:
-        table.add_column(Text(printable(name)))
+        table.add_column(plain(name))
     for key, values in rows.items():
-        table.add_row(Text(key), *(Text(_short(value)) for value in values))
+        table.add_row(plain(key), *(plain(_short(value)) for value in values))
     console = Console()
     console.print(table)
     print_line(console, str(output / TABLE))

@@ -5,6 +5,7 @@ from typing import Annotated, Any
 
 import typer
 
+from taichisoft.terminal_text import printable, say
 from taichisoft_studies.extras import StudyError, require
 
 PAGE = "report.html"
@@ -46,7 +47,7 @@ def report(
     with atomic_file(path, StudyError) as partial:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial.write_text(page, encoding="utf-8")
-    typer.echo(path)
+    say(path)
 
 
 def _draw(run: Path) -> Any:
@@ -65,4 +66,4 @@ def _draw(run: Path) -> Any:
             last = float(opened.times[-1])
         render_pictures(recording, {"after": last}, run)
     except TaichisoftError as error:
-        typer.echo(f"no picture of {run}: {error}", err=True)
+        typer.echo(printable(f"no picture of {run}: {error}"), err=True)
