@@ -1,10 +1,12 @@
 """A run without an end takes bounded room: in memory, and on the disk."""
 
 import gc
+import os
 import tracemalloc
 from collections import Counter
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import fake_run
 import numpy as np
@@ -17,6 +19,8 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.state import State
 from taichisoft_plugins.metrics import MetricsOutput
+from taichisoft_plugins.recording import output as recording_output
+from taichisoft_plugins.recording.file import RecordingFile
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.output import USUAL_LIMIT, RecordingOutput, limit_endless_recordings
 from taichisoft_plugins.recording.reader import read_recording
@@ -62,9 +66,22 @@ def test_steps_leave_nothing_in_memory(tmp_path: Path) -> None:
     outputs[0].end("stopped")
 
 
-def test_a_full_recording_makes_room_and_the_newest_frames_are_kept(tmp_path: Path) -> None:
+def test_a_full_recording_makes_room_and_the_newest_frames_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Two files that follow each other, each of about half the limit, with every frame of their time."""
     (tmp_path / "recording-before.h5").write_text("of an earlier run")
+    there: list[int] = []
+
+    class Watched(RecordingFile):
+        """A file whose readers find one of its name at every moment."""
+
+        def __init__(self, path: Path, *arguments: Any):
+            if there or path.exists():
+                there.append(len(read_recording(path).times))
+            super().__init__(path, *arguments)
+
+    monkeypatch.setattr(recording_output, "RecordingFile", Watched)
     writer = RecordingOutput(tmp_path, limit=0.001)
     writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
     assert not (tmp_path / "recording-before.h5").exists()
@@ -72,6 +89,8 @@ def test_a_full_recording_makes_room_and_the_newest_frames_are_kept(tmp_path: Pa
         for step in range(1, 2001):
             writer.record(fake_run.fake_state(step), fake_run.fake_report(step))
     writer.end("stopped")
+    assert len(there) > 1 and min(there) > 100
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["recording-before.h5", "recording.h5"]
     assert len(warned) == 2 and "what was there before is dropped; --record-limit" in str(warned[1].message)
     assert sum(path.stat().st_size for path in tmp_path.iterdir()) < 1.3e6
     with (
@@ -94,6 +113,22 @@ def test_only_a_run_without_an_end_has_a_usual_limit(
     output = RecordingOutput(tmp_path, limit=given_limit)
     limit_endless_recordings(SimpleNamespace(outputs=[output], step_count=steps))
     assert output.limit == expected
+
+
+def test_where_files_have_one_name_only_the_parts_still_turn_over(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(*_: object) -> None:
+        raise PermissionError(1, "Operation not permitted")
+
+    monkeypatch.setattr(os, "link", refuse)
+    writer = RecordingOutput(tmp_path, limit=0.001)
+    writer.begin(fake_run.fake_model(), fake_run.fake_state(0))
+    with pytest.warns(UserWarning, match="half of"):
+        for step in range(1, 501):
+            writer.record(fake_run.fake_state(step), fake_run.fake_report(step))
+    writer.end("stopped")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["recording-before.h5", "recording.h5"]
 
 
 def test_a_limit_that_is_none_is_refused(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """The output "recording": everything that a run computed, in one HDF5 file that survives a killed run."""
 
 import math
+import os
 import time
 import warnings
 from pathlib import Path
@@ -143,8 +144,19 @@ class RecordingOutput(Output):
         file, self._file = self._file, None
         file.close("continued in another recording")
         with named_os_errors(self.path, RecordingError):
-            self.path.replace(self._before)
+            self._name_full_file()
         self._begin_file(frame)
+
+    def _name_full_file(self) -> None:
+        """Give the full file its second name; it has the first one until the next file takes that, so one is there."""
+        linked = self.path.with_name(f".{FILE_NAME}.full.partial")
+        linked.unlink(missing_ok=True)
+        try:
+            os.link(self.path, linked)
+        except OSError:  # a file system without hard links
+            self.path.replace(self._before)
+        else:
+            linked.replace(self._before)
 
     def _keep(self, frame: Frame) -> None:
         self._frames.append(frame)
