@@ -3,6 +3,7 @@
 import http.client
 import socket
 import threading
+import time
 from collections.abc import Iterator
 from typing import Any
 from urllib.parse import urlsplit
@@ -17,7 +18,7 @@ pytest.importorskip("viser", reason="needs the extra 'web'")
 
 FOREIGN_HOSTS = (
     "evil.example", "evil.example:{port}", "localhost.evil.example", "127.0.0.1.evil.example:{port}", "",
-    "127.0.0.1@evil.example", "evil.example#127.0.0.1", "[::1",
+    "127.0.0.1@evil.example", "evil.example#127.0.0.1", "[::1", "localhost:x", "127.0.0.1:99999",
 )  # fmt: skip
 FOREIGN_ORIGINS = (
     "http://evil.example", "https://evil.example", "null", "http://127.0.0.1", "http://127.0.0.1:1",
@@ -74,6 +75,34 @@ def test_a_page_at_the_end_of_an_ssh_tunnel_is_the_same(address: Address, host: 
     query = "/?" + urlsplit(address.url).query
     cookie = status(address, query, Host=host).headers["Set-Cookie"].partition(";")[0]
     assert websocket(address, "/", Host=host, Cookie=cookie, Origin=f"http://{host}") == 101
+
+
+def test_two_pages_that_a_browser_calls_by_one_name_do_not_take_each_others_cookie(address: Address) -> None:
+    """Two tunnels, from ports 9000 and 9001 of one machine to the same port of two others."""
+    query = "/?" + urlsplit(address.url).query
+    cookies = [status(address, query, Host=f"localhost:{port}").headers["Set-Cookie"] for port in (9000, 9001)]
+    first, second = (cookie.partition("=")[0] for cookie in cookies)
+    assert first != second
+    of_another = f"{second}=another-token; {first}={address.token}"
+    assert status(address, "/", Host="localhost:9000", Cookie=of_another).status == 200
+    assert status(address, "/", Host="localhost:9001", Cookie=of_another).status == 403
+
+
+def test_a_page_does_not_wait_for_the_full_name_of_its_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked, answered = threading.Event(), threading.Event()
+
+    def slow_name() -> str:
+        asked.set()
+        assert answered.wait(20.0)
+        return "robot.laboratory.example"
+
+    monkeypatch.setattr(socket, "getfqdn", slow_name)
+    guard = Guard("127.0.0.1", "token")
+    assert asked.wait(20.0)
+    assert guard.is_here("127.0.0.1:8080") and not guard.is_here("robot.laboratory.example:8080")
+    answered.set()
+    while not guard.is_here("robot.laboratory.example:8080"):
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize("path", ["/", "/index.html", "/?token=", "/?token=wrong", "/?token=wrong&token={token}"])

@@ -10,6 +10,7 @@ import hmac
 import http
 import ipaddress
 import socket
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -30,15 +31,17 @@ class Guard:
         """Guard a page that listens at a name or number of this machine."""
         self.token = token
         self.installed = False
-        self._names = {"localhost", host.lower(), socket.gethostname().lower(), socket.getfqdn().lower()}
+        self._names = {"localhost", host.lower(), socket.gethostname().lower()}
+        # Where names are not resolved this takes half a minute, for which nobody shall wait.
+        threading.Thread(target=self._learn_full_name, name="full name", daemon=True).start()
 
     def answer(self, connection: Any, request: Any) -> Any:
         """The refusal of a request, or the way on for one with the token in its address; None for one that may pass."""
         path, _, query = request.path.partition("?")
         socket_wanted = request.headers.get("Upgrade", "").lower() == "websocket"
-        cookie = f"taichisoft-{connection.local_address[1]}"
         if problem := self._problem(request.headers):
             return connection.respond(http.HTTPStatus.FORBIDDEN, f"{problem}\n")
+        cookie = cookie_name(request.headers["Host"])
         in_address = self._is_token(parse_qs(query).get("token", [""])[0])
         if not (in_address or self._is_token(_cookies(request.headers).get(cookie, ""))):
             return connection.respond(
@@ -52,10 +55,13 @@ class Guard:
             return onward
         return None
 
+    def _learn_full_name(self) -> None:
+        self._names |= {socket.getfqdn().lower()}
+
     def _problem(self, headers: Any) -> str:
         """What is wrong with the Host and the Origin of a request; empty when nothing is."""
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
-        if len(hosts) != 1 or not self._is_here(hosts[0]):
+        if len(hosts) != 1 or not self.is_here(hosts[0]):
             return "this is no name of the machine that serves the page"
         if any(
             origin.lower() not in (f"http://{hosts[0]}".lower(), f"https://{hosts[0]}".lower()) for origin in origins
@@ -63,10 +69,11 @@ class Guard:
             return "the request comes from another website"
         return ""
 
-    def _is_here(self, host: str) -> bool:
+    def is_here(self, host: str) -> bool:
         """Whether a Host names this machine; numbers do, since nobody can let a number point elsewhere."""
         try:
-            name = (urlsplit(f"//{host}").hostname or "").lower()
+            place = urlsplit(f"//{host}")
+            name, _ = (place.hostname or "").lower(), place.port
         except ValueError:
             return False
         try:
@@ -78,6 +85,15 @@ class Guard:
     def _is_token(self, text: str) -> bool:
         # What a header has beside ASCII comes as surrogates, which only this way have bytes.
         return hmac.compare_digest(text.encode(errors="surrogateescape"), self.token.encode())
+
+
+def cookie_name(host: str) -> str:
+    """Name of the cookie of the page that a browser calls by a Host.
+
+    Browsers keep cookies by host and not by port (RFC 6265, section 8.5): of several pages, here or at the ends of
+    tunnels, each needs a name of its own, and only the port that the browser sees tells them apart.
+    """
+    return f"taichisoft-{urlsplit(f'//{host}').port or 80}"
 
 
 @contextmanager
