@@ -1,6 +1,7 @@
 """The run's end of its page: starts the process, sends it the newest state, and hands on what viewers want."""
 
 import math
+import os
 import subprocess
 import threading
 import time
@@ -57,7 +58,7 @@ class PageLink:
         self._ended = threading.Event()
         self._errors: IO[bytes] = TemporaryFile()  # noqa: SIM115 - needed as long as the process
         self._process = subprocess.Popen(
-            [*PYTHON, "-m", "taichisoft_plugins.web.page_process"],
+            [*PYTHON, "-m", "taichisoft_plugins.web.page_process", str(os.getpid())],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=self._errors,

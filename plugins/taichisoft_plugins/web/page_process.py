@@ -1,6 +1,7 @@
 """The process that serves the page of a run: `python -m taichisoft_plugins.web.page_process`, messages in the pipes.
 
-The page has a process of its own so that neither its work nor a viewer can slow the run; only `page_link` starts it.
+The page has a process of its own so that neither its work nor a viewer can slow the run; only `page_link` starts it,
+with the number of the process of the run as argument.
 """
 
 import math
@@ -28,15 +29,27 @@ SECONDS_TO_DELIVER = 0.5
 """Time between the last line of text and the end of the page, in which viewers receive it."""
 
 
-class Inbox:
-    """Keeps the newest snapshot; a thread reads all that come, so that the run never waits for the page."""
+SECONDS_TO_CLOSE = 10.0
+"""Time after the end of the run at which the process is gone, whatever hangs."""
+SECONDS_BETWEEN_LOOKS = 1.0
+"""Time between two looks whether the run still is there [s]."""
+GONE = RunEnded("its process is gone")
 
-    def __init__(self, stream: IO[bytes]):
-        self._stream = stream
+
+class Inbox:
+    """Keeps the newest snapshot; a thread reads all that come, so that the run never waits for the page.
+
+    The pipe ends with the run, unless a process that forked from the run holds it open: so another thread looks whether
+    the run still is our parent.
+    """
+
+    def __init__(self, stream: IO[bytes], run: int):
+        self._stream, self._run = stream, run
         self._arrived = threading.Event()
         self.newest: Snapshot | None = None
         self.end: RunEnded | None = None
         threading.Thread(target=self._read, name="inbox", daemon=True).start()
+        threading.Thread(target=self._watch, name="run", daemon=True).start()
 
     def wait(self) -> None:
         """Return when something has arrived since the last call."""
@@ -48,12 +61,25 @@ class Inbox:
             try:
                 message = receive(self._stream)
             except (EOFError, OSError):
-                message = RunEnded("its process is gone")
+                message = GONE
             if isinstance(message, Snapshot):
                 self.newest = message
+                self._arrived.set()
             else:
-                self.end = message
-            self._arrived.set()
+                self._take_end(message)
+
+    def _watch(self) -> None:
+        while self.end is None:
+            if os.getppid() != self._run:
+                self._take_end(GONE)
+            time.sleep(SECONDS_BETWEEN_LOOKS)
+
+    def _take_end(self, end: RunEnded) -> None:
+        exit_anyway = threading.Timer(SECONDS_TO_CLOSE, os._exit, (1,))
+        exit_anyway.daemon = True
+        exit_anyway.start()
+        self.end = end
+        self._arrived.set()
 
 
 class LivePage:
@@ -144,7 +170,7 @@ def main() -> None:
     live = LivePage(setup, tell)
     live.show(setup.first)
     tell(Ready(live.page.port))
-    inbox = Inbox(incoming)
+    inbox = Inbox(incoming, int(sys.argv[1]))
     shown = setup.first
     while inbox.end is None:
         inbox.wait()
