@@ -41,6 +41,8 @@ class RigidBody(Shaped):
     """Surfaces that have a group in common do not touch each other."""
     colour: Colour | None = None
     """Colour in pictures and on pages, "#rrggbb"; that of rigid bodies when it is not given."""
+    axes: bool = False
+    """Whether pictures and pages show its axes: those of its surface, from its centre of mass."""
     alternatives = (("surface", *SHAPES), ("mass", "density"))
 
 

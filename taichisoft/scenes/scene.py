@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from taichisoft.scenes.colours import Colour
-from taichisoft.scenes.rigid_body import Obstacle, RigidBody
+from taichisoft.scenes.rigid_body import SHORTEST_NORMAL, Obstacle, RigidBody
 from taichisoft.scenes.soft_body import SoftBody
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector, check_order
 
@@ -194,11 +194,21 @@ class Appearance(Table):
     background: Colour | None = None
     """Colour behind everything, "#rrggbb"; a light one when it is not given."""
     frame: bool = True
-    """Whether the directions of x, y and z stand in a corner of pictures and videos."""
+    """Whether the directions of x, y and z stand in a corner of pictures and videos, and beside the bodies of pages."""
+    light: Vector | None = None
+    """Direction towards the light, of any length; from above, in front and the right when it is not given."""
+    shadows: bool = True
+    """Whether bodies cast shadows on the floor."""
     eye: Vector | None = None
     """Where the camera stands [mm]; aslant of everything when it is not given."""
     target: Vector | None = None
     """What a camera at `eye` looks at [mm]; the middle of the scene when it is not given."""
+
+    @model_validator(mode="after")
+    def _check_light(self) -> Self:
+        if self.light is not None and math.hypot(*self.light) < SHORTEST_NORMAL:
+            raise ValueError(f"light = {list(self.light)}: has no direction; its length must not vanish")
+        return self
 
     @model_validator(mode="after")
     def _check_camera(self) -> Self:

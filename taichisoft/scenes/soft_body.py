@@ -315,6 +315,9 @@ class SoftBody(Table):
     each other at rest than twice the contact distance do not."""
     colour: Colour | None = None
     """Colour in pictures and on pages, "#rrggbb"; that of silicone when it is not given."""
+    axes: bool = False
+    """Whether pictures and pages show its axes: those of the mesh's file, turned as the body has turned on the whole,
+    from the mean of its nodes."""
     tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     regions: list[Region] = []

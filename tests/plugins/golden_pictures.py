@@ -13,6 +13,7 @@ import numpy as np
 from bent_gripper import record_gripper
 from PIL import Image
 
+from taichisoft.scenes.scene import Scene
 from taichisoft_plugins.drawing import camera_path, colouring, floor, surface_painter
 from taichisoft_plugins.drawing.camera import Camera
 from taichisoft_plugins.drawing.drawer import Drawer
@@ -31,6 +32,20 @@ STYLES = {
     "top_opaque": (Style(size=SIZE, view="top", opacity=1.0, background="#202830", arrows=False), 0),
 }
 """Style and frame by the name of the picture."""
+
+TUTORIAL = "tutorial"
+"""The picture of the scene as SOFA's tutorial shows it."""
+
+
+def as_in_the_tutorial(scene: Scene) -> Scene:
+    """The scene with a red floor on a dark background, a blue cube, arrows for axes, and light from the left."""
+    changed = scene.model_dump(exclude_none=True)
+    for body in (*changed["soft_bodies"].values(), changed["rigid_bodies"]["cube"]):
+        body["axes"] = True
+    changed["rigid_bodies"]["cube"]["colour"] = "#2a52be"
+    changed["obstacles"]["floor"]["colour"] = "#c8321e"
+    changed["appearance"] = {"background": "#002b36", "light": [1.0, -2.0, 2.0]}
+    return Scene.model_validate(changed)
 
 
 def draw(recording: Recording, style: Style, frame: int, folder: Path, name: str) -> None:
@@ -106,6 +121,9 @@ def main() -> None:
             if folder != GOLDEN:
                 for name, draw_broken in BROKEN.items():
                     draw_broken(opened, folder, f"broken_{name}")
+        with read_recording(recording) as opened:
+            opened.scene = as_in_the_tutorial(opened.scene)
+            draw(opened, Style(size=SIZE), 1, folder, TUTORIAL)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """Pictures and pages have the colours and the background that the scene gives; what a user asks for wins."""
 
 import re
+import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,11 +13,18 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from taichisoft.bodies.body_axes import axes_of_bodies
 from taichisoft.bodies.surfaces import Plane, Surface
-from taichisoft.scenes.file import scene_from_toml
+from taichisoft.scenes.file import scene_from_toml, scene_to_toml
 from taichisoft.scenes.scene import Appearance, Scene
+from taichisoft_plugins.drawing.axes import ON_DARK
+from taichisoft_plugins.drawing.camera import fit_camera, scene_axes
 from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
+from taichisoft_plugins.drawing.floor import Floor
+from taichisoft_plugins.drawing.force_arrows import COLOURS as COLOURS_OF_ARROWS
+from taichisoft_plugins.drawing.force_arrows import arrow_colour
 from taichisoft_plugins.drawing.scene_colours import body_colours
+from taichisoft_plugins.drawing.shading import key_light, shade
 from taichisoft_plugins.drawing.style import BACKGROUND, Style
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import Recording, read_recording
@@ -96,6 +104,73 @@ def test_a_scene_that_wants_no_axes_has_none_unless_the_user_does(recording: Rec
     assert rows.min() > 120 and columns.max() < 60, "they stand in the lower left corner"
 
 
+def changed(recording: Recording, folder: Path, appearance: dict[str, Any], **bodies: dict[str, Any]) -> Path:
+    """A copy of the recording whose scene says something else about how it looks."""
+    import h5py
+
+    path = folder / "recording.h5"
+    shutil.copy(recording.path, path)
+    document = recording.scene.model_dump(exclude_none=True)
+    document["appearance"] |= appearance
+    for name, keys in bodies.items():
+        (document["soft_bodies"] | document["rigid_bodies"])[name] |= keys
+    with h5py.File(path, "r+") as file:
+        file.attrs["scene"] = np.frombuffer(scene_to_toml(Scene.model_validate(document)).encode(), np.uint8)
+    return path
+
+
+def test_light_comes_from_where_the_scene_says(recording: Recording, tmp_path: Path) -> None:
+    """Sides of the cube are bright where their normal points to the light; above is +x."""
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    for direction in normals:
+        scene = recording.scene.model_copy(update={"appearance": Appearance(light=tuple(7.0 * direction))})
+        lit = shade(np.ones(3), normals, key_light(scene), scene.up)[:, 0]
+        assert normals[lit.argmax()] @ direction == 1.0
+    usual = key_light(recording.scene)
+    assert np.linalg.norm(usual) == pytest.approx(1.0) and usual @ recording.scene.up > 0.5
+
+
+def test_shadows_fall_away_from_the_light_and_can_be_switched_off(recording: Recording) -> None:
+    casters = [(fake_run.CUBE + np.array([40.0, 0.0, 0.0]), fake_run.CUBE_FACES, 1.0)]
+    plane = Plane("floor", np.zeros(3), np.array([1.0, 0.0, 0.0]))
+    camera = fit_camera(casters[0][0], plane.normal, "top", 16 / 9)
+    background = np.full((180, 320, 3), 200, dtype=np.uint8)
+
+    def dark(light: Any, thrown: Any = casters) -> np.ndarray:
+        """Middle of the shadow in the directions right and front of the scene."""
+        floor = Floor(plane, casters[0][0], np.ones(3), np.ones(3), light)
+        taken = 255.0 - floor.paint(background, camera, thrown).mean(axis=2)
+        rows, columns = np.indices(taken.shape)
+        total = taken.sum()
+        return np.array([(taken * (columns - 159.5)).sum(), (taken * (rows - 89.5)).sum()]) / total if total else total
+
+    right, front, _ = scene_axes(plane.normal)
+    for across in (right, -right, front, -front):
+        middle = dark(tuple(plane.normal + 0.5 * across)) - dark(tuple(plane.normal))
+        assert middle @ [across @ right, across @ front] < -5.0
+    assert dark((-1.0, 0.0, 0.0)) == dark(None, []) == 0.0, "light from below, and nothing that casts one"
+
+
+def test_bodies_have_arrows_for_axes_where_the_scene_wants_them(recording: Recording, tmp_path: Path) -> None:
+    marked = changed(recording, tmp_path, {}, cube={"axes": True})
+    with read_recording(marked) as opened:
+        with_axes, without = (drawn(opened, tmp_path, body_axes=wanted) for wanted in (True, False))
+    np.testing.assert_array_equal(without, drawn(recording, tmp_path))
+    rows, columns = np.nonzero((with_axes != without).any(axis=2))
+    on_cube = np.abs(without - CUBE).max(axis=2) < 200
+    assert len(rows) > 30 and on_cube[rows, columns].any()
+    for colour in ON_DARK.values():
+        assert (np.abs(with_axes - 255 * np.array(colour)).max(axis=2) < 4).any()
+
+
+@pytest.mark.parametrize(
+    ("behind", "expected"),
+    [((), 0), (((0.86, 0.90, 0.94),), 0), (((0.8, 0.2, 0.1),), 1), (((0.8, 0.2, 0.1), (1, 0.9, 0.3)), 2)],
+)
+def test_arrows_of_forces_have_a_colour_that_is_seen(behind: Any, expected: int) -> None:
+    assert arrow_colour([np.array(one) for one in behind]) == COLOURS_OF_ARROWS[expected]
+
+
 def test_what_the_user_chose_wins_over_the_scene(recording: Recording) -> None:
     scene, plain = recording.scene, fake_run.fake_model().scene
     own = Style().for_scene(scene)
@@ -147,3 +222,4 @@ def test_the_example_of_the_documents_is_a_scene() -> None:
     scene = scene_from_toml(text, "outputs.md")
     assert set(body_colours(scene)) == {"cube", "floor"}
     assert Style().for_scene(scene).axes is False
+    assert list(axes_of_bodies(scene, ())) == ["cube"] and scene.appearance.light == (1.0, -1.0, 2.0)

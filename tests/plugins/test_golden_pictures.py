@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bent_gripper import record_gripper
-from golden_pictures import BROKEN, GOLDEN, STYLES
+from golden_pictures import BROKEN, GOLDEN, STYLES, TUTORIAL
 from PIL import Image
 from scipy.ndimage import gaussian_filter, shift
 
@@ -50,7 +50,7 @@ def drawn(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", STYLES)
+@pytest.mark.parametrize("name", [*STYLES, TUTORIAL])
 def test_a_picture_looks_as_it_did(drawn, name):
     assert similarity(read_image(drawn / f"{name}.png"), read_image(GOLDEN / f"{name}.png")) > ALIKE
 

@@ -11,12 +11,13 @@ from taichisoft_plugins.drawing.camera import fit_camera, project
 from taichisoft_plugins.drawing.floor import Floor
 from taichisoft_plugins.drawing.painting import arrow_outline, paint_polygon, text_colour
 from taichisoft_plugins.drawing.planes import reaches_under, square_of_plane
-from taichisoft_plugins.drawing.shading import shade
+from taichisoft_plugins.drawing.shading import KEY_LIGHT, shade
 from taichisoft_plugins.drawing.shadow import PIXELS, SUN_RADIUS, shadow
 from taichisoft_plugins.drawing.stage import EMPTY
 from taichisoft_plugins.drawing.surface_painter import depth_layers, lay_over
 
 RIGHT, FRONT, UP = np.eye(3)
+KEY = np.array(KEY_LIGHT) / np.linalg.norm(KEY_LIGHT)
 SIZE = (320, 180)
 
 
@@ -118,7 +119,7 @@ def test_smooth_edges_come_nearer_to_the_true_picture_and_leave_the_rest():
 
 
 def test_light_comes_from_above_and_no_side_is_black_or_too_bright():
-    shades = shade(np.ones(3), np.vstack([np.eye(3), -np.eye(3)]), np.eye(3))[:, 0]
+    shades = shade(np.ones(3), np.vstack([np.eye(3), -np.eye(3)]), KEY, np.eye(3)[2])[:, 0]
     right, front, up, left, back, down = shades
     assert up > front > left > down and up > right > back
     assert shades.min() > 0.4 and shades.max() <= 1.0

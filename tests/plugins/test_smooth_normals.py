@@ -4,8 +4,10 @@ import fake_run
 import numpy as np
 import trimesh
 
-from taichisoft_plugins.drawing.shading import SmoothNormals, shade
+from taichisoft_plugins.drawing.shading import KEY_LIGHT, SmoothNormals, shade
 from taichisoft_plugins.drawing.stage import EMPTY
+
+KEY = np.array(KEY_LIGHT) / np.linalg.norm(KEY_LIGHT)
 
 
 def test_a_cube_keeps_its_faces_flat():
@@ -29,5 +31,5 @@ def test_a_sphere_has_radial_normals():
 def test_no_light_makes_a_body_look_like_nothing():
     """What has the colour of an empty stage, magenta, is dimmer from every side: it would be a hole in the picture."""
     normals = np.array(trimesh.creation.icosphere(subdivisions=4).vertices)
-    brightest = 255 * shade(np.array(EMPTY) / 255, normals, np.eye(3)).max()
+    brightest = 255 * shade(np.array(EMPTY) / 255, normals, KEY, np.eye(3)[2]).max()
     assert 240 < brightest < 254

@@ -7,13 +7,14 @@ import numpy as np
 from taichisoft.bodies.surfaces import Plane
 from taichisoft_plugins.drawing.antialiasing import antialias
 from taichisoft_plugins.drawing.cable_tubes import cable_tubes
-from taichisoft_plugins.drawing.camera import radius_around_mean, scene_axes
+from taichisoft_plugins.drawing.camera import radius_around_mean
 from taichisoft_plugins.drawing.camera_path import camera_path, outermost_points
 from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
 from taichisoft_plugins.drawing.floor import Floor
 from taichisoft_plugins.drawing.overlay import COLOUR_BAR_WIDTH, Overlay
 from taichisoft_plugins.drawing.planes import is_floor, reaches_under, square_of_plane
 from taichisoft_plugins.drawing.scene_colours import body_colours
+from taichisoft_plugins.drawing.shading import key_light
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.drawing.surface_painter import SurfacePainter
 from taichisoft_plugins.drawing.visual_surface import with_visual_surfaces
@@ -58,7 +59,8 @@ class Drawer:
             (plane for plane in recording.planes if is_floor(plane, up)), key=lambda plane: plane.point @ up
         )
         own = body_colours(recording.scene)
-        self._floor = Floor(floors[-1], points, background, own.get(floors[-1].name)) if floors else None
+        light, self._shadows = recording.scene.appearance.light, recording.scene.appearance.shadows
+        self._floor = Floor(floors[-1], points, background, own.get(floors[-1].name), light) if floors else None
         self._walls = [
             (plane.name, *square_of_plane(plane, points, floors))
             for plane in recording.planes
@@ -68,7 +70,7 @@ class Drawer:
         triangles = {surface.name: surface.triangles for surface in self._surfaces}
         triangles |= {name: of_wall for name, _, of_wall in self._walls}
         soft = [surface.name for surface in self._surfaces if surface.kind == "soft"]
-        self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, scene_axes(up))
+        self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, key_light(recording.scene), up)
         self._hide_what_is_under(floors[-1:], points)
 
     def image(self, frame: int) -> np.ndarray:
@@ -80,7 +82,7 @@ class Drawer:
             casters = [
                 (vertices[surface.name], surface.triangles, SHADOW_OPACITY[surface.kind])
                 for surface in self._surfaces
-                if surface.kind in SHADOW_OPACITY
+                if self._shadows and surface.kind in SHADOW_OPACITY
             ]
             picture = self._floor.paint(picture, camera, casters)
         colours = self._colouring.colours(frame)

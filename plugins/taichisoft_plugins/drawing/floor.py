@@ -31,14 +31,22 @@ class Floor:
         points: what stands on it [mm], shape (point_count, 3).
         background: red, green and blue of the background [-], shape (3,).
         colour: red, green and blue of the floor near by [-], shape (3,); None for a darker background.
+        light: direction to the light that casts shadows, of any length; None for the usual one.
     """
 
-    def __init__(self, plane: Plane, points: np.ndarray, background: np.ndarray, colour: np.ndarray | None = None):
+    def __init__(
+        self,
+        plane: Plane,
+        points: np.ndarray,
+        background: np.ndarray,
+        colour: np.ndarray | None = None,
+        light: Sequence[float] | None = None,
+    ):
         self._radius = radius_around_mean(points)
         self._centre = foot_of(points, plane)
         self._normal = plane.normal
         axes = scene_axes(plane.normal)
-        self._sun = np.array(SUN) @ axes
+        self._sun = np.array(SUN) @ axes if light is None else np.array(light)
         # In this order the first and the second axis have the normal as their cross product.
         self._axes = axes[[1, 0]]
         self._background = background
@@ -51,7 +59,7 @@ class Floor:
         Args:
             picture: the background, shape (height, width, 3), dtype uint8.
             camera: the camera that sees the floor.
-            casters: what casts shadows.
+            casters: what casts shadows; it casts none where the light comes from under the floor.
         """
         from PIL import Image
 
@@ -59,10 +67,12 @@ class Floor:
             return picture
         size = picture.shape[1], picture.shape[0]
         to_picture = pixel_matrix(camera, self._centre, self._axes, size)
+        plain, ground = self._without_shadows(camera, np.linalg.inv(to_picture), size)
+        if not casters or self._sun @ self._normal <= 0.0:
+            return plain
         half = HALF_WIDTH * self._radius
         dark = shadow(casters, self._centre, self._axes[0], self._axes[1], self._sun, half)
         dark_bytes = Image.fromarray(np.rint(255 * dark).astype(np.uint8))
-        plain, ground = self._without_shadows(camera, np.linalg.inv(to_picture), size)
         # From pixels of the shadow's picture to coordinates on the floor.
         to_floor = np.array([[2 * half / PIXELS, 0, -half], [0, 2 * half / PIXELS, -half], [0, 0, 1]])
         box = _box(dark_bytes.getbbox(), to_picture @ to_floor, size)

@@ -10,7 +10,10 @@ from taichisoft_plugins.drawing.painting import Colour, arrow_outline, paint_pol
 from taichisoft_plugins.drawing.scales import round_down, sample_frames
 from taichisoft_plugins.recording.reader import Recording
 
-COLOUR: Colour = (0.86, 0.27, 0.05)
+COLOURS: tuple[Colour, ...] = ((0.86, 0.27, 0.05), (1.00, 0.86, 0.20), (0.10, 0.75, 0.85))
+"""Red, green and blue of the arrows [-]; the later ones are for scenes in which the first one would not be seen."""
+SEEN = 0.45
+"""Least distance of that colour from those behind it [-]."""
 LONGEST = 0.5
 """Length of the arrow of the strongest force, in radii of the scene [-]."""
 SAMPLES = 200
@@ -26,10 +29,12 @@ class ForceArrows:
         recording: the recording, which stays open.
         frames: all frames that will be drawn.
         radius: radius of the scene [mm].
+        behind: red, green and blue [-] of what may be behind the arrows.
     """
 
-    def __init__(self, recording: Recording, frames: Sequence[int], radius: float):
+    def __init__(self, recording: Recording, frames: Sequence[int], radius: float, behind: Sequence[np.ndarray]):
         self._recording = recording
+        self._colour = arrow_colour(behind)
         forces = (recording.contacts(frame)[1] for frame in sample_frames(frames, SAMPLES))
         self._strongest = max((float(np.linalg.norm(force, axis=1).max(initial=0.0)) for force in forces), default=0)
         self._length = LONGEST * radius / self._strongest if self._strongest else 0.0  # [mm/mN]
@@ -44,7 +49,7 @@ class ForceArrows:
         before_camera = np.minimum(distance, tail_distance) > 1.0
         for index in np.argsort(-distance):
             if before_camera[index] and np.linalg.norm(tips[index] - tails[index]) > 1.0:
-                paint_polygon(picture, arrow_outline(tails[index], tips[index], WIDTH * picture.height), COLOUR)
+                paint_polygon(picture, arrow_outline(tails[index], tips[index], WIDTH * picture.height), self._colour)
 
     def paint_scale(self, picture: Any, camera: Camera, ink: Colour) -> None:
         """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene."""
@@ -56,6 +61,15 @@ class ForceArrows:
         length = pixels[1, 0] - pixels[0, 0]
         height = picture.height
         tip = np.array([picture.width - 0.03 * height, height - 0.04 * height])
-        paint_polygon(picture, arrow_outline(tip - [length, 0], tip, WIDTH * height), COLOUR)
+        paint_polygon(picture, arrow_outline(tip - [length, 0], tip, WIDTH * height), self._colour)
         text = f"force {force:g} mN"
         paint_text(picture, (tip[0], tip[1] - 0.02 * height), text, height / 40, ink, "rs")
+
+
+def arrow_colour(behind: Sequence[np.ndarray]) -> Colour:
+    """The first of COLOURS that is seen before all of these colours, else the one that is seen best."""
+
+    def nearest(colour: Colour) -> float:
+        return min((float(np.linalg.norm(np.array(colour) - one)) for one in behind), default=np.inf)
+
+    return next((colour for colour in COLOURS if nearest(colour) >= SEEN), max(COLOURS, key=nearest))

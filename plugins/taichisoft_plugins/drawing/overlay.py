@@ -1,26 +1,26 @@
-"""What is painted over a finished picture: contact forces, the scene's axes, colour bars, and a caption."""
+"""What is painted over a finished picture: contact forces, axes, colour bars, and a caption."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from taichisoft_plugins.drawing.axes import AXIS_COLOURS, ON_DARK, paint_axes, paint_body_axes
 from taichisoft_plugins.drawing.camera import Camera
 from taichisoft_plugins.drawing.force_arrows import ForceArrows
 from taichisoft_plugins.drawing.painting import (
     SMALLEST_LETTERS,
     Colour,
-    arrow_outline,
     font,
-    paint_polygon,
+    is_dark,
     paint_text,
     text_colour,
 )
 from taichisoft_plugins.drawing.scales import ColourScale
+from taichisoft_plugins.drawing.scene_colours import body_colours
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording
 
-AXIS_COLOURS: dict[str, Colour] = {"x": (0.80, 0.16, 0.16), "y": (0.13, 0.55, 0.20), "z": (0.16, 0.32, 0.80)}
 COLOUR_BAR_WIDTH = 0.185
 """Width of the edge of the picture in which the colour bars stand, in heights of the picture [-]."""
 SINGLE_FIGURES = 4
@@ -44,8 +44,11 @@ class Overlay:
         self, recording: Recording, style: Style, frames: Sequence[int], scales: Sequence[ColourScale], radius: float
     ):
         self._recording, self._style, self._scales = recording, style, scales
-        self._arrows = ForceArrows(recording, frames, radius) if style.arrows else None
+        behind = [np.array(style.background_colour), *body_colours(recording.scene).values()]
+        self._arrows = ForceArrows(recording, frames, radius, behind) if style.arrows else None
         self._ink = text_colour(style.background_colour)
+        self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
+        self._radius = radius
 
     def paint(self, picture: np.ndarray, camera: Camera, frame: int) -> np.ndarray:
         """The picture of a frame with everything painted over it, shape (height, width, 3), dtype uint8."""
@@ -55,31 +58,14 @@ class Overlay:
         if self._arrows is not None:
             self._arrows.paint(image, camera, frame)
             self._arrows.paint_scale(image, camera, self._ink)
+        if self._style.body_axes:
+            paint_body_axes(image, camera, self._recording.body_axes(frame), self._radius, self._axis_colours)
         if self._style.axes:
-            paint_axes(image, camera)
+            paint_axes(image, camera, self._axis_colours)
         paint_colour_bars(image, self._scales, self._ink)
         if self._style.caption:
             paint_caption(image, caption_parts(self._recording, frame), self._ink)
         return np.asarray(image)
-
-
-def paint_axes(picture: Any, camera: Camera) -> None:
-    """Paint the directions of x, y and z, as the camera sees them, into the lower left corner of a Pillow image."""
-    height = picture.height
-    origin = np.array([0.1 * height, 0.9 * height])
-    right, above, backward = camera.axes
-    # The one that points away is painted first.
-    for axis in np.argsort(backward):
-        name = "xyz"[axis]
-        direction = np.array([right[axis], -above[axis]])
-        length = np.linalg.norm(direction)
-        tip = origin + 0.065 * height * direction
-        if length > 0.1:
-            paint_polygon(picture, arrow_outline(origin, tip, height / 180), AXIS_COLOURS[name])
-        # An axis that points at the viewer, or away, has its name beside the origin.
-        outward = direction / length if length > 0.3 else np.array([-0.7, 0.7])
-        label = origin + (0.065 * length + 0.017) * height * outward
-        paint_text(picture, (label[0], label[1]), name, height / 38, AXIS_COLOURS[name], "mm")
 
 
 def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour) -> None:

@@ -52,10 +52,15 @@ def arrow_outline(tail: np.ndarray, tip: np.ndarray, width: float) -> np.ndarray
     return np.array([tail + shaft, neck + shaft, neck + wing, tip, neck - wing, neck - shaft, tail - shaft])
 
 
+def is_dark(background: Sequence[float]) -> bool:
+    """Whether what stands on a background should be light."""
+    red, green, blue = background
+    return 0.3 * red + 0.6 * green + 0.1 * blue <= 0.45
+
+
 def text_colour(background: Sequence[float]) -> Colour:
     """The colour of text: dark on a light background, light on a dark one."""
-    red, green, blue = background
-    return (0.13, 0.16, 0.20) if 0.3 * red + 0.6 * green + 0.1 * blue > 0.45 else (0.94, 0.95, 0.97)
+    return (0.94, 0.95, 0.97) if is_dark(background) else (0.13, 0.16, 0.20)
 
 
 @cache

@@ -5,8 +5,11 @@ There is a high key light, and light from all around, more of it from above.
 
 import numpy as np
 
+from taichisoft.scenes.scene import Scene
+from taichisoft_plugins.drawing.camera import scene_axes
+
 KEY_LIGHT = (0.55, 0.75, 1.25)
-"""Direction to the key light in the axes (right, front, up) of `camera.scene_axes`: in front, from the right."""
+"""Direction to the usual key light in the axes (right, front, up) of `camera.scene_axes`: in front, from the right."""
 
 DARKEST, KEY_STRENGTH, SKY_STRENGTH = 0.44, 0.44, 0.12
 """Brightness of what is turned away, and what the two lights add at most; together 1 [-]."""
@@ -70,16 +73,23 @@ def corners_at_same_vertex(vertex_of_corner: np.ndarray) -> tuple[np.ndarray, np
     return order[first], order[second]
 
 
-def shade(colours: np.ndarray, normals: np.ndarray, axes: np.ndarray) -> np.ndarray:
+def key_light(scene: Scene) -> np.ndarray:
+    """Unit vector to the key light of a scene, shape (3,)."""
+    chosen = scene.appearance.light
+    key = np.array(KEY_LIGHT) @ scene_axes(scene.up) if chosen is None else np.array(chosen)
+    return key / np.linalg.norm(key)
+
+
+def shade(colours: np.ndarray, normals: np.ndarray, key: np.ndarray, up: np.ndarray) -> np.ndarray:
     """Colours as they appear in the light, shape (count, 3).
 
     Args:
         colours: red, green and blue [-], shape (3,) or (count, 3).
         normals: unit normals, shape (count, 3).
-        axes: rows right, front and up of the scene, see `camera.scene_axes`.
+        key: unit vector to the key light, shape (3,).
+        up: unit vector against gravity, shape (3,).
     """
-    key = np.array(KEY_LIGHT) @ axes
     # Half of the light reaches around what it falls on, so that no side that is turned away looks flat.
-    from_key = (0.5 + 0.5 * normals @ (key / np.linalg.norm(key))) ** 1.5
-    from_sky = 0.5 + 0.5 * normals @ axes[2]
+    from_key = (0.5 + 0.5 * normals @ key) ** 1.5
+    from_sky = 0.5 + 0.5 * normals @ up
     return colours * (DARKEST + KEY_STRENGTH * from_key + SKY_STRENGTH * from_sky)[:, None]

@@ -45,6 +45,7 @@ class Style:
         cable_tension: whether cables have the colour of their tension.
         arrows: whether contact forces are drawn as arrows.
         axes: whether the scene's axes stand in a corner of the picture; None for what the scene says.
+        body_axes: whether the axes of bodies are drawn for which the scene wants it.
         caption: whether time, pressures, tensions and the height of the rigid bodies are written in the picture.
         surface: file of a surface, usually a finer one, that is drawn for every soft body instead of its mesh's own:
             STL, OBJ or PLY, in the coordinates of the body's mesh file [mm].
@@ -64,6 +65,7 @@ class Style:
     cable_tension: bool = True
     arrows: bool = True
     axes: bool | None = None
+    body_axes: bool = True
     caption: bool = True
     surface: Path | None = None
 

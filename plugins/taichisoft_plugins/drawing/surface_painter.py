@@ -20,7 +20,8 @@ class SurfacePainter:
         triangles: vertex indices of all surfaces by their names, outward, (triangle_count, 3).
         translucent: names of the surfaces that can be seen through.
         opacity: opacity of the translucent surfaces [-].
-        axes: rows right, front and up of the scene, from which the light comes.
+        key: unit vector to the key light, shape (3,).
+        up: unit vector against gravity, shape (3,).
     """
 
     def __init__(
@@ -29,9 +30,10 @@ class SurfacePainter:
         triangles: dict[str, np.ndarray],
         translucent: Sequence[str],
         opacity: float,
-        axes: np.ndarray,
+        key: np.ndarray,
+        up: np.ndarray,
     ):
-        self._size, self._opacity, self._axes = size, opacity, axes
+        self._size, self._opacity, self._key, self._up = size, opacity, key, up
         self._normals = {name: SmoothNormals(of_surface) for name, of_surface in triangles.items()}
         self._triangles = triangles
         self._translucent = list(translucent)
@@ -77,7 +79,7 @@ class SurfacePainter:
             colours = colours[self._triangles[name].ravel()]
         triangles = np.arange(len(corners)).reshape(-1, 3)
         triangles = triangles[seen_from_front(camera, corners.reshape(-1, 3, 3))]
-        self._stage.put(name, corners, triangles, shade(colours, normals, self._axes))
+        self._stage.put(name, corners, triangles, shade(colours, normals, self._key, self._up))
         if name in self._opaque:
             self._put_holdout(name + HOLDOUT, corners, triangles)
 

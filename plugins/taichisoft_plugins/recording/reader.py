@@ -8,6 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
+from taichisoft.bodies.body_axes import BodyAxes, axes_of_bodies
 from taichisoft.bodies.cable_paths import CablePath, segment_tensions
 from taichisoft.bodies.surfaces import BodySurface
 from taichisoft.control.observation import Pair
@@ -180,6 +181,15 @@ class Recording:
             return surface.vertices(_RecordedPoses(self, frame))
 
         return RecordedSurface(surface.name, surface.kind, surface.triangles, vertices, mapping)
+
+    def body_axes(self, frame: int) -> np.ndarray:
+        """Axes of the bodies whose axes the scene wants: origin [mm] and three unit vectors each, (count, 4, 3)."""
+        poses = _RecordedPoses(self, frame)
+        return np.array([axes.place(poses) for axes in self._axes_of_bodies.values()]).reshape(-1, 4, 3)
+
+    @cached_property
+    def _axes_of_bodies(self) -> dict[str, BodyAxes]:
+        return axes_of_bodies(self.scene, self.soft_bodies)
 
     def state(self, frame: int) -> State:
         """The state in a frame, bit for bit: a run that goes on from it is the one that was recorded."""

@@ -65,6 +65,9 @@ def render(
         bool | None,
         typer.Option("--axes/--no-axes", help="Show the scene's axes in a corner  \\[default: the scene's]"),
     ] = None,
+    body_axes: Annotated[
+        bool, typer.Option(help="Show the axes of bodies that have axes = true in the scene.")
+    ] = STYLE.body_axes,
     caption: Annotated[bool, typer.Option(help="Write time, pressures, tensions and heights.")] = STYLE.caption,
     surface: Annotated[
         Path | None, typer.Option(help="Finer surface (STL, OBJ, PLY) to draw instead of each soft body's own.")
@@ -90,6 +93,7 @@ def render(
             cable_tension=cable_tension,
             arrows=arrows,
             axes=axes,
+            body_axes=body_axes,
             caption=caption,
             surface=surface,
         )

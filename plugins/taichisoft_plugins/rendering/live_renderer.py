@@ -144,7 +144,8 @@ class _Process:
 
 
 def _style(size: tuple[int, int], camera: str | tuple[tuple[float, ...], ...]) -> Style:
-    plain = {"cavity_pressure": False, "cable_tension": False, "arrows": False, "axes": False, "caption": False}
+    signs = ("cavity_pressure", "cable_tension", "arrows", "axes", "body_axes", "caption")
+    plain = dict.fromkeys(signs, False)
     if isinstance(camera, str):
         if camera == "orbit":
             raise StyleError("camera 'orbit' needs a whole run; there are: iso, front, top, follow:BODY, two points")
