@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from taichisoft.bodies.body_axes import axes_of_bodies
+from taichisoft.bodies.body_axes import RigidAxes, axes_of_bodies
+from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.bodies.surfaces import Plane, Surface
 from taichisoft.scenes.file import scene_from_toml, scene_to_toml
 from taichisoft.scenes.scene import Appearance, Scene
@@ -23,6 +24,7 @@ from taichisoft_plugins.drawing.colouring import PLAIN, Colouring
 from taichisoft_plugins.drawing.floor import Floor
 from taichisoft_plugins.drawing.force_arrows import COLOURS as COLOURS_OF_ARROWS
 from taichisoft_plugins.drawing.force_arrows import arrow_colour
+from taichisoft_plugins.drawing.scales import AIR
 from taichisoft_plugins.drawing.scene_colours import body_colours
 from taichisoft_plugins.drawing.shading import key_light, shade
 from taichisoft_plugins.drawing.style import BACKGROUND, Style
@@ -197,23 +199,64 @@ def test_colours_that_mean_something_win_over_those_of_bodies(recording: Recordi
     assert moved[finger.name].ndim == 2, "a colour for each vertex"
 
 
+def page_of(scene: Scene) -> tuple[MagicMock, Any, Frame]:
+    """A page with a finger, its cavity, a cube and a floor, the server that it is drawn on, and a frame of it."""
+    kinds = (("finger", "soft"), ("finger.cavity", "cavity"), ("cube", "rigid"))
+    surfaces = [Surface(name, kind, fake_run.CUBE_FACES) for name, kind in kinds]  # type: ignore[arg-type]
+    planes = [Plane("floor", np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))]
+    points = np.array([[1.0, 2.0, 3.0]])
+    plotted, place = np.array([30.0, 0.0, 0.0]), np.vstack([[10.0, 20.0, 30.0], np.eye(3)[[1, 2, 0]]])
+    frame = Frame(
+        0.0, 3 * (fake_run.CUBE,), np.zeros((0, 2, 3)), np.zeros(0), points, 60.0 * points, plotted, place[None]
+    )
+    server = MagicMock()
+    server.scene.add_mesh_simple.side_effect = lambda name, *_, **look: SimpleNamespace(name=name, color=look["color"])
+    content = PageScene(scene, surfaces, planes, ("finger.cavity",), (), {"cube": RigidAxes(0)})
+    return server, SceneView(server, content, frame), frame
+
+
+def test_a_page_shows_pressure_in_the_colours_of_pictures_and_says_what_colours_and_arrows_mean() -> None:
+    _, view, frame = page_of(fake_run.fake_model().scene)
+    panel = SimpleNamespace(content="")
+    view.put_scales(panel)
+    view.show(frame)
+    (cavity,) = (mesh for mesh in view._meshes if mesh.name == "/finger.cavity")
+    assert cavity.color == tuple(round(255 * part) for part in AIR[-1])
+    assert "pressure [kPa]" in panel.content and ">0<" in panel.content and "30</div>" in panel.content
+    assert f"longest arrow {60 * 14**0.5:.3g} mN" in panel.content
+    view.reach_to(np.array([90.0]), np.zeros(0), 0.0)
+    view.show(frame)
+    expected = np.array([np.interp(1 / 3, np.linspace(0, 1, len(AIR)), part) for part in np.array(AIR).T])
+    assert cavity.color == tuple(round(255 * float(part)) for part in expected)
+
+
+@pytest.mark.parametrize("framed", [True, False])
+def test_a_page_has_the_axes_of_the_scene_with_their_names_and_those_of_bodies(framed: bool) -> None:
+    scene = fake_run.fake_model().scene.model_copy(update={"appearance": Appearance(frame=framed, shadows=False)})
+    server, view, frame = page_of(scene)
+    names = [call.args[0] for call in server.scene.add_frame.call_args_list]
+    assert names == [*(["/axes"] if framed else []), "/axes of cube"]
+    assert [call.args[1] for call in server.scene.add_label.call_args_list] == (list("xyz") if framed else [])
+    view.show(frame)
+    handle = view._axes[0]
+    np.testing.assert_allclose(handle.position, [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(matrices_from_quaternions(handle.wxyz[None])[0].T, np.eye(3)[[1, 2, 0]], atol=1e-12)
+    assert server.scene.add_light_directional.call_args.kwargs["cast_shadow"] is False
+
+
 @pytest.mark.parametrize("coloured", [True, False])
 def test_a_page_has_the_colours_of_the_scene(coloured: bool) -> None:
     plain = fake_run.fake_model().scene
     scene = coloured_scene(plain) if coloured else plain
-    surfaces = [Surface("finger", "soft", fake_run.FACES), Surface("cube", "rigid", fake_run.CUBE_FACES)]
-    planes = [Plane("floor", np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))]
-    nothing = np.zeros((0, 3))
-    first = Frame(0.0, (fake_run.REST, fake_run.CUBE), np.zeros((0, 2, 3)), np.zeros(0), nothing, nothing, np.zeros(0))
-    server = MagicMock()
-    SceneView(server, PageScene(scene, surfaces, planes, (), ()), first)
+    server, _, _ = page_of(scene)
     added = {call.args[0]: call.kwargs["color"] for call in server.scene.add_mesh_simple.call_args_list}
     backgrounds = [call.args[0].tolist() for call in server.scene.set_background_image.call_args_list]
     if coloured:
-        assert added == {"/finger": FINGER, "/cube": CUBE, "/floor": FLOOR}
+        assert added == {"/finger": FINGER, "/finger.cavity": COLOURS["cavity"], "/cube": CUBE, "/floor": FLOOR}
         assert backgrounds == [[[list(BEHIND)]]]
     else:
-        assert added == {"/finger": COLOURS["soft"], "/cube": COLOURS["rigid"], "/floor": COLOURS["floor"]}
+        kinds = {"/finger": "soft", "/finger.cavity": "cavity", "/cube": "rigid", "/floor": "floor"}
+        assert added == {name: COLOURS[kind] for name, kind in kinds.items()}
         assert not backgrounds
 
 

@@ -44,7 +44,7 @@ def drawn(tmp_path_factory):
     """Folder of the pictures, all drawn by one process."""
     folder = tmp_path_factory.mktemp("golden")
     script = Path(__file__).with_name("golden_pictures.py")
-    found = {**os.environ, "PYTHONPATH": str(script.parent)}
+    found = {**os.environ, "PYTHONPATH": os.pathsep.join([str(script.parent), os.environ.get("PYTHONPATH", "")])}
     child = run_python([str(script), str(record_gripper(folder)), str(folder)], 300.0, found)
     assert not child.problem, child.problem
     return folder

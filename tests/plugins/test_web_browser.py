@@ -108,7 +108,7 @@ def test_keys_and_buttons_inflate_what_the_page_shows(browser: Any, session: Ses
     assert before.std(axis=(0, 1)).max() > 0.05, "the canvas is blank"
     for _ in range(5):
         tab.keyboard.press("PageUp")
-    tab.get_by_role("button", name="+", exact=True).click()
+    tab.get_by_role("button", name="raise the pressure by 1 kPa (PgUp)").click()
     tab.keyboard.press("ArrowUp", delay=300)
     wait_for(lambda: session.controller.sliders["left.cavity"].value == 6.0)
     still = drawn(tab)

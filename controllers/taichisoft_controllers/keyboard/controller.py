@@ -143,16 +143,22 @@ class KeyboardController(Controller):
         """What each key does; without a model as if there were cavities alone."""
         steps, drives = self._steps, set(self._drives.values()) or {PRESSURE}
         effects = {
-            PRESSURE: f"raise or lower the pressure by {steps.pressure_step:g} kPa",
-            PULL: f"pull the cables in or pay them out by {steps.pull_step:g} mm",
-            TENSION: f"raise or lower the tension by {steps.tension_step:g} mN",
+            PRESSURE: ("raise the pressure", "lower the pressure", f"{steps.pressure_step:g} kPa"),
+            PULL: ("pull the cables in", "pay the cables out", f"{steps.pull_step:g} mm"),
+            TENSION: ("raise the tension", "lower the tension", f"{steps.tension_step:g} mN"),
         }
-        quantity = " and ".join(drive.name for drive in effects if drive in drives)
+        driven = {drive: effect for drive, effect in effects.items() if drive in drives}
+        quantity = " and ".join(drive.name for drive in driven)
+        move, turn = f"by {steps.translation_step:g} mm", f"by {steps.turn_step:g} degrees"
         return {
-            "+ -": ", ".join(effect for drive, effect in effects.items() if drive in drives),
-            "up down": f"move up or down by {steps.translation_step:g} mm",
-            "left right": f"move to the left or right by {steps.translation_step:g} mm",
-            "a q": f"turn by {steps.turn_step:g} degrees to the left or right",
+            "+": ", ".join(f"{more} by {step}" for more, _, step in driven.values()),
+            "-": ", ".join(f"{less} by {step}" for _, less, step in driven.values()),
+            "up": f"move up {move}",
+            "down": f"move down {move}",
+            "left": f"move left {move}",
+            "right": f"move right {move}",
+            "a": f"turn left {turn}",
+            "q": f"turn right {turn}",
             "1 2 3 ...": f"select one finger, whose {quantity} + and - change",
             "0": "select all fingers",
         }

@@ -11,7 +11,7 @@ import numpy as np
 from taichisoft.bodies.cable_paths import segment_tensions
 from taichisoft.bodies.strain import Stretches
 from taichisoft_plugins.drawing.cable_tubes import CableTube
-from taichisoft_plugins.drawing.scales import AIR, LINE, SOFT, ColourScale, round_up, sample_frames
+from taichisoft_plugins.drawing.scales import AIR, LINE, SOFT, ColourScale, round_up, sample_frames, scale_of
 from taichisoft_plugins.drawing.scene_colours import body_colours
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.bodies import RecordedSurface
@@ -145,7 +145,7 @@ def _pressure_scale(recording: Recording, frames: Sequence[int]) -> ColourScale 
     """The scale of the pressures; None where there is no cavity, or no pressure but zero."""
     if not recording.cavities:
         return None
-    return _scale_of("pressure [kPa]", recording.column("pressure")[np.unique(frames)], AIR)
+    return scale_of("pressure [kPa]", recording.column("pressure")[np.unique(frames)], AIR)
 
 
 def _tension_scale(recording: Recording, frames: Sequence[int]) -> ColourScale | None:
@@ -155,13 +155,4 @@ def _tension_scale(recording: Recording, frames: Sequence[int]) -> ColourScale |
     shown = np.unique(frames)
     pulled, lost = (recording.column(name)[shown] for name in ("tension", "tension_loss"))
     tensions = segment_tensions(recording.cable_paths, pulled, lost)
-    return _scale_of("tension [mN]", np.concatenate(tensions, axis=1), LINE)
-
-
-def _scale_of(title: str, values: np.ndarray, steps: Sequence[tuple[float, float, float]]) -> ColourScale | None:
-    """A scale from the lowest to the highest of the values, and zero, with round ends; None where all are zero."""
-    lowest, highest = np.min(values, initial=0.0), np.max(values, initial=0.0)
-    if highest == lowest:
-        return None
-    ends = [round_up(abs(end)) * np.sign(end) if end else 0.0 for end in (lowest, highest)]
-    return ColourScale(title, float(ends[0]), float(ends[1]), steps)
+    return scale_of("tension [mN]", np.concatenate(tensions, axis=1), LINE)

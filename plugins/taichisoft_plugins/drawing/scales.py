@@ -46,6 +46,15 @@ def round_up(value: float) -> float:
     return float(f"{step * power:.6g}")  # the decimal number, not 0.7000000000000001
 
 
+def scale_of(title: str, values: np.ndarray, steps: Sequence[tuple[float, float, float]]) -> ColourScale | None:
+    """A scale from the lowest to the highest of the values, and zero, with round ends; None where all are zero."""
+    lowest, highest = np.min(values, initial=0.0), np.max(values, initial=0.0)
+    if highest == lowest:
+        return None
+    ends = [round_up(abs(end)) * np.sign(end) if end else 0.0 for end in (lowest, highest)]
+    return ColourScale(title, float(ends[0]), float(ends[1]), steps)
+
+
 def round_down(value: float) -> float:
     """The last of 1, 2, 5 and 10 times a power of ten, for a value that a scale shows."""
     power = 10.0 ** np.floor(np.log10(value))

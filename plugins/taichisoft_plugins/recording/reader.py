@@ -185,10 +185,11 @@ class Recording:
     def body_axes(self, frame: int) -> np.ndarray:
         """Axes of the bodies whose axes the scene wants: origin [mm] and three unit vectors each, (count, 4, 3)."""
         poses = _RecordedPoses(self, frame)
-        return np.array([axes.place(poses) for axes in self._axes_of_bodies.values()]).reshape(-1, 4, 3)
+        return np.array([axes.place(poses) for axes in self.axes_of_bodies.values()]).reshape(-1, 4, 3)
 
     @cached_property
-    def _axes_of_bodies(self) -> dict[str, BodyAxes]:
+    def axes_of_bodies(self) -> dict[str, BodyAxes]:
+        """By name, the axes of the bodies whose axes the scene wants."""
         return axes_of_bodies(self.scene, self.soft_bodies)
 
     def state(self, frame: int) -> State:

@@ -15,6 +15,17 @@ MOVED_BY_VIEWER = 0.5
 
 LABELS = {"up": "↑ up", "down": "↓ down", "left": "← left", "right": "→ right"}
 
+KEY_NAMES = {
+    "up": "↑",
+    "down": "↓",
+    "left": "←",
+    "right": "→",
+    "+": "PgUp",
+    "-": "PgDn",
+    "escape": "Esc",
+}
+"""What keys of a browser are called on a keyboard."""
+
 HOTKEYS = {
     "up": "arrowup",
     "down": "arrowdown",
@@ -58,13 +69,17 @@ class Controls:
         if setup.controller_bindings:
             with self._gui.add_folder("gripper", order=2.0):
                 for keys, effect in setup.controller_bindings.items():
-                    self._add_group(effect, [key for key in keys.split() if key != "..."])
+                    named = [key for key in keys.split() if key != "..."]
+                    if len(named) == 1:
+                        self._add_button(effect, named[0])
+                    else:
+                        self._add_group(effect, named)
                     self._add_hotkeys(effect, _all_keys(keys))
         with self._gui.add_folder("run", order=3.0):
             self._add_speed(first)
             for key, effect in setup.run_bindings.items():
                 if key in HOTKEYS or key.isalnum():  # "?" is for terminals, which have no buttons
-                    self._gui.add_button(effect, hint=f"key: {key}").on_click(self._sender_of(key))
+                    self._add_button(effect, key)
                     self._add_hotkeys(effect, [key])
 
     def _add_slider(self, name: str, slider: Slider) -> None:
@@ -87,6 +102,10 @@ class Controls:
             if event.client is not None and math.isfinite(handle.value):  # otherwise it was `follow`
                 moved[0] = time.monotonic()
                 self._send(KeyEvent(name, value=float(handle.value)))
+
+    def _add_button(self, effect: str, key: str) -> None:
+        """A button that says what it does, in whole where the mouse rests on it, and which key of the page does it."""
+        self._gui.add_button(f"{effect} ({KEY_NAMES.get(key, key)})", hint=effect).on_click(self._sender_of(key))
 
     def _add_group(self, effect: str, keys: list[str]) -> None:
         labels = {LABELS.get(key, key): key for key in keys}

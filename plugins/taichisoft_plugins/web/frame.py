@@ -1,10 +1,11 @@
 """What a page draws: surfaces and planes that stay the same, and frames that say where everything is."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from taichisoft.bodies.body_axes import BodyAxes
 from taichisoft.bodies.surfaces import Plane, Surface
 from taichisoft.scenes.scene import Scene
 
@@ -19,6 +20,7 @@ class PageScene:
         planes: infinite obstacles.
         cavities: names of the cavities.
         cables: names of the cables.
+        axes: by name, the axes of bodies that are shown, in the order of `Frame.axes`.
     """
 
     scene: Scene
@@ -26,6 +28,7 @@ class PageScene:
     planes: Sequence[Plane]
     cavities: Sequence[str]
     cables: Sequence[str]
+    axes: Mapping[str, BodyAxes] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -39,7 +42,8 @@ class Frame:
         cable_tensions: tension of each of these lines [mN], shape (line_count,).
         contact_points: points of contact [mm], shape (contact_count, 3).
         contact_forces: forces on the second body of each contact [mN], shape (contact_count, 3).
-        plotted: a row of `curves.plotted_row`.
+        plotted: a row of `curves.plotted_row`, which begins with the pressures of all cavities.
+        axes: origin [mm] and unit vectors along x, y and z of the bodies' axes, shape (axes_count, 4, 3).
     """
 
     time: float
@@ -49,6 +53,7 @@ class Frame:
     contact_points: np.ndarray
     contact_forces: np.ndarray
     plotted: np.ndarray
+    axes: np.ndarray = field(default_factory=lambda: np.zeros((0, 4, 3)))
 
 
 def lines_of_cables(points: Sequence[np.ndarray], tensions: Sequence[np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -46,6 +46,7 @@ class Page:
         gui.main_panel.dock_right()
         gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
         self._text = gui.add_markdown("", order=0.0)
+        self.view.put_scales(gui.add_html("", order=0.5))
         with gui.add_folder("plots", order=100.0):
             self.curves = Curves(gui, content)
 

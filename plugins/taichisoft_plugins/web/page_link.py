@@ -12,6 +12,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.bodies.body_axes import axes_of_bodies
 from taichisoft.bodies.cable_paths import cable_paths, segment_tensions
 from taichisoft.bodies.surfaces import body_surfaces, planes_of
 from taichisoft.child_process import PYTHON, how_it_ended
@@ -152,7 +153,14 @@ def page_setup(session: "Session", address: Address, first: Snapshot) -> PageSet
         host=address.host,
         port=address.port,
         token=address.token,
-        content=PageScene(model.scene, surfaces, planes_of(model.obstacles), model.cavities.names, model.cables.names),
+        content=PageScene(
+            model.scene,
+            surfaces,
+            planes_of(model.obstacles),
+            model.cavities.names,
+            model.cables.names,
+            axes_of_bodies(model.scene, model.soft_bodies),
+        ),
         surfaces=surfaces,
         first=first,
         run_bindings=BINDINGS,

@@ -142,6 +142,7 @@ def frame_of(setup: PageSetup, snapshot: Snapshot) -> Frame:
         snapshot.contact_points,
         snapshot.contact_forces,
         snapshot.plotted,
+        np.array([axes.place(snapshot) for axes in setup.content.axes.values()]).reshape(-1, 4, 3),
     )
 
 

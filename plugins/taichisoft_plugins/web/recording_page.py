@@ -6,6 +6,8 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft_plugins.drawing.force_arrows import SAMPLES
+from taichisoft_plugins.drawing.scales import sample_frames
 from taichisoft_plugins.recording.layout import UNFINISHED
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.web.address import Address
@@ -83,8 +85,10 @@ class RecordingPage:
         self._shown = -1
         self._last_look = time.monotonic()
         self._read_curves()
-        content = PageScene(recording.scene, recording.surfaces, recording.planes, recording.cavities, recording.cables)
+        names = recording.cavities, recording.cables
+        content = PageScene(recording.scene, recording.surfaces, recording.planes, *names, recording.axes_of_bodies)
         self.page = Page(address.host, address.port, address.token, content, frame_of(recording, 0))
+        self._show_whole_scales()
         self._add_controls(self.page.server.gui)
 
     def tick(self, seconds: float) -> None:
@@ -126,7 +130,20 @@ class RecordingPage:
         self._shown = -1
         self.playback.extend(self._recording.times)
         self._read_curves()
+        self._show_whole_scales()
         self._slider.max = max(self.playback.length, self._slider.step)
+
+    def _show_whole_scales(self) -> None:
+        """Let the scales reach over the whole run, as those of its pictures do."""
+        recording = self._recording
+        frames = sample_frames(range(recording.frame_count), SAMPLES)
+        forces = [np.linalg.norm(recording.contacts(frame)[1], axis=1).max(initial=0.0) for frame in frames]
+        tensions = [recording.segment_tensions(frame) for frame in frames] if recording.cables else []
+        self.page.view.reach_to(
+            recording.column("pressure").ravel(),
+            np.concatenate([np.zeros(1), *(one for of_frame in tensions for one in of_frame)]),
+            max(forces, default=0.0),
+        )
 
     def _read_curves(self) -> None:
         """Read what the plots show, of as many frames as they can hold."""
@@ -162,7 +179,14 @@ def frame_of(recording: Recording, index: int) -> Frame:
     vertices = [surface.vertices(index) for surface in recording.surfaces]
     plotted = _plotted_row(recording, *(recording.row(name, index) for name in PLOTTED))
     lines = lines_of_cables(recording.cable_points(index), recording.segment_tensions(index))
-    return Frame(float(recording.row("time", index)), vertices, *lines, *recording.contacts(index), plotted)
+    return Frame(
+        float(recording.row("time", index)),
+        vertices,
+        *lines,
+        *recording.contacts(index),
+        plotted,
+        recording.body_axes(index),
+    )
 
 
 def _plotted_row(

@@ -1,18 +1,24 @@
-"""The three-dimensional part of a page: bodies, cavities and cables inside them, floor, arrows for contact forces."""
+"""The three-dimensional part of a page: bodies, cavities and cables inside them, floor, axes, arrows of forces."""
 
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from taichisoft.bodies.rotations import quaternion_from_matrix
 from taichisoft.scenes.colours import red_green_blue
 from taichisoft.scenes.scene import Scene
+from taichisoft_plugins.drawing.axes import BODY_AXIS
 from taichisoft_plugins.drawing.camera import VERTICAL_ANGLE, Camera, fit_camera, radius_around_mean
+from taichisoft_plugins.drawing.force_arrows import arrow_colour
 from taichisoft_plugins.drawing.planes import square_of_plane
-from taichisoft_plugins.drawing.scales import LINE, ColourScale
+from taichisoft_plugins.drawing.scales import LINE
 from taichisoft_plugins.drawing.scene_colours import body_colours
+from taichisoft_plugins.drawing.shading import key_light
+from taichisoft_plugins.drawing.style import BACKGROUND
 from taichisoft_plugins.web.creases import split_creases
 from taichisoft_plugins.web.frame import Frame, PageScene
+from taichisoft_plugins.web.scales_shown import Scales
 
 LENGTH_UNIT = 0.01
 """Units of the page in a millimetre: its lights, shadows and camera are made for things of a few units."""
@@ -29,7 +35,6 @@ COLOURS: dict[str, tuple[int, int, int]] = {
     "rigid": (58, 92, 168),
     "obstacle": (140, 148, 158),
     "floor": (173, 190, 208),
-    "force": (204, 51, 17),
 }
 """Red, green and blue by kind, each from 0 to 255, of what has no colour of its own in the scene."""
 SILICONE_OPACITY = 0.55
@@ -40,6 +45,14 @@ ARROW_LENGTH = 0.35
 """Length of the arrow of the largest force so far, in radii of the scene [-]; the others are in proportion."""
 SMALLEST_ARROW = 0.03
 """Forces below this part of the largest one so far are not drawn [-]."""
+CORNER_AXIS = 0.2
+"""Length of the scene's axes, in radii of the scene [-]."""
+BESIDE = 0.55
+"""Distance of the scene's axes from the middle, both to the left and towards the camera, in radii of the scene [-]."""
+OUT_OF_BODY = 1.2
+"""Length of the axes of rigid bodies, in their radii [-]."""
+LIGHT, GROUND = 2.0, (150, 150, 150)
+"""Strength of the two lights, in viser's unit, and colour of the light from below: a floor has about its own colour."""
 
 
 class SceneView:
@@ -48,28 +61,44 @@ class SceneView:
     def __init__(self, server: Any, content: PageScene, first: Frame):
         """Put everything where the first frame has it, and the camera where it sees that."""
         self._server = server
-        self._largest_force = self._lowest_tension = self._highest_tension = 0.0
+        self._scales, self._scales_shown = Scales(), None
+        self._cavity_count = len(content.cavities)
         bodies = [v for s, v in zip(content.surfaces, first.vertices, strict=True) if s.kind in ("soft", "rigid")]
         points = np.vstack(bodies) if bodies else np.vstack([np.zeros((1, 3)), *first.vertices])
         points = np.vstack([points, first.cable_lines.reshape(-1, 3)])
         self._radius = max(radius_around_mean(points), 1.0)
         server.scene.set_up_direction(content.scene.up)
-        server.scene.configure_default_lights(enabled=True, cast_shadow=True)
+        self._set_lights(content.scene)
         self._set_camera(points, content.scene)
-        self._set_background(content.scene.appearance.background)
+        background = content.scene.appearance.background
+        self._set_background(background)
         self._own_colours = body_colours(content.scene)
+        behind = [
+            np.array(BACKGROUND if background is None else red_green_blue(background)),
+            *self._own_colours.values(),
+        ]
+        self._force_colour = _bytes(arrow_colour(behind))
         self._sources, self._meshes = [], []
         for surface, vertices in zip(content.surfaces, first.vertices, strict=True):
             source, triangles = split_creases(vertices, surface.triangles)
             self._sources.append(source)
             self._meshes.append(self._add(surface.name, vertices[source], triangles, surface.kind))
+        named = zip(content.surfaces, self._meshes, strict=True)
+        meshes_by_name = {surface.name: mesh for surface, mesh in named if surface.kind == "cavity"}
+        self._cavities = [meshes_by_name.get(name) for name in content.cavities]
+        if content.scene.appearance.frame:
+            self._add_axes(points, content.scene.up)
+        rigid = {s.name: v for s, v in zip(content.surfaces, first.vertices, strict=True) if s.kind == "rigid"}
+        self._axes = [
+            self._add_frame(f"/axes of {name}", self._length_of_axes(rigid.get(name))) for name in content.axes
+        ]
         for plane in content.planes:
             self._add(plane.name, *square_of_plane(plane, points, []), "floor")
         self._cables = self._add_cables(first.cable_lines) if content.cables else None
         self._arrows = server.scene.add_arrows(
             "/contact forces",
             np.zeros((1, 2, 3)),
-            COLOURS["force"],
+            self._force_colour,
             shaft_radius=0.009 * self._radius * LENGTH_UNIT,
             head_radius=0.024 * self._radius * LENGTH_UNIT,
             head_length=0.06 * self._radius * LENGTH_UNIT,
@@ -78,32 +107,49 @@ class SceneView:
 
     def show(self, frame: Frame) -> None:
         """Move everything to where a frame has it."""
+        strength = np.linalg.norm(frame.contact_forces, axis=1)
+        pressures = frame.plotted[: self._cavity_count]
+        self.reach_to(pressures, frame.cable_tensions, strength.max(initial=0.0))
         with self._server.atomic():
             for mesh, source, vertices in zip(self._meshes, self._sources, frame.vertices, strict=True):
                 mesh.vertices = (vertices[source] * LENGTH_UNIT).astype(np.float32)
+            self._show_pressures(pressures)
             self._show_cables(frame.cable_lines, frame.cable_tensions)
-            self._show_forces(frame.contact_points, frame.contact_forces)
+            self._show_forces(frame.contact_points, frame.contact_forces, strength)
+            for handle, (origin, *directions) in zip(self._axes, frame.axes, strict=True):
+                handle.position = origin * LENGTH_UNIT
+                handle.wxyz = quaternion_from_matrix(np.transpose(directions))
+
+    def put_scales(self, handle: Any) -> None:
+        """Keep an HTML element of the panel up to date with what colours and arrows mean."""
+        self._scales_shown = handle
+
+    def reach_to(self, pressures: np.ndarray, tensions: np.ndarray, force: float) -> None:
+        """Let the scales reach to pressures [kPa], tensions [mN] and a contact force [mN]."""
+        if self._scales.reach_to(pressures, tensions, force) and self._scales_shown is not None:
+            self._scales_shown.content = self._scales.html(self._force_colour)
+
+    def _show_pressures(self, pressures: np.ndarray) -> None:
+        if self._scales.pressure is None:
+            return
+        for mesh, colour in zip(self._cavities, self._scales.pressure.colours(pressures), strict=True):
+            if mesh is not None and mesh.color != _bytes(colour):
+                mesh.color = _bytes(colour)
 
     def _show_cables(self, lines: np.ndarray, tensions: np.ndarray) -> None:
-        """Colours reach from no tension to the largest one so far."""
         if self._cables is None:
             return
-        self._lowest_tension = min(self._lowest_tension, tensions.min())
-        self._highest_tension = max(self._highest_tension, tensions.max())
         self._cables.points = (lines * LENGTH_UNIT).astype(np.float32)
-        if self._highest_tension > self._lowest_tension:
-            scale = ColourScale("", self._lowest_tension, self._highest_tension, LINE)
-            colours = np.rint(255 * scale.colours(tensions)).astype(np.uint8)
+        if self._scales.tension is not None:
+            colours = np.rint(255 * self._scales.tension.colours(tensions)).astype(np.uint8)
             self._cables.colors = np.repeat(colours[:, None], 2, axis=1)
 
-    def _show_forces(self, points: np.ndarray, forces: np.ndarray) -> None:
+    def _show_forces(self, points: np.ndarray, forces: np.ndarray, strength: np.ndarray) -> None:
         """Each arrow ends where its force acts: its shaft stands in the first body, which is translucent if soft."""
-        strength = np.linalg.norm(forces, axis=1)
-        self._largest_force = max(self._largest_force, strength.max(initial=0.0))
-        drawn = strength > SMALLEST_ARROW * self._largest_force
+        drawn = strength > SMALLEST_ARROW * self._scales.force
         self._arrows.visible = bool(drawn.any())
         if drawn.any():
-            shafts = forces[drawn] * (ARROW_LENGTH * self._radius / self._largest_force)
+            shafts = forces[drawn] * (ARROW_LENGTH * self._radius / self._scales.force)
             ends = np.stack([points[drawn] - shafts, points[drawn]], axis=1)
             self._arrows.points = (ends * LENGTH_UNIT).astype(np.float32)
 
@@ -119,6 +165,32 @@ class SceneView:
             receive_shadow=kind in ("floor", "obstacle"),
         )
 
+    def _add_frame(self, name: str, length: float, **place: Any) -> Any:
+        """Arrows in red, green and blue for x, y and z, of a length in radii of the scene."""
+        shaft = 0.012 * self._radius * LENGTH_UNIT
+        return self._server.scene.add_frame(
+            name, axes_length=length * self._radius * LENGTH_UNIT, axes_radius=shaft, origin_radius=shaft, **place
+        )
+
+    def _length_of_axes(self, vertices: np.ndarray | None) -> float:
+        """Length of a body's axes, in radii of the scene: they must come out of a rigid one, which hides the rest."""
+        if vertices is None:
+            return BODY_AXIS
+        return max(BODY_AXIS, OUT_OF_BODY * radius_around_mean(vertices) / self._radius)
+
+    def _add_axes(self, points: np.ndarray, up: np.ndarray) -> None:
+        """The directions of x, y and z, with their names, beside the bodies: a page has no corner that stands still."""
+        right, _, backward = fit_camera(points, up, "iso", ASPECT).axes
+        before = backward - (backward @ up) * up - right
+        middle = points.mean(axis=0)
+        corner = middle + BESIDE * self._radius * before + ((points @ up).min() - middle @ up) * up
+        self._add_frame("/axes", CORNER_AXIS, position=corner * LENGTH_UNIT)
+        for name, direction in zip("xyz", np.eye(3), strict=True):
+            tip = corner + 1.15 * CORNER_AXIS * self._radius * direction
+            self._server.scene.add_label(
+                f"/axes/name of {name}", name, position=(tip - corner) * LENGTH_UNIT, anchor="center-center"
+            )
+
     def _add_cables(self, lines: np.ndarray) -> Any:
         return self._server.scene.add_line_segments(
             "/cable lines",
@@ -126,6 +198,14 @@ class SceneView:
             np.tile(np.array(LINE[0]), (len(lines), 2, 1)),
             thickness=CABLE_THICKNESS * self._radius * LENGTH_UNIT,
         )
+
+    def _set_lights(self, scene: Scene) -> None:
+        """Light from where that of pictures comes from; viser's own is so bright that colours turn pale."""
+        self._server.scene.configure_default_lights(enabled=False)
+        self._server.scene.configure_environment_map(None)
+        self._server.scene.add_light_hemisphere("/light from all around", ground_color=GROUND, intensity=LIGHT)
+        key, shadows = 10.0 * key_light(scene), scene.appearance.shadows
+        self._server.scene.add_light_directional("/key light", position=key, intensity=LIGHT, cast_shadow=shadows)
 
     def _set_background(self, colour: str | None) -> None:
         if colour is not None:
