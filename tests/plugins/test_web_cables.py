@@ -12,7 +12,7 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.session.session import Session
-from taichisoft_plugins.drawing.scales import LINE, ColourScale
+from taichisoft_plugins.drawing.scales import LINE, ColourScale, round_up
 from taichisoft_plugins.recording.output import RecordingOutput
 from taichisoft_plugins.recording.reader import Recording, read_recording
 from taichisoft_plugins.web.address import find_address
@@ -70,7 +70,7 @@ def test_viewers_see_the_lines_move_and_the_curves(recording: Recording) -> None
         assert "tension [mN]" in titles and "pressure [kPa]" not in titles
         colours = page.page.view._cables.colors
     tensions = np.concatenate(recording.segment_tensions(STEPS))
-    highest = recording.column("tension").max()
+    highest = round_up(recording.column("tension").max())
     expected = 255 * ColourScale("", 0.0, highest, LINE).colours(tensions)
     np.testing.assert_allclose(colours[:, 0], expected, atol=0.51)
     np.testing.assert_array_equal(colours[:, 0], colours[:, 1])
