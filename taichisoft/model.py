@@ -149,7 +149,8 @@ class Model:
     def varied(self, friction: float | None = None, masses: Mapping[str, float] | None = None) -> "Model":
         """A model that differs in friction or masses, and shares everything else with this one.
 
-        It is made in well under a millisecond, and a simulation of it in some: for many runs of variants.
+        It is made in well under a millisecond, a simulation of it in some; for many runs of variants one simulation can
+        go from one to the next, see `Simulation.change_model`.
 
         Args:
             friction: Coulomb's coefficient [-] of all pairs of bodies but those in the scene's `contact.pairs`.

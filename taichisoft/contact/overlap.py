@@ -1,6 +1,7 @@
 """Bodies that overlap at the start would be thrown apart: a scene that has such bodies is refused."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -20,64 +21,124 @@ SHRINKING = 1e-6
 SHIFT = 0.25 * np.array([0.62, -0.48, 0.57])
 
 
+class Overlap(NamedTuple):
+    """Two bodies that overlap.
+
+    Attributes:
+        bodies: their numbers, the lower one first; twice the same where surfaces of one body overlap.
+        problem: which, how and where, in one line.
+        advice: what to do about it.
+    """
+
+    bodies: tuple[int, int]
+    problem: str
+    advice: str
+
+
 def refuse_overlap(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
-    """Check the surfaces where they are now: for points inside other bodies, then for edges through other surfaces.
+    """Check the surfaces where they are now.
 
     Raises:
         SceneError: two bodies overlap, with their names and the place.
     """
-    _refuse_points_inside(surfaces, moving, body_names)
-    _refuse_crossed_surfaces(surfaces, moving, body_names)
+    for found in overlaps(surfaces, moving, ContactDetection(surfaces, moving), body_names):
+        raise SceneError(f"{found.problem}; {found.advice}")
 
 
-def _refuse_points_inside(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
+def overlaps(
+    surfaces: ContactSurfaces,
+    moving: MovingSurfaces,
+    detection: ContactDetection,
+    body_names: Sequence[str],
+    body: int | None = None,
+) -> Iterator[Overlap]:
+    """Bodies that overlap where the surfaces are now: points inside others, the deepest first, then crossed surfaces.
+
+    Args:
+        surfaces: all surfaces.
+        moving: where they are.
+        detection: finds contacts of these surfaces.
+        body_names: names by body number.
+        body: number of the one whose overlaps are of interest; None for all.
+    """
+    yield from _points_inside(surfaces, moving, detection, body_names, body)
+    yield from _crossed_surfaces(surfaces, moving, body_names, body)
+
+
+def _points_inside(
+    surfaces: ContactSurfaces,
+    moving: MovingSurfaces,
+    detection: ContactDetection,
+    body_names: Sequence[str],
+    body: int | None,
+) -> Iterator[Overlap]:
     (lower, upper), (shape_lower, shape_upper) = moving.boxes(), boxes(surfaces.shapes, moving.shapes)
     extents = np.vstack([upper - lower, shape_upper - shape_lower])
     largest = float(np.linalg.norm(extents, axis=1).max())
-    pairs = ContactDetection(surfaces, moving).find(reach=0.0, depth=largest).trimmed()
-    if pairs.count[0] and pairs.distance.min() < 0.0:
-        deepest = int(pairs.distance.argmin())
-        what, advice = _named(*(body_names[body] for body in pairs.bodies[deepest]))
-        raise SceneError(
-            f"{what} overlap at the start by {-pairs.distance[deepest]:.3g} mm at "
-            f"{np.round(pairs.points[deepest, 0], 2).tolist()} mm; {advice}"
-        )
+    reach = np.zeros((len(body_names), len(body_names)))
+    if body is not None:
+        reach -= 1.0  # leaves a pair out
+        reach[body] = reach[:, body] = 0.0
+    pairs = detection.find(reach, depth=largest).trimmed()
+    told = set()
+    for pair in np.argsort(pairs.distance, kind="stable")[: np.count_nonzero(pairs.distance < 0.0)].tolist():
+        first, second = sorted(pairs.bodies[pair].tolist())
+        if (first, second) not in told:
+            told.add((first, second))
+            how = f"by {-pairs.distance[pair]:.3g} mm at {np.round(pairs.points[pair, 0], 2).tolist()} mm"
+            yield _overlap(first, second, body_names, f" {how}")
 
 
-def _refuse_crossed_surfaces(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
+def _crossed_surfaces(
+    surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str], body: int | None
+) -> Iterator[Overlap]:
     """Crossed bars overlap although no vertex of one is inside the other: their edges go through triangles."""
     topology, position = surfaces.topology, moving.moved.position
     if not len(topology.triangles):
         return
     lower, upper = moving.boxes()
+    meeting = [
+        (first, second)
+        for first, second in topology.pairs.tolist()
+        if (body is None or body in topology.body[[first, second]])
+        and boxes_meet(lower[first], upper[first], lower[second], upper[second])
+    ]
+    shapes, there = surfaces.shapes, moving.shapes
+    with_shapes = [
+        (shape, surface)
+        for shape, surface in shapes.surface_pairs[:, [SHAPE, SURFACE]].tolist()
+        if body is None or body in (shapes.body[shape], topology.body[surface])
+    ]
+    if not meeting and not with_shapes:
+        return
     margin = SHRINKING * float((upper.max(axis=0) - lower.min(axis=0)).max())
     shrunk = position - margin * _vertex_normals(topology.triangles, position)
     edges = [topology.edges[start:stop] for start, stop in surfaces.edge_range]
     triangles = [topology.triangles[start:stop] for start, stop in surfaces.triangle_range]
-    for first, second in topology.pairs.tolist():
-        if not boxes_meet(lower[first], upper[first], lower[second], upper[second]):
-            continue
-        shifted = shrunk + margin * SHIFT
+    shifted = shrunk + margin * SHIFT
+    for first, second in meeting:
         place = _first_crossing(shifted[edges[first]], shrunk[triangles[second]])
         if place is None:
             place = _first_crossing(shrunk[edges[second]], shifted[triangles[first]])
         if place is not None:
-            raise _crossing(place, *(body_names[topology.body[surface]] for surface in (first, second)))
+            yield _crossing(place, topology.body[first], topology.body[second], body_names)
     # A round shape whose ends lie outside goes through a surface with its axis, or meets an edge or vertex of it.
-    shapes, there = surfaces.shapes, moving.shapes
     half = shapes.half_length[:, None] * there.axis
     axes = np.stack([there.centre - half, there.centre + half], axis=1)
-    for shape, surface in shapes.surface_pairs[:, [SHAPE, SURFACE]].tolist():
+    for shape, surface in with_shapes:
         place = _first_crossing(axes[shape, None], shrunk[triangles[surface]])
         if place is not None:
-            raise _crossing(place, body_names[shapes.body[shape]], body_names[topology.body[surface]])
+            yield _crossing(place, shapes.body[shape], topology.body[surface], body_names)
 
 
-def _crossing(place: np.ndarray, first: str, second: str) -> SceneError:
-    what, advice = _named(first, second)
-    return SceneError(
-        f"{what} overlap at the start: their surfaces cross at {np.round(place, 2).tolist()} mm; {advice}"
-    )
+def _crossing(place: np.ndarray, first: int, second: int, body_names: Sequence[str]) -> Overlap:
+    how = f": their surfaces cross at {np.round(place, 2).tolist()} mm"
+    return _overlap(min(first, second), max(first, second), body_names, how)
+
+
+def _overlap(first: int, second: int, body_names: Sequence[str], how: str) -> Overlap:
+    what, advice = _named(body_names[first], body_names[second])
+    return Overlap((int(first), int(second)), f"{what} overlap at the start{how}", advice)
 
 
 def _named(first: str, second: str) -> tuple[str, str]:

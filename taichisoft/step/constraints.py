@@ -100,11 +100,15 @@ class Constraints:
         self._node_velocity_before = np.zeros((model.node_count, 3))
         self._removes_depth = model.scene.contact.depth == "position"
         self._problem = ConstraintRows(model, FIRST_CAPACITY)
-        self._laws = PairLaws(model.friction, model.spinning_friction, model.rolling_friction)
+        self._laws = PairLaws(model.friction.copy(), model.spinning_friction, model.rolling_friction)
         self.told = ToldContacts.with_room(0, len(model.body_names))
         self._velocity = np.zeros((model.node_count, 3))  # stays in place for the kernels
         self._node_impulse = np.zeros((model.node_count, 3))
         self.node_velocity = np.zeros((model.node_count, 3))
+
+    def take_friction(self, model: Model) -> None:
+        """Let pairs of bodies have the friction coefficients of a variant of the model."""
+        self._laws.friction[:] = model.friction
 
     def solve(self, state: State, found: Found) -> None:
         """Find the impulses, and the velocities of all bodies with them.

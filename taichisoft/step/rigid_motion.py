@@ -19,11 +19,12 @@ class RigidMotion:
         count = len(model.rigid_bodies)
         self._time_step = model.scene.time.step
         self._bodies = kernels.RigidBodies(
-            mass=model.rigid_mass,
-            inertia=model.rigid_inertia,
-            inverse_inertia=np.linalg.inv(model.rigid_inertia),
+            mass=np.empty(count),
+            inertia=np.empty((count, 3, 3)),
+            inverse_inertia=np.empty((count, 3, 3)),
             gravity=np.empty((1, 3)),
         )
+        self.take_masses(model)
         self.state = kernels.RigidState(
             position=np.empty((count, 3)),
             quaternion=np.empty((count, 4)),
@@ -35,6 +36,11 @@ class RigidMotion:
             impulse=np.zeros((count, 6)),
         )
         self._ahead = self.state._replace(position=np.empty((count, 3)), quaternion=np.empty((count, 4)))
+
+    def take_masses(self, model: Model) -> None:
+        """Let the bodies have the masses of a model, this one or a variant of it."""
+        self._bodies.mass[:], self._bodies.inertia[:] = model.rigid_mass, model.rigid_inertia
+        self._bodies.inverse_inertia[:] = np.linalg.inv(model.rigid_inertia)
         self._external_forces = _external_forces(model)
 
     def solve_free_motion(self, state: State) -> None:

@@ -11,7 +11,10 @@ from taichisoft.scenes.scene import Scene
 
 
 def squeezed(model: Model) -> State:
-    simulation = Simulation(model)
+    return squeeze(Simulation(model))
+
+
+def squeeze(simulation: Simulation) -> State:
     for step in range(40):
         pressure = 0.3 * step
         simulation.step(Control(pressure={"left.cavity": pressure, "right.cavity": pressure}))
@@ -33,6 +36,33 @@ def test_friction_and_masses_of_a_varied_model(taichisoft_scene: Scene) -> None:
     assert model.rigid_mass.tolist() == [0.001]
     with pytest.raises(ValueError, match="read-only"):
         varied.friction[0, 0] = 1.0
+
+
+def test_a_simulation_goes_from_variant_to_variant_as_if_it_were_made_of_each(taichisoft_scene: Scene) -> None:
+    table = taichisoft_scene.model_dump(mode="json", exclude_none=True)
+    pushed = {"body": "cube", "start": 0.1, "duration": 0.1, "force": [3.0, 0.0, 0.0]}
+    table["external_forces"] = [pushed]  # an acceleration that depends on the mass
+    model = make_model(scene_from_dict(table))
+    variants = [
+        model.varied(friction=0.2),
+        model.varied(masses={"cube": 0.003}),
+        model,
+        model.varied(0.7, {"cube": 0.0005}),
+    ]
+    ends = [squeezed(variant) for variant in variants]
+    assert all(ends[0] != end for end in ends[1:])
+    simulation = Simulation(model)
+    for variant, end in zip(variants, ends, strict=True):
+        simulation.change_model(variant)
+        simulation.restore(variant.initial_state())
+        assert squeeze(simulation) == end
+        assert simulation.model is variant
+
+
+def test_the_model_of_something_else_is_refused(taichisoft_scene: Scene) -> None:
+    simulation = Simulation(make_model(taichisoft_scene))
+    with pytest.raises(SceneError, match="takes a variant"):
+        simulation.change_model(make_model(taichisoft_scene))
 
 
 def test_the_inertia_of_a_varied_body_follows_its_mass(taichisoft_scene: Scene) -> None:
