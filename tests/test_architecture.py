@@ -92,6 +92,7 @@ LAYERS = {
         "disturbances",
         "sensors",
         "environment",
+        "places",
         "page",
         "prepared",
         "task",

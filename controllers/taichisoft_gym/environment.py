@@ -24,9 +24,12 @@ if TYPE_CHECKING:  # these bring Taichi, which must not start where an environme
     from taichisoft.building.simulation import Simulation
     from taichisoft.model import Model
     from taichisoft_gym.page import Page
+    from taichisoft_gym.places import FreePlaces
 
 SETTLING_TIME = 0.3
 """Time before an episode in which the object comes to rest on the floor, and the fingers hang [s]."""
+MOST_PLACES = 100
+"""How many places of the object are drawn before it is clear that hardly any is free."""
 
 
 class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -38,7 +41,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         scene: scene that is simulated, with what the arguments change.
         channels: meaning of each number of an observation.
         action_channels: what -1 and 1 of each number of an action stand for.
-        simulation: simulation of the present episode.
+        simulation: simulation of all episodes; what is drawn anew changes its state and its model.
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -86,8 +89,8 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         self.observation_space = self._space
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_period))}  # type: ignore[misc]
         self.render_mode, self._camera, self._size = render_mode, camera, size
-        self._model: Model | None = None
-        self._drawing: Simulation | None = None
+        self._model: Model | None = None  # that of `simulation`, before anything is drawn
+        self._places: FreePlaces | None = None
         self._page: Page | None = None
         self._shown = 0.0
 
@@ -102,7 +105,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
                 task.
 
         Raises:
-            SceneError: an option is unknown.
+            SceneError: an option is unknown; or hardly any place of the object is free of other bodies.
             StateError: the state belongs to another model.
         """
         super().reset(seed=seed)
@@ -148,18 +151,13 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def picture(self, camera: str | Sequence[Sequence[float]], size: tuple[int, int]) -> np.ndarray:
         """A picture of the present state, as `Simulation.render` describes it."""
-        from taichisoft.building.simulation import Simulation
-
-        if self._drawing is None:
-            assert self._model is not None, "reset comes first"
-            self._drawing = Simulation(self._model)  # one for all episodes, whose simulations may differ
-        self._drawing.restore(self.simulation.state)
-        return self._drawing.render(camera, size)
+        assert self._model is not None, "reset comes first"
+        return self.simulation.render(camera, size)
 
     def close(self) -> None:
         """End the renderer and the page."""
-        if self._drawing is not None:
-            self._drawing.close()
+        if self._model is not None:
+            self.simulation.close()
         if self._page is not None:
             self._page.close()
             self._page = None
@@ -190,32 +188,51 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
     def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
         """How well it goes after a control period with an action; None at the beginning of an episode."""
 
-    def _begin(self, given: State | None, drawn: Mapping[str, float]) -> None:
+    def _begin(self, given: State | None, drawn: dict[str, float]) -> None:
         """Put the simulation at the start of an episode."""
         from taichisoft.building.simulation import Simulation
+        from taichisoft_gym.places import FreePlaces
         from taichisoft_gym.prepared import prepared
 
         model, start = prepared(self._scene_text, SETTLING_TIME)
-        friction, factor = drawn.get("friction"), drawn.get("mass")
-        if friction is not None or factor is not None:
-            masses = {} if factor is None else {self.object: factor * self._mass_of(model)}
-            self.simulation = Simulation(model.varied(friction, masses))
-        elif self._model is None or self.simulation.model is not model:  # what an earlier episode drew is over
-            self.simulation = Simulation(model)
-        self._model = model
+        if model is not self._model:
+            if self._model is not None:
+                self.simulation.close()
+            self._model, self.simulation = model, Simulation(model)
+            self._places = FreePlaces(model, start, self.object) if self._randomisation.place else None
+        masses = {self.object: drawn["mass"] * self._mass_of(model)} if "mass" in drawn else {}
+        friction = drawn.get("friction")
+        self.simulation.change_model(model.varied(friction, masses) if masses or friction is not None else model)
         self.simulation.restore(given if given is not None else self._placed(start, drawn))
 
-    def _placed(self, start: State, drawn: Mapping[str, float]) -> State:
-        """The first state with what was drawn."""
-        changes = {}
+    def _placed(self, start: State, drawn: dict[str, float]) -> State:
+        """The first state with what was drawn; a place within another body is drawn again.
+
+        Raises:
+            SceneError: hardly any place is free.
+        """
         if "modulus" in drawn:
-            changes["young_modulus"] = drawn["modulus"] * start.young_modulus
-        if "place right" in drawn:
-            shift = drawn["place right"] * self._axes[0] + drawn["place front"] * self._axes[1]
-            places = start.rigid_position.copy()
-            places[list(self.scene.rigid_bodies).index(self.object)] += shift
-            changes["rigid_position"] = places
-        return start.changed(**changes) if changes else start
+            start = start.changed(young_modulus=drawn["modulus"] * start.young_modulus)
+        if self._places is None:
+            return start
+        problem = ""
+        for _ in range(MOST_PLACES):
+            placed = self._shifted(start, drawn)
+            problem = self._places.problem(placed)
+            if not problem:
+                return placed
+            drawn |= self._randomisation.draw_place(self.np_random)
+        raise SceneError(
+            f"randomisation['place'] = {self._randomisation.place:g}: none of {MOST_PLACES} places was free; "
+            f"{problem}; take a shorter distance"
+        )
+
+    def _shifted(self, start: State, drawn: Mapping[str, float]) -> State:
+        """A state with the object at the place that was drawn."""
+        places = start.rigid_position.copy()
+        index = list(self.scene.rigid_bodies).index(self.object)
+        places[index] += drawn["place right"] * self._axes[0] + drawn["place front"] * self._axes[1]
+        return start.changed(rigid_position=places)
 
     @property
     def object(self) -> str:

@@ -19,7 +19,8 @@ class Randomisation:
         friction: lowest and highest coefficient of friction [-].
         mass: lowest and highest mass of the object, in parts of the scene's [-].
         modulus: lowest and highest Young's modulus of all soft bodies together, in parts of the scene's [-].
-        place: how far the object may stand from its place in each horizontal direction [mm].
+        place: how far the object may stand from its place in each horizontal direction [mm]; places within another
+            body are drawn again.
     """
 
     friction: Range | None = None
@@ -60,9 +61,13 @@ class Randomisation:
         """A value for each range that is given; "place right" and "place front" [mm] for the place."""
         ranges = {"friction": self.friction, "mass": self.mass, "modulus": self.modulus}
         drawn = {name: random.uniform(*between) for name, between in ranges.items() if between is not None}
-        if self.place:
-            drawn |= {f"place {axis}": random.uniform(-self.place, self.place) for axis in ("right", "front")}
-        return drawn
+        return drawn | self.draw_place(random)
+
+    def draw_place(self, random: np.random.Generator) -> dict[str, float]:
+        """A place of the object; nothing where it stays in its own."""
+        if not self.place:
+            return {}
+        return {f"place {axis}": random.uniform(-self.place, self.place) for axis in ("right", "front")}
 
 
 def _is_range(value: Any, zero_is_valid: bool) -> bool:

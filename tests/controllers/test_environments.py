@@ -12,7 +12,7 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 import taichisoft
-import taichisoft_gym
+import taichisoft_gym.randomisation
 from taichisoft.errors import ForkedProcess, SceneError, StateError
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_gym import EPISODES
@@ -67,9 +67,11 @@ def test_a_seed_repeats_everything_to_the_bit_and_another_does_not() -> None:
 
 def test_what_is_drawn_is_what_is_simulated() -> None:
     env = make("Grasp", randomisation=EVERYTHING)
+    env.reset()
+    simulation = env.get_wrapper_attr("simulation")  # stays: to make one takes longer than a control period
     for seed in range(5):
         _, told = env.reset(seed=seed)
-        drawn, simulation = told["randomised"], env.get_wrapper_attr("simulation")
+        drawn = told["randomised"]
         assert 0.4 <= drawn["friction"] <= 0.8
         assert (simulation.model.friction == drawn["friction"]).all()
         assert simulation.model.rigid_mass == pytest.approx([0.001 * drawn["mass"]])
@@ -77,6 +79,31 @@ def test_what_is_drawn_is_what_is_simulated() -> None:
         place = simulation.state.rigid_position[0]
         assert place[0] == pytest.approx(drawn["place right"], abs=0.05)
         assert abs(drawn["place front"]) <= 0.5
+
+
+def test_no_drawn_place_lies_within_a_finger() -> None:
+    """Some of these places do, and the pads would throw the cube away."""
+    env = make("Grasp", randomisation={"place": 12.0})
+    drawn_again = 0
+    for seed in range(12):
+        _, told = env.reset(seed=seed)
+        first = taichisoft_gym.randomisation.Randomisation(place=12.0).draw(np.random.default_rng(seed))
+        drawn_again += first != told["randomised"]
+        simulation = env.get_wrapper_attr("simulation")
+        assert simulation.state.rigid_position[0][0] == pytest.approx(told["randomised"]["place right"], abs=0.05)
+        overlap = simulation.step().max_penetration - simulation.model.scene.contact.contact_distance
+        assert overlap < 0.0
+    assert drawn_again > 1
+    _, repeated = env.reset(seed=11)
+    assert repeated["randomised"] == told["randomised"]
+
+
+def test_an_object_without_a_free_place_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("taichisoft_gym.environment.MOST_PLACES", 1)
+    env = make("Grasp", randomisation={"place": 12.0})
+    with pytest.raises(SceneError, match=r"place'\] = 12: none of 1 places was free; bodies '.*' and 'cube' overlap"):
+        for seed in range(12):
+            env.reset(seed=seed)
 
 
 def grasp(env: gymnasium.Env) -> tuple[list[float], dict[str, Any], bool]:
