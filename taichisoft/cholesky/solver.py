@@ -1,7 +1,7 @@
 """A sparse direct solver for symmetric positive definite matrices of 3x3 node blocks.
 
 Analyse the pattern once (`SymbolicFactor`), then per step `factorise` and `solve`; `kernels/compliance.py` uses the
-factor for many right-hand sides.
+factor for many right-hand sides, and `solve_columns` what it found.
 """
 
 import numpy as np
@@ -9,6 +9,8 @@ import numpy as np
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import NotPositiveDefinite
 from taichisoft.kernels import cholesky as kernels
+from taichisoft.kernels.compliance import SparseColumns
+from taichisoft.kernels.correction import correct, correct_serially
 from taichisoft.kernels.runtime import THREADS
 from taichisoft.kernels.tiles import TILE
 from taichisoft.kernels.triangular_solve import Solution, solve_trees, solve_trees_serially
@@ -42,7 +44,9 @@ class Cholesky:
         x = np.zeros(3 * len(symbolic.order) + TILE)  # the last tile may read and write beyond the end
         given, found = (np.zeros((len(symbolic.order), 3)) for _ in range(2))
         self._solution = Solution(symbolic.solve_trees, symbolic.order, given, found, x, _allocate(symbolic.work_size))
-        self._solve = solve_trees_serially if symbolic.factor_entries < SMALL_FACTOR else solve_trees
+        small = symbolic.factor_entries < SMALL_FACTOR
+        self._solve = solve_trees_serially if small else solve_trees
+        self._correct = correct_serially if small else correct
 
     def factorise(self) -> None:
         """Factorise what `blocks` holds.
@@ -58,6 +62,17 @@ class Cholesky:
         if factor.failed_column[0] < none:
             node = int(self.symbolic.order[factor.failed_column[0] // 3])
             raise NotPositiveDefinite(f"the system matrix is not positive definite at node {node}", node)
+
+    def solve_columns(self, columns: SparseColumns, multipliers: np.ndarray, count: int) -> np.ndarray:
+        """A^-1 J^T lambda, shape (node_count, 3), by the backward half of a solve.
+
+        Args:
+            columns: Y = L^-1 J^T, of the last factorisation.
+            multipliers: lambda, in an array with room for more.
+            count: how many they are.
+        """
+        self._correct(count, multipliers, columns, self.symbolic.fronts, self.factor, self._solution, 1)
+        return self._solution.found.copy()
 
     def solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve A x = b with the last factorisation, b and x of shape (node_count, 3)."""

@@ -104,6 +104,34 @@ def solve_backward(s: ti.i32, fronts: Fronts, factor: Factor, solution: Solution
                 x[i + c] = v[c]
 
 
+@func
+def places(t: ti.i32, fronts: Fronts, solution: Solution) -> ti.math.ivec2:
+    """First and last place of a tree, plus one: its columns stand side by side, three to a node."""
+    tree, table = ti.static(solution.trees, fronts.table)
+    last = tree[t, LAST] - 1
+    return ti.math.ivec2(
+        table[tree[t, FIRST], FIRST_COLUMN] // 3, (table[last, FIRST_COLUMN] + table[last, WIDTH]) // 3
+    )
+
+
+@func
+def take_in(t: ti.i32, fronts: Fronts, solution: Solution):
+    """Put the right-hand side of a tree in elimination order."""
+    within = places(t, fronts, solution)
+    for place in range(within[0], within[1]):
+        given = solution.given[solution.order[place]]
+        for d in ti.static(range(3)):
+            solution.x[3 * place + d] = given[d]
+
+
+@func
+def hand_out(t: ti.i32, fronts: Fronts, solution: Solution):
+    """Give the solution of a tree to its nodes."""
+    within = places(t, fronts, solution)
+    for place in range(within[0], within[1]):
+        solution.found[solution.order[place]] = entries(solution.x, place)
+
+
 @ti.func
 def entries(x: Scalars, place: ti.i32) -> vec3:
     """The three entries of a place in elimination order."""
@@ -119,24 +147,16 @@ def make_solve_trees(workers: int) -> Kernel:
         ti.loop_config(serialize=workers == 1)
         for worker in range(workers * CHUNK):
             if worker % CHUNK == 0:
-                tree, table = ti.static(solution.trees, fronts.table)
+                tree = ti.static(solution.trees)
                 t = worker // CHUNK
                 while t < tree.shape[0]:
-                    # The columns of a tree stand side by side, three to a node.
-                    last = tree[t, LAST] - 1
-                    begin = table[tree[t, FIRST], FIRST_COLUMN] // 3
-                    end = (table[last, FIRST_COLUMN] + table[last, WIDTH]) // 3
-                    for place in range(begin, end):
-                        given = solution.given[solution.order[place]]
-                        for d in ti.static(range(3)):
-                            solution.x[3 * place + d] = given[d]
+                    take_in(t, fronts, solution)
                     for s in range(tree[t, FIRST], tree[t, LAST]):
                         solve_forward(s, fronts, factor, solution.x, one)
                     for back in range(tree[t, LAST] - tree[t, FIRST]):
                         s = tree[t, LAST] - 1 - back
                         solve_backward(s, fronts, factor, solution, tree[t, WORK], one)
-                    for place in range(begin, end):
-                        solution.found[solution.order[place]] = entries(solution.x, place)
+                    hand_out(t, fronts, solution)
                     t += workers
 
     return solve_trees

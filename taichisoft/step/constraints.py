@@ -219,7 +219,7 @@ class Constraints:
             self._apply_row_impulses()
             rigid.apply_impulses()
             if self._soft is not None:
-                self._velocity[:] = self._soft.response(self._node_impulse)
+                self._velocity[:] = self._correction(self._soft)
             if not self._active_set.add_left_deep(self._velocity):
                 break
         self.node_shift = self._velocity.copy()
@@ -364,10 +364,17 @@ class Constraints:
             self._apply_row_impulses()
         self._rigid.apply_impulses()
         if self._soft is not None and self._row_count:
-            self.node_velocity = self._soft.response(self._node_impulse)
+            self.node_velocity = self._correction(self._soft)
             self.node_velocity += self._soft.free_velocity
         else:
             self.node_velocity = self._free_velocity().copy()
+
+    def _correction(self, soft: SoftMotion) -> np.ndarray:
+        """Change of the soft nodes' velocities by the impulses found; of few rows L^-1 J^T is known already."""
+        solver, count = soft.system.solver, self._row_count
+        if 3 * self._model.node_count * count > solver.symbolic.factor_entries:
+            return soft.response(self._node_impulse)
+        return solver.solve_columns(self._problem.columns, self._problem.gauss_seidel.impulse, count)
 
     def _apply_row_impulses(self) -> None:
         problem = self._problem

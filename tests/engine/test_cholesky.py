@@ -16,6 +16,7 @@ from taichisoft.cholesky import fronts
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import MeshError, NotPositiveDefinite
+from taichisoft.kernels.compliance import GROUP, SparseColumns
 
 
 def random_pattern(seed: int, sizes: list[int], neighbours: float) -> sparse.csr_matrix:
@@ -68,6 +69,44 @@ def test_solutions_are_those_of_a_dense_solver(seed: int, sizes: list[int], neig
         scale = np.abs(matrix) @ np.abs(solution.reshape(-1)) + np.abs(right.reshape(-1))
         assert (residual <= 1e-13 * scale).all()
         np.testing.assert_allclose(solution.reshape(-1), np.linalg.solve(matrix, right.reshape(-1)), rtol=1e-8)
+
+
+@examples(30)
+@given(seed=st.integers(0, 10**6), sizes=st.lists(st.integers(1, 25), min_size=1, max_size=4), rows=st.integers(1, 20))
+def test_a_correction_is_half_a_solve(seed: int, sizes: list[int], rows: int) -> None:
+    """A^-1 J^T lambda from Y = L^-1 J^T, with rows that act on a few nodes, so that whole bodies may stay.
+
+    Tolerance: round-off of numbers scaled over six decades.
+    """
+    random = np.random.default_rng(seed)
+    pattern = random_pattern(seed, sizes, 4.0)
+    solver = Cholesky(SymbolicFactor(pattern))
+    matrix = random_matrix(seed, pattern)
+    fill(solver, matrix)
+    solver.factorise()
+    jacobian = np.zeros((rows, len(matrix)))
+    for row in jacobian:
+        row[random.integers(len(matrix), size=3)] = random.normal(size=3)
+    in_order = (3 * solver.symbolic.order[:, None] + np.arange(3)).reshape(-1)
+    y = np.linalg.solve(np.linalg.cholesky(matrix[np.ix_(in_order, in_order)]), jacobian.T[in_order])
+    groups, node_count = -(-rows // GROUP), sum(sizes)
+    columns = SparseColumns(
+        active=np.zeros((groups, len(solver.symbolic.tree.parent)), dtype=np.int32),
+        y=np.full((groups, 3 * node_count, GROUP), np.nan),  # nobody writes what no row reaches
+        done=np.zeros(1, dtype=np.int32),
+    )
+    owner = np.repeat(solver.symbolic.tree.supernode_of_position, 3)
+    for g in range(groups):
+        some = np.zeros((3 * node_count, GROUP))
+        some[:, : rows - GROUP * g] = y[:, GROUP * g : GROUP * (g + 1)]
+        reached = np.isin(owner, owner[some.any(axis=1)])
+        columns.active[g, owner[reached]] = 1
+        columns.y[g, reached] = some[reached]
+    multipliers = np.full(GROUP * groups + 3, np.nan)
+    multipliers[:rows] = random.normal(size=rows)
+    solution = solver.solve_columns(columns, multipliers, rows).reshape(-1)
+    right = jacobian.T @ multipliers[:rows]
+    np.testing.assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-8, atol=1e-12 * np.abs(solution).max())
 
 
 @pytest.mark.parametrize("node", [0, 13, 24, 25, 39])
