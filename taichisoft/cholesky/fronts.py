@@ -10,7 +10,7 @@ from itertools import pairwise
 import numpy as np
 import scipy.sparse as sparse
 
-from taichisoft.cholesky.ordering import Supernodes
+from taichisoft.cholesky.supernodes import Supernodes
 from taichisoft.errors import MeshError
 from taichisoft.kernels.cholesky import IN_PARENT, Fronts
 from taichisoft.kernels.tiles import TILE

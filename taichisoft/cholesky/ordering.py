@@ -1,135 +1,53 @@
-"""The symbolic side of the sparse Cholesky factorisation: order, elimination tree, supernodes.
-
-Works on the graph of nodes (each a 3x3 block of the matrix) and is made once per model. Sources: Liu 1990, The
-Role of Elimination Trees in Sparse Factorization; Liu 1992, The Multifrontal Method for Sparse Matrix Solution;
-Ashcraft and Grimes 1989, The influence of relaxed supernode partitions on the multifrontal method.
-"""
-
-from dataclasses import dataclass
+"""The order in which nodes are eliminated, chosen for each body by the time that its factorisation is to take."""
 
 import numpy as np
 import scipy.sparse as sparse
-import scipy.sparse.linalg as sparse_linalg
+from scipy.sparse import csgraph
 
+from taichisoft.cholesky.dissection import LEAF, nested_dissection
+from taichisoft.cholesky.minimum_degree import minimum_degree
+from taichisoft.cholesky.supernodes import Supernodes, group_columns
 
-@dataclass(frozen=True)
-class Supernodes:
-    """Consecutive columns of the factor with one row structure; columns and rows count nodes in elimination order.
-
-    Attributes:
-        order: node eliminated at each position, shape (node_count,).
-        first_column: first column of each supernode, and the node count at the end, shape (count + 1,).
-        row_start: where each supernode's rows begin in `rows`, shape (count + 1,).
-        rows: row positions of each supernode, its own columns first, ascending.
-        parent: supernode that takes over its update matrix, -1 for a root, shape (count,).
-    """
-
-    order: np.ndarray
-    first_column: np.ndarray
-    row_start: np.ndarray
-    rows: np.ndarray
-    parent: np.ndarray
-
-    @property
-    def count(self) -> int:
-        """Number of supernodes."""
-        return len(self.parent)
+# For how many threads an order is chosen: not for those at hand, since the last bits depend on the order.
+THREADS = 2
 
 
 def find_supernodes(adjacency: sparse.csr_matrix) -> Supernodes:
     """Order the nodes of a symmetric pattern (diagonal included) and group the factor's columns."""
-    order = _minimum_degree(adjacency)
-    parent, _ = _column_structure(adjacency, order)
-    order = order[_postorder(parent)]
-    parent, structure = _column_structure(adjacency, order)
-    ranges = _amalgamate(parent, [len(rows) for rows in structure])
-    first = np.array([start for start, _ in ranges] + [len(order)])
-    rows = [np.concatenate([np.arange(start, end), structure[end - 1]]) for start, end in ranges]
-    owner = np.repeat(np.arange(len(ranges)), np.diff(first))
-    tree = [owner[structure[end - 1][0]] if len(structure[end - 1]) else -1 for _, end in ranges]
-    return Supernodes(
-        order=order.astype(np.int32),
-        first_column=first.astype(np.int32),
-        row_start=np.concatenate([[0], np.cumsum([len(r) for r in rows])]).astype(np.int32),
-        rows=np.concatenate(rows).astype(np.int32),
-        parent=np.array(tree, dtype=np.int32),
-    )
+    count, component = csgraph.connected_components(adjacency, directed=False)
+    orders: dict[bytes, np.ndarray] = {}  # bodies of one mesh have one graph
+    order = []
+    for c in range(count):
+        nodes = np.flatnonzero(component == c)
+        part = adjacency[nodes][:, nodes].tocsr()
+        part.sort_indices()
+        graph = part.indptr.tobytes() + part.indices.tobytes()
+        if graph not in orders:
+            orders[graph] = _best_order(part)
+        order.append(nodes[orders[graph]])
+    return group_columns(adjacency, np.concatenate(order))
 
 
-def _minimum_degree(adjacency: sparse.csr_matrix) -> np.ndarray:
-    """Fill-reducing order by SuperLU's multiple minimum degree, from a diagonally dominant matrix of the pattern."""
-    node_count = adjacency.shape[0]
-    matrix = sparse.csc_matrix(adjacency, dtype=float)
-    matrix.data[:] = -1.0
-    matrix = (matrix + sparse.identity(node_count) * (node_count + 2.0)).tocsc()
-    factor = sparse_linalg.splu(
-        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-    )
-    return np.argsort(factor.perm_c)
+def predicted_work(supernodes: Supernodes) -> float:
+    """Multiplications that each thread waits for: its share of all, and of what no other thread can do meanwhile.
 
-
-def _column_structure(adjacency: sparse.csr_matrix, order: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
-    """Parent of each column in the elimination tree and its row positions below the diagonal."""
-    position = np.empty(len(order), dtype=np.int64)
-    position[order] = np.arange(len(order))
-    parent = np.full(len(order), -1)
-    inherited: list[list[np.ndarray]] = [[] for _ in order]
-    structure = []
-    for column, node in enumerate(order):
-        neighbours = position[adjacency.indices[adjacency.indptr[node] : adjacency.indptr[node + 1]]]
-        rows = np.unique(np.concatenate([neighbours, *inherited[column]]))
-        rows = rows[np.searchsorted(rows, column, side="right") :]
-        structure.append(rows)
-        if len(rows):
-            parent[column] = rows[0]
-            inherited[rows[0]].append(rows)
-        inherited[column] = []
-    return parent, structure
-
-
-def _postorder(parent: np.ndarray) -> np.ndarray:
-    """Columns with every subtree consecutive, children before parents."""
-    children: list[list[int]] = [[] for _ in parent]
-    roots: list[int] = []
-    for column, above in enumerate(parent):
-        (children[above] if above >= 0 else roots).append(column)
-    ordered: list[int] = []
-    for root in roots:
-        stack = [root]
-        reverse = []
-        while stack:
-            column = stack.pop()
-            reverse.append(column)
-            stack.extend(children[column])
-        ordered.extend(reversed(reverse))
-    return np.array(ordered)
-
-
-def _amalgamate(parent: np.ndarray, below: list[int]) -> list[tuple[int, int]]:
-    """Column ranges of the supernodes; a child is merged into its parent when few zeros come in.
-
-    `below` counts each column's rows below the diagonal. A range is (first, end, entries of the factor in it).
+    The supernodes on the way to a root come one after the other. Threads share their rows below, but not their pivots.
     """
-    ranges: list[tuple[int, int, int]] = []
-    for column in range(len(parent)):
-        merged = (column, column + 1, below[column] + 1)
-        while ranges and ranges[-1][1] == merged[0] and parent[merged[0] - 1] in range(merged[0], column + 1):
-            first, _, entries = ranges[-1]
-            width = merged[1] - first
-            stored = width * (width + 1) // 2 + width * below[column]
-            true = entries + merged[2]
-            if not _worth_merging(width, 1.0 - true / stored):
-                break
-            ranges.pop()
-            merged = (first, merged[1], true)
-        ranges.append(merged)
-    return [(first, end) for first, end, _ in ranges]
+    width = 3 * np.diff(supernodes.first_column).astype(np.int64)
+    height = 3 * np.diff(supernodes.row_start).astype(np.int64)
+    work = height**3 - (height - width) ** 3
+    way = width**3
+    for s in range(supernodes.count - 1, -1, -1):
+        if supernodes.parent[s] >= 0:
+            way[s] += way[supernodes.parent[s]]
+    return float(work.sum() + (THREADS - 1) * way.max()) / (6 * THREADS)
 
 
-def _worth_merging(width: int, zero_fraction: float) -> bool:
-    """Wider supernodes tolerate fewer explicit zeros: small ones cost more in overhead than in arithmetic."""
-    if width <= 3:
-        return True
-    if width <= 8:
-        return zero_fraction < 0.5
-    return zero_fraction < (0.15 if width <= 24 else 0.05)
+def _best_order(graph: sparse.csr_matrix) -> np.ndarray:
+    """The better of minimum degree, which leaves small graphs the least fill, and nested dissection."""
+    order = minimum_degree(graph)
+    if graph.shape[0] <= LEAF:
+        return order
+    other = nested_dissection(graph)
+    works = [predicted_work(group_columns(graph, one)) for one in (order, other)]
+    return order if works[0] <= works[1] else other

@@ -1,0 +1,70 @@
+"""Nested dissection: it orders any graph, and what it is for."""
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from conftest import examples
+from hypothesis import given
+from hypothesis import strategies as st
+
+from taichisoft.cholesky import dissection
+from taichisoft.cholesky.dissection import nested_dissection
+from taichisoft.cholesky.minimum_degree import minimum_degree
+from taichisoft.cholesky.ordering import find_supernodes, predicted_work
+from taichisoft.cholesky.supernodes import group_columns
+
+
+def box(*shape: int) -> sparse.csr_matrix:
+    """Graph of a grid of nodes, each joined to its neighbours along edges and diagonals."""
+    pattern = sparse.identity(1)
+    for size in shape:
+        pattern = sparse.kron(pattern, sparse.diags([1.0, 1.0, 1.0], [-1, 0, 1], shape=(size, size)))
+    return sparse.csr_matrix(pattern)
+
+
+@examples(40)
+@given(seed=st.integers(0, 10**6), size=st.integers(1, 120), neighbours=st.floats(0.0, 100.0))
+def test_any_graph_is_ordered(seed: int, size: int, neighbours: float) -> None:
+    """Scattered nodes, chains, and graphs so dense that no separator leaves two sides; and always alike."""
+    joined = np.random.default_rng(seed).random((size, size)) < neighbours / size
+    graph = sparse.csr_matrix(joined | joined.T | np.eye(size, dtype=bool), dtype=float)
+    leaf, dissection.LEAF = dissection.LEAF, 10
+    try:
+        order = nested_dissection(graph)
+        np.testing.assert_array_equal(nested_dissection(graph), order)
+    finally:
+        dissection.LEAF = leaf
+    assert sorted(order) == list(range(size))
+
+
+@pytest.mark.parametrize("shape", [(30, 6, 6), (12, 12, 12), (40, 40)])
+def test_what_is_eliminated_last_cuts_a_box_in_two(shape: tuple[int, ...]) -> None:
+    """The smallest section of a box is its layer of nodes across the longest edge; each side has a quarter or more."""
+    graph = box(*shape)
+    order = nested_dissection(graph)
+    layer = graph.shape[0] // max(shape)
+    rest = np.sort(order[:-layer])
+    count, side = sparse.csgraph.connected_components(graph[rest][:, rest], directed=False)
+    assert count == 2
+    assert np.bincount(side).min() > graph.shape[0] / 4 - 2 * layer
+
+
+def test_large_bodies_are_dissected_and_small_ones_are_not() -> None:
+    """A block of 14^3 nodes: minimum degree leaves a quarter more to do. A bar of 200: it leaves the least."""
+    block, bar = box(14, 14, 14), box(50, 2, 2)
+    work = {
+        name: predicted_work(group_columns(block, order(block)))
+        for name, order in (("degree", minimum_degree), ("dissection", nested_dissection))
+    }
+    assert work["dissection"] < 0.85 * work["degree"]
+    assert predicted_work(find_supernodes(block)) == work["dissection"]
+    assert predicted_work(find_supernodes(bar)) == predicted_work(group_columns(bar, minimum_degree(bar)))
+
+
+def test_bodies_of_one_mesh_have_one_order() -> None:
+    """Three boxes: the fill is three times that of one, and there are three trees."""
+    graph = box(12, 5, 5)
+    one, three = find_supernodes(graph), find_supernodes(sparse.csr_matrix(sparse.block_diag([graph] * 3)))
+    assert len(three.rows) == 3 * len(one.rows)
+    assert (three.parent < 0).sum() == 3
+    np.testing.assert_array_equal(np.diff(three.first_column), np.tile(np.diff(one.first_column), 3))
