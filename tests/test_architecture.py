@@ -28,6 +28,7 @@ FORBIDDEN = {
 # From top to bottom: folders and modules of a package; a module may import those of its own layer and of lower ones.
 LAYERS = {
     "taichisoft": [
+        "__main__",
         "command_line",
         "pytest_fixtures",
         "__init__",
@@ -56,7 +57,6 @@ LAYERS = {
     ],
     "taichisoft_benchmarks": [
         "__init__",
-        "fuzz_scenes",
         "faults",
         "command",
         "page",

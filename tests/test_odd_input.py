@@ -9,7 +9,7 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.command_line import LONGEST_LINE, main
 from taichisoft.errors import SceneError
 from taichisoft.input_file import DEEPEST, parse_toml
-from taichisoft_benchmarks.fuzz_scenes import run_batch
+from taichisoft_benchmarks.faults.tries import run_batch
 
 DEEP = 2000
 
@@ -73,5 +73,5 @@ def test_nesting_is_counted() -> None:
 
 @pytest.mark.parametrize(("kind", "count"), [("scenes", 25), ("command lines", 40)])
 def test_mistakes_drawn_at_random_end_in_one_line(kind: str, count: int) -> None:
-    """`python -m taichisoft_benchmarks.fuzz_scenes` tries a thousand of each."""
+    """`python -m taichisoft_benchmarks.faults` tries many more of each."""
     assert run_batch(kind, 5000, count) == []

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from taichisoft_benchmarks.faults import DAMAGES, damaged, readable, record, tiny_run
+from taichisoft_benchmarks.faults.recordings import DAMAGES, damaged, readable, record, tiny_run
 
 
 def test_damaged_recordings_are_told_of(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from taichisoft.state import State
-from taichisoft_benchmarks.faults import DAMAGES, cut_off, flip_bit
+from taichisoft_benchmarks.faults.recordings import DAMAGES, cut_off, flip_bit
 from taichisoft_plugins.recording import repair as repair_module
 from taichisoft_plugins.recording.layout import RecordingError
 from taichisoft_plugins.recording.output import RecordingOutput

@@ -1,19 +1,13 @@
-"""Faults of many kinds, and how often something was lost: `python -m taichisoft_benchmarks.faults`.
-
-The figures of docs/reliability.md; a short version is in the tests.
-"""
+"""Recordings whose process is killed, and recordings that are damaged."""
 
 import os
 import random
 import signal
-import sys
 import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-KILLS, DAMAGED = 200, 60
 STEPS = 150
 """Of the run that is recorded: one whole bundle of frames, and half of one."""
 LIMIT = 5.0
@@ -145,19 +139,3 @@ def foreign_bytes(content: bytearray, chance: random.Random) -> bytearray:
 
 
 DAMAGES: tuple[Callable[[bytearray, random.Random], bytearray], ...] = (cut_off, flip_bit, zero_page, foreign_bytes)
-
-
-def main() -> None:
-    """Try all faults and print the rows of the table; the exit code is 1 when something failed."""
-    run = tiny_run(STEPS)
-    with TemporaryDirectory() as folder:
-        lost = kills(run, Path(folder), KILLS)
-        print(f"| kills at random moments, begin and close among them | {KILLS} | {lost} lost |", flush=True)
-        failed, told, longest = damaged(run, Path(folder), DAMAGED)
-    print(f"| damaged recordings | {DAMAGED} | {failed} |")
-    print(f"{told} of them are told of in one line, after {longest:.1f} s at most; the others lost no number")
-    sys.exit(1 if lost or failed or longest > LIMIT else 0)
-
-
-if __name__ == "__main__":
-    main()
