@@ -96,6 +96,10 @@ class Carry(GripperEnvironment):
                 f"options['target'] = {target!r}: must be a way to the right and to the front [mm], not zero"
             )
 
+    def _marks(self) -> np.ndarray:
+        place: np.ndarray = self._start + self._target @ self._axes[:2]
+        return place[None]
+
     def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
         way, touching = self._way(seen), self._touching(seen)
         left = float(np.linalg.norm(self._target - way[:2]))

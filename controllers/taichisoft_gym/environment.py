@@ -144,15 +144,23 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         return self._measure(seen), float(judged.reward), judged.failed, bool(diverged), told
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """The picture of the present state, shape (height, width, 3), dtype uint8; None in a browser."""
+        """The picture of the present state with a mark at the target, shape (height, width, 3), dtype uint8.
+
+        None in a browser.
+        """
         if self.render_mode != "rgb_array":
             return None
-        return self.picture(self._camera, self._size)
+        return self.picture(self._camera, self._size, self._marks())
 
-    def picture(self, camera: str | Sequence[Sequence[float]], size: tuple[int, int]) -> np.ndarray:
+    def picture(
+        self,
+        camera: str | Sequence[Sequence[float]],
+        size: tuple[int, int],
+        marks: Sequence[Sequence[float]] | np.ndarray = (),
+    ) -> np.ndarray:
         """A picture of the present state, as `Simulation.render` describes it."""
         assert self._model is not None, "reset comes first"
-        return self.simulation.render(camera, size)
+        return self.simulation.render(camera, size, marks=marks)
 
     def close(self) -> None:
         """End the renderer and the page."""
@@ -247,6 +255,10 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def _mass_of(self, model: "Model") -> float:
         return next(body.mass for body in model.rigid_bodies if body.name == self.object)
+
+    def _marks(self) -> np.ndarray:
+        """Points that `render` marks [mm], shape (mark_count, 3)."""
+        return np.zeros((0, 3))
 
     def _measure(self, seen: Observation) -> np.ndarray:
         """The observation, with noise."""

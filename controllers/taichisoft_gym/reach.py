@@ -110,6 +110,9 @@ class Reach(SoftRobotEnvironment):
             raise SceneError(f"options['target'] = {target!r}: must be a point [mm], three finite numbers")
         self._last_action: np.ndarray | None = None
 
+    def _marks(self) -> np.ndarray:
+        return self._target[None]
+
     def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
         distance = float(np.linalg.norm(self._target - seen.tip_positions[self.finger]))
         change = 0.0

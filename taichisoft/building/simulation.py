@@ -45,6 +45,7 @@ class Simulation(simulation.Simulation):
         camera: str | Sequence[Sequence[float]] = "iso",
         size: tuple[int, int] = (1280, 720),
         renderer: str = "open3d",
+        marks: Sequence[Sequence[float]] | np.ndarray = (),
     ) -> np.ndarray:
         """Draw the present state: red, green and blue, shape (height, width, 3), dtype uint8.
 
@@ -56,6 +57,7 @@ class Simulation(simulation.Simulation):
                 "follow:BODY", which moves with a body; or two points [mm], that of the eye and one that it looks at.
             size: width and height of the picture [pixels].
             renderer: name of what draws; another than "open3d" comes with a plug-in.
+            marks: points that get a mark, such as where something should go [mm], shape (mark_count, 3).
 
         Raises:
             PluginError: no renderer has that name.
@@ -65,7 +67,7 @@ class Simulation(simulation.Simulation):
         key = (renderer, place, *size)
         if key not in self._renderers:
             self._renderers[key] = find("renderer", renderer)(model=self.model, size=tuple(size), camera=place)
-        return self._renderers[key].picture(self.state)
+        return self._renderers[key].picture(self.state, np.asarray(marks, np.float64).reshape(-1, 3))
 
     def close(self) -> None:
         """End the renderers; a later `render` starts them again."""

@@ -17,8 +17,13 @@ class Renderer(ABC):
     """
 
     @abstractmethod
-    def picture(self, state: "State") -> np.ndarray:
-        """Draw a state: red, green and blue, shape (height, width, 3), dtype uint8."""
+    def picture(self, state: "State", marks: np.ndarray) -> np.ndarray:
+        """Draw a state: red, green and blue, shape (height, width, 3), dtype uint8.
+
+        Args:
+            state: state of the model.
+            marks: points that get a mark [mm], shape (mark_count, 3).
+        """
 
     def close(self) -> None:
         """Give back what the renderer holds; called when the simulation is closed or deleted."""

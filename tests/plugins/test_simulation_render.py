@@ -52,7 +52,7 @@ def test_a_picture_that_is_interrupted_is_not_taken_for_the_next_one(taichisoft_
     ended = []
 
     class Interrupted:
-        def draw(self, state: object) -> None:
+        def draw(self, state: object, marks: object) -> None:
             raise KeyboardInterrupt
 
         def end(self) -> tuple[str, bool]:
@@ -61,7 +61,7 @@ def test_a_picture_that_is_interrupted_is_not_taken_for_the_next_one(taichisoft_
 
     renderer._process = Interrupted()  # type: ignore[assignment]
     with pytest.raises(KeyboardInterrupt):
-        renderer.picture(Simulation(taichisoft_scene).state)
+        renderer.picture(Simulation(taichisoft_scene).state, np.zeros((0, 3)))
     assert ended
     assert renderer._process is None
 
@@ -71,6 +71,18 @@ def test_a_camera_at_a_point_looks_where_it_is_told(taichisoft_scene: Scene) -> 
     simulation.step(Control(pressure={"left.cavity": 1.0}))
     middle = blue(simulation.render(((0.0, -150.0, 5.2), (0.0, 0.0, 5.2)), SMALL)).mean(axis=0)
     assert np.allclose(middle, [59.5, 79.5], atol=3.0)
+    simulation.close()
+
+
+def test_a_mark_is_seen_where_its_point_is_also_behind_a_body(taichisoft_scene: Scene) -> None:
+    simulation = Simulation(taichisoft_scene)
+    camera = ((0.0, -150.0, 5.2), (0.0, 0.0, 5.2))
+    plain = simulation.render(camera, SMALL).astype(int)
+    marked = simulation.render(camera, SMALL, marks=[[0.0, 20.0, 5.2], [0.0, -400.0, 5.2]]).astype(int)
+    changed = np.argwhere(np.abs(marked - plain).max(axis=-1) > 20)
+    assert len(changed) > 5  # and what is behind the camera is nowhere
+    assert np.allclose(changed.mean(axis=0), [59.5, 79.5], atol=1.0)
+    assert np.abs(changed - [59.5, 79.5]).max() < 5
     simulation.close()
 
 

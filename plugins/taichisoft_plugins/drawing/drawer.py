@@ -23,6 +23,8 @@ from taichisoft_plugins.recording.reader import Recording
 SHADOW_OPACITY = {"soft": 0.55, "rigid": 1.0, "obstacle": 1.0}
 """Part of the light that a kind of surface takes from what is behind it [-]; silicone lets some through."""
 
+NO_POINTS = np.zeros((0, 3))
+
 
 class Drawer:
     """Draws frames of a recording as its style says; a process can have only one.
@@ -73,8 +75,8 @@ class Drawer:
         self._painter = SurfacePainter(style.size, triangles, soft, style.soft_opacity, key_light(recording.scene), up)
         self._hide_what_is_under(floors[-1:], points)
 
-    def image(self, frame: int) -> np.ndarray:
-        """The picture of one of the frames, shape (height, width, 3), dtype uint8."""
+    def image(self, frame: int, marks: np.ndarray = NO_POINTS) -> np.ndarray:
+        """The picture of one of the frames, with marks at points [mm]; shape (height, width, 3), dtype uint8."""
         camera = self._camera(frame)
         vertices = {surface.name: surface.vertices(frame) for surface in self._surfaces}
         picture = self._background
@@ -89,7 +91,7 @@ class Drawer:
         for name, corners, _ in self._walls:
             vertices[name], colours[name] = corners, self._wall_colours[name]
         picture = self._painter.paint(picture, camera, vertices, colours)
-        return self._overlay.paint(antialias(picture), camera, frame)
+        return self._overlay.paint(antialias(picture), camera, frame, marks)
 
     def _hide_what_is_under(self, floors: Sequence[Plane], points: np.ndarray) -> None:
         """Cut off what reaches under a floor, which is painted behind everything; mostly nothing does."""

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft_plugins.drawing.axes import AXIS_COLOURS, ON_DARK, paint_axes, paint_body_axes
-from taichisoft_plugins.drawing.camera import Camera
+from taichisoft_plugins.drawing.camera import Camera, project
 from taichisoft_plugins.drawing.force_arrows import ForceArrows
 from taichisoft_plugins.drawing.painting import (
     SMALLEST_LETTERS,
@@ -21,6 +21,7 @@ from taichisoft_plugins.drawing.scene_colours import body_colours
 from taichisoft_plugins.drawing.style import Style
 from taichisoft_plugins.recording.reader import Recording
 
+MARK_COLOUR: Colour = (0.84, 0.16, 0.36)
 COLOUR_BAR_WIDTH = 0.185
 """Width of the edge of the picture in which the colour bars stand, in heights of the picture [-]."""
 SINGLE_FIGURES = 4
@@ -50,8 +51,8 @@ class Overlay:
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
         self._radius = radius
 
-    def paint(self, picture: np.ndarray, camera: Camera, frame: int) -> np.ndarray:
-        """The picture of a frame with everything painted over it, shape (height, width, 3), dtype uint8."""
+    def paint(self, picture: np.ndarray, camera: Camera, frame: int, marks: np.ndarray) -> np.ndarray:
+        """The picture of a frame with everything painted over it, marks too; shape (height, width, 3), dtype uint8."""
         from PIL import Image
 
         image = Image.fromarray(picture)
@@ -60,12 +61,25 @@ class Overlay:
             self._arrows.paint_scale(image, camera, self._ink)
         if self._style.body_axes:
             paint_body_axes(image, camera, self._recording.body_axes(frame), self._radius, self._axis_colours)
+        paint_marks(image, camera, marks)
         if self._style.axes:
             paint_axes(image, camera, self._axis_colours)
         paint_colour_bars(image, self._scales, self._ink)
         if self._style.caption:
             paint_caption(image, caption_parts(self._recording, frame), self._ink)
         return np.asarray(image)
+
+
+def paint_marks(picture: Any, camera: Camera, points: np.ndarray) -> None:
+    """Paint a ring and a dot at points [mm], shape (count, 3), into a Pillow image; nothing hides them."""
+    height = picture.height
+    angles = np.linspace(0.0, 2.0 * np.pi, 49)
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    places, depths = project(camera, points, picture.size)
+    for place in places[depths > 1.0]:
+        outline = [place + 0.022 * height * circle, place + 0.015 * height * circle[::-1]]
+        paint_polygon(picture, np.concatenate(outline), MARK_COLOUR)
+        paint_polygon(picture, place + 0.005 * height * circle, MARK_COLOUR)
 
 
 def paint_colour_bars(picture: Any, scales: Sequence[ColourScale], ink: Colour) -> None:

@@ -1,8 +1,9 @@
 """The child process that draws one state after the other: `python -m taichisoft_plugins.rendering.live_process`.
 
 Standard input has pickled objects: first the path of a recording of one frame and the keys of a `Style`, then for every
-picture the values of a state (`live_values`). Standard output gets the pictures, each height x width x 3 bytes and
-nothing between them; the last line on standard error says what went wrong. `live_renderer` starts it.
+picture the values of a state (`live_values`), and the points that get a mark. Standard output gets the pictures, each
+height x width x 3 bytes and nothing between them; the last line on standard error says what went wrong.
+`live_renderer` starts it.
 """
 
 import pickle
@@ -32,7 +33,7 @@ def main() -> None:
             drawer = Drawer(recording, Style(**style), [0], ROOM)
             while True:
                 recording.show(pickle.load(wishes))
-                pictures.write(np.ascontiguousarray(drawer.image(0)).data)
+                pictures.write(np.ascontiguousarray(drawer.image(0, pickle.load(wishes))).data)
                 pictures.flush()
     except (EOFError, BrokenPipeError):
         return

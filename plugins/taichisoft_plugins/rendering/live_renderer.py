@@ -50,8 +50,8 @@ class LiveRenderer(Renderer):
         self._style.check(model.scene)
         self._process: _Process | None = None
 
-    def picture(self, state: "State") -> np.ndarray:
-        """Draw a state, shape (height, width, 3), dtype uint8.
+    def picture(self, state: "State", marks: np.ndarray) -> np.ndarray:
+        """Draw a state with marks at points [mm], shape (height, width, 3), dtype uint8.
 
         Raises:
             RenderError: drawing failed twice, or cannot succeed; the message says what to install if that could help.
@@ -61,7 +61,7 @@ class LiveRenderer(Renderer):
             if self._process is None:
                 self._process = _Process(self._model, self._style)
             try:
-                drawn = self._process.draw(state)
+                drawn = self._process.draw(state, marks)
             except BaseException:  # Ctrl and c: the rest of this picture must not be taken for the next one
                 self.close()
                 raise
@@ -105,14 +105,14 @@ class _Process:
         )
         self._first: tuple[object, ...] = ((str(recording.path), asdict(style)), live_values(first))
 
-    def draw(self, state: "State") -> np.ndarray | None:
-        """The picture of a state; None where the process has failed or needs too long."""
+    def draw(self, state: "State", marks: np.ndarray) -> np.ndarray | None:
+        """The picture of a state with its marks; None where the process has failed or needs too long."""
         assert self._child.stdin is not None and self._child.stdout is not None
         width, height = self._style.size
         watchdog = threading.Timer(self._limit, self._child.kill)
         watchdog.start()
         try:
-            for message in (*self._first, live_values(state)):
+            for message in (*self._first, live_values(state), marks):
                 pickle.dump(message, self._child.stdin, protocol=pickle.HIGHEST_PROTOCOL)
             self._child.stdin.flush()
             drawn = self._child.stdout.read(width * height * 3)
