@@ -88,14 +88,14 @@ def draw_curve(rows: list[tuple[float, int, float]], path: Path) -> None:
         return
     seconds, _, distance = np.array(rows).T
     figure, axes = pyplot.subplots(figsize=(7.0, 3.5), layout="constrained")
-    axes.plot(seconds / 60.0, distance, ".", markersize=2, color="0.6", label="episode")
+    axes.plot(seconds / 60.0, distance, ".", markersize=2, color="0.6", label="episode", rasterized=True)
     window = min(20, len(distance))
     mean = np.convolve(distance, np.full(window, 1.0 / window), "valid")
     axes.plot(seconds[window - 1 :] / 60.0, mean, label=f"mean of {window}")
     axes.axhline(REACHED, linewidth=0.8, color="black", linestyle=":")
     axes.set(xlabel="wall-clock time [min]", ylabel="distance at the end [mm]", yscale="log")
     axes.legend()
-    figure.savefig(path)
+    figure.savefig(path, dpi=150)
     pyplot.close(figure)
 
 

@@ -13,6 +13,7 @@ from taichisoft_plugins.drawing.painting import (
     Colour,
     font,
     is_dark,
+    paint_polygon,
     paint_text,
     text_colour,
 )
