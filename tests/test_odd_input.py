@@ -71,7 +71,9 @@ def test_nesting_is_counted() -> None:
         parse_toml(f"a = {'[' * (DEEPEST + 1)}{']' * (DEEPEST + 1)}")
 
 
-@pytest.mark.parametrize(("kind", "count"), [("scenes", 25), ("command lines", 40)])
+@pytest.mark.parametrize(
+    ("kind", "count"), [("scenes", 25), ("command lines", 40), ("mesh files", 12), ("STEP files", 2)]
+)
 def test_mistakes_drawn_at_random_end_in_one_line(kind: str, count: int) -> None:
     """`python -m taichisoft_benchmarks.faults` tries many more of each."""
     assert run_batch(kind, 5000, count) == []
