@@ -108,6 +108,8 @@ class Simulation:
         """Volumes and lengths with their gradients, and what is asked of them."""
         self._geometry.update(start, self.model.placed_pull_points(start))
         self._actuators.begin(start)
+        if self.model.elasticity is not None:
+            self._actuators.look_ahead(start, self.model.elasticity.node_lead)
 
     def _solve_free_motion(self, start: State) -> None:
         """All bodies as if nothing touched them."""

@@ -121,6 +121,7 @@ class DomainSystem:
         self._elasticity = elasticity
         self._data = elasticity.data
         self._own_data: kernels.Domains | None = None  # with room for other stiffnesses than the model's
+        self._undamped_data: kernels.Domains | None = None
         entry_count = len(elasticity.data.node)
         responding = entry_count if (elasticity.data.law != HOOKE).any() else 0
         self._strained = kernels.Strained(
@@ -133,6 +134,14 @@ class DomainSystem:
         )
         self._sums = kernels.DomainSums(force, blocks, np.zeros(2, dtype=np.int32))
 
+    def leave_out_damping(self) -> None:
+        """Get ready for `add` without damping, with the stiffnesses of now."""
+        model = self._elasticity.data
+        if self._undamped_data is None:
+            lag, factor = model.undamped * model.lag, model.undamped * model.factor
+            self._undamped_data = model._replace(lag=lag, factor=factor, undamped=np.ones_like(lag))
+        self._undamped_data = self._undamped_data._replace(modulus=self._data.modulus)
+
     def scale_stiffness(self, factor: np.ndarray) -> None:
         """Make each element so many times as stiff as in the model, shape (element_count,)."""
         model, factor = self._elasticity.data, factor[self._elasticity.domains.element]
@@ -144,10 +153,11 @@ class DomainSystem:
         self._data = self._own_data
         np.multiply(model.modulus, factor[:, None], out=self._data.modulus)
 
-    def add(self) -> None:
-        """Add f - (h + b) K v to the forces, and K with its factor in A to the blocks."""
+    def add(self, damped: bool) -> None:
+        """Add forces and stiffness as `ElasticSystem.assemble` does."""
         self._sums.progress[:] = 0
-        kernels.add_domains(self._data, self._strained, self._elasticity.parts, self._sums)
+        data = self._data if damped or self._undamped_data is None else self._undamped_data
+        kernels.add_domains(data, self._strained, self._elasticity.parts, self._sums)
 
 
 def _aligned(count: int, width: int) -> np.ndarray:

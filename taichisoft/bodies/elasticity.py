@@ -11,6 +11,7 @@ from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.kernels import elasticity as kernels
+from taichisoft.kernels.laws import HOOKE
 from taichisoft.scenes.scene import Time
 
 
@@ -34,6 +35,9 @@ class Elasticity:
         node_rayleigh_mass: Rayleigh's factor a [1/s], shape (node_count,).
         node_lag: h + b [s]: forces are those of positions so far ahead along the velocities; 0 in first order dynamics,
             where there are no velocities before the step; shape (node_count,).
+        node_lead: how far ahead along the velocities a node's body is turned before it is linearised [s]: h under laws
+            of rubber, else 0; shape (node_count,).
+        undamped: h / (h + b) of each linear element, 1 in first order dynamics, shape (linear_count,).
         anchor_stiffness: along x, y and z [mN/mm], shape (node_count, 3).
         symbolic: the pattern of A and of its factor.
         element_data, block_parts: what the kernels read of the linear elements.
@@ -63,6 +67,9 @@ class Elasticity:
         polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
         element_lag, element_factor = np.repeat(lag, counts), np.repeat(stiffness_factor, counts)
         some = self.linear
+        self.undamped = time.step / np.maximum(element_lag[some], time.step)
+        turns_ahead = np.array([body.domains is not None and (body.laws.kind != HOOKE).any() for body in bodies])
+        self.node_lead = np.repeat(np.where(turns_ahead & (lag > 0.0), time.step, 0.0), node_counts)
         self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
         held = np.repeat(stiffness_factor, node_counts)[:, None] * self.anchor_stiffness
         diagonal = (np.repeat(mass_factor, node_counts) * self.node_mass)[:, None] + held
@@ -128,6 +135,7 @@ class ElasticSystem:
         self._elasticity = elasticity
         self._elements = elasticity.element_data
         self._own_elements: kernels.Elements | None = None  # with room for other stiffnesses than the model's
+        self._undamped_elements: kernels.Elements | None = None
         self.solver = Cholesky(elasticity.symbolic)
         data, node_count = elasticity.element_data, len(elasticity.rest_position)
         self.position, self.velocity, self.force = (np.zeros((node_count, 3)) for _ in range(3))
@@ -163,24 +171,37 @@ class ElasticSystem:
             )
         self._elements = own = self._own_elements
         np.multiply(model.lame, factor[:, None], out=own.lame)
-        # Products of two gradients make the matrix. Element by element, for each of the quadrature points.
-        by_element = (model.volume.shape[1], len(factor), -1)
-        root = np.sqrt(factor)[:, None]
-        np.multiply(model.scaled_gradient.reshape(by_element), root, out=own.scaled_gradient.reshape(by_element))
+        _scale_gradients(model, factor, own)
 
-    def assemble(self) -> None:
-        """Fill `force`, and the solver's blocks with A, its rotations frozen at `position`."""
+    def leave_out_damping(self) -> None:
+        """Get ready for `assemble(damped=False)`, with the stiffnesses of now."""
+        if self._domains is not None:
+            self._domains.leave_out_damping()
+        if not len(self._elasticity.linear):
+            return
+        elements, share = self._elements, self._elasticity.undamped
+        if self._undamped_elements is None:
+            self._undamped_elements = elements._replace(
+                lag=share * elements.lag, scaled_gradient=np.empty_like(elements.scaled_gradient)
+            )
+        self._undamped_elements = self._undamped_elements._replace(lame=elements.lame)
+        _scale_gradients(elements, share, self._undamped_elements)
+
+    def assemble(self, damped: bool = True) -> None:
+        """Fill `force`, and the solver's blocks with A, its rotations frozen at `position`, under laws of rubber turned
+        on with `velocity`; without damping by stiffness, f - h K v and b = 0 in A."""
         self._matrix.progress[:] = 0
         elasticity = self._elasticity
+        undamped = None if damped else self._undamped_elements
         kernels.assemble(
             elasticity.linear_elements.shape[1],
-            self._elements,
+            self._elements if undamped is None else undamped,
             self._deformation,
             elasticity.block_parts,
             self._matrix,
         )
         if self._domains is not None:
-            self._domains.add()
+            self._domains.add(damped)
 
 
 def internal_force(elasticity: Elasticity, position: np.ndarray) -> np.ndarray:
@@ -189,6 +210,14 @@ def internal_force(elasticity: Elasticity, position: np.ndarray) -> np.ndarray:
     system.position[:] = position
     system.assemble()
     return system.force
+
+
+def _scale_gradients(elements: kernels.Elements, factor: np.ndarray, scaled: kernels.Elements) -> None:
+    """Fill `scaled_gradient` of other elements with that of these, to make the matrix so many times as large."""
+    # Products of two gradients make the matrix. Element by element, for each of the quadrature points.
+    by_element = (elements.volume.shape[1], len(factor), -1)
+    gradient, root = elements.scaled_gradient.reshape(by_element), np.sqrt(factor)[:, None]
+    np.multiply(gradient, root, out=scaled.scaled_gradient.reshape(by_element))
 
 
 def _points_apart(gradient: np.ndarray) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
 
 import numpy as np
 
@@ -25,6 +25,14 @@ class Poses(Protocol):
     def rigid_position(self) -> np.ndarray: ...
     @property
     def rigid_rotation(self) -> np.ndarray: ...
+
+
+class PosesAhead(NamedTuple):
+    """Where soft nodes and rigid bodies would be, as `Poses`."""
+
+    position: np.ndarray
+    rigid_position: np.ndarray
+    rigid_rotation: np.ndarray
 
 
 @dataclass(frozen=True)

@@ -10,10 +10,10 @@ where C has no negative eigenvalues left. Hooke's law is corotated with the pola
 from typing import NamedTuple
 
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.laws import HOOKE, LAMBDA, MU, OGDEN, ogden_law, polynomial_law
+from taichisoft.kernels.laws import HOOKE, LAMBDA, MU, OGDEN, SMALLEST_STRETCH, ogden_law, polynomial_law
 from taichisoft.kernels.polar_rotation import polar_rotation
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
-from taichisoft.kernels.symmetric import positive_part, symmetric_eigen
+from taichisoft.kernels.symmetric import TINY, positive_part, symmetric_eigen
 
 # What a thread does in one go.
 DOMAINS_A_TASK = 32
@@ -44,7 +44,7 @@ class Domains(NamedTuple):
         exponent: Ogden's [-], shape (domain_count, 3).
         lag: h + b [s], 0 in first order dynamics, shape (domain_count,).
         factor: of K in A, shape (domain_count,).
-        undamped: h / (h + b), the share of the lag by which stresses turn, shape (domain_count,).
+        undamped: h / (h + b), the share of the lag and of the factor that is not damping's, shape (domain_count,).
     """
 
     start: Integers
@@ -68,8 +68,8 @@ class Strained(NamedTuple):
         force: of each domain on its nodes [mN], shape (entry_count, 3).
         gradient: under Hooke's law sqrt(w mu factor) R g, with lambda for mu where only the energy of volume counts;
             under others g along the axes of the response; shape (entry_count, 4).
-        response: under other laws w factor sum_l C_ik,jl (g_b)_l, three rows an entry for k = 0, 1, 2, with all ij but
-            the last, shape (3 entry_count, 8).
+        response: under other laws w sum_l (h^2 C + h b D)_ik,jl (g_b)_l, three rows an entry for k = 0, 1, 2, with all
+            ij but the last, shape (3 entry_count, 8).
         last_response: the last ij of the three, shape (entry_count, 4).
     """
 
@@ -142,10 +142,18 @@ def strain_by_hooke(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3, do
 
 @func
 def strain_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3, domains: Domains, strained: Strained):
-    """Forces and responses of a domain under a law in its principal stretches."""
+    """Forces and responses of a domain under a law in its principal stretches.
+
+    With F = R U, and U1 and R1 those of F + h dF/dt, it is linearised where it would be turned but not strained, at
+    R1 U: the stretches grow by U1 - U, which is zero for any rigid motion of the step.
+    """
+    ahead = deformation + domains.undamped[d] * domains.lag[d] * rate
+    turned = polar_rotation(ahead)
     stretch = rotation.transpose() @ deformation
     stretches, right = symmetric_eigen(0.5 * (stretch + stretch.transpose()))
-    left = rotation @ right
+    left = turned @ right
+    growth = turned.transpose() @ ahead - stretch
+    growth = 0.5 * (right.transpose() @ (growth + growth.transpose()) @ right)
     shape, dilation = domains.volume[d, SHAPE], domains.volume[d, DILATION]
     slope, flip, twist = vec3(0.0), vec3(0.0), vec3(0.0)
     hessian = ti.Matrix.zero(ti.f64, 3, 3)
@@ -153,34 +161,52 @@ def strain_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, rotation: mat3
         slope, hessian, flip, twist = ogden_law(d, domains.modulus, domains.exponent, shape, dilation, stretches)
     else:
         slope, hessian, flip, twist = polynomial_law(d, domains.modulus, shape, dilation, stretches)
+    # The slope of the Kirchhoff stress by the rate of strain, in axes that turn with the body (Jaumann's rate): damping
+    # that holds nothing that turns, and in which pressures cancel.
+    viscosity = ti.max(flip + twist, 0.0)
+    viscous_hessian = hessian
+    for i in ti.static(range(3)):
+        square = ti.max(stretches[i] * stretches[i], SMALLEST_STRETCH * SMALLEST_STRETCH)
+        viscous_hessian[i, i] += slope[i] * stretches[i] / square
+    viscous_hessian = positive_part(viscous_hessian)
     hessian = positive_part(hessian)
     flip, twist = ti.max(flip, 0.0), ti.max(twist, 0.0)
     same, swapped = 0.5 * (flip + twist), 0.5 * (flip - twist)  # C_ik,ik and C_ik,ki of two axes
-    flow = left.transpose() @ rate @ right
-    # A body that turns turns its stresses, which strains nothing: damping leaves out what resists that, the twists.
-    turning = domains.undamped[d] * twist
+    # In two axes it is viscosity a a^T with a along the stretches: a rotation is across.
+    along = ti.Matrix.zero(ti.f64, 3, 3)
+    for i in ti.static(range(3)):
+        for k in ti.static(range(3)):
+            if ti.static(i != k):
+                squares = stretches[i] * stretches[i] + stretches[k] * stretches[k]
+                along[i, k] = stretches[i] / ti.sqrt(squares + TINY)
+    damping = (1.0 - domains.undamped[d]) / domains.undamped[d]
     stress = ti.Matrix.zero(ti.f64, 3, 3)
     for i in ti.static(range(3)):
         j, k = ti.static((i + 1) % 3), ti.static((i + 2) % 3)
-        along = hessian[i, 0] * flow[0, 0] + hessian[i, 1] * flow[1, 1] + hessian[i, 2] * flow[2, 2]
-        stress[i, i] = slope[i] + domains.lag[d] * along
-        bent, turned = flip[i] * (flow[j, k] + flow[k, j]), turning[i] * (flow[j, k] - flow[k, j])
-        stress[j, k] = 0.5 * domains.lag[d] * (bent + turned)
-        stress[k, j] = 0.5 * domains.lag[d] * (bent - turned)
+        stress[i, i] = slope[i]
+        for m in ti.static(range(3)):
+            stress[i, i] += (hessian[i, m] + damping * viscous_hessian[i, m]) * growth[m, m]
+        both = damping * viscosity[i] * (along[j, k] + along[k, j])
+        stress[j, k] = (flip[i] + both * along[j, k]) * growth[j, k]
+        stress[k, j] = (flip[i] + both * along[k, j]) * growth[j, k]
     stress = left @ stress @ right.transpose()
-    factor = domains.factor[d]
+    elastic = domains.undamped[d] * domains.factor[d]
+    viscous = domains.factor[d] - elastic
+    hessian = elastic * hessian + viscous * viscous_hessian
+    same, swapped, viscosity = elastic * same, elastic * swapped, viscous * viscosity
     for c in range(domains.start[d], domains.start[d + 1]):
         strained.force[c] = -(stress @ domains.gradient[c])
         g = right.transpose() @ domains.gradient[c]
         strained.gradient[c] = vec4(g[0], g[1], g[2], 0.0)
         last = vec4(0.0)
         for k in ti.static(range(3)):
-            i, j = ti.static((k + 1) % 3), ti.static((k + 2) % 3)
             part = ti.Matrix.zero(ti.f64, 3, 3)
             for m in ti.static(range(3)):
-                part[k, m] = factor * hessian[k, m] * g[m]
-            part[i, i], part[i, k] = factor * same[j] * g[k], factor * swapped[j] * g[i]
-            part[j, j], part[j, k] = factor * same[i] * g[k], factor * swapped[i] * g[j]
+                part[k, m] = hessian[k, m] * g[m]
+            for turn in ti.static(range(2)):
+                i, j = ti.static((k + 1 + turn) % 3), ti.static((k + 2 - turn) % 3)
+                part[i, i] = (same[j] + viscosity[j] * along[i, k] * along[i, k]) * g[k]
+                part[i, k] = (swapped[j] + viscosity[j] * along[i, k] * along[k, i]) * g[i]
             part = left @ part @ left.transpose()
             strained.response[3 * c + k] = vec8(
                 part[0, 0], part[0, 1], part[0, 2], part[1, 0], part[1, 1], part[1, 2], part[2, 0], part[2, 1]

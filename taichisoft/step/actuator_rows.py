@@ -4,6 +4,7 @@ import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.bodies.limits import UNLIMITED
+from taichisoft.bodies.surfaces import PosesAhead
 from taichisoft.kernels.actuator_rows import BOUND_COLUMNS, GRIP, HIGHEST, LOWER_END, LOWEST, PREFERRED, UPPER_END
 from taichisoft.model import Model
 from taichisoft.state import State
@@ -29,6 +30,8 @@ class ActuatorRows:
         target_rate: rate that the row's velocity is measured against [mm/s or mm^3/s], shape (row_count,).
         bounds: what the rows obey, see `kernels/actuator_rows.py`, shape (row_count, 6).
         first_impulse: where to start: the impulse of the last step [mN s, of a volume kPa s], shape (row_count,).
+        start_values: of the coordinates at the start of the step [mm^3] and [mm], shape (coordinate_count,).
+        lead_rate: how fast they grow along the way to where the geometry is ahead, shape (coordinate_count,).
         stretch: first row, and own compliance [mm/s per mN s], of each cable with rows that stretches.
     """
 
@@ -51,6 +54,24 @@ class ActuatorRows:
         self.stretch: list[tuple[int, np.ndarray]] = []
         if has_rows.any():
             self._make_rows(state, has_rows.nonzero()[0].tolist(), imposed, target)
+
+    def look_ahead(self, state: State, node_lead: np.ndarray) -> None:
+        """Take the geometry where bodies that are linearised ahead will be turned to, so that loads turn with them.
+
+        Args:
+            state: at the start of the step.
+            node_lead: how far ahead along the velocities each node is taken [s], shape (node_count,).
+        """
+        self.start_values, self.lead_rate = self._geometry.values(), np.zeros(len(self.load))
+        if not len(self.load) or not node_lead.any():
+            return
+        lead = node_lead[:, None] * state.velocity
+        ahead = PosesAhead(state.position + lead, state.rigid_position, state.rigid_rotation)
+        self._geometry.update(ahead, self._model.placed_pull_points(state))
+        self.lead_rate = self._geometry.rates(lead / self._time_step, np.zeros((len(state.rigid_position), 6)))
+        if len(self.coordinates):
+            growth = self._geometry.values() - self.start_values
+            self.linearise_again(growth, self.lead_rate, self.first_impulse)
 
     def linearise_again(self, growth: np.ndarray, rate: np.ndarray, impulse: np.ndarray) -> None:
         """Ask for the same where the geometry is now, with the impulses last found for a start.

@@ -1,34 +1,25 @@
 """The soft bodies' equations of motion at the end of a step, which one linearisation does not solve."""
 
-from typing import NamedTuple
-
 import numpy as np
 import scipy.sparse as sparse
 
 from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity
+from taichisoft.bodies.surfaces import PosesAhead
 from taichisoft.kernels import loads as kernels
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.soft_motion import SoftMotion
 
 
-class EndPoses(NamedTuple):
-    """Where all bodies would be at the end of a step, as `Poses`."""
-
-    position: np.ndarray
-    rigid_position: np.ndarray
-    rigid_rotation: np.ndarray
-
-
 class EndOfStep:
     """Implicit Euler's equations of velocities v after the step, with x = x0 + h v and efforts p of coordinates q,
 
-        M (v - v0) = h (f(x) - b C0 v0 - b K0 (v - v0) - a M v + M g + anchors + p dq/dx(x)) + J^T l,
+        M (v - v0) = h (f(x) - d0 - b D0 (v - v0) - a M v + M g + anchors + p dq/dx(x)) + J^T l,
 
-    and in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)). The damping is that of the start of the
-    step, where K0 has no negative eigenvalues; C0 is K0 less what resists the turning of stresses, which strains
-    nothing (`kernels/domains.py`). `SoftMotion` solves them linearised at v = 0; here they are evaluated, and
+    and in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)). The damping is that of the first
+    linearisation: d0 where the bodies go on with v0, and D0, which has no negative eigenvalues (`kernels/domains.py`).
+    `SoftMotion` solves them linearised at the start of the step, or ahead of it; here they are evaluated, and
     linearised anew, at other velocities. A linearisation leaves out how loads that follow the body turn with it.
     """
 
@@ -48,11 +39,9 @@ class EndOfStep:
         # The lag is h + b in second order dynamics, and 0 in first order ones, where nothing is damped.
         lag = elasticity.node_lag
         self._damping_lag = np.maximum(lag - self._time_step, 0.0)
-        self._damped_share = (self._damping_lag / np.where(lag > 0.0, lag, 1.0))[:, None]
-        self._is_damped = bool(self._damped_share.any())
+        self._is_damped = bool(self._damping_lag.any())
         self._anchors = soft.anchors._replace(lag=self._damping_lag)
         pairs = elasticity.symbolic.block_pairs
-        self._damped_share_of_blocks = self._damped_share[pairs[:, 0], :, None]
         off = np.flatnonzero(pairs[:, 0] != pairs[:, 1])
         row, column = np.concatenate([pairs, pairs[off, ::-1]]).T
         order = np.lexsort((column, row))
@@ -66,26 +55,22 @@ class EndOfStep:
         """Take the matrix that `SoftMotion` has made in the step from `state`."""
         self._start = state
         self._pull_point = self._model.placed_pull_points(state)
-        blocks = self._soft.system.solver.blocks
-        self._first_blocks = blocks.copy()
+        system = self._soft.system
+        first_blocks = system.solver.blocks.copy()
+        self._first_matrix = self._matrix(first_blocks)
+        system.leave_out_damping()
+        if self._is_damped:
+            lagged = system.force.copy()
+            system.assemble(damped=False)
+            self._first_damping = self._time_step * (system.force - lagged)
+            self._damping_blocks = first_blocks - system.solver.blocks
+            self._damping_matrix = self._matrix(self._damping_blocks)
+
+    def _matrix(self, blocks: np.ndarray) -> sparse.bsr_array:
+        """The matrix of the solver's blocks, which has both its halves."""
         both = np.concatenate([blocks, blocks[self._below].transpose(0, 2, 1)])[self._order]
         size = 3 * self._model.node_count
-        self._first_matrix = sparse.bsr_array((both, self._column, self._row_start), (size, size))
-        if self._is_damped:
-            self._first_damping = self._damping_before()
-
-    def _damping_before(self) -> np.ndarray:
-        """h b C0 v0 [mN s], from the forces with and without the velocities, which differ by h K0 v0 + b C0 v0."""
-        system, velocity = self._soft.system, self._start.velocity
-        lagged = system.force.copy()
-        system.velocity[:] = 0.0
-        system.assemble()
-        slowed: np.ndarray = self._time_step * (system.force - lagged)
-        return slowed - (1.0 - self._damped_share) * self._first_stiffness(velocity)
-
-    def _first_stiffness(self, velocity: np.ndarray) -> np.ndarray:
-        """h (h + b) K0 times velocities [mN s], shape (node_count, 3), from A0 = D + h (h + b) K0."""
-        return self.first_pull(velocity) - self._diagonal * velocity
+        return sparse.bsr_array((both, self._column, self._row_start), (size, size))
 
     def first_pull(self, node_velocity: np.ndarray) -> np.ndarray:
         """The first matrix times velocities [mN s], shape (node_count, 3)."""
@@ -98,9 +83,9 @@ class EndOfStep:
         position = self._start.position + self._time_step * node_velocity
         system.position[:] = position
         system.velocity[:] = 0.0
-        system.assemble()
+        system.assemble(damped=False)
         self._velocity[:] = node_velocity
-        self._geometry.update(EndPoses(position, rigid_position, rigid_rotation), self._pull_point)
+        self._geometry.update(PosesAhead(position, rigid_position, rigid_rotation), self._pull_point)
 
     def left(self, effort: np.ndarray) -> np.ndarray:
         """The impulses [mN s] by which the equations miss where the bodies are, without those of contacts.
@@ -121,7 +106,7 @@ class EndOfStep:
         left: np.ndarray = self._nodes.impulse.copy()
         if self._is_damped:
             left -= self._first_damping
-            left -= self._damped_share * self._first_stiffness(velocity - self._start.velocity)
+            left -= (self._damping_matrix @ (velocity - self._start.velocity).ravel()).reshape(-1, 3)
         if self._has_inertia:
             left -= self._mass * (velocity - self._start.velocity)
         else:
@@ -129,7 +114,7 @@ class EndOfStep:
         return left
 
     def linearise(self, load: np.ndarray) -> np.ndarray:
-        """Linearise where the bodies are: `SoftMotion`'s matrix D + h^2 K(x) + h b K0 and its motion without contact.
+        """Linearise where the bodies are: `SoftMotion`'s matrix, now with h^2 K(x), and its motion without contact.
 
         Args:
             load: efforts that are known, 0 of those with rows, shape (coordinate_count,).
@@ -142,8 +127,7 @@ class EndOfStep:
         """
         soft = self._soft
         if self._is_damped:
-            blocks = soft.system.solver.blocks
-            blocks += self._damped_share_of_blocks * (self._first_blocks - blocks)
+            soft.system.solver.blocks += self._damping_blocks
         soft.factorise(self._start)
         left = self.left(load)
         np.add(soft.response(left), self._velocity, out=soft.free_velocity)

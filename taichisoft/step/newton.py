@@ -64,9 +64,10 @@ class NewtonIteration:
         """
         equations, constraints, load = self._equations, self._constraints, self._actuators.load
         equations.begin(start)
-        motion, first_values = constraints.motion, self._geometry.values()
+        motion, first_values = constraints.motion, self._actuators.start_values
         before = Motion(*(np.zeros_like(part) for part in motion))._replace(effort=load.copy())
-        values, rates, pull = first_values, np.zeros(len(load)), equations.first_pull(motion.node_velocity)
+        values, rates = self._geometry.values(), self._actuators.lead_rate
+        pull = equations.first_pull(motion.node_velocity)
         self.linearisations = 1
         while True:
             aim = values + self._time_step * (self._rates(motion) - rates)

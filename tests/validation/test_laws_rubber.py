@@ -164,7 +164,7 @@ def test_the_matrix_is_the_slope_of_the_forces_in_tension(
 
     Principal stresses must not be negative, nor so large that they turn the material: 0.6 shear moduli at J = 1.012.
     Smoothed elements have the energies of shape and volume in different domains, where only rest is so. Central
-    differences: 1e-6 of the largest.
+    differences: 1e-6 of the largest, also along velocities, since the body is turned on before it is linearised.
     """
     model, random = models[element, name], np.random.default_rng(8)
     assert model.elasticity is not None
@@ -174,7 +174,6 @@ def test_the_matrix_is_the_slope_of_the_forces_in_tension(
     system = ElasticSystem(model.elasticity)
     system.position[:] = position
     system.assemble()
-    still = system.force.copy()
     matrix = _dense(system, len(position)) - np.diag(np.repeat(model.elasticity.node_mass, 3))
     lag = model.elasticity.node_lag[0]
     matrix /= model.scene.time.step * lag
@@ -184,9 +183,12 @@ def test_the_matrix_is_the_slope_of_the_forces_in_tension(
         ahead, behind = (_forces(model, position + s * 1e-4 * motion) for s in (1, -1))
         pull = (matrix @ motion.ravel()).reshape(-1, 3)
         np.testing.assert_allclose((behind - ahead) / 2e-4, pull, atol=1e-6 * np.abs(pull).max())
-        system.velocity[:] = motion
-        system.assemble()
-        np.testing.assert_allclose(still - system.force, lag * pull, atol=1e-9 * lag * np.abs(pull).max())
+        lagged = []
+        for sign in (1, -1):
+            system.velocity[:] = sign * 1e-3 * motion
+            system.assemble()
+            lagged.append(system.force.copy())
+        np.testing.assert_allclose(lagged[1] - lagged[0], 2e-3 * lag * pull, atol=1e-9 * lag * np.abs(pull).max())
 
 
 def _dense(system: ElasticSystem, node_count: int) -> np.ndarray:
@@ -241,7 +243,7 @@ def test_a_body_wholly_inside_out_comes_back(element: str, name: str, how: str, 
     simulation = simulate(time={"step": 0.05, "newton": 20}, soft_bodies={"block": body})
     rest = simulation.model.rest_position
     simulation.restore(simulation.state.changed(position=rest * {"mirrored": [-1, 1, 1], "flat": [1, 1, 0]}[how]))
-    reports = [simulation.step() for _ in range(30)]
+    reports = [simulation.step() for _ in range(40)]
     assert reports[-1].inverted_elements == 0
     assert all(report.converged for report in reports[-10:])
     domains = simulation.model.elasticity.domains.domains
