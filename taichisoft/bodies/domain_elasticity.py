@@ -6,10 +6,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichisoft.bodies.domain_groups import group_domains
 from taichisoft.bodies.domains import IntegrationDomains
+from taichisoft.bodies.hooke_parts import find_blocks, find_parts
 from taichisoft.bodies.laws import ElasticLaws
 from taichisoft.kernels import domains as kernels
+from taichisoft.kernels import hooke_domains, rubber_domains
+from taichisoft.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.kernels.laws import HOOKE, LAMBDA, MU
+from taichisoft.kernels.runtime import THREADS
 
 if TYPE_CHECKING:
     from taichisoft.bodies.soft_body import SoftBody
@@ -21,10 +26,11 @@ class DomainElasticity:
     Attributes:
         domains: nodes and elements numbered as in the whole model.
         data: what the kernels read of them.
-        parts: which of their entries make up which blocks of the system matrix, once `find_parts` was called.
+        hooke, rubber: those under Hooke's law and under other laws, once `find_blocks` was called; None without any.
     """
 
-    parts: kernels.DomainParts
+    hooke: "HookeDomains | None" = None
+    rubber: "RubberDomains | None" = None
 
     def __init__(self, bodies: "Sequence[SoftBody]", lag: np.ndarray, factor: np.ndarray, step: float):
         """Lay out the arrays.
@@ -42,61 +48,75 @@ class DomainElasticity:
             if body.domains is not None
         ]
         self.domains = IntegrationDomains.joined(found)
-        element = self.domains.element
-        laws = ElasticLaws.joined([body.laws for body in bodies]).of(element)
-        self.data = kernels.Domains(
-            start=self.domains.start,
-            node=self.domains.node.astype(np.int32),
-            gradient=self.domains.gradient,
-            volume=self.domains.volume,
-            law=laws.kind,
-            modulus=laws.modulus,
-            exponent=laws.exponent,
-            lag=lag[element],
-            factor=factor[element],
-            undamped=step / np.maximum(lag[element], step),
-        )
+        laws = ElasticLaws.joined([body.laws for body in bodies])
+        self._arrays = (laws, lag, factor, step)
+        self.data = _data(self.domains, *self._arrays)
 
     def node_pairs(self) -> tuple[np.ndarray, np.ndarray]:
         """Nodes that share a domain, as two arrays; pairs of several domains occur as often."""
         row, column = self.domains.node_pairs()
         return self.domains.node[row], self.domains.node[column]
 
-    def find_parts(self, block_pairs: np.ndarray) -> None:
-        """Find `parts` for blocks of these two nodes (row, column), shape (block_count, 2)."""
-        row, column = self.domains.node_pairs()
-        node_count = int(block_pairs.max()) + 1
-        key = self.domains.node[row].astype(np.int64) * node_count + self.domains.node[column]
-        stored = block_pairs.astype(np.int64) @ [node_count, 1]
-        by_key = np.argsort(stored)
-        place = np.minimum(np.searchsorted(stored[by_key], key), len(stored) - 1)
-        found = stored[by_key[place]] == key  # the other half is the transpose of a stored block
-        block, row, column = by_key[place[found]], row[found], column[found]
-        blocks, own_block = np.unique(block, return_inverse=True)
-        domain = np.repeat(np.arange(len(self.data.law)), np.diff(self.data.start))[row]
-        kind_and_block = 3 * own_block.reshape(-1) + self._kind()[domain]
-        order = np.argsort(kind_and_block, kind="stable")
-        pairs = block_pairs[blocks]
-        self.parts = kernels.DomainParts(
-            block=blocks.astype(np.int32),
-            start=np.searchsorted(kind_and_block[order], np.arange(3 * len(blocks) + 1)).astype(np.int32),
-            row_entry=row[order].astype(np.int32),
-            column_entry=column[order].astype(np.int32),
-            lame_ratio=self._lame_ratio()[domain[order]],
-            node=np.where(pairs[:, 0] == pairs[:, 1], pairs[:, 0], -1).astype(np.int32),
+    def find_blocks(self, block_pairs: np.ndarray, rest_position: np.ndarray) -> None:
+        """Find what adds to which block.
+
+        Args:
+            block_pairs: the two nodes (row, column) of each block of the system matrix, shape (block_count, 2).
+            rest_position: of all nodes [mm], shape (node_count, 3).
+        """
+        hooke = self.data.law == HOOKE
+        if hooke.any():
+            some = self.domains.of(np.flatnonzero(hooke))
+            self.hooke = HookeDomains(some, _data(some, *self._arrays), block_pairs)
+        if not hooke.all():
+            some = self.domains.of(np.flatnonzero(~hooke))
+            self.rubber = RubberDomains(some, _data(some, *self._arrays), block_pairs, rest_position)
+
+
+class HookeDomains:
+    """Domains under Hooke's law.
+
+    Attributes:
+        data: what the kernels read of them.
+        element: one element of each domain, shape (domain_count,).
+        block: numbers of the blocks that they add to, shape (count,).
+        parts: what makes up each of these.
+    """
+
+    def __init__(self, domains: IntegrationDomains, data: kernels.Domains, block_pairs: np.ndarray):
+        """Find the parts of the blocks of these two nodes (row, column), shape (block_count, 2)."""
+        self.data, self.element = data, domains.element
+        row, column = domains.node_pairs()
+        block = find_blocks(block_pairs, domains.node[row], domains.node[column])
+        row, column, block = row[block >= 0], column[block >= 0], block[block >= 0]
+        self.block, own_block = np.unique(block.astype(np.int32), return_inverse=True)
+        domain = np.repeat(np.arange(len(data.law)), np.diff(data.start))[row]
+        shaped, dilated = (data.volume > 0.0).T
+        ratio = np.where(shaped, dilated * data.modulus[:, LAMBDA] / data.modulus[:, MU], 1.0)
+        self.parts: BlockParts = find_parts(
+            block_pairs[self.block], own_block.reshape(-1), row, column, ratio[domain], shaped[domain]
         )
 
-    def _kind(self) -> np.ndarray:
-        """What the parts of each domain are, shape (domain_count,)."""
-        shaped = np.where(self.data.volume[:, kernels.SHAPE] > 0.0, kernels.SHAPED, kernels.DILATED)
-        return np.where(self.data.law == HOOKE, shaped, kernels.RESPONDING)
 
-    def _lame_ratio(self) -> np.ndarray:
-        """Lambda over mu of each domain in which both energies of Hooke's law count, shape (domain_count,)."""
-        both = (self.data.law == HOOKE) & (self.data.volume > 0.0).all(axis=1)
-        ratio = np.zeros(len(both))
-        np.divide(self.data.modulus[:, LAMBDA], self.data.modulus[:, MU], out=ratio, where=both)
-        return ratio
+class RubberDomains:
+    """Domains under other laws.
+
+    Attributes:
+        data: what the kernels read of them.
+        element: one element of each domain, shape (domain_count,).
+        groups, copies: how their sums are made.
+    """
+
+    def __init__(
+        self,
+        domains: IntegrationDomains,
+        data: kernels.Domains,
+        block_pairs: np.ndarray,
+        rest_position: np.ndarray,
+    ):
+        """Lay out the sums; arguments as of `group_domains`."""
+        self.data, self.element = data, domains.element
+        self.groups, self.copies = group_domains(domains, block_pairs, rest_position)
 
 
 class DomainSystem:
@@ -118,50 +138,84 @@ class DomainSystem:
             force: to which `add` adds the nodal forces [mN], shape (node_count, 3).
             blocks: to which it adds the stiffness, shape (block_count, 3, 3).
         """
-        self._elasticity = elasticity
-        self._data = elasticity.data
-        self._own_data: kernels.Domains | None = None  # with room for other stiffnesses than the model's
-        self._undamped_data: kernels.Domains | None = None
-        entry_count = len(elasticity.data.node)
-        responding = entry_count if (elasticity.data.law != HOOKE).any() else 0
-        self._strained = kernels.Strained(
-            position=position,
-            velocity=velocity,
-            force=np.zeros((entry_count, 3)),
-            gradient=_aligned(entry_count, 4),
-            response=_aligned(3 * responding, 8),
-            last_response=_aligned(responding, 4),
-        )
-        self._sums = kernels.DomainSums(force, blocks, np.zeros(2, dtype=np.int32))
-
-    def leave_out_damping(self) -> None:
-        """Get ready for `add` without damping, with the stiffnesses of now."""
-        model = self._elasticity.data
-        if self._undamped_data is None:
-            lag, factor = model.undamped * model.lag, model.undamped * model.factor
-            self._undamped_data = model._replace(lag=lag, factor=factor, undamped=np.ones_like(lag))
-        self._undamped_data = self._undamped_data._replace(modulus=self._data.modulus)
+        self._hooke, self._rubber = elasticity.hooke, elasticity.rubber
+        self._movement = kernels.Movement(position, velocity)
+        self._total = kernels.DomainSums(force, blocks, np.zeros(2, dtype=np.int32))
+        if self._hooke is not None:
+            self._hooke_data = _own_moduli(self._hooke.data)
+            self._undamped_hooke = _undamped(self._hooke_data)
+            entry_count = len(self._hooke.data.node)
+            self._entries = HookeEntries(np.zeros((entry_count, 3)), aligned(entry_count, 4))
+        if self._rubber is not None:
+            self._rubber_data = _own_moduli(self._rubber.data)
+            self._undamped_rubber = _undamped(self._rubber_data)
+            slot_count, most_entries = (
+                int(self._rubber.groups.first_slot[-1]),
+                int(np.diff(self._rubber.data.start).max()),
+            )
+            self._sums = rubber_domains.GroupSums(
+                block=aligned(slot_count, 8),
+                rest=aligned(slot_count, 4),
+                tangent=aligned(rubber_domains.ROWS * THREADS, 8),
+                last_tangent=aligned(3 * THREADS, 4),
+                gradient=aligned(most_entries * THREADS, 4),
+            )
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
         """Make each element so many times as stiff as in the model, shape (element_count,)."""
-        model, factor = self._elasticity.data, factor[self._elasticity.domains.element]
-        if (factor == 1.0).all():
-            self._data = model
-            return
-        if self._own_data is None:
-            self._own_data = model._replace(modulus=np.empty_like(model.modulus))
-        self._data = self._own_data
-        np.multiply(model.modulus, factor[:, None], out=self._data.modulus)
+        if self._hooke is not None:
+            np.multiply(self._hooke.data.modulus, factor[self._hooke.element, None], out=self._hooke_data.modulus)
+        if self._rubber is not None:
+            np.multiply(self._rubber.data.modulus, factor[self._rubber.element, None], out=self._rubber_data.modulus)
 
     def add(self, damped: bool) -> None:
         """Add forces and stiffness as `ElasticSystem.assemble` does."""
-        self._sums.progress[:] = 0
-        data = self._data if damped or self._undamped_data is None else self._undamped_data
-        kernels.add_domains(data, self._strained, self._elasticity.parts, self._sums)
+        if self._hooke is not None:
+            self._total.progress[:] = 0
+            data = self._hooke_data if damped else self._undamped_hooke
+            hooke_domains.add_hooke_domains(
+                data, self._movement, self._hooke.block, self._entries, self._hooke.parts, self._total
+            )
+        if self._rubber is not None:
+            self._total.progress[:] = 0
+            data = self._rubber_data if damped else self._undamped_rubber
+            rubber_domains.add_rubber_domains(
+                data, self._movement, self._rubber.groups, self._sums, self._rubber.copies, self._total
+            )
 
 
-def _aligned(count: int, width: int) -> np.ndarray:
+def aligned(count: int, width: int) -> np.ndarray:
     """Rows of zeros that do not straddle lines of the cache, shape (count, width)."""
     entries = np.zeros(count * width + 8)
     skip = -entries.ctypes.data % 64 // 8
     return entries[skip : skip + count * width].reshape(count, width)
+
+
+def _data(
+    domains: IntegrationDomains, laws: ElasticLaws, lag: np.ndarray, factor: np.ndarray, step: float
+) -> kernels.Domains:
+    """What the kernels read; laws, lag and factor are those of all elements."""
+    element = domains.element
+    own_laws = laws.of(element)
+    return kernels.Domains(
+        start=domains.start,
+        node=domains.node.astype(np.int32),
+        gradient=domains.gradient,
+        volume=domains.volume,
+        law=own_laws.kind,
+        modulus=own_laws.modulus,
+        exponent=own_laws.exponent,
+        lag=lag[element],
+        factor=factor[element],
+        undamped=step / np.maximum(lag[element], step),
+    )
+
+
+def _own_moduli(data: kernels.Domains) -> kernels.Domains:
+    return data._replace(modulus=data.modulus.copy())
+
+
+def _undamped(data: kernels.Domains) -> kernels.Domains:
+    """The same without damping, and with the same array of moduli."""
+    lag, factor = data.undamped * data.lag, data.undamped * data.factor
+    return data._replace(lag=lag, factor=factor, undamped=np.ones_like(lag))

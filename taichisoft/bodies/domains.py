@@ -46,11 +46,28 @@ class IntegrationDomains:
             element=np.concatenate([part.element for part in parts]),
         )
 
+    def of(self, numbers: np.ndarray) -> "IntegrationDomains":
+        """Some of the domains, by ascending numbers."""
+        entries = np.repeat(np.isin(np.arange(len(self.volume)), numbers), np.diff(self.start))
+        sizes = np.diff(self.start)[numbers]
+        return IntegrationDomains(
+            start=np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32),
+            node=self.node[entries],
+            gradient=self.gradient[entries],
+            volume=self.volume[numbers],
+            element=self.element[numbers],
+        )
+
     def deformation(self, position: np.ndarray) -> np.ndarray:
         """The deformation gradient of each domain, shape (domain_count, 3, 3), at positions [mm] (node_count, 3)."""
         products = position[self.node][:, :, None] * self.gradient[:, None, :]
         gradients: np.ndarray = np.add.reduceat(products, self.start[:-1])
         return gradients
+
+    def centres(self, position: np.ndarray) -> np.ndarray:
+        """The mean of each domain's nodes, shape (domain_count, 3), at positions [mm] (node_count, 3)."""
+        sums: np.ndarray = np.add.reduceat(position[self.node], self.start[:-1])
+        return sums / np.diff(self.start)[:, None]
 
     def node_pairs(self) -> tuple[np.ndarray, np.ndarray]:
         """Entries of every ordered pair of nodes of one domain, in the order of the domains; two arrays."""

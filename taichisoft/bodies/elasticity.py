@@ -5,12 +5,14 @@ from collections.abc import Sequence
 import numpy as np
 import scipy.sparse as sparse
 
-from taichisoft.bodies.domain_elasticity import DomainElasticity, DomainSystem
+from taichisoft.bodies.domain_elasticity import DomainElasticity, DomainSystem, aligned
 from taichisoft.bodies.elements import edge_frames, linear_tetrahedra
+from taichisoft.bodies.hooke_parts import find_blocks, find_parts
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.kernels import elasticity as kernels
+from taichisoft.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.kernels.laws import HOOKE
 from taichisoft.scenes.scene import Time
 
@@ -39,6 +41,8 @@ class Elasticity:
             of rubber, else 0; shape (node_count,).
         undamped: h / (h + b) of each linear element, 1 in first order dynamics, shape (linear_count,).
         anchor_stiffness: along x, y and z [mN/mm], shape (node_count, 3).
+        diagonal: what A has beside the stiffness of the elements: masses with their damping, and anchors [kg], shape
+            (node_count, 3).
         symbolic: the pattern of A and of its factor.
         element_data, block_parts: what the kernels read of the linear elements.
         domains: integration domains of all others; None without any.
@@ -72,13 +76,13 @@ class Elasticity:
         self.node_lead = np.repeat(np.where(turns_ahead & (lag > 0.0), time.step, 0.0), node_counts)
         self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
         held = np.repeat(stiffness_factor, node_counts)[:, None] * self.anchor_stiffness
-        diagonal = (np.repeat(mass_factor, node_counts) * self.node_mass)[:, None] + held
+        self.diagonal = (np.repeat(mass_factor, node_counts) * self.node_mass)[:, None] + held
         own_domains = any(body.domains is not None for body in bodies)
         self.domains = DomainElasticity(bodies, element_lag, element_factor, time.step) if own_domains else None
         self.symbolic = SymbolicFactor(self._pattern())
-        self.block_parts = self._block_parts(diagonal)
+        self.block_parts = self._block_parts()
         if self.domains is not None:
-            self.domains.find_parts(self.symbolic.block_pairs)
+            self.domains.find_blocks(self.symbolic.block_pairs, self.rest_position)
 
     def _pattern(self) -> sparse.csr_matrix:
         """Which nodes share an element or a domain."""
@@ -95,29 +99,28 @@ class Elasticity:
 
     def _element_data(self, polar: np.ndarray, lag: np.ndarray, stiffness_factor: np.ndarray) -> kernels.Elements:
         corners = self.rest_position[self.linear_elements[:, :3]]
-        shear_weight = np.sqrt(stiffness_factor[:, None] * self.volume * self.lame[:, 1:])
+        force_modulus = self.volume * self.lame
         return kernels.Elements(
-            nodes=self.linear_elements.reshape(-1),
+            nodes=self.linear_elements,
             polar=polar,
             rest_frame=edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]),
-            volume=self.volume,
-            gradient=_points_apart(self.gradient),
-            scaled_gradient=_points_apart(shear_weight[:, :, None, None] * self.gradient),
-            lame=self.lame,
+            gradient=np.ascontiguousarray(self.gradient[:, 0, 1:]),
+            force_modulus=force_modulus,
+            root=np.sqrt(stiffness_factor * force_modulus[:, 1]),
             lag=lag,
         )
 
-    def _block_parts(self, diagonal: np.ndarray) -> kernels.BlockParts:
-        nodes_per_element, pairs = self.linear_elements.shape[1], self.symbolic.block_pairs
-        start, element, row_corner, column_corner = _block_contributions(self.linear_elements, pairs, len(diagonal))
-        return kernels.BlockParts(
-            start=start,
-            row_place=(4 * (element * nodes_per_element + row_corner)).astype(np.int32),
-            column_place=(4 * (element * nodes_per_element + column_corner)).astype(np.int32),
-            lame_ratio=(self.lame[:, 0] / self.lame[:, 1])[element],
-            diagonal_node=np.where(pairs[:, 0] == pairs[:, 1], pairs[:, 0], -1).astype(np.int32),
-            diagonal=diagonal,
+    def _block_parts(self) -> BlockParts:
+        corners, pairs = (
+            np.arange(self.linear_elements.size).reshape(self.linear_elements.shape),
+            self.symbolic.block_pairs,
         )
+        row, column = (part.ravel() for part in (np.repeat(corners, 4, axis=1), np.tile(corners, 4)))
+        nodes = self.linear_elements.reshape(-1)
+        block = find_blocks(pairs, nodes[row], nodes[column])
+        row, column, block = row[block >= 0], column[block >= 0], block[block >= 0]
+        lame_ratio = (self.lame[:, 0] / self.lame[:, 1])[row // 4]
+        return find_parts(pairs, block, row, column, lame_ratio, np.ones(len(row)))
 
 
 class ElasticSystem:
@@ -133,21 +136,18 @@ class ElasticSystem:
     def __init__(self, elasticity: Elasticity):
         """Make room."""
         self._elasticity = elasticity
-        self._elements = elasticity.element_data
-        self._own_elements: kernels.Elements | None = None  # with room for other stiffnesses than the model's
-        self._undamped_elements: kernels.Elements | None = None
-        self.solver = Cholesky(elasticity.symbolic)
         data, node_count = elasticity.element_data, len(elasticity.rest_position)
+        self._elements = data._replace(force_modulus=data.force_modulus.copy(), root=data.root.copy())
+        self._undamped_elements = self._elements._replace(lag=elasticity.undamped * data.lag, root=data.root.copy())
+        self.solver = Cholesky(elasticity.symbolic)
         self.position, self.velocity, self.force = (np.zeros((node_count, 3)) for _ in range(3))
         self.rotation = np.empty((len(elasticity.linear), 3, 3))
-        self._deformation = kernels.Deformation(
-            position=self.position.reshape(-1),
-            velocity=self.velocity.reshape(-1),
-            rotation=self.rotation,
-            rotated_gradient=np.zeros_like(data.scaled_gradient),
-            element_force=np.zeros(4 * elasticity.linear_elements.size),
+        self._deformation = kernels.Deformation(self.position, self.velocity, self.rotation)
+        entry_count = elasticity.linear_elements.size
+        self._entries = HookeEntries(np.zeros((entry_count, 3)), aligned(entry_count, 4))
+        self._matrix = kernels.SystemMatrix(
+            self.force, self.solver.blocks, elasticity.diagonal, np.zeros(2, dtype=np.int32)
         )
-        self._matrix = kernels.SystemMatrix(self.force, self.solver.blocks, np.zeros(2, dtype=np.int32))
         self._domains: DomainSystem | None = None
         if elasticity.domains is not None:
             moving = (self.position, self.velocity, self.force)
@@ -162,44 +162,19 @@ class ElasticSystem:
         if self._domains is not None:
             self._domains.scale_stiffness(factor)
         model, factor = self._elasticity.element_data, factor[self._elasticity.linear]
-        if (factor == 1.0).all():
-            self._elements = model
-            return
-        if self._own_elements is None:
-            self._own_elements = model._replace(
-                scaled_gradient=np.empty_like(model.scaled_gradient), lame=np.empty_like(model.lame)
-            )
-        self._elements = own = self._own_elements
-        np.multiply(model.lame, factor[:, None], out=own.lame)
-        _scale_gradients(model, factor, own)
+        np.multiply(model.force_modulus, factor[:, None], out=self._elements.force_modulus)
+        np.multiply(model.root, np.sqrt(factor), out=self._elements.root)
 
     def leave_out_damping(self) -> None:
         """Get ready for `assemble(damped=False)`, with the stiffnesses of now."""
-        if self._domains is not None:
-            self._domains.leave_out_damping()
-        if not len(self._elasticity.linear):
-            return
-        elements, share = self._elements, self._elasticity.undamped
-        if self._undamped_elements is None:
-            self._undamped_elements = elements._replace(
-                lag=share * elements.lag, scaled_gradient=np.empty_like(elements.scaled_gradient)
-            )
-        self._undamped_elements = self._undamped_elements._replace(lame=elements.lame)
-        _scale_gradients(elements, share, self._undamped_elements)
+        np.multiply(self._elements.root, np.sqrt(self._elasticity.undamped), out=self._undamped_elements.root)
 
     def assemble(self, damped: bool = True) -> None:
         """Fill `force`, and the solver's blocks with A, its rotations frozen at `position`, under laws of rubber turned
         on with `velocity`; without damping by stiffness, f - h K v and b = 0 in A."""
         self._matrix.progress[:] = 0
-        elasticity = self._elasticity
-        undamped = None if damped else self._undamped_elements
-        kernels.assemble(
-            elasticity.linear_elements.shape[1],
-            self._elements if undamped is None else undamped,
-            self._deformation,
-            elasticity.block_parts,
-            self._matrix,
-        )
+        elements = self._elements if damped else self._undamped_elements
+        kernels.assemble(elements, self._deformation, self._entries, self._elasticity.block_parts, self._matrix)
         if self._domains is not None:
             self._domains.add(damped)
 
@@ -210,35 +185,3 @@ def internal_force(elasticity: Elasticity, position: np.ndarray) -> np.ndarray:
     system.position[:] = position
     system.assemble()
     return system.force
-
-
-def _scale_gradients(elements: kernels.Elements, factor: np.ndarray, scaled: kernels.Elements) -> None:
-    """Fill `scaled_gradient` of other elements with that of these, to make the matrix so many times as large."""
-    # Products of two gradients make the matrix. Element by element, for each of the quadrature points.
-    by_element = (elements.volume.shape[1], len(factor), -1)
-    gradient, root = elements.scaled_gradient.reshape(by_element), np.sqrt(factor)[:, None]
-    np.multiply(gradient, root, out=scaled.scaled_gradient.reshape(by_element))
-
-
-def _points_apart(gradient: np.ndarray) -> np.ndarray:
-    """Gradients (element, point, corner, 3) point by point, each vector filled up to four numbers, as one row."""
-    return np.ascontiguousarray(np.pad(gradient.transpose(1, 0, 2, 3), ((0, 0), (0, 0), (0, 0), (0, 1)))).reshape(-1)
-
-
-def _block_contributions(elements: np.ndarray, pairs: np.ndarray, node_count: int) -> tuple[np.ndarray, ...]:
-    """For each stored block (row node, column node): start in, and lists of, elements and their two corners."""
-    nodes_per_element = elements.shape[1]
-    row = np.repeat(elements, nodes_per_element, axis=1).astype(np.int64)
-    column = np.tile(elements, nodes_per_element)
-    key = (row * node_count + column).ravel()
-    stored = pairs[:, 0].astype(np.int64) * node_count + pairs[:, 1]
-    by_key = np.argsort(stored)
-    place = np.searchsorted(stored[by_key], key)
-    place = np.minimum(place, len(stored) - 1)
-    found = stored[by_key[place]] == key  # the other half is the transpose of a stored block
-    block = by_key[place[found]]
-    element, corners = np.divmod(np.flatnonzero(found), nodes_per_element**2)
-    row_corner, column_corner = np.divmod(corners, nodes_per_element)
-    order = np.argsort(block, kind="stable")
-    start = np.searchsorted(block[order], np.arange(len(pairs) + 1))
-    return start.astype(np.int32), element[order], row_corner[order], column_corner[order]

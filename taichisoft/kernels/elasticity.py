@@ -1,17 +1,32 @@
-"""Corotational linear elasticity: rotations, nodal forces, and the system matrix by gathering.
+"""Linear tetrahedra under corotated Hooke's law: rotations, nodal forces, and the system matrix by gathering.
 
-An element has any number of nodes and quadrature points. With g_a the gradient of node a's shape function at
-rest, R the element's rotation and w the volume of a quadrature point, the force on node a is
-    f_a = -sum_q w R (lambda tr(e) I + 2 mu e) g_a,   e = sym(sum_b u_b g_b^T),   u_b = R^T x_b - X_b,
+With g_a the gradient of corner a's shape function at rest, R the element's rotation and w its volume, the force on
+corner a is
+    f_a = -w R (lambda tr(e) I + 2 mu e) g_a,   e = sym(sum_b u_b g_b^T),   u_b = R^T x_b - X_b,
 and, R being frozen in the step (Mueller and Gross 2004, Interactive Virtual Materials), with G_a = R g_a,
-    K_ab = sum_q w (lambda G_a G_b^T + mu G_b G_a^T + mu (G_a . G_b) I).
+    K_ab = w (lambda G_a G_b^T + mu G_b G_a^T + mu (G_a . G_b) I).
+The gradients of the four corners add up to nothing, and so do the forces: three of each make the fourth.
 """
 
 from typing import NamedTuple
 
+from taichisoft.kernels.hooke_blocks import BlockParts, HookeEntries, gathered_force, gathered_stiffness, vec4
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.polar_rotation import polar_rotation
-from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, Matrices, Scalars, ScalarTable, Vectors, mat3, ti, vec3
+from taichisoft.kernels.runtime import (
+    CHUNK,
+    THREADS,
+    Integers,
+    IntegerTable,
+    Matrices,
+    Scalars,
+    ScalarTable,
+    Vectors,
+    VectorTable,
+    mat3,
+    ti,
+    vec3,
+)
 
 # What a thread does in one go.
 ELEMENTS_A_TASK = 128
@@ -21,67 +36,39 @@ NEXT_TASK, ELEMENTS_DONE = range(2)
 
 
 class Elements(NamedTuple):
-    """Elements of all soft bodies at rest.
-
-    Vectors stand at multiples of four numbers, which keeps them aligned: corner a of element e at
-    4 (e nodes_per_element + a), the next quadrature point 4 element_count nodes_per_element further on.
+    """Linear tetrahedra of all soft bodies at rest; corner a of element e is entry 4 e + a.
 
     Attributes:
-        nodes: node indices of all elements one after the other, shape (element_count * nodes_per_element,).
+        nodes: of the corners, shape (element_count, 4).
         polar: whether the rotation is that of the polar decomposition, else that of two edges, shape (element_count,).
         rest_frame: frame of the first two edges, shape (element_count, 3, 3).
-        volume: that of each quadrature point [mm^3], shape (element_count, point_count).
-        gradient: gradients of the shape functions [1/mm].
-        scaled_gradient: the same times sqrt(w mu factor), with the factor of K in A.
-        lame: Lame's lambda and mu [kPa], shape (element_count, 2).
+        gradient: of the last three corners' shape functions [1/mm], shape (element_count, 3, 3).
+        force_modulus: w lambda and w mu [mN mm], shape (element_count, 2).
+        root: sqrt(w mu factor), with the factor of K in A, shape (element_count,).
         lag: h + b [s], 0 in first order dynamics, shape (element_count,).
     """
 
-    nodes: Integers
+    nodes: IntegerTable
     polar: Integers
     rest_frame: Matrices
-    volume: ScalarTable
-    gradient: Scalars
-    scaled_gradient: Scalars
-    lame: ScalarTable
+    gradient: VectorTable
+    force_modulus: ScalarTable
+    root: Scalars
     lag: Scalars
 
 
 class Deformation(NamedTuple):
-    """Elements of a step, at the same places as in `Elements`.
+    """Where the nodes are, and the elements' rotations.
 
     Attributes:
-        position: of the nodes [mm], shape (3 node_count,).
-        velocity: of the nodes [mm/s], shape (3 node_count,).
+        position: of the nodes [mm], shape (node_count, 3).
+        velocity: of the nodes [mm/s], shape (node_count, 3).
         rotation: of each element, shape (element_count, 3, 3).
-        rotated_gradient: R times the scaled gradients.
-        element_force: forces of each element on its corners [mN].
     """
 
-    position: Scalars
-    velocity: Scalars
+    position: Vectors
+    velocity: Vectors
     rotation: Matrices
-    rotated_gradient: Scalars
-    element_force: Scalars
-
-
-class BlockParts(NamedTuple):
-    """Where the parts of each block of the system matrix stand.
-
-    Attributes:
-        start: where each block's parts begin in the lists that follow, shape (block_count + 1,).
-        row_place, column_place: places of the gradients of the block's two nodes in an element.
-        lame_ratio: lambda / mu of that element.
-        diagonal_node: node of a block on the diagonal, -1 for others, shape (block_count,).
-        diagonal: what is added on the diagonal: masses with their damping, and anchors [kg], shape (node_count, 3).
-    """
-
-    start: Integers
-    row_place: Integers
-    column_place: Integers
-    lame_ratio: Scalars
-    diagonal_node: Integers
-    diagonal: Vectors
 
 
 class SystemMatrix(NamedTuple):
@@ -90,11 +77,13 @@ class SystemMatrix(NamedTuple):
     Attributes:
         force: f - (h + b) K v on each node [mN], shape (node_count, 3).
         blocks: of A, shape (block_count, 3, 3).
+        diagonal: what is added on its diagonal: masses with their damping, and anchors [kg], shape (node_count, 3).
         progress: counters, 0 at the start.
     """
 
     force: Vectors
     blocks: Matrices
+    diagonal: Vectors
     progress: Integers
 
 
@@ -113,105 +102,65 @@ def stress(gradient: mat3, lame_lambda: ti.f64, lame_mu: ti.f64) -> mat3:
     return lame_lambda * gradient.trace() * ti.Matrix.identity(ti.f64, 3) + lame_mu * (gradient + gradient.transpose())
 
 
-@ti.func
-def load(array: Scalars, place: ti.i32) -> vec3:
-    """Three numbers from a place on."""
-    return vec3(array[place], array[place + 1], array[place + 2])
-
-
-@ti.func
-def store(array: Scalars, place: ti.i32, value: vec3):
-    """Put three numbers from a place on."""
-    for d in ti.static(range(3)):
-        array[place + d] = value[d]
-
-
 @func
-def strain_element(e: ti.i32, nodes_per_element: ti.i32, elements: Elements, deformation: Deformation):
-    """An element's rotation, its forces on its corners, and its rotated gradients."""
-    point_stride = 4 * elements.polar.shape[0] * nodes_per_element
-    first_corner = e * nodes_per_element
-    n0 = 3 * elements.nodes[first_corner]
-    x0, v0 = load(deformation.position, n0), load(deformation.velocity, n0)
+def strain_element(e: ti.i32, elements: Elements, deformation: Deformation, entries: HookeEntries):
+    """An element's rotation, its forces on its corners, and its turned gradients."""
+    n0 = elements.nodes[e, 0]
+    x0, v0, lag = deformation.position[n0], deformation.velocity[n0], elements.lag[e]
+    present, lagged = ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3)
+    for a in ti.static(range(3)):
+        n, g = elements.nodes[e, a + 1], elements.gradient[e, a]
+        edge = deformation.position[n] - x0
+        present += edge.outer_product(g)
+        lagged += (edge + lag * (deformation.velocity[n] - v0)).outer_product(g)
     r = ti.Matrix.identity(ti.f64, 3)
     if elements.polar[e] != 0:
-        total = ti.Matrix.zero(ti.f64, 3, 3)
-        for q in range(elements.volume.shape[1]):
-            for a in range(1, nodes_per_element):
-                g = load(elements.gradient, q * point_stride + 4 * (first_corner + a))
-                x = load(deformation.position, 3 * elements.nodes[first_corner + a])
-                total += elements.volume[e, q] * (x - x0).outer_product(g)
-        r = polar_rotation(total)
+        r = polar_rotation(present)
     else:
-        n1, n2 = 3 * elements.nodes[first_corner + 1], 3 * elements.nodes[first_corner + 2]
-        frame = edge_frame(load(deformation.position, n1) - x0, load(deformation.position, n2) - x0)
+        n1, n2 = elements.nodes[e, 1], elements.nodes[e, 2]
+        frame = edge_frame(deformation.position[n1] - x0, deformation.position[n2] - x0)
         r = frame @ elements.rest_frame[e].transpose()
     deformation.rotation[e] = r
-    for a in range(nodes_per_element):
-        store(deformation.element_force, 4 * (first_corner + a), vec3(0.0))
-    for q in range(elements.volume.shape[1]):
-        first = q * point_stride + 4 * first_corner
-        gradient = ti.Matrix.zero(ti.f64, 3, 3)
-        for a in range(1, nodes_per_element):
-            n = 3 * elements.nodes[first_corner + a]
-            lagged = load(deformation.position, n) - x0 + elements.lag[e] * (load(deformation.velocity, n) - v0)
-            gradient += lagged.outer_product(load(elements.gradient, first + 4 * a))
-        strain = r.transpose() @ gradient - ti.Matrix.identity(ti.f64, 3)
-        pull = -elements.volume[e, q] * (r @ stress(strain, elements.lame[e, 0], elements.lame[e, 1]))
-        for a in range(nodes_per_element):
-            place = first + 4 * a
-            store(deformation.rotated_gradient, place, r @ load(elements.scaled_gradient, place))
-            here = 4 * (first_corner + a)
-            pulled = load(deformation.element_force, here) + pull @ load(elements.gradient, place)
-            store(deformation.element_force, here, pulled)
+    strain = r.transpose() @ lagged - ti.Matrix.identity(ti.f64, 3)
+    pull = r @ stress(strain, elements.force_modulus[e, 0], elements.force_modulus[e, 1])
+    turn = elements.root[e] * r
+    first_force, first_gradient = vec3(0.0), vec3(0.0)
+    for a in ti.static(range(3)):
+        g = elements.gradient[e, a]
+        force, turned = pull @ g, turn @ g
+        first_force += force
+        first_gradient += turned
+        entries.force[4 * e + a + 1] = -force
+        entries.gradient[4 * e + a + 1] = vec4(turned[0], turned[1], turned[2], 0.0)
+    entries.force[4 * e] = first_force
+    entries.gradient[4 * e] = -vec4(first_gradient[0], first_gradient[1], first_gradient[2], 0.0)
 
 
 @func
-def gather_block(
-    k: ti.i32,
-    point_count: ti.i32,
-    point_stride: ti.i32,
-    parts: BlockParts,
-    deformation: Deformation,
-    system: SystemMatrix,
-):
+def fill_block(b: ti.i32, entries: HookeEntries, parts: BlockParts, system: SystemMatrix):
     """A block of the matrix from the elements that contain its two nodes, and on the diagonal the node's force."""
-    shear = ti.Matrix.zero(ti.f64, 3, 3)
-    total = ti.Matrix.zero(ti.f64, 3, 3)
-    for c in range(parts.start[k], parts.start[k + 1]):
-        for q in range(point_count):
-            row = load(deformation.rotated_gradient, q * point_stride + parts.row_place[c])
-            column = load(deformation.rotated_gradient, q * point_stride + parts.column_place[c])
-            product = row.outer_product(column)
-            shear += product
-            total += parts.lame_ratio[c] * product
-    total += shear.transpose() + shear.trace() * ti.Matrix.identity(ti.f64, 3)
-    node = parts.diagonal_node[k]
+    total = gathered_stiffness(b, entries, parts)
+    node = parts.node[b]
     if node >= 0:
-        node_force = vec3(0.0)
-        for c in range(parts.start[k], parts.start[k + 1]):
-            node_force += load(deformation.element_force, parts.row_place[c])
-        system.force[node] = node_force
+        system.force[node] = gathered_force(b, entries, parts)
         for d in ti.static(range(3)):
-            total[d, d] += parts.diagonal[node][d]
-    system.blocks[k] = total
+            total[d, d] += system.diagonal[node][d]
+    system.blocks[b] = total
 
 
 @kernel
 def assemble(
-    nodes_per_element: ti.i32, elements: Elements, deformation: Deformation, parts: BlockParts, system: SystemMatrix
+    elements: Elements, deformation: Deformation, entries: HookeEntries, parts: BlockParts, system: SystemMatrix
 ):
     """Nodal forces f - lag K v and the matrix A = diagonal + K, K already times its factor in A.
 
-    First each element: its rotation, forces and rotated gradients. f - lag K v is the force f for the positions
+    First each element: its rotation, forces and turned gradients. f - lag K v is the force f for the positions
     x + lag v, since K has the rotations of this step. Then each block of A sums the stiffness of the elements that
-    contain its two nodes, and each diagonal one their forces, in a fixed order. With H_a = sqrt(w mu factor) R g_a and
-    M = sum H_a H_b^T, a block is sum (lambda / mu) H_a H_b^T + M^T + tr(M) I.
+    contain its two nodes, and each diagonal one their forces, in a fixed order.
 
     Each thread takes the next task until none is left; blocks wait for all elements.
     """
     element_count, block_count = elements.polar.shape[0], system.blocks.shape[0]
-    point_stride = 4 * element_count * nodes_per_element
     element_tasks = (element_count + ELEMENTS_A_TASK - 1) // ELEMENTS_A_TASK
     block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
     for worker in range(THREADS * CHUNK):
@@ -219,13 +168,13 @@ def assemble(
             t = ti.atomic_add(system.progress[NEXT_TASK], 1)
             while t < element_tasks:
                 for e in range(t * ELEMENTS_A_TASK, ti.min((t + 1) * ELEMENTS_A_TASK, element_count)):
-                    strain_element(e, nodes_per_element, elements, deformation)
+                    strain_element(e, elements, deformation, entries)
                 ti.atomic_add(system.progress[ELEMENTS_DONE], 1)
                 t = ti.atomic_add(system.progress[NEXT_TASK], 1)
             while ti.atomic_max(system.progress[ELEMENTS_DONE], 0) < element_tasks:  # a load that nothing may move
                 pass
             while t < element_tasks + block_tasks:
                 first = (t - element_tasks) * BLOCKS_A_TASK
-                for k in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
-                    gather_block(k, elements.volume.shape[1], point_stride, parts, deformation, system)
+                for b in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
+                    fill_block(b, entries, parts, system)
                 t = ti.atomic_add(system.progress[NEXT_TASK], 1)

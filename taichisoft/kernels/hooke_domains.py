@@ -1,0 +1,85 @@
+"""Integration domains under Hooke's law: forces, and the system matrix by gathering (`hooke_blocks.py`)."""
+
+from taichisoft.kernels.domains import (
+    DILATION,
+    SHAPE,
+    Domains,
+    DomainSums,
+    Movement,
+    deformation_and_rate,
+)
+from taichisoft.kernels.hooke_blocks import BlockParts, HookeEntries, gathered_force, gathered_stiffness, vec4
+from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels.laws import LAMBDA, MU
+from taichisoft.kernels.polar_rotation import polar_rotation
+from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, ti
+
+# What a thread does in one go.
+DOMAINS_A_TASK = 32
+BLOCKS_A_TASK = 128
+# What `progress` counts.
+NEXT_TASK, DOMAINS_DONE = range(2)
+
+
+@func
+def strain_domain(d: ti.i32, domains: Domains, movement: Movement, entries: HookeEntries):
+    """Forces and turned gradients of a domain."""
+    deformation, rate = deformation_and_rate(d, domains, movement)
+    rotation = polar_rotation(deformation)
+    unit = ti.Matrix.identity(ti.f64, 3)
+    first = domains.volume[d, DILATION] * domains.modulus[d, LAMBDA]
+    second = domains.volume[d, SHAPE] * domains.modulus[d, MU]
+    strain = rotation.transpose() @ (deformation + domains.lag[d] * rate) - unit
+    stress = rotation @ (first * strain.trace() * unit + second * (strain + strain.transpose()))
+    weight = second
+    if domains.volume[d, SHAPE] == 0.0:
+        weight = first
+    turn = ti.sqrt(domains.factor[d] * weight) * rotation
+    for c in range(domains.start[d], domains.start[d + 1]):
+        g = domains.gradient[c]
+        turned = turn @ g
+        entries.force[c] = -(stress @ g)
+        entries.gradient[c] = vec4(turned[0], turned[1], turned[2], 0.0)
+
+
+@func
+def add_block(b: ti.i32, block: Integers, entries: HookeEntries, parts: BlockParts, sums: DomainSums):
+    """Add to a block of the matrix, and on the diagonal to the node's force, what the domains of its nodes give."""
+    sums.blocks[block[b]] = sums.blocks[block[b]] + gathered_stiffness(b, entries, parts)
+    node = parts.node[b]
+    if node >= 0:
+        sums.force[node] = sums.force[node] + gathered_force(b, entries, parts)
+
+
+@kernel
+def add_hooke_domains(
+    domains: Domains,
+    movement: Movement,
+    block: Integers,
+    entries: HookeEntries,
+    parts: BlockParts,
+    sums: DomainSums,
+):
+    """Add the domains' nodal forces f - lag K v, and K times its factor, to forces and matrix.
+
+    Number b of `parts` is number block[b] of the matrix. Each thread takes the next task until none is left; blocks,
+    which gather their parts in a fixed order, wait for all domains.
+    """
+    domain_count, block_count = domains.lag.shape[0], block.shape[0]
+    domain_tasks = (domain_count + DOMAINS_A_TASK - 1) // DOMAINS_A_TASK
+    block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
+    for worker in range(THREADS * CHUNK):
+        if worker % CHUNK == 0:
+            t = ti.atomic_add(sums.progress[NEXT_TASK], 1)
+            while t < domain_tasks:
+                for d in range(t * DOMAINS_A_TASK, ti.min((t + 1) * DOMAINS_A_TASK, domain_count)):
+                    strain_domain(d, domains, movement, entries)
+                ti.atomic_add(sums.progress[DOMAINS_DONE], 1)
+                t = ti.atomic_add(sums.progress[NEXT_TASK], 1)
+            while ti.atomic_max(sums.progress[DOMAINS_DONE], 0) < domain_tasks:  # a load that nothing may move
+                pass
+            while t < domain_tasks + block_tasks:
+                first = (t - domain_tasks) * BLOCKS_A_TASK
+                for b in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
+                    add_block(b, block, entries, parts, sums)
+                t = ti.atomic_add(sums.progress[NEXT_TASK], 1)
