@@ -1,28 +1,21 @@
-"""How the fronts of a sparse Cholesky factorisation lie in memory, and the tasks that compute them.
+"""How the fronts of a sparse Cholesky factorisation lie in memory.
 
 Indices are in scalars, three for a node, unless said otherwise. A panel has rows for its own columns, padded to whole
 tiles, and then for its rows below, padded likewise.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 import scipy.sparse as sparse
 
 from taichisoft.cholesky.supernodes import Supernodes
+from taichisoft.cholesky.tasks import FrontSizes, share_out
 from taichisoft.errors import MeshError
 from taichisoft.kernels.cholesky import IN_PARENT, Fronts
 from taichisoft.kernels.tiles import TILE
 
-# A subtree becomes one task when it holds at most this share of all the arithmetic.
-SUBTREE_SHARE = 1 / 16
-# A front above all such subtrees is cut into pieces of at least this many multiplications, about 20 microseconds.
-PIECE_WORK = 2.0e5
-LARGEST_PIECE_COUNT = 6
 LARGEST_INDEX = 2**31 - 1
-# Ends a range of rows or columns of tiles that goes to the end of a front.
-ALL = 2**20
 
 
 @dataclass(frozen=True)
@@ -58,7 +51,6 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Layout:
             f"the soft bodies' {len(supernodes.order)} nodes need {TILE * update_start[-1]:.3g} numbers for the "
             f"factorisation, of which the kernels can count {LARGEST_INDEX:.3g}; mesh the bodies more coarsely"
         )
-    tasks, pieces = _share_out(supernodes.parent, width, columns, rest)
     block_pairs, block_start, local_row, local_column = _place_blocks(adjacency, supernodes)
     owner = np.repeat(np.arange(supernodes.count), np.diff(block_start))
     child_start, child = _children(supernodes.parent)
@@ -89,6 +81,7 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Layout:
             relative[place] = _scalars(np.where(local < width[parent], local, local + padding[parent]))
             relative[place.stop : row_start[s + 1]] = relative[place.stop - 1]
             table[s, IN_PARENT] = np.searchsorted(relative[place], columns[parent])
+    tasks, pieces = share_out(FrontSizes(supernodes.parent, width, columns, rest, table[:-1, IN_PARENT]))
     block_row = np.where(local_row < width[owner], local_row, local_row + padding[owner])[:, None] + np.arange(3)
     block_column = panel_start[owner] + local_column
     block_place = TILE * (block_row // TILE * columns[owner][:, None] + block_column[:, None]) + block_row % TILE
@@ -145,44 +138,3 @@ def _children(parent: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     child = child[np.argsort(parent[child], kind="stable")]
     start = np.searchsorted(parent[child], np.arange(len(parent) + 1))
     return start, np.append(child, 0).astype(np.int32)
-
-
-def _share_out(
-    parent: np.ndarray, width: np.ndarray, columns: np.ndarray, rest: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """Tasks in an order that respects what they wait for, and the number of pieces that each front is computed in.
-
-    A task is a range of supernodes, the pieces of its front that must be finished before it starts, a range of
-    rows of tiles of the panel, and one of columns of tiles of the update matrix. Small subtrees are one task each, the
-    fronts above them are cut: first the rows of the panel's own columns, then the rows below, then the update matrix.
-    A task comes the earlier, the more work lies on its way to the root.
-    """
-    work = 1.0 * width * (width + rest) ** 2
-    subtree_work, first = work.copy(), np.arange(len(parent))
-    for s, above in enumerate(parent):
-        if above >= 0:
-            subtree_work[above] += subtree_work[s]
-            first[above] = min(first[above], first[s])
-    small = subtree_work <= SUBTREE_SHARE * work.sum()
-    path = np.where(small, subtree_work, work)
-    for s in range(len(parent) - 1, -1, -1):
-        if parent[s] >= 0:
-            path[s] += path[parent[s]]
-    pieces = np.ones(len(parent), dtype=np.int32)
-    tasks = []
-    for s in np.argsort(-path, kind="stable"):
-        parts = int(min(LARGEST_PIECE_COUNT, work[s] // PIECE_WORK, rest[s] // (2 * TILE)))
-        if small[s] and parent[s] >= 0 and small[parent[s]]:
-            continue
-        if small[s] or parts < 2:
-            tasks.append((first[s] if small[s] else s, s + 1, 0, 0, ALL, 0, ALL))
-            continue
-        pivot_tiles, tiles = columns[s] // TILE, _padded(rest[s]) // TILE
-        pieces[s] = 1 + 2 * parts
-        tasks.append((s, s + 1, 0, 0, pivot_tiles, 0, 0))
-        rows = pivot_tiles + np.arange(parts + 1) * tiles // parts
-        tasks += [(s, s + 1, 1, a, b, 0, 0) for a, b in pairwise(rows)]
-        # Columns of a triangle: equal areas.
-        cuts = np.round(tiles * (1.0 - np.sqrt(1.0 - np.arange(parts + 1) / parts))).astype(int)
-        tasks += [(s, s + 1, 1 + parts, 0, 0, a, b) for a, b in pairwise(cuts)]
-    return np.array(tasks, dtype=np.int32), pieces
