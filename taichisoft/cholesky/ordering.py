@@ -15,6 +15,8 @@ THREADS = 2
 def find_supernodes(adjacency: sparse.csr_matrix) -> Supernodes:
     """Order the nodes of a symmetric pattern (diagonal included) and group the factor's columns."""
     count, component = csgraph.connected_components(adjacency, directed=False)
+    if count == 1:
+        return _best(adjacency)
     orders: dict[bytes, np.ndarray] = {}  # bodies of one mesh have one graph
     order = []
     for c in range(count):
@@ -23,7 +25,7 @@ def find_supernodes(adjacency: sparse.csr_matrix) -> Supernodes:
         part.sort_indices()
         graph = part.indptr.tobytes() + part.indices.tobytes()
         if graph not in orders:
-            orders[graph] = _best_order(part)
+            orders[graph] = _best(part).order
         order.append(nodes[orders[graph]])
     return group_columns(adjacency, np.concatenate(order))
 
@@ -43,11 +45,10 @@ def predicted_work(supernodes: Supernodes) -> float:
     return float(work.sum() + (THREADS - 1) * way.max()) / (6 * THREADS)
 
 
-def _best_order(graph: sparse.csr_matrix) -> np.ndarray:
+def _best(graph: sparse.csr_matrix) -> Supernodes:
     """The better of minimum degree, which leaves small graphs the least fill, and nested dissection."""
-    order = minimum_degree(graph)
+    by_degree = group_columns(graph, minimum_degree(graph))
     if graph.shape[0] <= LEAF:
-        return order
-    other = nested_dissection(graph)
-    works = [predicted_work(group_columns(graph, one)) for one in (order, other)]
-    return order if works[0] <= works[1] else other
+        return by_degree
+    dissected = group_columns(graph, nested_dissection(graph))
+    return by_degree if predicted_work(by_degree) <= predicted_work(dissected) else dissected
