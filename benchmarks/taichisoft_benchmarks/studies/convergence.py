@@ -3,21 +3,24 @@
     python -m taichisoft_benchmarks.studies.convergence --output docs/notes/mesh-convergence.md
 
 fills what stands between `<!-- convergence -->` and `<!-- end -->` in the page, and draws the plot beside it. It takes
-some twenty minutes, and needs cvxopt (`pip install 'taichisoft[peers]'`). `--tutorial-meshes DIR` adds the two meshes
-of SOFA's tutorial, which are not part of the project.
+some twenty minutes, and needs cvxopt (`pip install 'taichisoft[peers]'`). `--sizes` and `--even-sizes` choose other
+meshes; `--tutorial-meshes DIR` adds the two of SOFA's tutorial, which are not part of the project. What was measured
+of a mesh is kept in `--results`, so that a study that was interrupted goes on.
 """
 
 import argparse
+import json
 import re
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from taichisoft.errors import TaichisoftError
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.shipped import find_file
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.plots import svg_axes
@@ -29,14 +32,14 @@ from taichisoft_meshing.geometry_file import read_geometry
 from taichisoft_meshing.quality.mesh_quality import measure
 from taichisoft_meshing.scene_meshes import mesh_for_scene
 
-SIZES = (18.0, 12.0, 10.0, 7.75, 6.0, 5.0, 4.0, 3.5, 3.0, 2.6, 2.2)
+SIZES = (18.0, 12.0, 10.0, 7.75, 6.0, 5.0, 4.0)
 """Largest elements of the graded meshes [mm]."""
-EVEN_SIZES = (12.0, 8.0, 5.0, 3.5, 2.5, 2.0)
-"""Elements of the meshes of one size all over [mm], which are those of the first calculation."""
+EVEN_SIZES = (12.0, 8.0, 5.0, 3.5)
+"""Elements of the meshes of one size all over [mm]."""
 MOST_FOR_QUADRATIC = 4500
 """Nodes of the largest mesh that is also computed with quadratic elements: six times as many unknowns."""
-TRIAL = {531: 19.5, 987: 26.9, 1860: 34.9, 3325: 46.8, 6106: 51.3, 10464: 53.6}
-"""Displacement [mm] by nodes of a first calculation, on meshes of one size all over, before the finger was at rest."""
+SMOOTHED_DAMPING = 8.0
+"""Rayleigh's factor of the stiffness [s] with which smoothed elements come to rest."""
 MARKED = re.compile(r"(<!-- convergence -->\n).*?(<!-- end -->)", re.DOTALL)
 PLOT = "mesh_convergence.svg"
 
@@ -49,8 +52,9 @@ class Point:
         name: name of the mesh in the table.
         nodes, elements: numbers of nodes and tetrahedra.
         across: elements across the walls of the cavity, where it was measured.
-        bend: displacement of the node that moves farthest [mm], mass by volume.
-        even_bend: the same displacement with the mass spread evenly over the nodes [mm].
+        bend: displacement of the node that moves farthest with smoothed elements, the default [mm].
+        linear_bend: the same with linear elements [mm].
+        quadratic_bend: the same with quadratic elements on this mesh [mm], where it was computed.
     """
 
     name: str
@@ -58,7 +62,8 @@ class Point:
     elements: int
     across: int | None
     bend: float
-    even_bend: float
+    linear_bend: float
+    quadratic_bend: float | None = None
 
 
 @dataclass(frozen=True)
@@ -69,82 +74,89 @@ class Study:
         graded: meshes as `taichisoft mesh` makes them.
         even: meshes of one size all over.
         tutorial: meshes of SOFA's tutorial, where they are at hand.
-        quadratic: displacement with quadratic elements on graded meshes [mm], by their number of corners.
         limit: limit of the quadratic elements [mm].
-        linear_limit: limit of the linear elements [mm], from meshes with two elements across walls.
     """
 
     graded: Sequence[Point]
     even: Sequence[Point]
     tutorial: Sequence[Point]
-    quadratic: Mapping[int, float]
     limit: Limit
-    linear_limit: Limit
+
+    @property
+    def quadratic(self) -> Mapping[int, float]:
+        """Displacement with quadratic elements on graded meshes [mm], by their number of corners."""
+        return {point.nodes: point.quadratic_bend for point in self.graded if point.quadratic_bend is not None}
 
 
-def measure_all(sizes: Sequence[float], even_sizes: Sequence[float], tutorial_meshes: Path | None) -> Study:
-    """Mesh, bend, extrapolate.
+def measure_all(
+    sizes: Sequence[float], even_sizes: Sequence[float], tutorial_meshes: Path | None, results: Path
+) -> Study:
+    """Mesh, bend, extrapolate; what `results` has of a mesh is not measured again.
 
     Raises:
         TaichisoftError: a mesh or a simulation failed, or the meshes do not converge.
     """
     file = find_file(FINGER, "fingers", ())
     presets = {size: name for name, size in read_geometry(file).presets.items()}
-    graded: list[Point] = []
-    quadratic: dict[int, float] = {}
+    results.mkdir(parents=True, exist_ok=True)
+    graded = []
     for size in sizes:
-        mesh = mesh_for_scene(file, size=size)
         name = f"{size:g}" + (f" ({presets[size]})" if size in presets else "")
-        graded.append(_point(name, {"file": FINGER, "size": size}, measure(mesh).elements_across_walls))
-        if len(mesh.nodes) <= MOST_FOR_QUADRATIC:
-            quadratic[len(mesh.nodes)] = quadratic_bend(mesh)
-            print(f"{name} quadratic: {quadratic[len(mesh.nodes)]:.2f} mm", flush=True)
-    limit = limit_of(list(quadratic), list(quadratic.values()))
-    layered = [point for point in graded if point.across is not None and point.across >= 2]
-    linear_limit = limit_of([point.nodes for point in layered], [point.bend for point in layered])
+        graded.append(_point(results, name, {"file": FINGER, "size": size}, mesh_for_scene(file, size=size)))
+    quadratic = [(point.nodes, point.quadratic_bend) for point in graded if point.quadratic_bend is not None]
+    limit = limit_of([nodes for nodes, _ in quadratic], [found for _, found in quadratic])
     even = [
-        _point(f"{size:g} mm", {"file": FINGER, "set": {"mesh": {"largest": size, "smallest": size}}})
+        _point(results, f"{size:g} mm", {"file": FINGER, "set": {"mesh": {"largest": size, "smallest": size}}})
         for size in even_sizes
     ]
     tutorial = []
     if tutorial_meshes is not None:
         surfaces = tutorial_surfaces(tutorial_meshes)
-        tutorial = [_point(name, str(tutorial_meshes / name), **surfaces) for name in TUTORIAL_MESHES.values()]
-    return Study(graded, even, tutorial, quadratic, limit, linear_limit)
+        for name in TUTORIAL_MESHES.values():
+            tutorial.append(_point(results, name, str(tutorial_meshes / name), **surfaces))
+    return Study(graded, even, tutorial, limit)
 
 
-def _point(name: str, mesh: Any, across: int | None = None, **body: Any) -> Point:
-    nodes, elements, by_volume = bend(mesh, element="linear", **body)
-    even = bend(mesh, even_mass=True, element="linear", **body)[2]
-    print(f"{name}: {nodes} nodes, {by_volume:.2f} mm", flush=True)
-    return Point(name, nodes, elements, across, by_volume, even)
+def _point(results: Path, name: str, mesh: Any, graded: VolumeMesh | None = None, **body: Any) -> Point:
+    """Measure one mesh, unless that was done; `graded` is the mesh itself, where walls and quadratic elements count."""
+    kept = results / f"{name}.json"
+    if kept.is_file():
+        return Point(**json.loads(kept.read_text(encoding="utf-8")))
+    nodes, elements, smoothed = bend(mesh, damping=SMOOTHED_DAMPING, element="smoothed", **body)
+    linear = bend(mesh, element="linear", **body)[2]
+    print(f"{name}: {nodes} nodes, {smoothed:.2f} mm smoothed, {linear:.2f} mm linear", flush=True)
+    across = quadratic = None
+    if graded is not None:
+        across = measure(graded).elements_across_walls
+        quadratic = quadratic_bend(graded) if nodes <= MOST_FOR_QUADRATIC else None
+    point = Point(name, nodes, elements, across, smoothed, linear, quadratic)
+    kept.write_text(json.dumps(asdict(point), indent=2) + "\n", encoding="utf-8")
+    return point
 
 
 def page_section(study: Study) -> str:
     """The study as Markdown: limits and two tables."""
-    limit, linear = study.limit, study.linear_limit
+    limit = study.limit
     graded = [
-        "| size, mm | nodes | tetrahedra | elements across | displacement, mm | of the limit | mass even, mm "
-        "| quadratic elements, mm |",
+        "| size, mm | nodes | tetrahedra | layers | smoothed, mm | of the limit | linear, mm | quadratic, mm |",
         "|---|---|---|---|---|---|---|---|",
     ]
     for point in study.graded:
-        quadratic = study.quadratic.get(point.nodes)
+        quadratic = point.quadratic_bend
         graded.append(
             f"| {point.name} | {point.nodes} | {point.elements} | {point.across} | {point.bend:.1f} "
-            f"| {point.bend / limit.value:.0%} | {point.even_bend:.1f} "
+            f"| {point.bend / limit.value:.0%} | {point.linear_bend:.1f} "
             f"| {'' if quadratic is None else f'{quadratic:.1f}'} |"
         )
-    others = ["| mesh | nodes | tetrahedra | displacement, mm | first calculation, mm |", "|---|---|---|---|---|"]
+    others = ["| mesh | nodes | tetrahedra | smoothed, mm | linear, mm |", "|---|---|---|---|---|"]
     others += [
-        f"| {point.name} | {point.nodes} | {point.elements} | {point.even_bend:.1f} | {TRIAL.get(point.nodes, '')} |"
+        f"| {point.name} | {point.nodes} | {point.elements} | {point.bend:.1f} | {point.linear_bend:.1f} |"
         for point in (*study.even, *study.tutorial)
     ]
     parts = [
-        f"Limit: {limit.value:.1f} ± {limit.doubt:.1f} mm from quadratic elements, {linear.value:.1f} ± "
-        f"{linear.doubt:.1f} mm from linear ones with two elements across walls (± when one mesh is left out).",
+        f"Limit: {limit.value:.1f} ± {limit.doubt:.1f} mm from quadratic elements (± when one mesh is left out).",
         "\n".join(graded),
-        "Meshes of one size all over, and SOFA's, with the mass spread evenly over the nodes as in its tutorial:",
+        "Meshes of one size all over, and SOFA's:",
         "\n".join(others),
     ]
     return "\n\n".join(parts)
@@ -159,11 +171,12 @@ def draw(study: Study, path: Path) -> None:
         nodes = np.geomspace(min(study.quadratic), study.graded[-1].nodes, 50)
         axes.plot(nodes, limit.at(nodes), ":", color="0.5", linewidth=1)
         for points, style, label in (
-            (list(study.quadratic.items()), "d", "the same meshes, quadratic elements"),
-            ([(point.nodes, point.bend) for point in study.graded], "o-", "taichisoft mesh"),
-            ([(point.nodes, point.even_bend) for point in study.even], "s-", "one size all over"),
-            (list(TRIAL.items()), "x:", "first calculation, not at rest"),
-            ([(point.nodes, point.even_bend) for point in study.tutorial], "^", "SOFA's tutorial"),
+            (list(study.quadratic.items()), "d", "quadratic, at the number of corners"),
+            ([(point.nodes, point.bend) for point in study.graded], "o-", "smoothed, taichisoft mesh"),
+            ([(point.nodes, point.bend) for point in study.even], "s-", "smoothed, one size all over"),
+            ([(point.nodes, point.linear_bend) for point in study.graded], "o:", "linear, taichisoft mesh"),
+            ([(point.nodes, point.linear_bend) for point in study.even], "s:", "linear, one size all over"),
+            ([(point.nodes, point.bend) for point in study.tutorial], "^", "smoothed, SOFA's tutorial"),
         ):
             if points:
                 axes.plot(*zip(*points, strict=True), style, markersize=4, linewidth=1, label=label)
@@ -178,6 +191,9 @@ def main() -> None:
     """Measure, fill the page in place, draw the plot beside it."""
     parser = argparse.ArgumentParser(prog="python -m taichisoft_benchmarks.studies.convergence")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE.md", help="page to fill")
+    parser.add_argument(
+        "--results", type=Path, default=Path("out/convergence"), metavar="DIR", help="where figures are kept"
+    )
     parser.add_argument("--tutorial-meshes", type=Path, metavar="DIR", help="folder with the meshes of SOFA's tutorial")
     sizes: dict[str, Any] = {"type": float, "metavar": "MM"}
     parser.add_argument("--sizes", nargs="+", default=SIZES, help="largest elements of graded meshes [mm]", **sizes)
@@ -188,7 +204,7 @@ def main() -> None:
         if not MARKED.search(page):
             raise BenchmarkError(f"{arguments.output}: has no line <!-- convergence -->")
         graded, even = (sorted(given, reverse=True) for given in (arguments.sizes, arguments.even_sizes))
-        study = measure_all(graded, even, arguments.tutorial_meshes)
+        study = measure_all(graded, even, arguments.tutorial_meshes, arguments.results)
         filled = MARKED.sub(lambda match: f"{match[1]}{page_section(study)}\n{match[2]}", page)
         arguments.output.write_text(filled, encoding="utf-8")
         draw(study, arguments.output.with_name(PLOT))
