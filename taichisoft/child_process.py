@@ -1,9 +1,12 @@
 """Child processes, in which a hang or a crash of a native library can do no harm, and how they ended in one line."""
 
+import os
 import signal
 import subprocess
 import sys
-from collections.abc import Mapping, Sequence
+import threading
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,6 +57,31 @@ def run_python(
     except subprocess.TimeoutExpired:
         return ChildResult(f"no answer within {time_limit:g} s")
     return ChildResult(how_it_ended(child.returncode, child.stderr), child.stdout)
+
+
+@contextmanager
+def lifeline() -> Iterator[int]:
+    """Give the standard input of a child process that calls `end_with_parent`: it closes when this process ends.
+
+    However that happens, since the operating system closes it; within `with`, nothing is ever written to it.
+    """
+    watched, held = os.pipe()
+    try:
+        yield watched
+    finally:
+        os.close(watched)
+        os.close(held)
+
+
+def end_with_parent() -> None:
+    """End this process at once when its standard input closes, see `lifeline`: nobody waits for its answer any more."""
+
+    def wait() -> None:
+        while os.read(0, 1):
+            pass
+        os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()
 
 
 def how_it_ended(exit_code: int, errors: str | bytes) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from taichisoft.child_process import PYTHON, how_it_ended
+from taichisoft.child_process import PYTHON, end_with_parent, how_it_ended, lifeline
 from taichisoft.errors import MeshError, PluginError, TaichisoftError
 from taichisoft.plugin_system.commands import FILE_OPTION, load_requested
 from taichisoft.plugin_system.hooks import provided_by_plugin
@@ -71,20 +71,21 @@ def _known_elsewhere(job: MeshJob) -> bool:
 def _run(command: list[str], file: Path, time_limit: float) -> str:
     """Wait for a process, and say now and then that it goes on; one line when it did not end well."""
     started = time.monotonic()
-    child = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-    try:
-        while True:
-            spent = time.monotonic() - started
-            if spent >= time_limit:
-                return f"it took more than {time_limit:g} s; take larger elements"
-            try:
-                _, errors = child.communicate(timeout=min(BETWEEN_LINES, time_limit - spent))
-                return how_it_ended(child.returncode, errors)
-            except subprocess.TimeoutExpired:
-                LOGGER.info("meshing %s: %.0f s so far", file, time.monotonic() - started)
-    finally:
-        child.kill()
-        child.communicate()
+    with lifeline() as stdin:
+        child = subprocess.Popen(command, stdin=stdin, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+        try:
+            while True:
+                spent = time.monotonic() - started
+                if spent >= time_limit:
+                    return f"it took more than {time_limit:g} s; take larger elements"
+                try:
+                    _, errors = child.communicate(timeout=min(BETWEEN_LINES, time_limit - spent))
+                    return how_it_ended(child.returncode, errors)
+                except subprocess.TimeoutExpired:
+                    LOGGER.info("meshing %s: %.0f s so far", file, time.monotonic() - started)
+        finally:
+            child.kill()
+            child.communicate()
 
 
 def _answer(job: MeshJob) -> MadeMesh | TaichisoftError:
@@ -96,5 +97,6 @@ def _answer(job: MeshJob) -> MadeMesh | TaichisoftError:
 
 
 if __name__ == "__main__":
+    end_with_parent()  # whoever is killed with a mesh half made leaves no process that goes on for an hour
     warnings.simplefilter("ignore")  # they come with the mesh, as its remarks
     Path(sys.argv[2]).write_bytes(pickle.dumps(_answer(pickle.loads(Path(sys.argv[1]).read_bytes()))))

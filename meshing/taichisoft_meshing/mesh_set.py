@@ -7,6 +7,7 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+from taichisoft.atomic_file import partial_path
 from taichisoft.errors import MeshError
 from taichisoft.interruption import deferred_signals
 from taichisoft.meshes.file_kind import require_suffix
@@ -80,7 +81,7 @@ def write_set(made: MadeMesh, folder: Path) -> None:
         MeshError: something cannot be written; the old set is as it was, unless the disk failed while files were moved.
     """
     folder = folder.resolve()
-    partial = folder.with_name(f".{folder.name}.{os.getpid()}.partial")
+    partial = partial_path(folder)
     try:
         partial.mkdir()
         write_files(made, partial, folder.name)

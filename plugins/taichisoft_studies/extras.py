@@ -5,6 +5,8 @@ from importlib.util import find_spec
 from taichisoft.errors import TaichisoftError
 
 INSTALL = "pip install 'taichisoft[studies]'"
+LARGE = {"torch": "pip install torch"}
+"""What installs a package that is too large to come along with the others."""
 
 
 class StudyError(TaichisoftError):
@@ -19,4 +21,5 @@ def require(command: str, *modules: str) -> None:
     """
     missing = [module for module in modules if find_spec(module) is None]
     if missing:
-        raise StudyError(f"{command}: needs {' and '.join(missing)}, which is not installed: {INSTALL}")
+        ways = dict.fromkeys(LARGE.get(module, INSTALL) for module in missing)
+        raise StudyError(f"{command}: needs {' and '.join(missing)}, which is not installed: {' and '.join(ways)}")

@@ -24,7 +24,8 @@ def open_study(study: Optimisation, folder: Path) -> Any:
     Raises:
         StudyError: Optuna or what a sampler needs is not installed, or the folder has a study with other objectives.
     """
-    require("taichisoft optimise", "optuna", *{"cmaes": ["cmaes"], "gp": ["torch"]}.get(study.sampler, []))
+    require("taichisoft optimise", "optuna")
+    require(f"sampler = '{study.sampler}'", *{"cmaes": ["cmaes"], "gp": ["torch"]}.get(study.sampler, []))
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)

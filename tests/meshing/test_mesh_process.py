@@ -1,5 +1,11 @@
 """Meshing in a process of its own: what crashes there, or does not end, is one line with the name of the file."""
 
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -19,10 +25,12 @@ from taichisoft import Geometry, hookimpl
 
 class Odd(Geometry):
     def __init__(self, tables, path):
-        self.does = tables["does"]
+        self.does, self.begun = tables["does"], tables.get("begun")
     def mesh(self, size=None):
         if self.does == "crash":
             os.abort()
+        if self.begun:
+            open(self.begun, "w").close()
         time.sleep(600)
 
 @hookimpl
@@ -43,6 +51,38 @@ def odd(tmp_path: Path, taichisoft_plugins: object) -> Path:
 def test_a_crash_is_one_line_with_the_name_of_the_file(odd: Path) -> None:
     with pytest.raises(MeshError, match=r"body\.toml: the process that meshes it ended without a mesh: .*SIGABRT$"):
         make_mesh_apart(MeshJob("odd", {"does": "crash"}, odd, {}))
+
+
+PARENT = """
+import sys
+from pathlib import Path
+from taichisoft.plugin_system.plugins import load_plugin
+from taichisoft_meshing.mesh_job import MeshJob
+from taichisoft_meshing.mesh_process import make_mesh_apart
+
+load_plugin(Path(sys.argv[1]))
+make_mesh_apart(MeshJob("odd", {"does": "wait", "begun": sys.argv[2]}, Path("body.toml"), {}))
+"""
+
+
+@pytest.mark.skipif(os.name != "posix", reason="groups of processes")
+def test_who_is_killed_while_a_mesh_is_made_leaves_no_process(odd: Path, tmp_path: Path) -> None:
+    begun = tmp_path / "begun"
+    words = [sys.executable, "-c", PARENT, str(tmp_path / "odd.py"), str(begun)]
+    parent = subprocess.Popen(words, start_new_session=True)
+    while not begun.exists():
+        assert parent.poll() is None
+        time.sleep(0.02)
+    parent.kill()
+    parent.wait()
+    try:
+        with pytest.raises(ProcessLookupError):
+            for _ in range(500):
+                os.killpg(parent.pid, 0)
+                time.sleep(0.02)
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(parent.pid, signal.SIGKILL)
 
 
 def test_a_mesh_that_does_not_end_has_a_limit_and_says_that_it_goes_on(

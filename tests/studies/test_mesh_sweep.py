@@ -16,6 +16,7 @@ from conftest import PATIENCE
 from taichisoft.errors import MeshError
 from taichisoft.meshes.files import read_volume_mesh
 from taichisoft.plugin_system.plugins import load_plugin
+from taichisoft.running.folder_lock import locked_folder
 from taichisoft_benchmarks.studies.interrupted_sweep import COMMAND
 from taichisoft_meshing.commands.options import geometry_job
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
@@ -165,6 +166,15 @@ def wait_for_the_end_of_group(leader: int) -> None:
         while True:
             os.killpg(leader, 0)
             time.sleep(0.05)
+
+
+def test_a_folder_takes_one_command_at_a_time(block: Path, tmp_path: Path) -> None:
+    """Two, perhaps on two machines, would mix the files of different meshes of the same name."""
+    output = tmp_path / "out"
+    with locked_folder(output):
+        _, error = sweep_process(block, output, "--vary", "stretch=1").communicate(timeout=PATIENCE)
+        assert error.startswith(f"taichisoft: --output {output}: a run is going on there (process {os.getpid()} on ")
+    assert not output.exists()
 
 
 def test_options_that_are_wrong_are_named(block: Path, tmp_path: Path) -> None:

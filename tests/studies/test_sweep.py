@@ -216,6 +216,12 @@ def test_a_missing_package_is_one_line_that_says_what_to_install() -> None:
         extras.require("taichisoft sweep", "no_such_package")
 
 
+def test_a_package_too_large_to_come_along_is_named_with_its_own_command(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(extras.LARGE, "no_such_torch", extras.LARGE["torch"])
+    with pytest.raises(StudyError, match=r"^sampler = 'gp': needs no_such_torch, .*: pip install torch$"):
+        extras.require("sampler = 'gp'", "no_such_torch")
+
+
 ENDS = """
 import os, time
 from taichisoft import Control, Controller, hookimpl

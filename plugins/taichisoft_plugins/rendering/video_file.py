@@ -1,6 +1,5 @@
 """Writing videos: MP4 or GIF by ffmpeg, or a folder of PNG files; whole under their names, or not there at all."""
 
-import os
 import re
 import shutil
 import subprocess
@@ -12,7 +11,7 @@ from tempfile import TemporaryFile
 
 import numpy as np
 
-from taichisoft.atomic_file import atomic_file, named_os_errors
+from taichisoft.atomic_file import atomic_file, named_os_errors, partial_path
 from taichisoft.child_process import last_line
 from taichisoft_plugins.rendering.render import RenderError, write_png
 
@@ -141,7 +140,7 @@ def _encoder(file: Path, path: Path, size: tuple[int, int], fps: float) -> Itera
 @contextmanager
 def _frame_folder(path: Path) -> Iterator[AddFrame]:
     """A folder beside `path` that takes its place at the end."""
-    partial = path.with_name(f".{path.name}.{os.getpid()}.partial")
+    partial = partial_path(path)
     numbers = count()
     try:
         with named_os_errors(path, RenderError):

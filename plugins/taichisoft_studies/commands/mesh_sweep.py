@@ -42,11 +42,13 @@ def mesh_sweep(
 ) -> None:
     """Mesh every variant of a geometry; one that fails is reported, the others go on, and the exit code is 1.
 
-    A variant whose mesh lies there already, of the same inputs, is not meshed again.
+    A variant whose mesh lies there already, of the same inputs, is not meshed again. One command at a time works in a
+    folder.
     """
     require("taichisoft mesh-sweep", "distributed")
     from rich.console import Console  # --help need not wait for any of these
 
+    from taichisoft.running.folder_lock import locked_folder
     from taichisoft.running.messages import print_line, print_warning
     from taichisoft_meshing.mesh_set import prepare_folder
     from taichisoft_studies.mesh_plan import plan
@@ -55,12 +57,13 @@ def mesh_sweep(
     tables: dict[str, Any] = {}
     add_cluster(tables, jobs, scheduler)
     variants = plan(options.geometry_job(file, set_, options.asked_size(size, nodes, preset)), vary)
+    cluster = check_study(Study, {"scene": file, **tables}, "mesh-sweep").cluster
     prepare_folder(output)
     console = Console()
-    cluster = check_study(Study, {"scene": file, **tables}, "mesh-sweep").cluster
-    outcomes = make_variants(console, variants, output, cluster, force, time_limit)
-    rows = summary_rows(variants, outcomes)
-    written = write_summary(rows, output)
+    with locked_folder(output):  # two would move different meshes into folders of the same name
+        outcomes = make_variants(console, variants, output, cluster, force, time_limit)
+        rows = summary_rows(variants, outcomes)
+        written = write_summary(rows, output)
     console.print(summary_table(rows, str(output)))
     for variant, outcome in zip(variants, outcomes, strict=True):
         for remark in (*outcome["remarks"], *([f"failed: {outcome['problem']}"] if outcome["problem"] else [])):
