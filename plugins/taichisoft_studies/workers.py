@@ -4,7 +4,7 @@ import logging
 import os
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
 from typing import Any, Protocol
@@ -124,15 +124,9 @@ def _connected(address: str) -> Iterator[Any]:
 def _own_cluster(cluster: Cluster, count: int) -> Iterator[tuple[Any, int]]:
     """A cluster of ours, and the number of its workers."""
     if cluster.slurm is not None:
-        from dask_jobqueue import SLURMCluster
-
-        arguments = {"cores": 1, "processes": 1, "memory": "2GB", **cluster.slurm}
-        try:
-            made: Any = SLURMCluster(**arguments)
-        except (TypeError, ValueError) as error:
-            raise StudyError(f"cluster.slurm: {error}") from error
+        made, processes = slurm_cluster(cluster.slurm)
         made.scale(jobs=count)
-        count *= int(arguments["processes"])
+        count *= processes
     else:
         from distributed import LocalCluster
 
@@ -146,6 +140,21 @@ def _own_cluster(cluster: Cluster, count: int) -> Iterator[tuple[Any, int]]:
             )
     with made:
         yield made, count
+
+
+def slurm_cluster(told: Mapping[str, Any]) -> tuple[Any, int]:
+    """A cluster of SLURM without any job yet, and the number of workers that each of its jobs has.
+
+    Raises:
+        StudyError: an argument is not one of `dask_jobqueue.SLURMCluster`.
+    """
+    from dask_jobqueue import SLURMCluster
+
+    arguments = {"cores": 1, "processes": 1, "memory": "2GB", **told}
+    try:
+        return SLURMCluster(**arguments), int(arguments["processes"])
+    except (TypeError, ValueError) as error:
+        raise StudyError(f"cluster.slurm: {' '.join(str(error).split())}") from error
 
 
 @contextmanager
