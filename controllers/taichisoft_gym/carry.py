@@ -1,6 +1,6 @@
 """Carry-v0: a gripper takes an object to another place on the floor and lets go of it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ from taichisoft.state import State
 from taichisoft_gym.actuation import USUAL_SPEED, Travel
 from taichisoft_gym.channels import Quantity, symmetric
 from taichisoft_gym.grasp import STILL, GripperEnvironment
-from taichisoft_gym.randomisation import Randomisation
 from taichisoft_gym.task import Judgement
 
 PLACED = 2.0
@@ -26,55 +25,23 @@ class Carry(GripperEnvironment):
     def __init__(
         self,
         scene: str | Path | Scene = "gripper",
-        object: Mapping[str, Any] | None = None,
-        friction: float | None = None,
-        pressure: tuple[float, float] = (0.0, 100.0),
-        pressure_rate: float = 300.0,
-        noise: float = 0.0,
-        randomisation: Randomisation | Mapping[str, Any] | None = None,
-        control_period: float = 0.05,
         distance: tuple[float, float] = (20.0, 50.0),
         tolerance: float = 5.0,
-        render_mode: str | None = None,
-        camera: str | Sequence[Sequence[float]] = "iso",
-        size: tuple[int, int] = (640, 480),
+        **common: Any,
     ):
-        """Make the environment.
+        """Make the environment; `common` are the arguments of `SoftRobotEnvironment`.
 
         Args:
             scene: scene with a gripper and an object, or its name or path.
-            object: keys of the scene's object that differ, such as {"mass": 0.01} or another shape.
-            friction: Coulomb's coefficient [-] instead of the scene's.
-            pressure: pressures that -1 and 1 stand for [kPa].
-            pressure_rate: fastest change of a pressure [kPa/s].
-            noise: standard deviation of what is observed, in parts of each channel's range [-].
-            randomisation: ranges from which every reset draws, see `Randomisation`.
-            control_period: time between two actions [s].
             distance: shortest and longest way from the object to its new place [mm], in any horizontal direction.
             tolerance: distance to that place within which the object has arrived [mm].
-            render_mode: "rgb_array", or "human" for a page in the browser.
-            camera: where pictures are taken from, see `Simulation.render`.
-            size: width and height of pictures [pixels].
 
         Raises:
             SceneError: the scene or an argument is not valid.
         """
         self._distance, self._tolerance = distance, tolerance
         reach = distance[1] + 20.0
-        super().__init__(
-            Travel((-reach, -reach, 0.0), (reach, reach, 60.0), USUAL_SPEED),
-            scene=scene,
-            object=object,
-            friction=friction,
-            pressure=pressure,
-            pressure_rate=pressure_rate,
-            noise=noise,
-            randomisation=randomisation,
-            control_period=control_period,
-            render_mode=render_mode,
-            camera=camera,
-            size=size,
-        )
+        super().__init__(Travel((-reach, -reach, 0.0), (reach, reach, 60.0), USUAL_SPEED), scene=scene, **common)
 
     def _observed(self) -> Sequence[Quantity]:
         self._target = np.zeros(2)

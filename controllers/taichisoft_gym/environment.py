@@ -52,20 +52,34 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     def __init__(
         self,
-        scene: str | Path | Scene,
-        object: Mapping[str, Any] | None,
-        friction: float | None,
-        pressure: tuple[float, float],
-        pressure_rate: float,
-        noise: float,
-        randomisation: Randomisation | Mapping[str, Any] | None,
-        control_period: float,
         travel: Travel | None,
-        render_mode: str | None,
-        camera: str | Sequence[Sequence[float]],
-        size: tuple[int, int],
+        scene: str | Path | Scene,
+        object: Mapping[str, Any] | None = None,
+        friction: float | None = None,
+        pressure: tuple[float, float] = (0.0, 100.0),
+        pressure_rate: float = 300.0,
+        noise: float = 0.0,
+        randomisation: Randomisation | Mapping[str, Any] | None = None,
+        control_period: float = 0.05,
+        render_mode: str | None = None,
+        camera: str | Sequence[Sequence[float]] = "iso",
+        size: tuple[int, int] = (640, 480),
     ):
-        """Read the scene; see the tasks for the arguments.
+        """Read the scene. All arguments but the first are those of every environment, beside the task's own.
+
+        Args:
+            travel: how far the base can go; None where it stands still.
+            scene: scene, or its name or path.
+            object: keys of the scene's object that differ, such as {"mass": 0.01} or another shape.
+            friction: Coulomb's coefficient [-] instead of the scene's.
+            pressure: pressures that -1 and 1 stand for [kPa].
+            pressure_rate: fastest change of a pressure [kPa/s].
+            noise: standard deviation of what is observed, in parts of each channel's range [-].
+            randomisation: ranges from which every reset draws, see `Randomisation`.
+            control_period: time between two actions [s].
+            render_mode: "rgb_array", or "human" for a page in the browser.
+            camera: where pictures are taken from, see `Simulation.render`.
+            size: width and height of pictures [pixels].
 
         Raises:
             SceneError: the scene or an argument is not valid.

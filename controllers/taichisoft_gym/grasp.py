@@ -1,6 +1,6 @@
 """Grasp-v0: a gripper closes on an object, lifts it and holds it."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,6 @@ from taichisoft.state import State
 from taichisoft_gym.actuation import AXES, USUAL_SPEED, Travel
 from taichisoft_gym.channels import Channel, Quantity, symmetric
 from taichisoft_gym.environment import SoftRobotEnvironment
-from taichisoft_gym.randomisation import Randomisation
 from taichisoft_gym.task import Judgement
 
 LOST = 80.0
@@ -46,9 +45,9 @@ class GripperEnvironment(SoftRobotEnvironment):
             ),
         ]
 
-    def __init__(self, travel: Travel, **arguments: Any):
+    def __init__(self, travel: Travel, **common: Any):
         self._travel = travel
-        super().__init__(travel=travel, **arguments)
+        super().__init__(travel, **common)
 
     def _begin_task(self, start: State, options: dict[str, Any]) -> None:
         self._start = start.rigid_position[list(self.scene.rigid_bodies).index(self.object)].copy()
@@ -74,57 +73,19 @@ class GripperEnvironment(SoftRobotEnvironment):
 class Grasp(GripperEnvironment):
     """Grasp-v0; docs/environments.md describes it."""
 
-    def __init__(
-        self,
-        scene: str | Path | Scene = "gripper",
-        object: Mapping[str, Any] | None = None,
-        friction: float | None = None,
-        pressure: tuple[float, float] = (0.0, 100.0),
-        pressure_rate: float = 300.0,
-        noise: float = 0.0,
-        randomisation: Randomisation | Mapping[str, Any] | None = None,
-        control_period: float = 0.05,
-        lift: float = 30.0,
-        hold: float = 0.5,
-        render_mode: str | None = None,
-        camera: str | Sequence[Sequence[float]] = "iso",
-        size: tuple[int, int] = (640, 480),
-    ):
-        """Make the environment.
+    def __init__(self, scene: str | Path | Scene = "gripper", lift: float = 30.0, hold: float = 0.5, **common: Any):
+        """Make the environment; `common` are the arguments of `SoftRobotEnvironment`.
 
         Args:
             scene: scene with a gripper and an object, or its name or path.
-            object: keys of the scene's object that differ, such as {"mass": 0.01} or another shape.
-            friction: Coulomb's coefficient [-] instead of the scene's.
-            pressure: pressures that -1 and 1 stand for [kPa].
-            pressure_rate: fastest change of a pressure [kPa/s].
-            noise: standard deviation of what is observed, in parts of each channel's range [-].
-            randomisation: ranges from which every reset draws, see `Randomisation`.
-            control_period: time between two actions [s].
             lift: height to which the object is lifted [mm].
             hold: time for which it is held there without slipping [s].
-            render_mode: "rgb_array", or "human" for a page in the browser.
-            camera: where pictures are taken from, see `Simulation.render`.
-            size: width and height of pictures [pixels].
 
         Raises:
             SceneError: the scene or an argument is not valid.
         """
         self._lift, self._hold = lift, hold
-        super().__init__(
-            Travel((0.0, 0.0, 0.0), (0.0, 0.0, 2.0 * lift), USUAL_SPEED),
-            scene=scene,
-            object=object,
-            friction=friction,
-            pressure=pressure,
-            pressure_rate=pressure_rate,
-            noise=noise,
-            randomisation=randomisation,
-            control_period=control_period,
-            render_mode=render_mode,
-            camera=camera,
-            size=size,
-        )
+        super().__init__(Travel((0.0, 0.0, 0.0), (0.0, 0.0, 2.0 * lift), USUAL_SPEED), scene=scene, **common)
 
     @property
     def _options(self) -> str:

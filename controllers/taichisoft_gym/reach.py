@@ -1,6 +1,6 @@
 """Reach-v0: a fingertip goes to a target and stays there."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -14,7 +14,6 @@ from taichisoft.state import State
 from taichisoft_gym.actuation import AXES, Actuation
 from taichisoft_gym.channels import Quantity, symmetric
 from taichisoft_gym.environment import SETTLING_TIME, SoftRobotEnvironment
-from taichisoft_gym.randomisation import Randomisation
 from taichisoft_gym.task import Judgement
 
 LARGEST = 0.8
@@ -31,42 +30,22 @@ class Reach(SoftRobotEnvironment):
     def __init__(
         self,
         scene: str | Path | Scene = "finger-inflated",
-        object: Mapping[str, Any] | None = None,
-        friction: float | None = None,
         pressure: tuple[float, float] = (0.0, 60.0),
-        pressure_rate: float = 300.0,
-        noise: float = 0.0,
-        randomisation: Randomisation | Mapping[str, Any] | None = None,
-        control_period: float = 0.05,
         tolerance: float = 3.0,
-        render_mode: str | None = None,
-        camera: str | Sequence[Sequence[float]] = "iso",
-        size: tuple[int, int] = (640, 480),
+        **common: Any,
     ):
-        """Make the environment.
+        """Make the environment; `common` are the arguments of `SoftRobotEnvironment`.
 
         Args:
             scene: scene, or its name or path, whose first finger reaches.
-            object: keys of the scene's object that differ, if it has one.
-            friction: Coulomb's coefficient [-] instead of the scene's.
             pressure: pressures that -1 and 1 stand for [kPa].
-            pressure_rate: fastest change of a pressure [kPa/s].
-            noise: standard deviation of what is observed, in parts of each channel's range [-].
-            randomisation: ranges from which every reset draws, see `Randomisation`.
-            control_period: time between two actions [s].
             tolerance: distance to the target within which it is reached [mm].
-            render_mode: "rgb_array", or "human" for a page in the browser.
-            camera: where pictures are taken from, see `Simulation.render`.
-            size: width and height of pictures [pixels].
 
         Raises:
             SceneError: the scene or an argument is not valid.
         """
         self._tolerance = tolerance
-        super().__init__(
-            *(scene, object, friction, pressure, pressure_rate, noise, randomisation, control_period, None),
-            *(render_mode, camera, size),
-        )
+        super().__init__(None, scene=scene, pressure=pressure, **common)
 
     @property
     def finger(self) -> str:
