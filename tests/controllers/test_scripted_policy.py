@@ -1,0 +1,39 @@
+"""Carry-v0 can be solved: a policy of five lines closes, rises, crosses, sinks and lets go."""
+
+import gymnasium
+import numpy as np
+import pytest
+
+# Control periods of 0.05 s, pressure [kPa], and velocity of the base to the right, to the front and up [mm/s].
+POLICY = [
+    (8, 60.0, (0.0, 0.0, 0.0)),
+    (6, 60.0, (0.0, 0.0, 50.0)),
+    (20, 60.0, (40.0, 0.0, 0.0)),
+    (10, 60.0, (0.0, 0.0, -50.0)),
+    (14, 0.0, (0.0, 0.0, 0.0)),
+]
+
+
+def test_a_scripted_policy_carries_the_cube_by_40_mm_and_lets_go() -> None:
+    env = gymnasium.make("taichisoft_gym:taichisoft/Carry-v0")
+    env.reset(seed=1, options={"target": (40.0, 0.0)})
+    ends = []
+    for periods, pressure, velocity in POLICY:
+        action = np.array([pressure / 50.0 - 1.0] * 3 + [speed / 100.0 for speed in velocity], np.float32)
+        for _ in range(periods):
+            _, reward, terminated, _, told = env.step(action)
+            assert not terminated
+        ends.append((reward, told))
+        progress = np.clip(1.0 - told["distance"] / 40.0, -1.0, 1.0)
+        arrived = told["distance"] < 5.0
+        grip = 1.0 - told["touching"] if arrived else told["touching"]
+        assert reward == pytest.approx(0.2 * grip + 0.8 * progress + told["is_success"])  # as documented
+    closed, lifted, crossed, sunk, let_go = (told for _, told in ends)
+    assert closed["touching"] == 1.0
+    assert lifted["lift"] > 8.0
+    assert crossed["lift"] > 8.0 and crossed["distance"] < 6.0
+    assert sunk["lift"] < 1.0 and not sunk["is_success"]  # still held
+    assert let_go["touching"] == 0.0 and let_go["is_success"]
+    assert let_go["distance"] < 2.0
+    rewards = [reward for reward, _ in ends]
+    assert rewards == sorted(rewards)
