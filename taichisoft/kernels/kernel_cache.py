@@ -22,9 +22,14 @@ VARIABLE = "TI_OFFLINE_CACHE_FILE_PATH"
 """Taichi's own environment variable; without it kernels are kept in the user's cache folder."""
 
 
+def kernel_folder() -> Path:
+    """Where kernels are kept."""
+    return Path(_LOCK.name).parent
+
+
 def has_kernels() -> bool:
     """Whether an earlier process has left kernels."""
-    return any(Path(_LOCK.name).parent.glob("*.tic"))
+    return any(kernel_folder().glob("*.tic"))
 
 
 def _open_lock() -> IO[str]:

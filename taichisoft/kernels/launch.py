@@ -24,7 +24,8 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import ForkedProcess
-from taichisoft.kernels.runtime import ti
+from taichisoft.kernels import first_process
+from taichisoft.kernels.runtime import restart, ti
 
 # Sets of arrays that a kernel remembers, for problems of several sizes and models side by side. A set keeps its arrays
 # alive; whoever puts larger ones in the place of large ones calls `forget`.
@@ -144,6 +145,7 @@ class Kernel:
                 )
 
     def _compile(self, flat: list[Any]) -> None:
+        first_process.compiling()
         primal = self._kernel._primal
         # Taichi keeps what it compiles with, of which it needs the types alone: so not these arrays.
         alike = [np.empty_like(one[:0]) if isinstance(one, np.ndarray) else one for one in flat]
@@ -151,6 +153,32 @@ class Kernel:
         self._program = ti.lang.impl.get_runtime().prog
         capabilities = self._program.get_device_caps()
         self._compiled = self._program.compile_kernel(self._program.config(), capabilities, self._taichi_kernel)
+        first_process.compiling()
+
+    def begin_anew(self) -> None:
+        """Forget what belongs to a program of Taichi that has ended."""
+        self._remembered.clear()
+        self._compiled = None
+
+
+LAUNCH = Kernel.__call__
+
+
+def _launch_as_first(self: Kernel, *arguments: Any) -> None:
+    """Launch in a process whose kernels others may wait for; only there anything looks whether they do."""
+    if first_process.must_hand_over():
+        with LAUNCHING:
+            restart()
+            for one in KERNELS:
+                one.begin_anew()
+        first_process.resign()
+    if not first_process.is_first():
+        Kernel.__call__ = LAUNCH  # type: ignore[method-assign]
+    LAUNCH(self, *arguments)
+
+
+if first_process.is_first():
+    Kernel.__call__ = _launch_as_first  # type: ignore[method-assign]
 
 
 def _refuse(self: Kernel, *arguments: Any) -> None:

@@ -31,6 +31,7 @@ from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
 
 from taichisoft.errors import TaichisoftError
+from taichisoft.kernels.first_process import left_kernels, wait_for_kernels
 from taichisoft.kernels.kernel_cache import alone_with_kernels, has_kernels
 
 
@@ -72,20 +73,34 @@ kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
 USUAL_THREADS = "0" if multiprocessing.parent_process() is None else "1"
 THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or USUAL_THREADS)
 
+wait_for_kernels(THREADS)
 if not has_kernels():  # else a script would stand still without a word
     print("taichisoft: the first time on a machine Taichi compiles its kernels: about a minute", file=sys.stderr)
 
-# ti.init prints which back end it starts.
-with contextlib.redirect_stdout(io.StringIO()), alone_with_kernels():
-    ti.init(
-        arch=ti.cpu,
-        default_fp=ti.f64,
-        default_ip=ti.i32,
-        cpu_max_num_threads=THREADS,
-        fast_math=True,
-        offline_cache=True,
-        log_level=ti.WARN,
-    )
+
+def _start() -> None:
+    with contextlib.redirect_stdout(io.StringIO()):  # it prints which back end it starts
+        ti.init(
+            arch=ti.cpu,
+            default_fp=ti.f64,
+            default_ip=ti.i32,
+            cpu_max_num_threads=THREADS,
+            fast_math=True,
+            offline_cache=True,
+            log_level=ti.WARN,
+        )
+
+
+with alone_with_kernels():
+    _start()
+
+
+def restart() -> None:
+    """End Taichi, which leaves its kernels to other processes, and start it again without any kernel."""
+    with alone_with_kernels():
+        ti.reset()
+        left_kernels(THREADS)
+        _start()
 
 
 STARTED_BY = os.getpid()
@@ -97,6 +112,7 @@ def _finish() -> None:
     if os.getpid() == STARTED_BY:
         with alone_with_kernels():
             ti.reset()
+            left_kernels(THREADS)
 
 
 def _leave_program_alone() -> None:
