@@ -1,17 +1,18 @@
 """The documents say what the code does."""
 
+import importlib.util
 import re
-import shlex
+import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
+from documents import PAGES, ROOT, commands, mentioned, name_of
 from test_architecture import LAYERS
 
 from taichisoft.command_line import application
 from taichisoft.plugin_system.commands import with_plugin_commands
 
-ROOT = Path(__file__).resolve().parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
@@ -25,30 +26,85 @@ def test_the_python_of_the_readme_inflates_the_finger():
     assert report.observation.volumes["finger.cavity"] > 1.02 * cavity.rest_volume[0]
 
 
-PAGES = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
-
-
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_command_and_option_that_is_shown_exists(page: Path) -> None:
-    shell = "".join(re.findall(r"```sh\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL))
-    for line in re.findall(r"^taichisoft (?:.*\\\n)*.*", shell, re.MULTILINE):
-        words = shlex.split(line.replace("\\\n", " "), comments=True)[1:]
+    for line in (*commands(page), *mentioned(page)):
+        program, *words = line.words
+        if program != "taichisoft":
+            continue
         command: Any = with_plugin_commands(application)
         while words and words[0] in getattr(command, "commands", {}):
             command = command.commands[words.pop(0)]
         if hasattr(command, "commands") and "--plugin" in words:
             continue  # a command that a plug-in on the page adds; tests/test_plugin_docs.py runs these
-        assert not hasattr(command, "commands") or not words or words[0].startswith("-"), f"{page.name}: {line}"
+        assert not hasattr(command, "commands") or not words or words[0].startswith("-"), line
         known = {name for option in command.params for name in (*option.opts, *option.secondary_opts)} | {"--help"}
         given = {word.partition("=")[0] for word in words if re.match(r"--?[a-z]", word)}
-        assert given <= known, f"{page.name}: {line}"
+        assert given <= known, line
+
+
+OTHERS = {
+    "dask": "starts a cluster; tests/studies/test_sweep.py does so from Python",
+    "sbatch": "needs SLURM",
+    "ruff": "is run by `make test`",
+    "mypy": "is run by `make test`",
+    "pytest": "runs tests",
+}
+"""Programs of which nothing but the paths is checked, and why."""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_what_is_typed_beside_our_own_command_is_there(page: Path) -> None:
+    """Targets of make, extras of the package, files, and the options of modules that are run."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    targets = re.findall(r"^([\w-]+):", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    for command in (*commands(page), *mentioned(page)):
+        program, *words = command.words
+        match program, *words:
+            case "taichisoft", *_:
+                continue
+            case "make", target:
+                assert target in targets, command
+            case "pip", "install", wanted:
+                extra = re.fullmatch(r"taichisoft\[(.*)\]", wanted)
+                assert extra is None or extra[1] in extras, command
+            case "python", "-m", module, *options if module.startswith("taichisoft"):
+                given = [one for one in options if one.startswith("-")]
+                assert [one for one in given if not is_option(one, module)] == [], command
+            case _:
+                assert program in (*OTHERS, "python"), command
+        paths = [word for word in words if re.match(r"(tests|docs|examples)/", word)]
+        assert [path for path in paths if not (ROOT / path).exists()] == [], command
+
+
+def is_option(option: str, module: str) -> bool:
+    """Whether a module has an option, by its name for argparse, or as an argument for typer."""
+    spec = importlib.util.find_spec(module)
+    assert spec is not None and spec.origin is not None, module
+    argument = option.removeprefix("--").replace("-", "_")
+    return bool(
+        re.search(rf'"{option}"|^    {argument}: ', Path(spec.origin).read_text(encoding="utf-8"), re.MULTILINE)
+    )
+
+
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
+def test_every_picture_is_made_by_a_program_that_contributing_names(page: Path) -> None:
+    """The last column of its table is a command that runs a file or a module, which is there."""
+    table = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    made = dict(re.findall(r"^\| `(docs/[^`]+\.(?:svg|png))` \| `([^`]+)` \|$", table, re.MULTILINE))
+    for shown in re.findall(r"!\[[^]]*\]\(([^)]+)\)", page.read_text(encoding="utf-8")):
+        picture = (page.parent / shown).resolve().relative_to(ROOT).as_posix()
+        assert (ROOT / picture).is_file() and picture in made, picture
+        program = re.search(r"python (?:-m (taichisoft_\S+)|(docs/\S+))", made[picture])
+        assert program, made[picture]
+        assert (ROOT / program[2]).is_file() if program[2] else importlib.util.find_spec(program[1]), made[picture]
 
 
 def test_the_readme_shows_how_to_run_mesh_and_render() -> None:
     assert {"run", "mesh", "render"} <= set(re.findall(r"^taichisoft ([a-z-]+)", README, re.MULTILINE))
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_every_link_within_the_project_leads_to_a_page_and_a_heading(page: Path) -> None:
     text = re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     for name, anchor in re.findall(r"\]\(([^)#]*)#?([^)]*)\)", text):

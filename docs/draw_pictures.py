@@ -1,0 +1,42 @@
+"""Draws docs/grasp.png and docs/grasp-dragon-skin.png: `python docs/draw_pictures.py`, some minutes.
+
+With `--measured DIR`, the tension tests of the Soft Robotics Materials Database (NAME.csv), also docs/materials.png.
+"""
+
+import argparse
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from taichisoft import load_scene, make_controller, run
+from taichisoft.building.simulation import Simulation
+from taichisoft_plugins.materials.command import plot
+from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_plugins.rendering.render import render_pictures
+
+DOCS = Path(__file__).parent
+GRASPS = {"grasp": "gripper", "grasp-dragon-skin": "gripper-dragon-skin"}
+"""The shipped scene of each picture, which shows the end of its run."""
+
+
+def draw_grasp(name: str, scene_name: str) -> None:
+    """Run a shipped scene and draw its end."""
+    scene = load_scene(scene_name)
+    simulation = Simulation(scene)
+    with TemporaryDirectory() as folder:
+        print(f"{name}: {run(simulation, make_controller(scene), [RecordingOutput(Path(folder))])}", flush=True)
+        render_pictures(Path(folder) / "recording.h5", {name: scene.time.duration}, DOCS)
+
+
+def main() -> None:
+    """Draw all pictures, those of measurements only where these are."""
+    parser = argparse.ArgumentParser(prog="python docs/draw_pictures.py")
+    parser.add_argument("--measured", type=Path, metavar="DIR", help="tension tests of materials, NAME.csv")
+    arguments = parser.parse_args()
+    for name, scene_name in GRASPS.items():
+        draw_grasp(name, scene_name)
+    if arguments.measured is not None:
+        plot(data=arguments.measured, output=DOCS / "materials.png")
+
+
+if __name__ == "__main__":
+    main()

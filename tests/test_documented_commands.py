@@ -1,0 +1,286 @@
+"""Every command and every Python program that a document shows works, as it stands there.
+
+A page's commands are run in its order, in one folder and in this process, and then its programs. What would take long
+is smaller: shipped scenes are two pads and a cube that have their names, and end after some steps; pictures are blank,
+plots empty, meshes of fingers are a pad's, runs of studies are made here, and pages are not served. Tests of their own
+show that these things work. What is shown here is that whoever types a line gets what it names, by the options that it
+gives.
+"""
+
+import re
+import runpy
+import shutil
+import sys
+import tomllib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import documents
+import numpy as np
+import pytest
+import trimesh
+from blocks import make_block
+from documents import ROOT, Command
+from PIL import Image
+
+from taichisoft.command_line import EXIT_FAILED, main
+from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
+from taichisoft.plugin_system import plugins
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+
+RUN_ELSEWHERE = {
+    "README.md": "tests/test_docs.py",
+    "docs/cables.md": "tests/test_cable_docs.py",
+    "docs/environments.md": "tests/controllers/test_environment_docs.py",
+    "docs/plugins.md": "tests/test_plugin_docs.py",
+}
+"""Pages whose programs a test of their own runs; that of docs/plugins.md also runs its commands, with its plug-ins."""
+
+PAGES = [
+    page
+    for page in documents.PAGES
+    if page.name != "plugins.md"
+    and (
+        any(one.words[0] == "taichisoft" for one in documents.commands(page))
+        or (documents.name_of(page) not in RUN_ELSEWHERE and "```python" in page.read_text(encoding="utf-8"))
+    )
+]
+
+LEFT_OUT = {
+    "taichisoft bench ": "half an hour; tests/benchmarks/test_bench_command.py runs a case",
+    "taichisoft optimise finger-tip-force": "an hour; tests/studies/test_optimise.py optimises something small",
+    "taichisoft calibrate beam.toml": "needs a measured beam; tests/studies/test_calibrate.py makes one up",
+    "taichisoft sweep study.toml -o /shared/study": "needs a cluster; tests/studies/test_sweep.py starts one",
+    "taichisoft doctor": "looks at the machine, which may lack something; tests/plugins/test_doctor.py",
+}
+"""Beginnings of commands that are only checked for their options, and why."""
+
+SHORTER = (
+    (r"--duration [\d.]+", "--duration 0.03"),
+    (r"--(at|time) [\d.]+", r"--\1 0.02"),
+    (r"runs/1aaaa8ec010c7dbe out/study/runs/3c6447d2fcc3c084", "runs/FIRST out/study/runs/SECOND"),
+)
+"""What stands for a time of a whole run, and for names that depend on the version."""
+SHORTER_IN_PROGRAMS = ((r"frame_at\([\d.]+\)", "frame_at(0.02)"), (r'("closed"|"end"): [\d.]+', r"\1: 0.02"))
+BEFORE_PROGRAMS = {"docs/controllers.md": ("taichisoft run gripper --controller closed-loop --outputs csv",)}
+"""Commands that a page describes in words."""
+
+SOFA_SCENE = """
+def createScene(root):
+    root.addObject("FreeMotionAnimationLoop")
+    root.addObject("GenericConstraintSolver", tolerance=1e-7, maxIterations=1000)
+    node = root.addChild("body")
+    node.addObject("EulerImplicitSolver", rayleighStiffness=0.1, rayleighMass=0.2)
+    node.addObject("SparseLDLSolver")
+    node.addObject("MeshVTKLoader", name="loader", filename="block.vtk")
+    node.addObject("MeshTopology", src="@loader", name="container")
+    node.addObject("MechanicalObject", name="dofs", template="Vec3")
+    node.addObject("UniformMass", totalMass=0.05)
+    node.addObject("TetrahedronFEMForceField", youngModulus=500, poissonRatio=0.3, method="large")
+    node.addObject("FixedConstraint", indices=[0, 1, 2])
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Path]:
+    """The current folder, with the files of users that documents name."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path / "cache"))
+    make_small(tmp_path / "data", monkeypatch)
+    write_files_of_a_user(tmp_path)
+    with plugins.separate_registry():
+        yield tmp_path
+
+
+@pytest.mark.parametrize("page", PAGES, ids=documents.name_of)
+def test_every_command_of_a_page_does_what_it_says(
+    page: Path, folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    wanted = [one for one in documents.commands(page) if is_run(one) and not left_out(one)]
+    problems = [problem for one in dict.fromkeys(wanted) if (problem := run(one, folder, monkeypatch, capfd))]
+    assert problems == []
+
+    for line in BEFORE_PROGRAMS.get(documents.name_of(page), ()):
+        assert run(Command(documents.name_of(page), line), folder, monkeypatch, capfd) == ""
+    names: dict[str, Any] = {"__name__": "shown"}
+    if documents.name_of(page) not in RUN_ELSEWHERE:
+        for language, program in documents.blocks(page):
+            if language == "python":
+                exec(compile(shorter(program, SHORTER_IN_PROGRAMS), documents.name_of(page), "exec"), names)
+    if "bending" in names:  # docs/tuning.md calls it in processes
+        assert names["bending"](5.0) != names["bending"](10.0)
+
+
+def test_every_program_of_a_page_is_run_here_or_by_a_test_that_names_the_page() -> None:
+    with_programs = {
+        documents.name_of(page): page
+        for page in documents.PAGES
+        if any(language == "python" for language, _ in documents.blocks(page))
+    }
+    for name, page in with_programs.items():
+        if name in RUN_ELSEWHERE:
+            test = (ROOT / RUN_ELSEWHERE[name]).read_text(encoding="utf-8")
+            assert page.name in test and re.search(r"exec\(|run_path", test), name
+        else:
+            assert page in PAGES, name
+    assert set(RUN_ELSEWHERE) <= set(with_programs)
+
+
+def run(command: Command, folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> str:
+    """What is wrong when a command is run, as short as it can be; empty when it succeeds."""
+    line = shorter(command.line, SHORTER)
+    if re.match(r"taichisoft run (?!.*--duration)", line):
+        line += " --duration 0.03"
+    for number, made in enumerate(sorted((folder / "out" / "study" / "runs").glob("*"))[:2]):
+        line = line.replace(("FIRST", "SECOND")[number], made.name)
+    monkeypatch.setattr(sys, "argv", Command(command.page, line).words)
+    if command.words[0] == "python":
+        monkeypatch.setattr(sys, "argv", [*sys.argv[1:], "drawn.svg"])
+        runpy.run_path(str(ROOT / command.words[1]), run_name="__main__")
+        return ""
+    with plugins.separate_registry(), pytest.raises(SystemExit) as left:
+        main()
+    _, errors = capfd.readouterr()
+    missed = left.value.code == EXIT_FAILED and "is not lifted" in errors  # `--goal lifted`, in some steps
+    return "" if left.value.code in (0, None) or missed else f"{command} (as {line}): {errors}"
+
+
+def is_run(command: Command) -> bool:
+    """Whether it is our own command, or a program of ours that draws from a run."""
+    return command.line.startswith(("taichisoft ", "python docs/draw_closed_loop.py "))
+
+
+def shorter(text: str, replacements: Sequence[tuple[str, str]]) -> str:
+    for long, short in replacements:
+        text = re.sub(long, short, text)
+    return text
+
+
+def left_out(command: Command) -> bool:
+    return any(command.line.startswith(beginning) for beginning in LEFT_OUT)
+
+
+def test_what_is_left_out_is_shown_somewhere() -> None:
+    shown = [command.line for page in documents.PAGES for command in documents.commands(page)]
+    assert [one for one in LEFT_OUT if not any(line.startswith(one) for line in shown)] == []
+
+
+def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Shipped scenes of some elements in `data`, and stand-ins for what takes long."""
+    from matplotlib.figure import Figure
+
+    from taichisoft.scenes import shipped
+    from taichisoft_meshing import mesh_job, mesh_process
+    from taichisoft_plugins.rendering import render, video
+    from taichisoft_plugins.web import output, recording_page
+    from taichisoft_studies import workers
+
+    shutil.copytree(ROOT / "data", data)
+    gripper = tiny_gripper()
+    for scene in (data / "scenes").glob("*.toml"):
+        scene.write_text(gripper if "gripper" in scene.stem else tiny_finger(gripper), encoding="utf-8")
+    monkeypatch.setattr(shipped, "data_folder", lambda: data)
+    monkeypatch.setattr(Figure, "savefig", save_nothing)
+    for module in (render, video):
+        monkeypatch.setattr(module, "draw_frames", draw_nothing)
+    monkeypatch.setattr(mesh_process, "_known_elsewhere", lambda job: False)
+    monkeypatch.setattr(mesh_job, "mesh_as_asked", mesh_of_a_pad)
+    monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))
+    monkeypatch.setattr(workers, "dask_workers", workers_here)
+    monkeypatch.setattr(output.WebOutput, "follow", lambda self, session: None)
+    monkeypatch.setattr(recording_page.RecordingPage, "serve", lambda self: None)
+
+
+def tiny_gripper() -> str:
+    """The scene of the plug-ins' fixture with the names of the shipped gripper, and a goal that it has reached."""
+    text = TINY_GRIPPER.read_text(encoding="utf-8").replace('"pad.msh"', f'"{TINY_GRIPPER.with_name("pad.msh")}"')
+    text = text.replace("duration = 0.5", "duration = 0.06").replace('script = "rest"', 'script = "grasp"')
+    text = re.sub(r"\bleft\b", "finger1", text)
+    goal = 'goal = { object = "cube", kind = "placed", position = [0.0, 0.0, 5.2], hold = 0.02 }\n'
+    return goal + re.sub(r"\bright\b", "finger2", text)
+
+
+def tiny_finger(gripper: str) -> str:
+    """One of the pads alone, with the name of the shipped finger."""
+    document = tomllib.loads(gripper)
+    pad = document["soft_bodies"]["finger1"]
+    return (
+        'time = { duration = 0.06 }\ncontroller = { name = "scripted", settings = { script = "inflate" } }\n'
+        f'[soft_bodies.finger]\nmesh = "{pad["mesh"]}"\ndensity = 1e-6\nyoung_modulus = 100.0\npoisson_ratio = 0.3\n'
+        'rayleigh_mass = 0.1\nrayleigh_stiffness = 0.02\nanchors = [{ group = "base" }]\n'
+        'cavities = { cavity = { group = "cavity" } }\n'
+    )
+
+
+def draw_nothing(recording: Path, style: Any, frames: Sequence[int], take: Callable[..., None], stop: Any) -> None:
+    from taichisoft_plugins.recording.reader import read_recording
+
+    with read_recording(recording) as opened:
+        style.check(opened.scene)
+    for _ in frames:
+        take(np.full((style.size[1], style.size[0], 3), 200, dtype=np.uint8))
+
+
+def save_nothing(figure: Any, target: Any, format: str = "png", **_: Any) -> None:
+    """A file of the right kind with nothing in it: most of the time of a plot is that of its letters."""
+    if isinstance(target, Path):
+        target.write_bytes(b"")
+    elif format == "svg":
+        target.write(b'<svg xmlns="http://www.w3.org/2000/svg"/>')
+    else:
+        Image.new("RGB", (1, 1)).save(target, format="PNG")
+
+
+def mesh_of_a_pad(geometry: Any, file: Path, size: Any = None, preset: str | None = None, nodes: Any = None) -> Any:
+    assert preset is None or preset in geometry.presets, f"{file}: {preset}"
+    return read_volume_mesh(TINY_GRIPPER.with_name("pad.msh"))
+
+
+@contextmanager
+def workers_here(cluster: Any, tasks: int) -> Iterator[Any]:
+    """Workers that are this process."""
+    from taichisoft_studies.make_mesh import MeshRun, make_variant
+    from taichisoft_studies.make_run import make_run
+    from taichisoft_studies.run_job import RunJob
+    from taichisoft_studies.worker_task import do_mesh
+
+    class Here:
+        count, about = 1, "here"
+
+        def __init__(self) -> None:
+            self.done: list[tuple[str, Any]] = []
+
+        def submit(self, key: str, task: Any, text: str) -> None:
+            made = make_variant(MeshRun.from_json(text)) if task is do_mesh else make_run(RunJob.from_json(text))
+            self.done.append((key, made))
+
+        def next_done(self) -> tuple[str, Any]:
+            return self.done.pop()
+
+    yield Here()
+
+
+def write_files_of_a_user(folder: Path) -> None:
+    """Files that documents name and that their readers have."""
+    box = trimesh.creation.box
+    box([30.0, 20.0, 20.0]).export(folder / "outer.stl")
+    box([20.0, 10.0, 10.0]).export(folder / "cavity.stl")
+    (folder / "body.step").write_text("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\nENDSEC;\nEND-ISO-10303-21;\n")
+    write_volume_mesh(make_block((2, 1, 1), (20.0, 10.0, 10.0)), folder / "block.vtk")
+    for name in ("scene.py", "other.pyscn"):
+        (folder / name).write_text(SOFA_SCENE)
+    (folder / "keys.jsonl").write_text("")
+    (folder / "my-script.csv").write_text("time,pressure\n0.0,0.0\n0.5,5.0\n")
+    stretch = np.linspace(1.0, 3.0, 40)
+    rows = (f"{one - 1.0:.4f},{0.05 * (one - one**-2.0):.6f}" for one in stretch)
+    (folder / "test.csv").write_text("\n".join(["strain,stress [MPa]", *rows]) + "\n")
+    for name in ("tube.py", "tube.toml"):
+        shutil.copy(ROOT / "data" / "plugins" / name, folder / name)
+    pages = {name: (ROOT / "docs" / f"{name}.md").read_text(encoding="utf-8") for name in ("plugins", "studies")}
+    (folder / "squeeze.py").write_text(
+        re.findall(r"```python\n(# squeeze\.py\n.*?)```", pages["plugins"], re.DOTALL)[0]
+    )
+    study = re.findall(r"```toml\n(scene = \"finger-inflated\".*?)```", pages["studies"], re.DOTALL)[0]
+    (folder / "study.toml").write_text(re.sub(r"duration = [\d.]+", "duration = 0.03", study))
