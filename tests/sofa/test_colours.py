@@ -20,13 +20,13 @@ def visual(node, mapping, **colour):
     child.addObject("OglModel", src="@loader", **colour)
     child.addObject(mapping)
 
-def cube(root, name, solver):
+def cube(root, name, solver, **shown):
     node = root.addChild(name)
     if solver:
         node.addObject("EulerImplicitSolver")
         node.addObject("CGLinearSolver")
         node.addObject("UncoupledConstraintCorrection")
-    node.addObject("MechanicalObject", template="Rigid3")
+    node.addObject("MechanicalObject", template="Rigid3", **shown)
     node.addObject("UniformMass", totalMass=0.1)
     surface(node, "mesh/cube.obj", mapping="RigidMapping")
     return node
@@ -67,6 +67,27 @@ def test_soft_bodies_rigid_bodies_obstacles_and_the_background_have_their_colour
     translation.files.write(folder)
     scene = scene_from_dict(with_files_in(folder, tables))
     assert scene.appearance.background == "#002b36" and scene.obstacles["floor"].colour == "#ff0000"
+
+
+def test_only_rigid_bodies_that_show_their_pose_have_axes(folder: Path) -> None:
+    """Of a soft body `showObject` shows the points; something that stands still has no axes."""
+    translation = translated(
+        folder,
+        """
+        collisions(root)
+        body(root, "finger").dofs.showObject = True
+        cube(root, "cube", True, showObject=True, showObjectScale=30)
+        cube(root, "other", True)
+        cube(root, "floor", False, showObject=True)
+        """,
+    )
+    assert not translation.refused
+    bodies = {
+        name: body
+        for kind in ("soft_bodies", "rigid_bodies", "obstacles")
+        for name, body in translation.tables[kind].items()
+    }
+    assert {name for name, body in bodies.items() if body.get("axes")} == {"cube"}
 
 
 @pytest.mark.parametrize(

@@ -106,6 +106,8 @@ def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
         for kind in BODIES:
             if body.colours and name in translation.tables.get(kind, {}):
                 translation.tables[kind][name]["colour"] = body.colours[0]
+        if flag(body.state, "showObject", False) and name in translation.tables.get("rigid_bodies", {}):
+            translation.tables["rigid_bodies"][name]["axes"] = True  # of a soft one SOFA shows the points
 
 
 def _add_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
