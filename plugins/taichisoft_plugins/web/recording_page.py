@@ -130,11 +130,10 @@ class RecordingPage:
         self._shown = -1
         self.playback.extend(self._recording.times)
         self._read_curves()
-        self._show_whole_scales()
         self._slider.max = max(self.playback.length, self._slider.step)
 
     def _show_whole_scales(self) -> None:
-        """Let the scales reach over the whole run, as those of its pictures do."""
+        """Let the scales reach over the whole run, as those of its pictures do; frames that come later widen them."""
         recording = self._recording
         frames = sample_frames(range(recording.frame_count), SAMPLES)
         forces = [np.linalg.norm(recording.contacts(frame)[1], axis=1).max(initial=0.0) for frame in frames]
