@@ -5,7 +5,7 @@ process goes ahead, the first. When it has launched kernels for a while without 
 Taichi and starts it again: its kernels are then there for all, itself included. With nobody else nothing of this costs.
 
 The first holds a lock of the operating system, which ends with it, however it ends; whoever takes the lock next is the
-first, unless kernels are there. Nobody waits for a process that has compiled nothing for a minute.
+first, unless kernels are there. Nobody waits for a process that has compiled nothing for five minutes.
 """
 
 import atexit
@@ -21,8 +21,8 @@ from typing import IO
 
 from taichisoft.kernels.kernel_cache import kernel_folder
 
-PATIENCE = 60.0
-"""Longest time that others wait for a kernel of the first [s]; one takes up to 10 s."""
+PATIENCE = 300.0
+"""Longest time that others wait for a kernel of the first [s]; one takes up to 10 s, on a crowded machine minutes."""
 LAUNCHES = 200
 """Launches without a compilation after which the kernels of a scene are taken for complete: some ten steps."""
 LOOKS = 10
