@@ -5,7 +5,8 @@ process goes ahead, the first. When it has launched kernels for a while without 
 Taichi and starts it again: its kernels are then there for all, itself included. With nobody else nothing of this costs.
 
 The first holds a lock of the operating system, which ends with it, however it ends; whoever takes the lock next is the
-first, unless kernels are there. Nobody waits for a process that has compiled nothing for five minutes.
+first, unless kernels are there. The time of that file says until when it is worth waiting: nobody waits long for a
+process that compiles nothing.
 """
 
 import atexit
@@ -21,8 +22,10 @@ from typing import IO
 
 from taichisoft.kernels.kernel_cache import kernel_folder
 
-PATIENCE = 300.0
-"""Longest time that others wait for a kernel of the first [s]; one takes up to 10 s, on a crowded machine minutes."""
+IDLE = 20.0
+"""Longest time that others wait while the first compiles nothing [s]: it may be a notebook that stays open."""
+COMPILING = 300.0
+"""Longest time that others wait for one kernel [s]; one takes up to 10 s, on a crowded machine more than a minute."""
 LAUNCHES = 200
 """Launches without a compilation after which the kernels of a scene are taken for complete: some ten steps."""
 LOOKS = 10
@@ -61,13 +64,18 @@ def wait_for_kernels(threads: int) -> None:
         atexit.register(resign)  # what is registered later, such as Taichi's own end, comes before it
 
 
-def compiling() -> None:
-    """A kernel is compiled, or has been."""
+def begin_compilation() -> None:
+    """A kernel is about to be compiled."""
     global _compiled, _launches, _looks
     _compiled, _launches, _looks = True, 0, 0
     if _first is not None:
-        with contextlib.suppress(OSError):
-            os.utime(_first.name)
+        _let_wait(_first, COMPILING)
+
+
+def end_compilation() -> None:
+    """A kernel has been compiled."""
+    if _first is not None:
+        _let_wait(_first, IDLE)
 
 
 def is_first() -> bool:
@@ -108,24 +116,29 @@ def _is_first(first: IO[str], done: Path) -> bool:
     """Wait for the lock; whether this process is to compile."""
     import fcntl
 
-    seen, since, told = os.fstat(first.fileno()).st_mtime, time.monotonic(), False
+    since, told = time.monotonic(), False
     while not done.exists():
         try:
             fcntl.flock(first, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            _let_wait(first, IDLE)
             return not done.exists()
         except BlockingIOError:
             pass
         if not told:
             _say("waits for another process, which compiles its kernels")
             told = True
-        now = os.fstat(first.fileno()).st_mtime
-        if now != seen:
-            seen, since = now, time.monotonic()
-        if time.monotonic() - since > PATIENCE:
+        # The first may not have written its time yet.
+        if time.time() > os.fstat(first.fileno()).st_mtime and time.monotonic() - since > IDLE:
             _say("the other process compiles nothing; this one compiles its kernels itself")
             return False
         time.sleep(0.1)
     return False
+
+
+def _let_wait(first: IO[str], seconds: float) -> None:
+    """Say for how long others should wait."""
+    with contextlib.suppress(OSError):
+        os.utime(first.name, times=(time.time(), time.time() + seconds))
 
 
 @contextlib.contextmanager

@@ -145,7 +145,7 @@ class Kernel:
                 )
 
     def _compile(self, flat: list[Any]) -> None:
-        first_process.compiling()
+        first_process.begin_compilation()
         primal = self._kernel._primal
         # Taichi keeps what it compiles with, of which it needs the types alone: so not these arrays.
         alike = [np.empty_like(one[:0]) if isinstance(one, np.ndarray) else one for one in flat]
@@ -153,7 +153,7 @@ class Kernel:
         self._program = ti.lang.impl.get_runtime().prog
         capabilities = self._program.get_device_caps()
         self._compiled = self._program.compile_kernel(self._program.config(), capabilities, self._taichi_kernel)
-        first_process.compiling()
+        first_process.end_compilation()
 
     def begin_anew(self) -> None:
         """Forget what belongs to a program of Taichi that has ended."""

@@ -100,9 +100,10 @@ def test_when_the_first_is_killed_another_is_first(start: Start) -> None:
 
 
 def test_nobody_waits_for_a_first_that_compiles_nothing(start: Start) -> None:
-    first = start(FOR_EVER)
+    short = "from taichisoft.kernels import first_process\nfirst_process.IDLE = 0.5"
+    first = start(FOR_EVER, short)
     assert has_launched(first)
-    other = start(before="from taichisoft.kernels import first_process\nfirst_process.PATIENCE = 0.5")
+    other = start(before=short)
     _, said = other.communicate(timeout=PATIENCE)
     assert other.returncode == 0
     assert said.startswith(f"{WAITS}taichisoft: the other process compiles nothing; this one compiles")
