@@ -138,7 +138,7 @@ class State:
 def _make_read_only(values: Mapping[str, Any]) -> None:
     for value in values.values():
         if isinstance(value, np.ndarray):
-            value.flags.writeable = False
+            value.setflags(write=False)
 
 
 def _items(state: State) -> list[tuple[str, Any]]:

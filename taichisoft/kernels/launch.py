@@ -227,8 +227,11 @@ def timed_launches(add: Callable[[float], None]) -> Iterator[None]:
 
 def _picker(indices: list[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
     """What picks these entries of a tuple, as a tuple."""
-    if len(indices) < 2:  # of one, itemgetter makes no tuple
-        return lambda arguments: tuple(arguments[index] for index in indices)
+    if not indices:
+        return lambda arguments: ()
+    if len(indices) == 1:  # of which itemgetter makes no tuple
+        index = indices[0]
+        return lambda arguments: (arguments[index],)
     return itemgetter(*indices)
 
 
