@@ -1,7 +1,7 @@
 """Constraint rows and the compliance W = J A^-1 J^T by the forward half of the triangular solve.
 
 Rows come in groups of eight, the columns of a panel: Y = L^-1 J^T, W = Y^T Y. Only supernodes that the elimination
-tree leads to from a group's nodes are visited.
+tree leads to from a group's nodes are visited, and have room in Y.
 """
 
 from typing import NamedTuple
@@ -11,11 +11,11 @@ from taichisoft.kernels.cholesky import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROW
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS, Rows
 from taichisoft.kernels.launch import Kernel, func, kernel
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, ti, vec3
-from taichisoft.kernels.tiles import TILE, Column, advance, opaque, tiles_in
+from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
 
 GROUP = TILE
-
-Panels = ti.types.ndarray(dtype=Column, ndim=2)
+# In the place of entries that are zero.
+NOWHERE = -(2**30)
 
 
 class EliminationTree(NamedTuple):
@@ -36,60 +36,103 @@ class SparseColumns(NamedTuple):
     """Work space: L^-1 J^T, eight of its columns a group.
 
     Attributes:
-        active: whether a group reaches a supernode, shape (group_capacity, supernode_count).
-        y: entries in elimination order, shape (group_capacity, 3 node_count, 8).
+        place: what is added to an entry's number in elimination order to find it in `y`, NOWHERE if the group does not
+            reach the supernode, shape (group_capacity, supernode_count).
+        y: the entries of the supernodes that are reached, group by group, shape (capacity, 8).
+        size: how many they are, shape (1,).
         done: threads that have finished their groups, 0 at the start, shape (1,).
     """
 
-    active: IntegerTable
-    y: Panels
+    place: IntegerTable
+    y: Columns
+    size: Integers
     done: Integers
 
 
 @func
-def eliminate(g: ti.i32, s: ti.i32, fronts: Fronts, factor: Factor, y: Panels, one: ti.i32):
+def eliminate(
+    g: ti.i32, s: ti.i32, fronts: Fronts, factor: Factor, tree: EliminationTree, columns: SparseColumns, one: ti.i32
+):
     """The part of a supernode in L^-1 J^T: solve for its own rows, subtract their share from the rows below."""
-    front, panel = ti.static(fronts.table, factor.tiles)
-    width, columns, rest, start, first = (
-        front[s, WIDTH],
-        front[s, COLUMNS],
-        front[s, BELOW],
-        front[s, PANEL],
-        front[s, FIRST_COLUMN],
-    )
-    for t in range(columns // TILE + tiles_in(rest)):
-        row = opaque(start + t * columns, one)
+    front, panel, y = ti.static(fronts.table, factor.tiles, columns.y)
+    width, own_columns, rest, start = front[s, WIDTH], front[s, COLUMNS], front[s, BELOW], front[s, PANEL]
+    first = opaque(columns.place[g, s] + front[s, FIRST_COLUMN], one)
+    for t in range(own_columns // TILE + tiles_in(rest)):
+        row = opaque(start + t * own_columns, one)
         v = [Column(0.0) for _ in range(TILE)]
         k = 0
         while k < ti.min(TILE * t, width):
-            factor_column, values = panel[row + k], y[g, first + k]
+            factor_column, values = panel[row + k], y[first + k]
             for a in ti.static(range(TILE)):
                 v[a] += factor_column[a] * values
             k = advance(k, 1, one)
-        if TILE * t < columns:
+        if TILE * t < own_columns:
             for c in ti.static(range(TILE)):
                 i = TILE * t + c
                 if i < width:
                     factor_column = panel[row + i]
-                    value = (y[g, first + i] - v[c]) * factor_column[c]
-                    y[g, first + i] = value
+                    value = (y[first + i] - v[c]) * factor_column[c]
+                    y[first + i] = value
                     for a in ti.static(range(c + 1, TILE)):
                         v[a] += factor_column[a] * value
         else:
             for a in ti.static(range(TILE)):
-                i = TILE * (t - columns // TILE) + a
+                i = TILE * (t - own_columns // TILE) + a
                 if i < rest:
                     target = fronts.rows[front[s, ROWS] + i]
-                    y[g, target] = y[g, target] - v[a]
+                    above = columns.place[g, tree.supernode_of_position[target // 3]] + target
+                    y[above] = y[above] - v[a]
 
 
 @func
-def mark_path(g: ti.i32, node: ti.i32, tree: EliminationTree, active: IntegerTable):
-    """Mark the supernodes from a node's own to the root."""
+def mark_path(g: ti.i32, node: ti.i32, tree: EliminationTree, fronts: Fronts, columns: SparseColumns):
+    """Give room to the supernodes from a node's own to the root."""
+    table, place, size = ti.static(fronts.table, columns.place, columns.size)
     s = tree.supernode_of_position[tree.position_of_node[node]]
-    while s >= 0 and active[g, s] == 0:
-        active[g, s] = 1
-        s = tree.parent[s]
+    ended = 0
+    while s >= 0 and ended == 0:
+        if place[g, s] != NOWHERE:
+            ended = 1
+        else:
+            place[g, s] = size[0] - table[s, FIRST_COLUMN]
+            size[0] = size[0] + table[s, WIDTH]
+            s = tree.parent[s]
+
+
+@func
+def give_places(rows: Rows, coordinates: Coordinates, tree: EliminationTree, fronts: Fronts, columns: SparseColumns):
+    """Fill `columns.place` and `columns.size`: what each group reaches; moments reach no soft body."""
+    contact_rows, row_count = 3 * rows.size[CONTACTS], 3 * (rows.size[CONTACTS] + rows.size[MOMENTS])
+    columns.size[0] = 0
+    for g in range((row_count + rows.size[ACTUATORS] + GROUP - 1) // GROUP):
+        for s in range(tree.parent.shape[0]):
+            columns.place[g, s] = NOWHERE
+        for r in range(GROUP * g, ti.min(GROUP * (g + 1), contact_rows + rows.size[ACTUATORS])):
+            if r < contact_rows:
+                for slot in range(rows.node.shape[1]):
+                    if rows.node[r // 3, slot] >= 0:
+                        mark_path(g, rows.node[r // 3, slot], tree, fronts, columns)
+            else:
+                coordinate = rows.coordinate[r - contact_rows]
+                for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+                    mark_path(g, coordinates.entry_node[k], tree, fronts, columns)
+
+
+@kernel
+def lay_out_columns(
+    rows: Rows, coordinates: Coordinates, tree: EliminationTree, fronts: Fronts, columns: SparseColumns
+):
+    """Find out how much room the columns need, before `soft_compliance`."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):  # without a loop around them Taichi would share out the groups
+        give_places(rows, coordinates, tree, fronts, columns)
+
+
+@func
+def first_entry(g: ti.i32, node: ti.i32, tree: EliminationTree, columns: SparseColumns) -> ti.i32:
+    """Where the first of a node's three entries stands in `columns.y`."""
+    position = tree.position_of_node[node]
+    return columns.place[g, tree.supernode_of_position[position]] + 3 * position
 
 
 @func
@@ -103,41 +146,29 @@ def fill_group(
     columns: SparseColumns,
 ):
     """A group's columns of J^T, on the supernodes that it leads to; those of moments have nothing there."""
-    active, y, position_of = ti.static(columns.active, columns.y, tree.position_of_node)
+    place, y = ti.static(columns.place, columns.y)
     contact_rows = 3 * rows.size[CONTACTS]
-    last = ti.min(GROUP * (g + 1), contact_rows + rows.size[ACTUATORS])
     for s in range(tree.parent.shape[0]):
-        active[g, s] = 0
-    for r in range(GROUP * g, last):
-        if r < contact_rows:
-            for slot in range(rows.node.shape[1]):
-                if rows.node[r // 3, slot] >= 0:
-                    mark_path(g, rows.node[r // 3, slot], tree, active)
-        else:
-            coordinate = rows.coordinate[r - contact_rows]
-            for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
-                mark_path(g, coordinates.entry_node[k], tree, active)
-    for s in range(tree.parent.shape[0]):
-        if active[g, s] != 0:
-            first = fronts.table[s, FIRST_COLUMN]
+        if place[g, s] != NOWHERE:
+            first = place[g, s] + fronts.table[s, FIRST_COLUMN]
             for i in range(first, first + fronts.table[s, WIDTH]):
-                y[g, i] = Column(0.0)
-    for r in range(GROUP * g, last):
+                y[i] = Column(0.0)
+    for r in range(GROUP * g, ti.min(GROUP * (g + 1), contact_rows + rows.size[ACTUATORS])):
         column = r - GROUP * g
         if r < contact_rows:
             c = r // 3
             direction = vec3(rows.basis[c][r % 3, 0], rows.basis[c][r % 3, 1], rows.basis[c][r % 3, 2])
             for slot in range(rows.node.shape[1]):
                 if rows.node[c, slot] >= 0:
-                    i = 3 * position_of[rows.node[c, slot]]
+                    i = first_entry(g, rows.node[c, slot], tree, columns)
                     for d in ti.static(range(3)):
-                        y[g, i + d][column] = y[g, i + d][column] + rows.weight[c, slot] * direction[d]
+                        y[i + d][column] = y[i + d][column] + rows.weight[c, slot] * direction[d]
         else:
             coordinate = rows.coordinate[r - contact_rows]
             for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
-                i = 3 * position_of[coordinates.entry_node[k]]
+                i = first_entry(g, coordinates.entry_node[k], tree, columns)
                 for d in ti.static(range(3)):
-                    y[g, i + d][column] = gradient.soft[k][d]
+                    y[i + d][column] = gradient.soft[k][d]
 
 
 @func
@@ -145,13 +176,15 @@ def multiply_groups(
     g: ti.i32, h: ti.i32, row_count: ti.i32, fronts: Fronts, columns: SparseColumns, w: Scalars, one: ti.i32
 ):
     """The block of W = Y^T Y of two groups, and its mirror image; W is stored by rows."""
-    front, active, y = ti.static(fronts.table, columns.active, columns.y)
+    front, place, y = ti.static(fronts.table, columns.place, columns.y)
     total = [Column(0.0) for _ in range(GROUP)]
-    for s in range(active.shape[1]):
-        if active[g, s] != 0 and active[h, s] != 0:
-            i, end = front[s, FIRST_COLUMN], front[s, FIRST_COLUMN] + front[s, WIDTH]
-            while i < end:
-                left, right = y[g, i], y[h, i]
+    for s in range(place.shape[1]):
+        if place[g, s] != NOWHERE and place[h, s] != NOWHERE:
+            one_row = opaque(place[g, s] + front[s, FIRST_COLUMN], one)
+            other_row = opaque(place[h, s] + front[s, FIRST_COLUMN], one)
+            i = 0
+            while i < front[s, WIDTH]:
+                left, right = y[one_row + i], y[other_row + i]
                 for a in ti.static(range(GROUP)):
                     total[a] += left[a] * right
                 i = advance(i, 1, one)
@@ -180,7 +213,7 @@ def make_soft_compliance(workers: int) -> Kernel:
         w: Scalars,
         one: ti.i32,
     ):
-        """Y = L^-1 J^T and W = Y^T Y.
+        """Y = L^-1 J^T and W = Y^T Y, with the places of `lay_out_columns`, or on one thread its own.
 
         Neighbouring groups, which act on the same body, go to the same thread: they share what is in its cache.
         """
@@ -189,11 +222,13 @@ def make_soft_compliance(workers: int) -> Kernel:
             if worker_ % CHUNK == 0:
                 row_count = 3 * (rows.size[CONTACTS] + rows.size[MOMENTS]) + rows.size[ACTUATORS]
                 worker, group_count = worker_ // CHUNK, (row_count + GROUP - 1) // GROUP
+                if ti.static(workers == 1):
+                    give_places(rows, coordinates, tree, fronts, columns)
                 for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
                     fill_group(g, rows, coordinates, gradient, tree, fronts, columns)
                     for s in range(tree.parent.shape[0]):
-                        if columns.active[g, s] != 0:
-                            eliminate(g, s, fronts, factor, columns.y, one)
+                        if columns.place[g, s] != NOWHERE:
+                            eliminate(g, s, fronts, factor, tree, columns, one)
                 ti.atomic_add(columns.done[0], 1)
                 while ti.atomic_max(columns.done[0], 0) < workers:  # a load that the compiler may not move
                     pass

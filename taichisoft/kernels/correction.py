@@ -1,7 +1,7 @@
 """A^-1 J^T lambda from what the compliance has left: with Y = L^-1 J^T it is L^-T (Y lambda), half a solve."""
 
 from taichisoft.kernels.cholesky import FIRST_COLUMN, WIDTH, Factor, Fronts
-from taichisoft.kernels.compliance import GROUP, SparseColumns
+from taichisoft.kernels.compliance import GROUP, NOWHERE, SparseColumns
 from taichisoft.kernels.launch import Kernel, func, kernel
 from taichisoft.kernels.runtime import CHUNK, THREADS, Scalars, ti
 from taichisoft.kernels.tiles import Column
@@ -13,20 +13,21 @@ def combine(
     s: ti.i32, row_count: ti.i32, impulse: Scalars, columns: SparseColumns, fronts: Fronts, solution: Solution
 ) -> ti.i32:
     """The part of a supernode in Y lambda; whether any row reaches it."""
-    active, y, x, table = ti.static(columns.active, columns.y, solution.x, fronts.table)
+    y, x, table = ti.static(columns.y, solution.x, fronts.table)
     first, width = table[s, FIRST_COLUMN], table[s, WIDTH]
     reached = 0
     for i in range(first, first + width):
         x[i] = 0.0
     for g in range((row_count + GROUP - 1) // GROUP):
-        if active[g, s] != 0:
+        place = columns.place[g, s]
+        if place != NOWHERE:
             reached = 1
             share = Column(0.0)
             for a in ti.static(range(GROUP)):
                 if GROUP * g + a < row_count:
                     share[a] = impulse[GROUP * g + a]
             for i in range(first, first + width):
-                x[i] = x[i] + (y[g, i] * share).sum()
+                x[i] = x[i] + (y[place + i] * share).sum()
     return reached
 
 

@@ -10,6 +10,9 @@ from taichisoft.kernels.launch import forget
 from taichisoft.model import Model
 from taichisoft.step.gauss_seidel import GaussSeidel
 
+# A little room to spare: with several hundred contacts the arrays are large.
+GROWTH = 1.25
+
 
 class ConstraintRows:
     """Three rows for each contact, one for each coordinate of an actuator that is no known load, and those of moments.
@@ -62,15 +65,23 @@ class ConstraintRows:
                 self.rows.moment_length,
             )
         )
+        self._acts_on_soft = model.elasticity is not None
         if model.elasticity is not None:
             symbolic, groups = model.elasticity.symbolic, -(-row_capacity // GROUP)
             self.columns = SparseColumns(
-                active=np.empty((groups, len(symbolic.tree.parent)), dtype=np.int32),
-                y=np.empty((groups, 3 * len(symbolic.order), GROUP)),
+                place=np.empty((groups, len(symbolic.tree.parent)), dtype=np.int32),
+                y=np.empty((3 * len(symbolic.order), GROUP)),
+                size=np.zeros(1, dtype=np.int32),
                 done=np.zeros(1, dtype=np.int32),
             )
 
+    def make_room_for_columns(self, entry_count: int) -> None:
+        """Let there be room for so many entries of `columns.y`, with nothing in it yet."""
+        if entry_count > len(self.columns.y):
+            forget(self.columns)
+            self.columns = self.columns._replace(y=np.empty((int(GROWTH * entry_count), GROUP)))
+
     def release(self) -> None:
         """Let no kernel keep these arrays alive, when larger ones take their place."""
-        forget(self.rows)
+        forget(self.rows, *([self.columns] if self._acts_on_soft else []))
         self.gauss_seidel.release()

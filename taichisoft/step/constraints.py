@@ -7,6 +7,7 @@ import numpy as np
 from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.interruption import stop_if_asked
 from taichisoft.kernels import compliance, constraint_rows, moment_rows
+from taichisoft.kernels.compliance import GROUP
 from taichisoft.kernels.constraint_rows import ACTUATORS, MOMENTS, PairLaws
 from taichisoft.kernels.contact_reduction import TAKING_PART
 from taichisoft.kernels.contacts import Contacts
@@ -15,7 +16,7 @@ from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.active_set import ActiveSet
 from taichisoft.step.actuator_rows import ActuatorRows
-from taichisoft.step.constraint_rows import ConstraintRows
+from taichisoft.step.constraint_rows import GROWTH, ConstraintRows
 from taichisoft.step.contact_prediction import Found
 from taichisoft.step.impacts import Impacts
 from taichisoft.step.rigid_motion import RigidMotion
@@ -24,8 +25,6 @@ from taichisoft.step.soft_motion import SoftMotion
 # Rows times non-zeros of the factor: less than some 0.5 ms of work is not worth waking threads.
 SMALL_COMPLIANCE = 30e6
 FIRST_CAPACITY = 16
-# A little room to spare: with several hundred contacts the arrays are large.
-GROWTH = 1.25
 NO_IMPULSE = np.zeros(0)
 
 
@@ -297,15 +296,22 @@ class Constraints:
 
     def _assemble_soft_compliance(self, soft: SoftMotion) -> None:
         solver = soft.system.solver
-        small = self._row_count * solver.symbolic.factor_entries < SMALL_COMPLIANCE
-        assemble = compliance.soft_compliance_serially if small else compliance.soft_compliance
+        rows, coordinates, symbolic = self._problem.rows, self._model.actuators.coordinates, solver.symbolic
+        small = self._row_count * symbolic.factor_entries < SMALL_COMPLIANCE
+        if small:  # then room for all that could be is little, and saves a launch
+            assemble = compliance.soft_compliance_serially
+            self._problem.make_room_for_columns(-(-self._row_count // GROUP) * 3 * self._model.node_count)
+        else:
+            assemble = compliance.soft_compliance
+            compliance.lay_out_columns(rows, coordinates, symbolic.tree, symbolic.fronts, self._problem.columns)
+            self._problem.make_room_for_columns(int(self._problem.columns.size[0]))
         self._problem.columns.done[0] = 0
         assemble(
-            self._problem.rows,
-            self._model.actuators.coordinates,
+            rows,
+            coordinates,
             self._geometry.gradient,
-            solver.symbolic.tree,
-            solver.symbolic.fronts,
+            symbolic.tree,
+            symbolic.fronts,
             solver.factor,
             self._problem.columns,
             self._problem.compliance,
@@ -371,10 +377,10 @@ class Constraints:
 
     def _correction(self, soft: SoftMotion) -> np.ndarray:
         """Change of the soft nodes' velocities by the impulses found; of few rows L^-1 J^T is known already."""
-        solver, count = soft.system.solver, self._row_count
-        if 3 * self._model.node_count * count > solver.symbolic.factor_entries:
+        solver, columns = soft.system.solver, self._problem.columns
+        if not self._row_count or GROUP * int(columns.size[0]) > solver.symbolic.factor_entries:
             return soft.response(self._node_impulse)
-        return solver.solve_columns(self._problem.columns, self._problem.gauss_seidel.impulse, count)
+        return solver.solve_columns(columns, self._problem.gauss_seidel.impulse, self._row_count)
 
     def _apply_row_impulses(self) -> None:
         problem = self._problem

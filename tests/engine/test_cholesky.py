@@ -16,7 +16,7 @@ from taichisoft.cholesky import fronts
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import MeshError, NotPositiveDefinite
-from taichisoft.kernels.compliance import GROUP, SparseColumns
+from taichisoft.kernels.compliance import GROUP, NOWHERE, SparseColumns
 
 
 def random_pattern(seed: int, sizes: list[int], neighbours: float) -> sparse.csr_matrix:
@@ -90,18 +90,17 @@ def test_a_correction_is_half_a_solve(seed: int, sizes: list[int], rows: int) ->
     in_order = (3 * solver.symbolic.order[:, None] + np.arange(3)).reshape(-1)
     y = np.linalg.solve(np.linalg.cholesky(matrix[np.ix_(in_order, in_order)]), jacobian.T[in_order])
     groups, node_count = -(-rows // GROUP), sum(sizes)
-    columns = SparseColumns(
-        active=np.zeros((groups, len(solver.symbolic.tree.parent)), dtype=np.int32),
-        y=np.full((groups, 3 * node_count, GROUP), np.nan),  # nobody writes what no row reaches
-        done=np.zeros(1, dtype=np.int32),
-    )
     owner = np.repeat(solver.symbolic.tree.supernode_of_position, 3)
+    place = np.full((groups, len(solver.symbolic.tree.parent)), NOWHERE, dtype=np.int32)
+    entries: list[np.ndarray] = []
     for g in range(groups):
         some = np.zeros((3 * node_count, GROUP))
         some[:, : rows - GROUP * g] = y[:, GROUP * g : GROUP * (g + 1)]
-        reached = np.isin(owner, owner[some.any(axis=1)])
-        columns.active[g, owner[reached]] = 1
-        columns.y[g, reached] = some[reached]
+        for s in np.unique(owner[some.any(axis=1)]):
+            own = np.flatnonzero(owner == s)
+            place[g, s] = len(entries) - own[0]
+            entries += list(some[own])
+    columns = SparseColumns(place, np.array(entries), *np.zeros((2, 1), dtype=np.int32))
     multipliers = np.full(GROUP * groups + 3, np.nan)
     multipliers[:rows] = random.normal(size=rows)
     solution = solver.solve_columns(columns, multipliers, rows).reshape(-1)
