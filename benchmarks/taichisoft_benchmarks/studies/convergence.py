@@ -165,7 +165,7 @@ def page_section(study: Study) -> str:
 def draw(study: Study, path: Path) -> None:
     """Draw displacement against nodes."""
     limit = study.limit
-    with svg_axes(path, (5.6, 3.6)) as axes:
+    with svg_axes(path, (8.4, 3.6)) as axes:
         axes.axhspan(limit.value - limit.doubt, limit.value + limit.doubt, color="0.9")
         axes.axhline(limit.value, color="0.5", linewidth=1, label=f"limit, {limit.value:.1f} ± {limit.doubt:.1f} mm")
         nodes = np.geomspace(min(study.quadratic), study.graded[-1].nodes, 50)
@@ -184,7 +184,7 @@ def draw(study: Study, path: Path) -> None:
         axes.set_ylim(bottom=0)
         axes.set_xlabel("nodes of the finger")
         axes.set_ylabel("largest displacement at 30 kPa [mm]")
-        axes.legend(frameon=False, loc="lower right")
+        axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
 def main() -> None:
