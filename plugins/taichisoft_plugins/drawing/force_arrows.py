@@ -32,7 +32,7 @@ class ForceArrows:
         behind: red, green and blue [-] of what may be behind the arrows.
     """
 
-    def __init__(self, recording: Recording, frames: Sequence[int], radius: float, behind: Sequence[np.ndarray]):
+    def __init__(self, recording: Recording, frames: Sequence[int], radius: float, behind: Sequence[np.ndarray] = ()):
         self._recording = recording
         self._colour = arrow_colour(behind)
         forces = (recording.contacts(frame)[1] for frame in sample_frames(frames, SAMPLES))
