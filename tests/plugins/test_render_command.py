@@ -89,6 +89,7 @@ def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.Mo
         "cable_tension": ("--no-cable-tension",),
         "arrows": ("--no-arrows",),
         "axes": ("--no-axes",),
+        "body_axes": ("--no-body-axes",),
         "caption": ("--no-caption",),
         "surface": ("--surface", "finger.stl"),
     }
