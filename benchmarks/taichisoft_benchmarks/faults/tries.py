@@ -62,12 +62,12 @@ def how_it_went(number: int, arguments: list[str]) -> Failure | None:
 
     shown = " ".join(arguments)
     shown = shown if len(shown) <= 200 else shown[:197] + "..."
-    before, errors = sys.argv, io.StringIO()
+    before, errors, written = sys.argv, io.StringIO(), io.StringIO()
     sys.argv = ["taichisoft", *arguments]
     signal.signal(signal.SIGPROF, _raise_too_long)
     signal.setitimer(signal.ITIMER_PROF, SECONDS)
     try:
-        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(io.StringIO()):
+        with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(written):
             main()
     except SystemExit as end:
         code = end.code if end.code is not None else 0
@@ -85,7 +85,8 @@ def how_it_went(number: int, arguments: list[str]) -> Failure | None:
         return Failure(number, shown, f"exit code {code}")
     if "Traceback" in errors.getvalue() and "plug-in" not in told[0]:
         return Failure(number, shown, f"a traceback: {told[-1][:200]}")
-    if code == 2 and len(told) != 1:
+    shows_help = not told and "Usage:" in written.getvalue()  # of a command that wants another one after it
+    if code == 2 and len(told) != 1 and not shows_help:
         return Failure(number, shown, f"{len(told)} lines of errors: {told[:2]}")
     if any(len(line) > LONGEST_LINE for line in told):
         return Failure(number, shown, f"an error of {max(map(len, told))} characters: {told[0][:100]}")
