@@ -33,7 +33,7 @@ class EndOfStep:
             geometry: of the model's actuators, which is moved along.
         """
         self._model, self._soft, self._geometry = model, soft, geometry
-        self._mass, self._diagonal = elasticity.node_mass[:, None], elasticity.diagonal
+        self._mass = elasticity.node_mass[:, None]
         self._time_step = model.scene.time.step
         self._has_inertia = model.scene.time.dynamics == "second order"
         # The lag is h + b in second order dynamics, and 0 in first order ones, where nothing is damped.
