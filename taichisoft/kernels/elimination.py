@@ -50,26 +50,30 @@ def factorise(count: ti.i32, system: LinearSystem, one: ti.i32) -> ti.i32:
             first = start + TILE * panel
             last = ti.min(first + TILE, end)
             if solvable != 0:
-                solvable = eliminate_panel(first, last, count, system)
+                solvable = eliminate_panel(first, last, count, system, one)
             if solvable != 0 and last < end:
-                solve_upper(first, last, tiles_in(last), tiles_in(end), count, system)
+                solve_upper(first, last, tiles_in(last), tiles_in(end), count, system, one)
                 for i in range(last, count):
                     subtract_panel(i, first, tiles_in(end), count, system)
         if solvable != 0 and end < count:
-            solve_upper(start, end, tiles_in(end), tiles_in(count), count, system)
+            solve_upper(start, end, tiles_in(end), tiles_in(count), count, system, one)
             subtract_block(start, end, count, system, one)
     return solvable
 
 
 @func
-def solve_upper(first: ti.i32, last: ti.i32, tile: ti.i32, end: ti.i32, count: ti.i32, system: LinearSystem):
+def solve_upper(
+    first: ti.i32, last: ti.i32, tile: ti.i32, end: ti.i32, count: ti.i32, system: LinearSystem, one: ti.i32
+):
     """Rows first..last of U in the columns of tiles tile..end."""
     row = tiles_in(count)
     for k in range(first + 1, last):
         for e in range(first, k):
             factor = system.matrix[k * TILE * row + e]
-            for t in range(tile, end):
+            t = tile
+            while t < end:
                 system.tiles[k * row + t] = system.tiles[k * row + t] - factor * system.tiles[e * row + t]
+                t = advance(t, 1, one)
 
 
 @func
@@ -95,7 +99,7 @@ def substitute(count: ti.i32, system: LinearSystem):
 
 
 @func
-def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, system: LinearSystem) -> ti.i32:
+def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, system: LinearSystem, one: ti.i32) -> ti.i32:
     """Choose pivots and eliminate within columns first..last; the factors stay below the diagonal."""
     matrix, tiles = ti.static(system.matrix, system.tiles)
     row = row_length(count)
@@ -110,16 +114,19 @@ def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, system: LinearSy
             solvable = 0
         if solvable != 0:
             if pivot != k:
-                for t in range(tiles_in(count)):
+                t = 0
+                while t < tiles_in(count):
                     swapped = tiles[k * tiles_in(count) + t]
                     tiles[k * tiles_in(count) + t] = tiles[pivot * tiles_in(count) + t]
                     tiles[pivot * tiles_in(count) + t] = swapped
+                    t = advance(t, 1, one)
             inverse = 1.0 / matrix[k * row + k]
             for i in range(k + 1, count):
                 factor = matrix[i * row + k] * inverse
                 matrix[i * row + k] = factor
                 if factor != 0.0:
-                    for j in range(k + 1, last):
+                    for left in range(last - 1 - k & TILE - 1):  # fewer than eight, as LLVM can see
+                        j = last - 1 - left
                         matrix[i * row + j] = matrix[i * row + j] - factor * matrix[k * row + j]
     return solvable
 
