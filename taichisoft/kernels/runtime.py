@@ -79,6 +79,8 @@ if not has_kernels():  # else a script would stand still without a word
 
 
 def _start() -> None:
+    # Taichi's own analysis of the flow of control takes two thirds of the time to compile, more than in proportion to a
+    # kernel's size, and LLVM does its work again: without it no step is slower.
     with contextlib.redirect_stdout(io.StringIO()):  # it prints which back end it starts
         ti.init(
             arch=ti.cpu,
@@ -86,6 +88,7 @@ def _start() -> None:
             default_ip=ti.i32,
             cpu_max_num_threads=THREADS,
             fast_math=True,
+            cfg_optimization=False,
             offline_cache=True,
             log_level=ti.WARN,
         )
