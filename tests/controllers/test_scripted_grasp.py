@@ -3,6 +3,7 @@
 import csv
 import json
 import re
+import runpy
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -14,6 +15,7 @@ from made_up import write
 from taichisoft.command_line import main
 
 Command = Callable[..., tuple[int, str]]
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 @pytest.fixture
@@ -86,15 +88,15 @@ def test_the_programs_of_the_documents_read_what_a_run_leaves(
     assert names["lift"].tolist() == column(tmp_path / "out" / "gripper", "lift cube [mm]")
     assert len(names["force"]) == 5
     with matplotlib.rc_context():
-        execute("notes/closed_loop.md")
-    drawn = (tmp_path / "out" / "gripper" / "closed_loop.svg").read_text(encoding="utf-8")
+        runpy.run_path(str(DOCS / "draw_closed_loop.py"))["draw"](Path("out/gripper"), tmp_path / "drawn.svg")
+    drawn = (tmp_path / "drawn.svg").read_text(encoding="utf-8")
     for text in ("signal set_point", "lift cube [mm]", "slip [mm/s]", "time [s]", "#d62728"):
         assert text in drawn
 
 
 def execute(page: str) -> dict[str, Any]:
     """Run the only Python program of a page; returns its names."""
-    text = (Path(__file__).resolve().parents[2] / "docs" / page).read_text(encoding="utf-8")
+    text = (DOCS / page).read_text(encoding="utf-8")
     (program,) = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
     names: dict[str, Any] = {}
     exec(program, names)
