@@ -50,7 +50,7 @@ PAGES = [
 
 LEFT_OUT = {
     "taichisoft bench ": "half an hour; tests/benchmarks/test_bench_command.py runs a case",
-    "taichisoft optimise finger-tip-force": "an hour; tests/studies/test_optimise.py optimises something small",
+    "taichisoft optimise finger-tip-force": "minutes; tests/studies/test_optimise.py optimises something small",
     "taichisoft calibrate beam.toml": "needs a measured beam; tests/studies/test_calibrate.py makes one up",
     "taichisoft sweep study.toml -o /shared/study": "needs a cluster; tests/studies/test_sweep.py starts one",
     "taichisoft doctor": "looks at the machine, which may lack something; tests/plugins/test_doctor.py",
