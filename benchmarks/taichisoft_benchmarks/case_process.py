@@ -98,7 +98,7 @@ def _measure(case: Case, meshes: Meshes) -> Measured:
         TaichisoftError: the case cannot be made, or failed.
         PeerMissing: another program is not installed.
     """
-    from taichisoft_benchmarks.measures import factorisation, outputs, peer_steps, preparation, steps
+    from taichisoft_benchmarks.measures import factorisation, outputs, peer_steps, preparation, steps, throughput
 
     if isinstance(case, MeshingCase):
         return preparation.measure_meshing(case)
@@ -114,6 +114,7 @@ def _measure(case: Case, meshes: Meshes) -> Measured:
         cases.RecordingCase: outputs.measure_recording,
         cases.RenderingCase: outputs.measure_rendering,
         cases.WebCase: outputs.measure_web,
+        cases.ThroughputCase: throughput.measure_throughput,
     }
     return measures[type(case)](case, scene_of(case, meshes))
 

@@ -125,6 +125,16 @@ class StartCase(SceneCase):
     """Whether the cache of compiled kernels is empty."""
 
 
+class ThroughputCase(SceneCase):
+    """Runs of a scene, one process on each core, and MuJoCo's after them."""
+
+    threads: Annotated[int, Field(strict=True, ge=1, le=1)] = 1
+    """Threads of each process."""
+    steps: Count
+    """Steps of a run; MuJoCo's base does not move."""
+    quick: ClassVar[dict[str, int]] = {"steps": QUICK_STEPS}
+
+
 class MeshingCase(Case):
     """Time that gmsh takes for the tutorial's finger."""
 
@@ -167,6 +177,7 @@ KINDS: dict[str, type[Case]] = {
     "fingers": FingersCase,
     "factorisation": FactorisationCase,
     "start": StartCase,
+    "throughput": ThroughputCase,
     "meshing": MeshingCase,
     "rendering": RenderingCase,
     "recording": RecordingCase,

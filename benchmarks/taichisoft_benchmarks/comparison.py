@@ -11,6 +11,8 @@ LEAST_NOISE = 0.05
 """Share below which no change is believed, however alike the repetitions: three of them say little about a machine."""
 
 TIMES = ("_ms", "_s")
+RATES = ("_per_s",)
+"""Ends of the names of figures of which more is better; they are compared by their inverses, which are times."""
 COMPARED = (*TIMES, "_mb")
 
 
@@ -20,7 +22,7 @@ class Change:
 
     Attributes:
         name: "case.metric".
-        ratio: new over old [-], times each divided by its calibration.
+        ratio: new over old [-], times each divided by its calibration; of rates old over new.
         noise: largest difference of the ratio from 1 that says nothing [-].
     """
 
@@ -66,7 +68,7 @@ def _compare_case(name: str, new: Results, old: Results) -> Iterator[Change]:
 
 
 def _compare_figure(name: str, new: Figure, old: Figure, now: CaseResult, before: CaseResult) -> Change:
-    ratio = new.median / old.median
+    ratio = old.median / new.median if name.endswith(RATES) else new.median / old.median
     noise = new.spread / new.median + old.spread / old.median
     if name.endswith(TIMES):
         ratio *= median(before.calibration_ms) / median(now.calibration_ms)

@@ -110,6 +110,18 @@ def start_table(results: Results) -> str:
     return _table(["case", "import, s", "model, s", "first step, s", "total, s"], rows)
 
 
+def throughput_table(results: Results) -> str:
+    """Runs at once, a process on each core."""
+    header = ["processes", "steps of a run", "taichisoft, steps/s", "runs/min", "MuJoCo, steps/s", "over MuJoCo's"]
+    rows = []
+    for _, case in _measured(results, kind="throughput"):
+        figures, steps = case.figures, case.facts["steps"]
+        per_minute = f"{60.0 * figures['ours_per_s'].median / steps:.3g}"
+        theirs = [figure_text(figures.get(name)) for name in ("mujoco_per_s", "over_mujoco")]
+        rows.append([str(case.facts["processes"]), str(steps), figure_text(figures["ours_per_s"]), per_minute, *theirs])
+    return _table(header, rows)
+
+
 def other_table(results: Results) -> str:
     """Meshing, rendering, recording, the web page and plug-ins."""
     rows = []
@@ -214,6 +226,7 @@ SECTIONS: dict[str, Callable[[Results], str]] = {
     "tolerance": tolerance_table,
     "time_step": time_step_table,
     "start": start_table,
+    "throughput": throughput_table,
     "other": other_table,
     "peers": peers_table,
     "phases": phases_table,

@@ -1,14 +1,42 @@
-"""Runs cases one after the other, each repetition in a process of its own, beside a calibration."""
+"""Runs cases in rounds, each repetition in a process of its own, beside a calibration.
+
+In rounds, all cases once and then all again: a shared machine is slow for minutes at a time, and so a case and the
+other programs that it is compared with meet its moods alike.
+"""
 
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from statistics import median
 from typing import Any
 
 from taichisoft_benchmarks import machine
-from taichisoft_benchmarks.case_process import Answer, measure_in_process
+from taichisoft_benchmarks.case_process import measure_in_process
 from taichisoft_benchmarks.cases import NamedCase
+from taichisoft_benchmarks.measures.measured import Measured
 from taichisoft_benchmarks.results import CaseResult, Figure, Results, derive
 from taichisoft_benchmarks.scenes import Meshes
+
+
+@dataclass
+class Repetitions:
+    """What the repetitions of a case have given so far.
+
+    Attributes:
+        measured: of each repetition that could be measured.
+        calibration: beside each of them [ms].
+        skipped, problem: why the case ended, as in `Answer`; it is not tried again then.
+    """
+
+    measured: list[Measured] = field(default_factory=list)
+    calibration: list[float] = field(default_factory=list)
+    skipped: str = ""
+    problem: str = ""
+
+    @property
+    def ended(self) -> bool:
+        """Whether a repetition could not be measured."""
+        return bool(self.skipped or self.problem)
 
 
 def run_cases(
@@ -19,28 +47,42 @@ def run_cases(
     on_progress: Callable[[str], None],
     on_result: Callable[[str, CaseResult], None],
 ) -> Results:
-    """Measure all cases; one that fails is part of the results, and the rest go on. Ctrl and c ends the list early.
+    """Measure all cases; one that fails is part of the results, and the rest go on. Ctrl and c ends the rounds early.
 
     Args:
-        cases: cases in the order of the run.
+        cases: cases in the order of a round.
         meshes: folders of meshes.
-        repeat: number of repetitions of each case.
+        repeat: number of rounds.
         quick: whether to make few steps.
         on_progress: called with a line before each repetition.
-        on_result: called with the name and the result of each case.
+        on_result: called with the name and the result of each case, when its last repetition is there.
     """
     load = machine.load()
-    found: dict[str, CaseResult] = {}
+    found = {named.name: Repetitions() for named in cases}
     started = time.strftime("%Y-%m-%dT%H:%M:%S%z")
+    results: dict[str, CaseResult] = {}
+
+    def conclude(named: NamedCase) -> None:
+        results[named.name] = _result(named, found[named.name])
+        on_result(named.name, results[named.name])
+
     interrupted = False
-    for number, named in enumerate(cases, start=1):
-        where = f"case {number} of {len(cases)}"
-        try:
-            found[named.name] = measure_case(named, meshes, repeat, quick, on_progress, where)
-        except KeyboardInterrupt:
-            interrupted = True
-            break
-        on_result(named.name, found[named.name])
+    try:
+        for round_number in range(1, repeat + 1):
+            for number, named in enumerate(cases, start=1):
+                repetitions = found[named.name]
+                if repetitions.ended:
+                    continue
+                on_progress(f"round {round_number} of {repeat}, case {number} of {len(cases)}: {named.name}")
+                _repeat(named, meshes, quick, repetitions)
+                if repetitions.ended or round_number == repeat:
+                    conclude(named)
+    except KeyboardInterrupt:
+        interrupted = True
+        for named in cases:
+            if named.name not in results and found[named.name].measured:
+                conclude(named)
+    ordered = {named.name: results[named.name] for named in cases if named.name in results}
     return Results(
         started=started,
         meshes="shipped" if meshes.tutorial is None else "tutorial",
@@ -49,40 +91,39 @@ def run_cases(
         machine=machine.describe_machine(),
         versions=machine.versions(),
         load={"start": load, "end": machine.load()},
-        cases=found,
-        derived=derive(found),
+        cases=ordered,
+        derived=derive(ordered),
     )
 
 
-def measure_case(
-    named: NamedCase, meshes: Meshes, repeat: int, quick: bool, on_progress: Callable[[str], None], where: str
-) -> CaseResult:
-    """Measure all repetitions of a case; the first that cannot be measured ends it. `where` begins every progress."""
-    case = named.case.shortened() if quick else named.case
-    answers: list[Answer] = []
-    calibration: list[float] = []
-    for repetition in range(1, repeat + 1):
-        on_progress(f"{where}: {named.name}, run {repetition} of {repeat}")
-        calibration.append(machine.calibrate())
-        answers.append(measure_in_process(case, meshes))
-        if answers[-1].measured is None:
-            break
+def _repeat(named: NamedCase, meshes: Meshes, quick: bool, repetitions: Repetitions) -> None:
+    """Measure a case once more."""
+    calibration = machine.calibrate()
+    answer = measure_in_process(named.case.shortened() if quick else named.case, meshes)
+    if answer.measured is None:
+        repetitions.skipped, repetitions.problem = answer.skipped, answer.problem
+    else:
+        repetitions.measured.append(answer.measured)
+        repetitions.calibration.append(calibration)
+
+
+def _result(named: NamedCase, repetitions: Repetitions) -> CaseResult:
+    """What the repetitions of a case come to; those before a failure do not count."""
     about: dict[str, Any] = {
         "group": named.group,
         "parameter": named.parameter,
-        "title": case.title,
-        "kind": case.kind,
-        "threads": case.threads,
+        "title": named.case.title,
+        "kind": named.case.kind,
+        "threads": named.case.threads,
     }
-    last = answers[-1]
-    if last.measured is None:
-        return CaseResult(**about, skipped=last.skipped, problem=last.problem)
-    repetitions = [answer.measured.figures for answer in answers if answer.measured is not None]
+    if repetitions.ended:
+        return CaseResult(**about, skipped=repetitions.skipped, problem=repetitions.problem)
+    measured, last = repetitions.measured, repetitions.measured[-1]
     return CaseResult(
         **about,
-        figures={metric: Figure.of([figures[metric] for figures in repetitions]) for metric in repetitions[0]},
-        facts=last.measured.facts,
-        phases=last.measured.phases,
-        calibration_ms=[round(value, 4) for value in calibration],
-        does_not=last.measured.does_not,
+        figures={metric: Figure.of([one.figures[metric] for one in measured]) for metric in measured[0].figures},
+        facts=last.facts,
+        phases={phase: median(one.phases[phase] for one in measured) for phase in last.phases},
+        calibration_ms=[round(value, 4) for value in repetitions.calibration],
+        does_not=last.does_not,
     )

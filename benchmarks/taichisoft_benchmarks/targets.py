@@ -3,6 +3,7 @@
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
+from statistics import median
 
 from taichisoft_benchmarks.results import Figure, Results
 
@@ -10,6 +11,7 @@ FILE = Path(__file__).with_name("targets.toml")
 OURS = "taichisoft"
 PEERS = {"mujoco": "MuJoCo", "mujoco_1000": "MuJoCo, 1000 iterations", "drake": "Drake"}
 """Names of the other programs by the ends of their cases' names."""
+SHARE = "of MuJoCo's time"
 NOTHING = "-"
 
 
@@ -18,7 +20,8 @@ def targets_of(results: Results) -> Iterator[tuple[str, str, dict[str, str]]]:
 
     Yields:
         The figure in words, its name "case.metric", and as text, "-" where there is none: what taichisoft took, the
-        target, what SOFA took once, and what other programs took in the same run.
+        target, what SOFA took once, what other programs took in the same run, our share of MuJoCo's time (the median
+        over the rounds, in each of which the two ran one after the other) and the target of that share.
     """
     for case, metrics in tomllib.loads(FILE.read_text(encoding="utf-8")).items():
         for metric, about in metrics.items():
@@ -28,6 +31,8 @@ def targets_of(results: Results) -> Iterator[tuple[str, str, dict[str, str]]]:
                 "target": f"{about['target']:g}" if "target" in about else NOTHING,
                 "SOFA": f"{about['sofa']:g}" if "sofa" in about else NOTHING,
                 **{name: _value(results, f"{case}_{peer}", theirs) for peer, name in PEERS.items()},
+                SHARE: _share(results, case, metric, theirs),
+                f"{SHARE}, target": f"{about['share']:g}" if "share" in about else NOTHING,
             }
             yield about["label"], f"{case}.{metric}", columns
 
@@ -46,3 +51,12 @@ def _value(results: Results, case: str, metric: str) -> str:
         return figure_text(results.cases[case].figures.get(metric))
     value = results.derived.get(f"{case}.{metric}")
     return NOTHING if value is None else f"{value:.3g}"
+
+
+def _share(results: Results, case: str, metric: str, theirs: str) -> str:
+    """Our figure over MuJoCo's, in words."""
+    ours, mujoco = results.cases.get(case), results.cases.get(f"{case}_mujoco")
+    if ours is None or mujoco is None or metric not in ours.figures or theirs not in mujoco.figures:
+        return NOTHING
+    pairs = zip(ours.figures[metric].values, mujoco.figures[theirs].values, strict=False)  # stopped in between
+    return f"{median(one / other for one, other in pairs):.2f}"

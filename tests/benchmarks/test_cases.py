@@ -19,9 +19,9 @@ STEPS = {
 
 def test_the_shipped_cases_have_what_the_targets_are_about():
     names = {case.name for case in read_cases()}
-    assert {"finger_coarse", "finger_fine", "gripper_coarse", "gripper_fine", "factor_coarse", "factor_fine"} <= names
+    assert {"finger_coarse", "finger_fine", "gripper_coarse", "gripper_fine", "factor_coarse", "throughput"} <= names
     assert {"growth_nodes_400", "growth_nodes_20000", "growth_contacts_784", "growth_fingers_12"} <= names
-    assert {"start_cold", "meshing_coarse", "meshing_fine", "rendering", "factor_gripper_2_threads"} <= names
+    assert {"start_cold", "meshing_coarse", "meshing_fine", "rendering", "factor_fine_2_threads"} <= names
 
 
 def test_an_entry_of_a_sweep_is_a_case_with_its_changes():

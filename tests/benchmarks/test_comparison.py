@@ -40,6 +40,14 @@ def test_memory_is_compared_as_it_is():
     assert verdicts(case_of({"peak_mb": [260.0]}, calibration_ms=[2.0]), old) == {"finger.peak_mb": "worse"}
 
 
+def test_of_rates_more_is_better():
+    old = case_of({"steps_per_s": [100.0]})
+    assert verdicts(case_of({"steps_per_s": [120.0]}), old) == {"finger.steps_per_s": "better"}
+    assert verdicts(case_of({"steps_per_s": [80.0]}), old) == {"finger.steps_per_s": "worse"}
+    half = case_of({"steps_per_s": [50.0]}, calibration_ms=[2.0])  # on a machine of half the speed
+    assert verdicts(half, old) == {"finger.steps_per_s": ""}
+
+
 def test_an_unsteady_machine_is_noise():
     old = case_of({"step_ms": [1.0, 1.0, 1.0]})
     unsteady = case_of({"step_ms": [1.3, 1.3, 1.3]}, calibration_ms=[0.8, 1.0, 1.2])

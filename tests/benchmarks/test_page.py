@@ -30,7 +30,7 @@ def test_only_what_is_marked_changes():
     assert filled.startswith("before\n<!-- bench:targets -->\n| case |")
     assert filled.endswith("<!-- end -->\nafter\n")
     assert "stale" not in filled
-    assert "| `finger_coarse.step_ms` | 1.25 | 1 | 6 | - | - | - |" in filled
+    assert "| `finger_coarse.step_ms` | 1.25 | 0.9 | 6 | - | - | - | - | 0.3 |" in filled
 
 
 def test_filling_twice_gives_the_same():
@@ -43,9 +43,11 @@ def test_filling_twice_gives_the_same():
 
 def test_a_peer_stands_beside_ours_with_what_it_leaves_out():
     cases = {
-        "finger_coarse": case_of({"step_ms": [1.0], "python_ms": [0.2]}, facts={"nodes": 376, "displacement_mm": 12.3}),
+        "finger_coarse": case_of(
+            {"step_ms": [1.5, 1.2, 0.8], "python_ms": [0.2]}, facts={"nodes": 376, "displacement_mm": 12.3}
+        ),
         "finger_coarse_mujoco": case_of(
-            {"step_ms": [3.5]},
+            {"step_ms": [3.0, 3.0, 3.2]},
             group="finger_coarse_mujoco",
             facts={"nodes": 376, "displacement_mm": 10.5, "unsolved": 9},
             does_not="no air",
@@ -53,10 +55,18 @@ def test_a_peer_stands_beside_ours_with_what_it_leaves_out():
         "finger_coarse_drake": case_of({}, group="finger_coarse_drake", skipped="drake is not installed"),
     }
     tables = page.fill_page("<!-- bench:targets -->\n<!-- end --><!-- bench:peers -->\n<!-- end -->", results_of(cases))
-    assert "| `finger_coarse.step_ms` | 1 | 1 | 6 | 3.5 | - | - |" in tables
-    assert "| `finger_coarse.python_ms` | 0.2 | 0.15 | - | 3.5 | - | - |" in tables  # their whole step
+    # The share is the median of the rounds' shares: 0.5, 0.4, 0.25.
+    assert "| `finger_coarse.step_ms` | 1.2 ± 0.35 | 0.9 | 6 | 3 ± 0.1 | - | - | 0.40 | 0.3 |" in tables
+    assert "| `finger_coarse.python_ms` | 0.2 | 0.15 | - | - | - | - | - | - |" in tables
     assert "| `finger_coarse_mujoco` | 12.3 | 10.5 | 9 | no air |" in tables
     assert "| `finger_coarse_drake` | - | - | - | drake is not installed |" in tables
+
+
+def test_throughput_is_told_in_runs_a_minute():
+    figures = {"ours_per_s": [340.0], "mujoco_per_s": [85.0], "over_mujoco": [4.0]}
+    case = case_of(figures, kind="throughput", facts={"processes": 2, "steps": 170})
+    table = page.fill_page("<!-- bench:throughput -->\n<!-- end -->", results_of({"throughput": case}))
+    assert "| 2 | 170 | 340 | 120 | 85 | 4 |" in table
 
 
 def test_tuning_is_compared_with_the_tightest_tolerance_and_the_shortest_step():

@@ -1,8 +1,6 @@
-"""The list of cases: one after the other, and what was measured is kept when it is stopped."""
+"""The list of cases: round by round, and what was measured is kept when it is stopped."""
 
 from pathlib import Path
-
-from made_results import case_of
 
 from taichisoft_benchmarks import runner
 from taichisoft_benchmarks.case_process import Answer
@@ -20,7 +18,7 @@ def run(**changes):
 
 
 def test_every_repetition_is_measured_beside_a_calibration(monkeypatch):
-    answers = iter([1.0, 3.0, 2.0, 5.0, 5.0, 5.0])
+    answers = iter([1.0, 5.0, 3.0, 5.0, 2.0, 5.0])
     monkeypatch.setattr(runner.machine, "calibrate", lambda: 1.5)
     monkeypatch.setattr(runner, "measure_in_process", lambda case, meshes: Answer(Measured({"mesh_s": next(answers)})))
     seen = []
@@ -28,8 +26,8 @@ def test_every_repetition_is_measured_beside_a_calibration(monkeypatch):
     assert results.cases["mesh_a"].figures["mesh_s"].values == [1.0, 3.0, 2.0]
     assert results.cases["mesh_a"].calibration_ms == [1.5, 1.5, 1.5]
     assert results.cases["mesh_b"].parameter == {"preset": "fine"}
-    assert seen[0] == "case 1 of 2: mesh_a, run 1 of 3"
-    assert seen[3] == "case 2 of 2: mesh_b, run 1 of 3"
+    assert seen[1] == "round 1 of 3, case 2 of 2: mesh_b"
+    assert seen[2] == "round 2 of 3, case 1 of 2: mesh_a"
 
 
 def test_a_case_that_fails_is_not_repeated(monkeypatch):
@@ -44,12 +42,21 @@ def test_a_case_that_fails_is_not_repeated(monkeypatch):
 
 
 def test_a_stopped_run_keeps_what_it_has(monkeypatch):
-    def measure(named, *_):
-        if named.name == "mesh_b":
-            raise KeyboardInterrupt
-        return case_of({"mesh_s": [1.0]})
+    answers = iter([1.0, 5.0, 3.0])  # stopped in the second round, at the second case
+    told = []
 
-    monkeypatch.setattr(runner, "measure_case", measure)
-    results = run()
+    def measure(*_):
+        try:
+            return Answer(Measured({"mesh_s": next(answers)}))
+        except StopIteration:
+            raise KeyboardInterrupt from None
+
+    monkeypatch.setattr(runner.machine, "calibrate", lambda: 1.5)
+    monkeypatch.setattr(runner, "measure_in_process", measure)
+    results = run(on_result=lambda name, result: told.append(name))
     assert results.interrupted
-    assert list(results.cases) == ["mesh_a"]
+    assert {name: case.figures["mesh_s"].values for name, case in results.cases.items()} == {
+        "mesh_a": [1.0, 3.0],
+        "mesh_b": [5.0],
+    }
+    assert told == ["mesh_a", "mesh_b"]

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from itertools import count
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -35,32 +36,54 @@ class Peer(Protocol):
 def measure_peer(case: PeerCase, scene: Scene) -> Measured:
     """Make the case's steps under the pressures of the scene's script.
 
-    The pressure is handed over as forces on the nodes; to compute these is not counted.
-
     Raises:
         PeerMissing: the program is not installed, or cannot do the case.
     """
-    from taichisoft.building.run_parts import make_controller
-    from taichisoft.building.simulation import Simulation, make_model
-
     started = time.perf_counter()
-    model = make_model(scene)
-    peer = _factory(case.peer)(model)
+    model, peer = set_up_peer(scene, case.peer)
     prepared = time.perf_counter() - started
-    observation = Simulation(model).observe()  # at the start: the scripts look at the time only
-    controller = make_controller(scene)
-    controller.reset(model)
-    seconds = []
-    for step in range(min(case.steps, case.peer_steps or case.steps)):
-        control = controller.control(replace(observation, step=step, time=step * scene.time.step))
-        force = pressure_forces(model, peer.positions(), control.pressure)
-        begun = time.perf_counter()
-        peer.step(force)
-        seconds.append(time.perf_counter() - begun)
+    step = controlled_peer_step(scene, model, peer)
+    seconds = [step() for _ in range(min(case.steps, case.peer_steps or case.steps))]
     figures = {**window_medians(case, seconds), "prepare_s": prepared, "peak_mb": peak_memory()}
     moved = np.linalg.norm(peer.positions() - model.rest_position, axis=1).max()
     facts = {"nodes": model.node_count, "displacement_mm": round(float(moved), 4), **peer.facts()}
     return Measured(figures, facts, does_not=peer.does_not)
+
+
+def set_up_peer(scene: Scene, name: str) -> tuple["Model", Peer]:
+    """The model of a scene, and another program that was given it.
+
+    Raises:
+        PeerMissing: the program is not installed, or cannot do the scene.
+    """
+    from taichisoft.building.simulation import make_model
+
+    model = make_model(scene)
+    return model, _factory(name)(model)
+
+
+def controlled_peer_step(scene: Scene, model: "Model", peer: Peer) -> Callable[[], float]:
+    """A function that makes one step under the pressures of the scene's script and returns its time [s].
+
+    The pressure is handed over as forces on the nodes; to compute these is not counted.
+    """
+    from taichisoft.building.run_parts import make_controller
+    from taichisoft.building.simulation import Simulation
+
+    observation = Simulation(model).observe()  # at the start: the scripts look at the time only
+    controller = make_controller(scene)
+    controller.reset(model)
+    numbers = count()
+
+    def step() -> float:
+        number = next(numbers)
+        control = controller.control(replace(observation, step=number, time=number * scene.time.step))
+        force = pressure_forces(model, peer.positions(), control.pressure)
+        begun = time.perf_counter()
+        peer.step(force)
+        return time.perf_counter() - begun
+
+    return step
 
 
 def pressure_forces(model: "Model", position: np.ndarray, pressure: Mapping[str, float]) -> np.ndarray:
