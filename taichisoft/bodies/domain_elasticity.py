@@ -15,6 +15,7 @@ from taichisoft.kernels import hooke_domains, rubber_domains
 from taichisoft.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.kernels.laws import HOOKE, LAMBDA, MU
 from taichisoft.kernels.runtime import THREADS
+from taichisoft.kernels.waiting import COUNTERS
 
 if TYPE_CHECKING:
     from taichisoft.bodies.soft_body import SoftBody
@@ -140,7 +141,7 @@ class DomainSystem:
         """
         self._hooke, self._rubber = elasticity.hooke, elasticity.rubber
         self._movement = kernels.Movement(position, velocity)
-        self._total = kernels.DomainSums(force, blocks, np.zeros(2, dtype=np.int32))
+        self._total = kernels.DomainSums(force, blocks, np.zeros(COUNTERS, dtype=np.int32))
         if self._hooke is not None:
             self._hooke_data = _own_moduli(self._hooke.data)
             self._undamped_hooke = _undamped(self._hooke_data)

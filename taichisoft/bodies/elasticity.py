@@ -14,6 +14,7 @@ from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.kernels import elasticity as kernels
 from taichisoft.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.kernels.laws import HOOKE
+from taichisoft.kernels.waiting import COUNTERS
 from taichisoft.scenes.scene import Time
 
 
@@ -146,7 +147,7 @@ class ElasticSystem:
         entry_count = elasticity.linear_elements.size
         self._entries = HookeEntries(np.zeros((entry_count, 3)), aligned(entry_count, 4))
         self._matrix = kernels.SystemMatrix(
-            self.force, self.solver.blocks, elasticity.diagonal, np.zeros(2, dtype=np.int32)
+            self.force, self.solver.blocks, elasticity.diagonal, np.zeros(COUNTERS, dtype=np.int32)
         )
         self._domains: DomainSystem | None = None
         if elasticity.domains is not None:

@@ -81,7 +81,7 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Layout:
             relative[place] = _scalars(np.where(local < width[parent], local, local + padding[parent]))
             relative[place.stop : row_start[s + 1]] = relative[place.stop - 1]
             table[s, IN_PARENT] = np.searchsorted(relative[place], columns[parent])
-    tasks, pieces = share_out(FrontSizes(supernodes.parent, width, columns, rest, table[:-1, IN_PARENT]))
+    tasks, pieces, patience = share_out(FrontSizes(supernodes.parent, width, columns, rest, table[:-1, IN_PARENT]))
     block_row = np.where(local_row < width[owner], local_row, local_row + padding[owner])[:, None] + np.arange(3)
     block_column = panel_start[owner] + local_column
     block_place = TILE * (block_row // TILE * columns[owner][:, None] + block_column[:, None]) + block_row % TILE
@@ -93,6 +93,7 @@ def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Layout:
         block_place=block_place.astype(np.int32),
         tasks=tasks,
         pieces=pieces,
+        patience=np.array([patience], dtype=np.int32),
     )
     return Layout(fronts, block_pairs, int(update_start[-1]))
 

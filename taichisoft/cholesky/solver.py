@@ -39,7 +39,7 @@ class Cholesky:
             scalars=tiles.reshape(-1),
             done=np.zeros(len(symbolic.tree.parent), dtype=np.int32),
             failed_column=np.zeros(1, dtype=np.int32),
-            next_task=np.zeros(1, dtype=np.int32),
+            taken=np.zeros(len(symbolic.fronts.tasks), dtype=np.int32),
         )
         x = np.zeros(3 * len(symbolic.order) + TILE)  # the last tile may read and write beyond the end
         given, found = (np.zeros((len(symbolic.order), 3)) for _ in range(2))
@@ -56,7 +56,7 @@ class Cholesky:
         """
         factor, none = self.factor, 3 * len(self.symbolic.order)
         factor.done.fill(0)
-        factor.next_task[0] = 0
+        factor.taken.fill(0)
         factor.failed_column[0] = none
         kernels.factorise(self.symbolic.fronts, self.blocks, factor, THREADS, 1)
         if factor.failed_column[0] < none:

@@ -9,6 +9,7 @@ from taichisoft.cholesky.schedule import schedule
 from taichisoft.kernels.cholesky import AWAITED, FIRST_FRONT, LAST_FRONT
 from taichisoft.kernels.runtime import THREADS
 from taichisoft.kernels.tiles import TILE
+from taichisoft.kernels.waiting import PER_LOOK
 
 # A subtree becomes one task when it holds at most this share of all the arithmetic.
 SUBTREE_SHARE = 1 / 16
@@ -20,6 +21,9 @@ ALL = 2**20
 # Times that were fitted to those of single tasks, which they predict to 10 % [ns]: a multiplication and addition in the
 # columns of a front and in its update matrix, an entry that a child adds or that is filled in, a front, a task.
 IN_PANEL, IN_UPDATE, ADDED, FILLED, PER_FRONT, PER_TASK = 0.059, 0.039, 1.2, 0.52, 2200.0, 1900.0
+# How much longer than the longest task a thread waits: tasks may take twice the time when programs on other cores use
+# the memory. A patience is at most some seconds.
+LONGER, LARGEST_PATIENCE = 3.0, 2**28
 
 
 @dataclass(frozen=True)
@@ -62,8 +66,10 @@ class Times:
         return self.assembly + self.pivots + self.rows + self.update
 
 
-def share_out(sizes: FrontSizes) -> tuple[np.ndarray, np.ndarray]:
-    """Tasks in the order in which threads take them, and the number of pieces that each front is computed in.
+def share_out(sizes: FrontSizes) -> tuple[np.ndarray, np.ndarray, int]:
+    """Tasks in the order in which threads take them, the number of pieces of each front, and the patience of a thread.
+
+    The patience is a number of looks at tasks that takes longer than any task.
 
     A task is a range of supernodes, the pieces of its front that must be finished before it starts, a range of
     rows of tiles of the panel, and one of columns of tiles of the update matrix. Small subtrees are one task each, the
@@ -100,8 +106,9 @@ def share_out(sizes: FrontSizes) -> tuple[np.ndarray, np.ndarray]:
         tasks += [(s, s + 1, 1 + parts, 0, 0, a, b) for a, b in pairwise(cuts)]
         expected += [times.assembly[s] + times.pivots[s]]
         expected += [times.rows[s] / parts] * parts + [times.update[s] / parts] * parts
-    table = np.array(tasks, dtype=np.int32)
-    return table[schedule(np.array(expected) + PER_TASK, _prerequisites(table, parent), THREADS)], pieces
+    table, time = np.array(tasks, dtype=np.int32), np.array(expected) + PER_TASK
+    order = schedule(time, _prerequisites(table, parent), THREADS)
+    return table[order], pieces, min(int(LONGER * time.max() / PER_LOOK), LARGEST_PATIENCE)
 
 
 def _predict(sizes: FrontSizes) -> Times:

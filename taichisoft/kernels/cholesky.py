@@ -5,9 +5,10 @@ triangle) that the parent adds in. The panel is stored by rows of tiles, each wi
 the update matrix likewise, each row up to the diagonal. Columns are padded to whole tiles with an identity matrix and
 rows with zeros, so that no tile is special. The diagonal of the factor is stored inverted.
 
-Tasks, and parts of tasks, wait for what they need: `done` counts the finished pieces of each front. A thread takes
-tasks in order, and what a task waits for comes before it. Every front is computed from its children in a fixed order,
-so the result does not depend on the threads.
+A thread takes the first task of the list for which all is there: `done` counts the finished pieces of each front. Every
+front is computed from its children in a fixed order, so the result does not depend on the threads. A thread that finds
+nothing to do for longer than any task takes leaves the rest to the others: one of them has lost its core to another
+program, and gets it back the sooner.
 """
 
 from typing import NamedTuple
@@ -15,6 +16,7 @@ from typing import NamedTuple
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.runtime import CHUNK, Integers, IntegerTable, Matrices, Scalars, ti
 from taichisoft.kernels.tiles import SHIFT, TILE, Column, Columns, advance, opaque, tiles_in, triangle
+from taichisoft.kernels.waiting import load
 
 # Columns of the table of fronts: number of own columns, the same padded, number of rows below; start of the panel and
 # of the update matrix in columns of tiles; where the lists of matrix blocks, of children and of rows begin; the first
@@ -38,6 +40,7 @@ class Fronts(NamedTuple):
         block_place: where each row of each block begins in the memory of all fronts, shape (block_count, 3).
         tasks: in the order in which threads take them; its columns stand above.
         pieces: number of pieces that each front is computed in, shape (count,).
+        patience: how often a thread looks in vain at tasks before it may leave, shape (1,).
     """
 
     table: IntegerTable
@@ -47,6 +50,7 @@ class Fronts(NamedTuple):
     block_place: IntegerTable
     tasks: IntegerTable
     pieces: Integers
+    patience: Integers
 
 
 class Factor(NamedTuple):
@@ -57,21 +61,28 @@ class Factor(NamedTuple):
         scalars: the same memory number by number.
         done: finished pieces of each front, 0 at the start, shape (supernode_count,).
         failed_column: first column without a positive pivot, lowered from the number of rows, shape (1,).
-        next_task: 0 at the start, shape (1,).
+        taken: 1 for tasks that a thread has begun, 0 at the start, shape (task_count,).
     """
 
     tiles: Columns
     scalars: Scalars
     done: Integers
     failed_column: Integers
-    next_task: Integers
+    taken: Integers
 
 
 @func
-def await_pieces(done: Integers, s: ti.i32, pieces: ti.i32):
-    """Wait until that many pieces of a front are finished."""
-    while ti.atomic_max(done[s], 0) < pieces:  # a load that the compiler may not move
-        pass
+def is_ready(t: ti.i32, fronts: Fronts, factor: Factor) -> ti.i32:
+    """Whether all is finished that a task needs; one of several fronts is a whole subtree and needs nothing."""
+    task, children = ti.static(fronts.tasks, fronts.children)
+    ready, s = 1, task[t, FIRST_FRONT]
+    if task[t, LAST_FRONT] == s + 1:
+        if load(factor.done, s) < task[t, AWAITED]:
+            ready = 0
+        for k in range(fronts.table[s, CHILDREN], fronts.table[s + 1, CHILDREN]):
+            if load(factor.done, children[k]) < fronts.pieces[children[k]]:
+                ready = 0
+    return ready
 
 
 @func
@@ -219,7 +230,6 @@ def work_on(t: ti.i32, s: ti.i32, fronts: Fronts, blocks: Matrices, factor: Fact
     """Do what a task asks for on one of its fronts."""
     front, task = ti.static(fronts.table, fronts.tasks)
     columns = front[s, COLUMNS]
-    await_pieces(factor.done, s, task[t, AWAITED])
     first_row = task[t, FIRST_ROW]
     last_row = ti.min(task[t, LAST_ROW], (columns >> SHIFT) + tiles_in(front[s, BELOW]))
     first_tile, last_tile = task[t, FIRST_UPDATE], ti.min(task[t, LAST_UPDATE], tiles_in(front[s, BELOW]))
@@ -237,18 +247,29 @@ def work_on(t: ti.i32, s: ti.i32, fronts: Fronts, blocks: Matrices, factor: Fact
         if first < last:
             for k in range(front[s, CHILDREN], front[s + 1, CHILDREN]):
                 child = fronts.children[k]
-                await_pieces(factor.done, child, fronts.pieces[child])
                 add_update(child, first, last, s, fronts, factor, one)
     ti.atomic_add(factor.done[s], 1)
 
 
 @kernel
 def factorise(fronts: Fronts, blocks: Matrices, factor: Factor, workers: ti.i32, one: ti.i32):
-    """Factorise all fronts. Each worker, a thread, takes the next task until none is left."""
+    """Factorise all fronts. Each worker, a thread, takes tasks until none is left, or it has lost patience."""
     for worker in range(workers * CHUNK):
         if worker % CHUNK == 0:
-            t = ti.atomic_add(factor.next_task[0], 1)
-            while t < fronts.tasks.shape[0]:
-                for s in range(fronts.tasks[t, FIRST_FRONT], fronts.tasks[t, LAST_FRONT]):
-                    work_on(t, s, fronts, blocks, factor, one)
-                t = ti.atomic_add(factor.next_task[0], 1)
+            first, t, looks, leaves = 0, 0, 0, 0
+            while first < fronts.tasks.shape[0] and leaves == 0:
+                looks += 1
+                takes = 0
+                if load(factor.taken, t) != 0:
+                    first += ti.select(t == first, 1, 0)
+                else:
+                    takes = is_ready(t, fronts, factor)
+                if takes != 0:
+                    takes = 1 - ti.atomic_max(factor.taken[t], 1)
+                t += 1
+                if takes != 0:
+                    for s in range(fronts.tasks[t - 1, FIRST_FRONT], fronts.tasks[t - 1, LAST_FRONT]):
+                        work_on(t - 1, s, fronts, blocks, factor, one)
+                    t, looks = first, 0
+                elif t == fronts.tasks.shape[0]:  # having seen the whole list: alone, it finds something in it
+                    t, leaves = first, ti.select(looks < fronts.patience[0], 0, 1)

@@ -12,6 +12,7 @@ from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS, Row
 from taichisoft.kernels.launch import Kernel, func, kernel
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, ti, vec3
 from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
+from taichisoft.kernels.waiting import BEGUN_LATER, FINISHED, PATIENCE, reaches
 
 GROUP = TILE
 # In the place of entries that are zero.
@@ -40,13 +41,13 @@ class SparseColumns(NamedTuple):
             reach the supernode, shape (group_capacity, supernode_count).
         y: the entries of the supernodes that are reached, group by group, shape (capacity, 8).
         size: how many they are, shape (1,).
-        done: threads that have finished their groups, 0 at the start, shape (1,).
+        progress: counters of `waiting`, 0 at the start.
     """
 
     place: IntegerTable
     y: Columns
     size: Integers
-    done: Integers
+    progress: Integers
 
 
 @func
@@ -198,6 +199,13 @@ def multiply_groups(
                     w[q * row_count + r] = total[a][b]
 
 
+@func
+def patience(group_count: ti.i32, fronts: Fronts) -> ti.i32:
+    """How often a thread looks for the others' groups: each needs nanoseconds for a column of tiles of the factor."""
+    columns_of_tiles = fronts.table[fronts.table.shape[0] - 1, PANEL]
+    return PATIENCE + ti.cast(ti.min(0.25 * group_count * columns_of_tiles, 1e8), ti.i32)
+
+
 def make_soft_compliance(workers: int) -> Kernel:
     """The kernel on a number of threads; one does not wake any other."""
 
@@ -229,13 +237,15 @@ def make_soft_compliance(workers: int) -> Kernel:
                     for s in range(tree.parent.shape[0]):
                         if columns.place[g, s] != NOWHERE:
                             eliminate(g, s, fronts, factor, tree, columns, one)
-                ti.atomic_add(columns.done[0], 1)
-                while ti.atomic_max(columns.done[0], 0) < workers:  # a load that the compiler may not move
-                    pass
-                for pair in range(group_count * group_count):
-                    g, h = pair // group_count, pair % group_count
-                    if g >= h and (g + h) % workers == worker:
-                        multiply_groups(g, h, row_count, fronts, columns, w, one)
+                ti.atomic_add(columns.progress[FINISHED], 1)
+                if reaches(columns.progress, FINISHED, workers, patience(group_count, fronts)):
+                    share = ti.atomic_add(columns.progress[BEGUN_LATER], 1)
+                    while share < workers:
+                        for pair in range(group_count * group_count):
+                            g, h = pair // group_count, pair % group_count
+                            if g >= h and (g + h) % workers == share:
+                                multiply_groups(g, h, row_count, fronts, columns, w, one)
+                        share = ti.atomic_add(columns.progress[BEGUN_LATER], 1)
 
     return soft_compliance
 

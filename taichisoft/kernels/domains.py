@@ -63,7 +63,7 @@ class DomainSums(NamedTuple):
     Attributes:
         force: f - (h + b) K v on each node [mN], shape (node_count, 3).
         blocks: of A, shape (block_count, 3, 3).
-        progress: counters, 0 at the start.
+        progress: counters of `waiting`, 0 at the start.
     """
 
     force: Vectors

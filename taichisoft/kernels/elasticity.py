@@ -27,12 +27,11 @@ from taichisoft.kernels.runtime import (
     ti,
     vec3,
 )
+from taichisoft.kernels.waiting import BEGUN, BEGUN_LATER, FINISHED, PATIENCE, reaches
 
 # What a thread does in one go.
 ELEMENTS_A_TASK = 128
 BLOCKS_A_TASK = 256
-# What `progress` counts.
-NEXT_TASK, ELEMENTS_DONE = range(2)
 
 
 class Elements(NamedTuple):
@@ -78,7 +77,7 @@ class SystemMatrix(NamedTuple):
         force: f - (h + b) K v on each node [mN], shape (node_count, 3).
         blocks: of A, shape (block_count, 3, 3).
         diagonal: what is added on its diagonal: masses with their damping, and anchors [kg], shape (node_count, 3).
-        progress: counters, 0 at the start.
+        progress: counters of `waiting`, 0 at the start.
     """
 
     force: Vectors
@@ -165,16 +164,15 @@ def assemble(
     block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
     for worker in range(THREADS * CHUNK):
         if worker % CHUNK == 0:
-            t = ti.atomic_add(system.progress[NEXT_TASK], 1)
+            t = ti.atomic_add(system.progress[BEGUN], 1)
             while t < element_tasks:
                 for e in range(t * ELEMENTS_A_TASK, ti.min((t + 1) * ELEMENTS_A_TASK, element_count)):
                     strain_element(e, elements, deformation, entries)
-                ti.atomic_add(system.progress[ELEMENTS_DONE], 1)
-                t = ti.atomic_add(system.progress[NEXT_TASK], 1)
-            while ti.atomic_max(system.progress[ELEMENTS_DONE], 0) < element_tasks:  # a load that nothing may move
-                pass
-            while t < element_tasks + block_tasks:
-                first = (t - element_tasks) * BLOCKS_A_TASK
-                for b in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
-                    fill_block(b, entries, parts, system)
-                t = ti.atomic_add(system.progress[NEXT_TASK], 1)
+                ti.atomic_add(system.progress[FINISHED], 1)
+                t = ti.atomic_add(system.progress[BEGUN], 1)
+            if reaches(system.progress, FINISHED, element_tasks, PATIENCE):
+                t = ti.atomic_add(system.progress[BEGUN_LATER], 1)
+                while t < block_tasks:
+                    for b in range(t * BLOCKS_A_TASK, ti.min((t + 1) * BLOCKS_A_TASK, block_count)):
+                        fill_block(b, entries, parts, system)
+                    t = ti.atomic_add(system.progress[BEGUN_LATER], 1)

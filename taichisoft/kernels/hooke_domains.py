@@ -13,12 +13,11 @@ from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.laws import LAMBDA, MU
 from taichisoft.kernels.polar_rotation import polar_rotation
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, ti
+from taichisoft.kernels.waiting import BEGUN, BEGUN_LATER, FINISHED, PATIENCE, reaches
 
 # What a thread does in one go.
 DOMAINS_A_TASK = 32
 BLOCKS_A_TASK = 128
-# What `progress` counts.
-NEXT_TASK, DOMAINS_DONE = range(2)
 
 
 @func
@@ -70,16 +69,15 @@ def add_hooke_domains(
     block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
     for worker in range(THREADS * CHUNK):
         if worker % CHUNK == 0:
-            t = ti.atomic_add(sums.progress[NEXT_TASK], 1)
+            t = ti.atomic_add(sums.progress[BEGUN], 1)
             while t < domain_tasks:
                 for d in range(t * DOMAINS_A_TASK, ti.min((t + 1) * DOMAINS_A_TASK, domain_count)):
                     strain_domain(d, domains, movement, entries)
-                ti.atomic_add(sums.progress[DOMAINS_DONE], 1)
-                t = ti.atomic_add(sums.progress[NEXT_TASK], 1)
-            while ti.atomic_max(sums.progress[DOMAINS_DONE], 0) < domain_tasks:  # a load that nothing may move
-                pass
-            while t < domain_tasks + block_tasks:
-                first = (t - domain_tasks) * BLOCKS_A_TASK
-                for b in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
-                    add_block(b, block, entries, parts, sums)
-                t = ti.atomic_add(sums.progress[NEXT_TASK], 1)
+                ti.atomic_add(sums.progress[FINISHED], 1)
+                t = ti.atomic_add(sums.progress[BEGUN], 1)
+            if reaches(sums.progress, FINISHED, domain_tasks, PATIENCE):
+                t = ti.atomic_add(sums.progress[BEGUN_LATER], 1)
+                while t < block_tasks:
+                    for b in range(t * BLOCKS_A_TASK, ti.min((t + 1) * BLOCKS_A_TASK, block_count)):
+                        add_block(b, block, entries, parts, sums)
+                    t = ti.atomic_add(sums.progress[BEGUN_LATER], 1)

@@ -20,11 +20,10 @@ from taichisoft.kernels.laws import OGDEN, SMALLEST_STRETCH, ogden_law, polynomi
 from taichisoft.kernels.polar_rotation import polar_rotation
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, mat3, ti, vec3
 from taichisoft.kernels.symmetric import TINY, positive_part, symmetric_eigen
+from taichisoft.kernels.waiting import BEGUN, BEGUN_LATER, FINISHED, PATIENCE, reaches
 
 # How many blocks a thread sums in one go.
 BLOCKS_A_TASK = 512
-# What `progress` counts.
-NEXT_TASK, GROUPS_DONE = range(2)
 # Rows of a thread's work space: nine of a tangent, three of the response to one node.
 ROWS = 12
 
@@ -262,15 +261,14 @@ def add_rubber_domains(
     block_tasks = (block_count + BLOCKS_A_TASK - 1) // BLOCKS_A_TASK
     for worker in range(THREADS * CHUNK):
         if worker % CHUNK == 0:
-            t = ti.atomic_add(total.progress[NEXT_TASK], 1)
+            t = ti.atomic_add(total.progress[BEGUN], 1)
             while t < group_count:
                 add_group(t, worker // CHUNK, domains, movement, groups, sums)
-                ti.atomic_add(total.progress[GROUPS_DONE], 1)
-                t = ti.atomic_add(total.progress[NEXT_TASK], 1)
-            while ti.atomic_max(total.progress[GROUPS_DONE], 0) < group_count:  # a load that nothing may move
-                pass
-            while t < group_count + block_tasks:
-                first = (t - group_count) * BLOCKS_A_TASK
-                for b in range(first, ti.min(first + BLOCKS_A_TASK, block_count)):
-                    add_copies(b, copies, sums, total)
-                t = ti.atomic_add(total.progress[NEXT_TASK], 1)
+                ti.atomic_add(total.progress[FINISHED], 1)
+                t = ti.atomic_add(total.progress[BEGUN], 1)
+            if reaches(total.progress, FINISHED, group_count, PATIENCE):
+                t = ti.atomic_add(total.progress[BEGUN_LATER], 1)
+                while t < block_tasks:
+                    for b in range(t * BLOCKS_A_TASK, ti.min((t + 1) * BLOCKS_A_TASK, block_count)):
+                        add_copies(b, copies, sums, total)
+                    t = ti.atomic_add(total.progress[BEGUN_LATER], 1)

@@ -49,7 +49,7 @@ def thread_count(setting: str) -> int:
 
 
 def available_cores() -> int:
-    """Cores that this process may use: threads wait for one another busily, so more of them than cores are slow."""
+    """Cores that this process may use; more threads would only wait for one another."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

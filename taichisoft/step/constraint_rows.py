@@ -7,6 +7,7 @@ from taichisoft.kernels.compliance import GROUP, SparseColumns
 from taichisoft.kernels.constraint_problem import Problem
 from taichisoft.kernels.constraint_rows import Rows
 from taichisoft.kernels.launch import forget
+from taichisoft.kernels.waiting import COUNTERS
 from taichisoft.model import Model
 from taichisoft.step.gauss_seidel import GaussSeidel
 
@@ -72,7 +73,7 @@ class ConstraintRows:
                 place=np.empty((groups, len(symbolic.tree.parent)), dtype=np.int32),
                 y=np.empty((3 * len(symbolic.order), GROUP)),
                 size=np.zeros(1, dtype=np.int32),
-                done=np.zeros(1, dtype=np.int32),
+                progress=np.zeros(COUNTERS, dtype=np.int32),
             )
 
     def make_room_for_columns(self, entry_count: int) -> None:

@@ -305,7 +305,7 @@ class Constraints:
             assemble = compliance.soft_compliance
             compliance.lay_out_columns(rows, coordinates, symbolic.tree, symbolic.fronts, self._problem.columns)
             self._problem.make_room_for_columns(int(self._problem.columns.size[0]))
-        self._problem.columns.done[0] = 0
+        self._problem.columns.progress[:] = 0
         assemble(
             rows,
             coordinates,
