@@ -22,8 +22,11 @@ PROGRAM = python(Path(__file__).with_name("keys_shown.py"))
 
 
 def started(screen: Terminal) -> int:
-    """Wait until the program reads keys; returns its process number."""
-    number = int(screen.wait_for(r"process (\d+) runs")[1])
+    """Wait until the program reads keys; returns its process number.
+
+    The whole line must be there: a program that is still about to end it when the terminal goes fails to write.
+    """
+    number = int(screen.wait_for(r"process (\d+) runs\r\n")[1])
     screen.wait_until(lambda: screen.is_for_keys)
     return number
 
