@@ -4,6 +4,8 @@ import json
 import os
 import re
 import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -112,19 +114,41 @@ def move_set(partial: Path, folder: Path) -> None:
     """Move all files of one folder to another, which may have an older set.
 
     Files that only the older set has are removed: its record lists them. The record is moved last, so that it never
-    stands beside files that it does not describe.
+    stands beside files that it does not describe. Of several that move at once each waits for the one before it, so
+    that the folder has one set whole.
 
     Raises:
         OSError: a file cannot be moved.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    outdated = _recorded_files(folder / RECORD)
-    (folder / RECORD).unlink(missing_ok=True)
-    files = sorted(partial.iterdir(), key=lambda file: file.name == RECORD)
-    for file in files:
-        file.replace(folder / file.name)
-    for name in outdated - {file.name for file in files}:
-        (folder / name).unlink(missing_ok=True)
+    with _alone_in(folder):
+        outdated = _recorded_files(folder / RECORD)
+        (folder / RECORD).unlink(missing_ok=True)
+        files = sorted(partial.iterdir(), key=lambda file: file.name == RECORD)
+        for file in files:
+            file.replace(folder / file.name)
+        for name in outdated - {file.name for file in files}:
+            (folder / name).unlink(missing_ok=True)
+
+
+@contextmanager
+def _alone_in(folder: Path) -> Iterator[None]:
+    """Wait until nobody else has a folder, and have it meanwhile; where it cannot be locked, wait for nothing.
+
+    The lock is the operating system's on the folder itself: it leaves no file, and ends with the process.
+    """
+    try:
+        import fcntl
+    except ImportError:  # as on Windows
+        yield
+        return
+    handle = os.open(folder, os.O_RDONLY)
+    try:
+        with suppress(OSError):  # some file systems of networks have no locks
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 def _recorded_files(record: Path) -> set[str]:

@@ -41,6 +41,8 @@ def load_scene(
         SceneError: the file is missing or cannot be read, or something in it or in the settings is not valid.
         PluginError: the plug-in that reads its format failed.
     """
+    if isinstance(overrides, str) or not isinstance(overrides, Sequence):
+        raise SceneError(f'overrides = {overrides!r}: must be a list of texts, such as ["contact.friction=0.3"]')
     path = _find_scene(name)
     document = _read_tables(path, reader_settings or {})
     change_scene(document, overrides, controller, goal)

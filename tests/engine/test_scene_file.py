@@ -209,3 +209,10 @@ def test_the_resolved_scene_reads_back_equal(name: str, tmp_path: Path) -> None:
 def test_a_scene_made_in_python_begins_its_errors_with_the_given_source() -> None:
     with pytest.raises(SceneError, match=r"^my scene: rigid_bodies\.cube\.mas: unknown key; did you mean 'mass'"):
         scene_from_dict({"rigid_bodies": {"cube": {"box": [1, 1, 1], "mas": 1}}}, source="my scene")
+
+
+@pytest.mark.parametrize("overrides", [{"contact.friction": 0.5}, None, "contact.friction=0.5"])
+def test_overrides_that_are_no_list_of_texts_are_one_line(overrides: Any) -> None:
+    with pytest.raises(SceneError) as refused:
+        load_scene("gripper", overrides)
+    assert str(refused.value) == f'overrides = {overrides!r}: must be a list of texts, such as ["contact.friction=0.3"]'

@@ -4,6 +4,7 @@ import json
 import os
 import signal
 import sys
+import threading
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -176,6 +177,28 @@ def test_a_record_never_stands_beside_files_of_another_mesh(
     monkeypatch.setattr(Path, "replace", fail_at_the_picture)
     assert command("mesh", block, "-o", folder, "--size", 5).error.endswith("cannot be written: Input/output error\n")
     assert not (folder / "mesh.json").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="locks of folders")
+def test_a_set_waits_while_another_is_moved_into_its_folder(command, block: Path, tmp_path: Path) -> None:
+    """Else the files of both would lie there mixed, beside the record of one."""
+    import fcntl
+
+    output, record = tmp_path / "out", tmp_path / "out" / "mesh.json"
+    assert command("mesh", block, "-o", output).code == 0
+    older, new = record.read_bytes(), tmp_path / "new"
+    new.mkdir()
+    (new / "mesh.json").write_text("{}")
+    handle = os.open(output, os.O_RDONLY)
+    fcntl.flock(handle, fcntl.LOCK_EX)
+    moving = threading.Thread(target=mesh_set.move_set, args=(new, output))
+    moving.start()
+    moving.join(timeout=0.5)
+    assert moving.is_alive()
+    assert record.read_bytes() == older
+    os.close(handle)
+    moving.join()
+    assert [file.name for file in output.iterdir()] == ["mesh.json"]
 
 
 def test_ctrl_c_while_a_set_is_written_comes_when_it_is_whole(
