@@ -132,25 +132,16 @@ def test_a_third_partys_plugin_is_listed(environment: Path, project: Path, tmp_p
         assert shown in rows
 
 
-def test_a_third_partys_controller_closes_the_gripper_on_the_cube(
-    environment: Path, project: Path, tmp_path: Path
+def test_a_third_partys_controller_drives_a_run(
+    environment: Path, project: Path, falling_cube: Path, tmp_path: Path
 ) -> None:
-    """Until the fingers press with 20 mN and then for some steps more, at the pressure that this took."""
-    settings = ["--controller", "soft-touch", "--set", "controller.settings.force=20", "--duration", "0.5"]
-    scene = ["run", "gripper", "--outputs", "csv", "--output", "out"]
+    """What it does with the gripper tests/engine/test_new_plugin.py sees in a process that has its kernels."""
+    settings = ["--controller", "soft-touch", "--set", "controller.settings.force=20", "--duration", "0.02"]
+    scene = ["run", falling_cube, "--outputs", "csv", "--output", "out"]
     shown = run(environment / "bin/taichisoft", *scene, *settings, folder=tmp_path)
-    closed_after = re.search(r"closed after *│ (\S+) s", shown)
-    assert closed_after, shown
+    assert re.search(r"closed after *│ never", shown), shown
     with (tmp_path / "out" / "run.csv").open(encoding="utf-8", newline="") as file:
-        rows = [{name: float(value or 0.0) for name, value in row.items()} for row in csv.DictReader(file)]
-    pressures = [row["pressure finger1.cavity [kPa]"] for row in rows]
-    forces = [sum(row[f"normal_force finger{number}|cube [mN]"] for number in (1, 2, 3)) for row in rows]
-    closed = round(float(closed_after[1]) / 0.01)
-    assert len(rows) == 50
-    assert 10 < closed < 45
-    assert max(forces[: closed - 1]) < 20.0 <= forces[closed - 1]
-    assert len(set(pressures[closed:])) == 1
-    assert pressures[-1] == pytest.approx(50.0 * (closed - 1) * 0.01)
+        assert len(list(csv.DictReader(file))) == 2
 
 
 def test_a_third_partys_tests_pass_where_the_plugin_is_installed(environment: Path, project: Path) -> None:

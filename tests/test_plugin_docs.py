@@ -66,8 +66,18 @@ def test_all_that_is_shown_works(
 
 
 def run(line: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> str:
-    """Output of a command line; it must succeed."""
+    """Output of a command line; it must succeed. Tests are run in this process, which has its kernels."""
     command = shlex.split(line)
+    if command[:3] == ["python", "-m", "pytest"]:
+        before = set(sys.modules)
+        with plugins.separate_registry():
+            code = pytest.main(["-p", "no:cacheprovider", "-p", "no:xdist", "-p", "no:dash", *command[3:]])
+        for name in set(sys.modules) - before:  # those of this folder alone
+            if Path(getattr(sys.modules[name], "__file__", None) or "/").parent == Path.cwd():
+                del sys.modules[name]
+        out, errors = capfd.readouterr()
+        assert code == 0, out + errors
+        return out
     if command[0] == "python":
         result = subprocess.run(
             [sys.executable, *command[1:]], capture_output=True, text=True, env=os.environ, timeout=PATIENCE

@@ -1,6 +1,9 @@
 """`taichisoft plugins new` writes a project under any name that can be one; test_installation.py runs its own tests."""
 
+import csv
 import importlib.util
+import re
+import sys
 import tomllib
 from pathlib import Path
 
@@ -9,6 +12,7 @@ from conftest import examples
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
+from taichisoft.command_line import main
 from taichisoft.errors import PluginError
 from taichisoft.plugin_system import hooks, plugins
 from taichisoft.plugin_system.new_plugin import FILES, TEMPLATES, check_name, write_project
@@ -20,6 +24,32 @@ def test_a_new_project_is_a_plugin_without_being_installed(tmp_path: Path, taich
     plugins.load_plugin(folder / "soft_touch.py")
     controller = hooks.find("controller", "soft-touch")(force=30.0)
     assert (controller.force, controller.rate) == (30.0, 50.0)
+
+
+def test_the_controller_of_a_new_project_closes_the_gripper_on_the_cube(
+    tmp_path: Path, taichisoft_plugins: Registry, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Until the fingers press with 20 mN and then for some steps more, at the pressure that this took."""
+    plugin = write_project("soft-touch", tmp_path / "project") / "soft_touch.py"
+    settings = ["--controller", "soft-touch", "--set", "controller.settings.force=20", "--duration", "0.5"]
+    scene = ["run", "gripper", "--outputs", "csv", "--output", "out", "--plugin", str(plugin)]
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "argv", ["taichisoft", *scene, *settings])
+    with pytest.raises(SystemExit):
+        main()
+    shown = capfd.readouterr().out
+    closed_after = re.search(r"closed after *│ (\S+) s", shown)
+    assert closed_after, shown
+    with (tmp_path / "out" / "run.csv").open(encoding="utf-8", newline="") as file:
+        rows = [{name: float(value or 0.0) for name, value in row.items()} for row in csv.DictReader(file)]
+    pressures = [row["pressure finger1.cavity [kPa]"] for row in rows]
+    forces = [sum(row[f"normal_force finger{number}|cube [mN]"] for number in (1, 2, 3)) for row in rows]
+    closed = round(float(closed_after[1]) / 0.01)
+    assert len(rows) == 50
+    assert 10 < closed < 45
+    assert max(forces[: closed - 1]) < 20.0 <= forces[closed - 1]
+    assert len(set(pressures[closed:])) == 1
+    assert pressures[-1] == pytest.approx(50.0 * (closed - 1) * 0.01)
 
 
 def test_what_is_written_agrees_with_itself(tmp_path: Path) -> None:

@@ -8,11 +8,13 @@ from pathlib import Path
 import pytest
 from conftest import PATIENCE
 
+from taichisoft.errors import TaichisoftError
+
 COMMAND = "import sys; from taichisoft.command_line import main; sys.argv = ['taichisoft', 'run', 'gripper']; main()"
 
 
-@pytest.mark.parametrize("threads", ["abc", "-3", "0.5"])
-def test_a_number_of_threads_that_is_none_is_refused_in_one_line(threads: str) -> None:
+def test_a_number_of_threads_that_is_none_is_refused_in_one_line() -> None:
+    threads = "abc"
     shown = subprocess.run(
         [sys.executable, "-c", COMMAND],
         env={**os.environ, "TAICHISOFT_THREADS": threads},
@@ -25,6 +27,14 @@ def test_a_number_of_threads_that_is_none_is_refused_in_one_line(threads: str) -
         f"taichisoft: TAICHISOFT_THREADS = '{threads}': must be a whole number of threads, 1 or more, "
         "or 0 for all cores\n"
     )
+
+
+@pytest.mark.parametrize("threads", ["-3", "0.5"])
+def test_neither_a_negative_number_nor_a_fraction_is_a_number_of_threads(threads: str) -> None:
+    from taichisoft.kernels.runtime import thread_count
+
+    with pytest.raises(TaichisoftError, match=f"^TAICHISOFT_THREADS = '{threads}': must be a whole number"):
+        thread_count(threads)
 
 
 @pytest.mark.parametrize(("setting", "count"), [("3", 3), (" 2 ", 2)])

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from conftest import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -116,6 +117,7 @@ def lengths(low: float, high: float) -> st.SearchStrategy[float]:
     return st.integers(round(10 * low), round(10 * high)).map(lambda tenths: tenths / 10)
 
 
+@examples(30)
 @given(
     body=st.fixed_dictionaries(
         {

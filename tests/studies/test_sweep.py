@@ -258,15 +258,20 @@ def test_a_run_that_hangs_or_crashes_is_a_failure_that_says_so(tmp_path: Path, t
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="looks for the workers among processes")
-def test_killed_workers_and_a_killed_command_change_nothing(tmp_path: Path, taichisoft_plugins: Any) -> None:
-    """The table is that of the same runs made in this process, one after the other, the last first."""
-    outcome = interrupted_sweep(tmp_path, runs=8, kills=1, seed=1, workers=1)
+def test_killed_workers_and_a_killed_command_change_nothing(
+    tmp_path: Path, falling_cube: Path, taichisoft_plugins: Any
+) -> None:
+    """The table is that of the same runs made in this process, one after the other, the last first; each has another
+    number of steps."""
+    values = "time.step=0.001:0.008"
+    outcome = interrupted_sweep(tmp_path, runs=24, kills=1, seed=1, workers=1, scene=falling_cube, values=values)
     assert (outcome.complete, outcome.redone, outcome.kills) == (True, 0, 1)
-    assert 4 <= outcome.ended_before < 8
+    assert 12 <= outcome.ended_before < 24
     tables = read_tables(tmp_path / "disturbed" / "study.toml")
     study = check_study(Sweep, tables, "study")
     load_plugin(study.plugins[0])
     records = make_missing(sweep_jobs(study, tmp_path / "quiet"), Here(), ignore)
     write_table([result_row(record, f"runs/{record['run']}") for record in records], tmp_path / "quiet")
+    assert len(set(read_table(tmp_path / "quiet")["metrics.steps"])) > 12
     for file in ("results.csv", "results.parquet"):
         assert (tmp_path / "quiet" / file).read_bytes() == (tmp_path / "disturbed" / file).read_bytes()

@@ -10,6 +10,7 @@ import pytest
 from conftest import PATIENCE
 
 from taichisoft.building.simulation import Simulation, make_model
+from taichisoft.kernels.runtime import THREADS
 from taichisoft.model import Model
 from taichisoft.state import State
 
@@ -51,7 +52,8 @@ def test_a_resumed_run_is_the_same(model: Model, last_state: State, tmp_path: Pa
 
 
 def test_threads_do_not_change_a_bit(last_state: State) -> None:
-    """One and two threads in processes of their own: every sum is gathered in a fixed order by one owner."""
+    """One and two threads, in processes of their own but for the number that this one has: every sum is gathered in a
+    fixed order by one owner."""
     children = [
         subprocess.Popen(
             [sys.executable, falling_finger.__file__],
@@ -60,6 +62,8 @@ def test_threads_do_not_change_a_bit(last_state: State) -> None:
             text=True,
         )
         for threads in ("1", "2")
+        if threads != str(THREADS)
     ]
     printed = [child.communicate(timeout=PATIENCE)[0].split()[-1] for child in children]
-    assert printed == 2 * [falling_finger.digest(last_state)]
+    assert printed
+    assert set(printed) == {falling_finger.digest(last_state)}

@@ -43,6 +43,9 @@ def taichisoft_controllers():
 """
 
 
+PRESSURES = "controller.settings.pressure=1:8"
+
+
 @dataclass(frozen=True)
 class Outcome:
     """What became of a sweep that was disturbed.
@@ -60,7 +63,15 @@ class Outcome:
     ended_before: int
 
 
-def interrupted_sweep(folder: Path, runs: int, kills: int, seed: int, workers: int = 2) -> Outcome:
+def interrupted_sweep(
+    folder: Path,
+    runs: int,
+    kills: int,
+    seed: int,
+    workers: int = 2,
+    scene: Path = TINY_GRIPPER,
+    values: str = PRESSURES,
+) -> Outcome:
     """Make a sweep, kill workers and the command, and start it again.
 
     Args:
@@ -69,19 +80,22 @@ def interrupted_sweep(folder: Path, runs: int, kills: int, seed: int, workers: i
         kills: workers that are killed, half of them before the command is.
         seed: of what is killed, and when.
         workers: workers at a time.
+        scene: scene that is run.
+        values: what varies, as a key and the two ends of its range.
     """
     folder.mkdir(parents=True, exist_ok=True)
     plugin = folder / "squeeze.py"
     plugin.write_text(PLUGIN)
     chance = random.Random(seed)
     disturbed = folder / "disturbed"
-    process = _start(plugin, disturbed, runs, workers)
+    values = f"{values}:{runs}"
+    process = _start(plugin, disturbed, scene, values, workers)
     done = _kill_workers(process, disturbed, kills // 2, 0, runs // 2, chance)
     _wait_for(process, disturbed, runs // 2)
     process.kill()
     process.wait()
     ended = _ended(disturbed)
-    process = _start(plugin, disturbed, runs, workers)
+    process = _start(plugin, disturbed, scene, values, workers)
     done += _kill_workers(process, disturbed, kills - kills // 2, len(ended), runs, chance)
     complete = process.wait() == 0
     redone = sum(ended[name] != stamp for name, stamp in _ended(disturbed).items() if name in ended)
@@ -90,13 +104,12 @@ def interrupted_sweep(folder: Path, runs: int, kills: int, seed: int, workers: i
 
 def quiet_sweep(folder: Path, runs: int, workers: int = 2) -> Path:
     """Make the sweep of `interrupted_sweep`, which was in the same folder, without any kill; returns its folder."""
-    _start(folder / "squeeze.py", folder / "quiet", runs, workers).wait()
+    _start(folder / "squeeze.py", folder / "quiet", TINY_GRIPPER, f"{PRESSURES}:{runs}", workers).wait()
     return folder / "quiet"
 
 
-def _start(plugin: Path, output: Path, runs: int, workers: int) -> "subprocess.Popen[bytes]":
-    arguments = [TINY_GRIPPER, "--plugin", plugin, "--controller", "squeeze", "--duration", "0.2", "-j", workers]
-    values = f"controller.settings.pressure=1:8:{runs}"
+def _start(plugin: Path, output: Path, scene: Path, values: str, workers: int) -> "subprocess.Popen[bytes]":
+    arguments = [scene, "--plugin", plugin, "--controller", "squeeze", "--duration", "0.2", "-j", workers]
     command = [sys.executable, "-c", COMMAND, "sweep", *arguments, "--vary", values, "-o", output]
     with (plugin.parent / f"{output.name}.log").open("ab") as log:
         return subprocess.Popen([*map(str, command)], stdout=log, stderr=log, start_new_session=True)
