@@ -96,7 +96,7 @@ def follow(run: Mapping[str, Any], bodies: list[str], steered: Steered, figures:
 def test_a_finger_follows_sofa_node_by_node(
     scenes: Path, shared: Path, figures: Figures, name: str, scene: str, keys: dict[int, list[str]]
 ) -> None:
-    run = np.load(shared / f"reference/sofa-cables/{name}.npz")
+    run = dict(np.load(shared / f"reference/sofa-cables/{name}.npz"))
     follow(run, ["Finger"], Steered(read(scenes, scene), keys), figures, name)
 
 
@@ -152,7 +152,7 @@ OVERDAMPED = {"mass": 0.5, "young": 18000, "poisson": 0.3, "first": True, "topol
 def test_a_cable_driven_step_by_step_follows_sofa(
     scenes: Path, shared: Path, tmp_path: Path, figures: Figures, name: str, constants: dict[str, Any], settings: str
 ) -> None:
-    run = np.load(shared / f"reference/sofa-cables/{name}.npz")
+    run = dict(np.load(shared / f"reference/sofa-cables/{name}.npz"))
     text = OF_VALUES.format(
         values=run["finger_cable_value"].tolist(),
         gravity=run["gravity"].tolist(),
@@ -172,7 +172,7 @@ def test_a_cable_driven_step_by_step_follows_sofa(
 
 
 def test_a_gripper_of_cables_follows_sofa_node_by_node(scenes: Path, shared: Path, figures: Figures) -> None:
-    run = np.load(shared / "reference/sofa-cables/e_step5.npz")
+    run = dict(np.load(shared / "reference/sofa-cables/e_step5.npz"))
     keys = keys_of_cable(run, "Finger1_PullingCable")
     follow(
         run,
@@ -187,7 +187,7 @@ def test_the_second_tutorials_controller_moves_its_fingers_as_in_sofa(
     scenes: Path, shared: Path, figures: Figures
 ) -> None:
     """Python 2, rest positions and pull points moved by arrows; SOFA ran it with all collision models off."""
-    run = np.load(shared / "reference/sofa-cables/second-seed/free.npz")
+    run = dict(np.load(shared / "reference/sofa-cables/second-seed/free.npz"))
     keys = {int(step): [KEYS[int(code)]] for step, code in run["keys"]}
     scene = read(scenes, "soft-gripper/SoftGripperGrasping.pyscn", exact=True)
     soft = {name: body.model_copy(update={"collides": False}) for name, body in scene.soft_bodies.items()}
@@ -223,7 +223,7 @@ def test_the_second_tutorial_grasps(scenes: Path, figures: Figures) -> None:
 
 def test_the_gripper_with_cables_lifts_its_cube(scenes: Path, shared: Path, figures: Figures) -> None:
     """Lowered by 30 mm, pulled by 10, raised by 20: held, and pressed as in SOFA, whose runs differ by 3 mm and 2 %."""
-    run = np.load(shared / "reference/sofa-cables/e_step6_grasp_down30_pull10_up20.npz")
+    run = dict(np.load(shared / "reference/sofa-cables/e_step6_grasp_down30_pull10_up20.npz"))
     steered = Steered(read(scenes, "cable-gripper/step6.py"), keys_of_cable(run, "Finger1_PullingCable"))
     heights = []
     for _ in range(len(run["Cube_pose"])):

@@ -32,7 +32,7 @@ RUNS = [
 @pytest.mark.parametrize(("name", "mesh", "steps"), RUNS, ids=[name for name, _, _ in RUNS])
 def test_the_finger_follows_sofa(shared: Path, figures: Figures, name: str, mesh: str, steps: int) -> None:
     """Every node where SOFA's run has them all, else the tip, at every step; and every node at the end."""
-    run = np.load(shared / "reference" / f"{name}.npz")
+    run = dict(np.load(shared / "reference" / f"{name}.npz"))
     step = float(run["dt"])
     simulation = Simulation(tutorial.finger_scene(shared, mesh, step))
     tip = int(run["tip_index"])
