@@ -7,6 +7,7 @@ import numpy as np
 from taichisoft.bodies.limits import limits
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.kernels import cavities as kernels
+from taichisoft.meshes import curved_walls
 from taichisoft.meshes.surface import stacked
 
 
@@ -17,7 +18,7 @@ class Cavities:
         names: "body.cavity", in order.
         rest_volume: [mm^3], shape (cavity_count,).
         growth_range, pressure_range: smallest and largest [mm^3] and [kPa], shape (cavity_count, 2).
-        surfaces: what the kernels read; without cavities its arrays are empty.
+        surfaces, curved: what the kernels read; without cavities their arrays are empty.
     """
 
     def __init__(self, bodies: Sequence[SoftBody]):
@@ -32,8 +33,8 @@ class Cavities:
             ).reshape(-1, 2)
             for what in ("volume_growth", "pressure")
         )
-        tables = [(cavity.surface.nodes + body.nodes.start, cavity.surface.weights) for body, cavity in found]
-        triangles = [cavity.surface.triangles for _, cavity in found]
+        tables = [(cavity.walls.nodes + body.nodes.start, cavity.walls.weights) for body, cavity in found]
+        triangles = [cavity.walls.triangles for _, cavity in found]
         entries, parts = [], []
         vertex_start = np.cumsum([0, *(len(nodes) for nodes, _ in tables)])
         entry_start = [0]
@@ -46,19 +47,35 @@ class Cavities:
         all_parts = np.vstack([np.zeros((0, 2), dtype=np.int64), *parts])
         by_entry = np.argsort(all_parts[:, 0], kind="stable")
         shifted = [part + first for part, first in zip(triangles, vertex_start[:-1], strict=True)]
+        (flat_start, flat), (curved_start, curved) = (_of_corners(shifted, corners) for corners in (3, 6))
         part_start = np.searchsorted(all_parts[by_entry, 0], np.arange(entry_start[-1] + 1))
         part_weight = np.concatenate([np.zeros(0), *(weights.reshape(-1) for _, weights in tables)])[by_entry]
         self.surfaces = kernels.CavitySurfaces(
             vertex_nodes=stacked([nodes for nodes, _ in tables]).astype(np.int32),
             vertex_weights=stacked([weights for _, weights in tables]),
-            triangle_start=np.cumsum([0, *(len(part) for part in triangles)]).astype(np.int32),
-            triangles=np.vstack([np.zeros((0, 3)), *shifted]).astype(np.int32),
+            origin=np.array([part[0, 0] for part in shifted], dtype=np.int32),
+            triangle_start=flat_start,
+            triangles=flat,
             entry_start=np.array(entry_start, dtype=np.int32),
             entry_node=np.concatenate([*entries, np.zeros(0)]).astype(np.int32),
             part_start=part_start.astype(np.int32),
             part_vertex=all_parts[by_entry, 1].astype(np.int32),
             part_weight=part_weight,
         )
+        self.curved = kernels.CurvedTriangles(
+            start=curved_start,
+            vertices=curved,
+            weighted_shape=curved_walls.WEIGHTS[:, None] * curved_walls.SHAPES,
+            first_slope=np.ascontiguousarray(curved_walls.SLOPES[..., 0]),
+            second_slope=np.ascontiguousarray(curved_walls.SLOPES[..., 1]),
+        )
+
+
+def _of_corners(parts: list[np.ndarray], corners: int) -> tuple[np.ndarray, np.ndarray]:
+    """Where the triangles with so many vertices of each cavity begin, and these triangles."""
+    some = [part if part.shape[1] == corners else np.zeros((0, corners)) for part in parts]
+    start = np.cumsum([0, *(len(part) for part in some)]).astype(np.int32)
+    return start, np.vstack([np.zeros((0, corners)), *some]).astype(np.int32)
 
 
 class CavityVolumes:
@@ -71,6 +88,7 @@ class CavityVolumes:
     def __init__(self, cavities: Cavities, node_count: int, gradient: np.ndarray | None = None):
         """Make room; `gradient` is an array to use, of shape (entry_count, 3)."""
         self._surfaces = surfaces = cavities.surfaces
+        self._curved = cavities.curved
         vertex_count, cavity_count = len(surfaces.vertex_nodes), len(cavities.names)
         self.gradient = np.zeros((len(surfaces.entry_node), 3)) if gradient is None else gradient
         self._volumes = kernels.CavityVolumes(
@@ -89,7 +107,7 @@ class CavityVolumes:
             return  # the volumes at the end of a step come with the gradients for the start of the next
         self._measured = node_position
         self._node_position[:] = node_position
-        kernels.volumes_and_gradients(self._node_position, self._surfaces, self._volumes)
+        kernels.volumes_and_gradients(self._node_position, self._surfaces, self._curved, self._volumes)
 
     def volumes(self, node_position: np.ndarray) -> np.ndarray:
         """Enclosed volumes [mm^3], shape (cavity_count,), for node positions [mm] as in `update`."""

@@ -12,6 +12,7 @@ from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
 from taichisoft.kernels.laws import HOOKE
+from taichisoft.meshes.curved_walls import curved_walls, enclosed_volume_of_walls
 from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
@@ -34,11 +35,13 @@ class Cavity:
     Attributes:
         name: "body.cavity".
         surface: closed surface, facing from the air into the silicone, over the body's own nodes.
+        walls: where the pressure acts: the same, or around quadratic elements its six-node triangles, shape (count, 6).
         rest_volume: [mm^3].
     """
 
     name: str
     surface: MappedSurface
+    walls: MappedSurface
     rest_volume: float
 
 
@@ -222,10 +225,13 @@ def _make_cavity(mesh: VolumeMesh, body: settings.SoftBody, name: str, cavity: s
         triangles = closed_outward(vertices, triangles, cavity.surface)
         surface = _follow(mesh, vertices, triangles, cavity.surface, body)
     else:
-        triangles = surface_group(mesh, cavity.group or "", key)
         source = f"{mesh.source}: cavity '{cavity.group}'"
-        surface = MappedSurface.of_nodes(closed_outward(mesh.nodes, triangles, source))
-    return Cavity(name, surface, enclosed_volume(surface.positions(mesh.nodes), surface.triangles))
+        triangles = closed_outward(mesh.nodes, surface_group(mesh, cavity.group or "", key), source)
+        surface = MappedSurface.of_nodes(triangles)
+        if body.element == "quadratic":
+            walls = curved_walls(triangles, mesh.elements)
+            return Cavity(name, surface, walls, enclosed_volume_of_walls(walls.positions(mesh.nodes), walls.triangles))
+    return Cavity(name, surface, surface, enclosed_volume(surface.positions(mesh.nodes), surface.triangles))
 
 
 def _follow(

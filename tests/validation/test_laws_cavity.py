@@ -14,31 +14,33 @@ from taichisoft.model import Model
 
 SIZE = (30.0, 20.0, 20.0)
 CAVITY = "block.cavity"
+ELEMENTS = ("linear", "quadratic")
+"""The walls of quadratic elements are six-node triangles."""
 
 
 @pytest.fixture
-def hollow(block: Callable[..., str]) -> Callable[[float], Simulation]:
+def hollow(block: Callable[..., str]) -> Callable[..., Simulation]:
     """Makes a hollow block held at one end, for a time step; it comes to rest in some 0.2 s."""
     table = silicone(
         block((3, 3, 3), SIZE, hollow=True),
-        element="linear",
         rayleigh_mass=1.0,
         cavities={"cavity": {"group": "cavity"}},
         anchors=[{"box": [[-15, -10, -10], [-15, 10, 10]]}],
     )
-    return lambda step: simulate(step=step, soft_bodies={"block": table})
+    return lambda step, element="linear": simulate(step=step, soft_bodies={"block": {**table, "element": element}})
 
 
 def _deformed(model: Model) -> np.ndarray:
     return model.rest_position + np.random.default_rng(3).uniform(-1, 1, (model.node_count, 3))
 
 
-def test_pressure_in_a_closed_cavity_pushes_the_body_nowhere(hollow: Callable[[float], Simulation]) -> None:
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_pressure_in_a_closed_cavity_pushes_the_body_nowhere(hollow: Callable[..., Simulation], element: str) -> None:
     """sum dV/dx = 0 and sum x cross dV/dx = 0 for any shape, or a body in free space would drive itself.
 
     Tolerance 1e-12 of the largest term: round-off.
     """
-    model = hollow(0.01).model
+    model = hollow(0.01, element).model
     position = _deformed(model)
     volumes = CavityVolumes(model.cavities, model.node_count)
     volumes.update(position)
@@ -48,10 +50,11 @@ def test_pressure_in_a_closed_cavity_pushes_the_body_nowhere(hollow: Callable[[f
     assert np.abs(moments.sum(axis=0)).max() < 1e-12 * np.abs(moments).max()
 
 
-def test_the_gradient_is_that_of_the_volume(hollow: Callable[[float], Simulation]) -> None:
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_the_gradient_is_that_of_the_volume(hollow: Callable[..., Simulation], element: str) -> None:
     """Virtual work: p dV = sum p dV/dx . dx. The volume of this mesh is linear in each coordinate, so that central
     differences of 1 mm are exact; tolerance 1e-12 of the volume of 3000 mm^3: round-off."""
-    model = hollow(0.01).model
+    model = hollow(0.01, element).model
     position = _deformed(model)
     volumes = CavityVolumes(model.cavities, model.node_count)
     volume = volumes.volumes(position)[0]
@@ -64,12 +67,13 @@ def test_the_gradient_is_that_of_the_volume(hollow: Callable[[float], Simulation
             assert 0.5 * (ahead - behind) == pytest.approx(gradient[entry, axis], abs=1e-12 * volume)
 
 
-def test_the_volume_at_rest_is_that_of_the_hole(hollow: Callable[[float], Simulation]) -> None:
+@pytest.mark.parametrize("element", ELEMENTS)
+def test_the_volume_at_rest_is_that_of_the_hole(hollow: Callable[..., Simulation], element: str) -> None:
     """A third of the block in every direction: 10 x 20/3 x 20/3 mm; exact but for round-off."""
-    assert hollow(0.01).model.cavities.rest_volume[0] == pytest.approx(10 * (20 / 3) ** 2, rel=1e-12)
+    assert hollow(0.01, element).model.cavities.rest_volume[0] == pytest.approx(10 * (20 / 3) ** 2, rel=1e-12)
 
 
-def test_pressure_does_not_depend_on_the_time_step(hollow: Callable[[float], Simulation], figures: Figures) -> None:
+def test_pressure_does_not_depend_on_the_time_step(hollow: Callable[..., Simulation], figures: Figures) -> None:
     """The shape at rest solves f(x) + p dV/dx = 0, where no step appears (in SOFA the value is an impulse).
 
     Tolerance 1e-9 of the displacement: what is left of the motion after 0.5 s.
@@ -87,7 +91,7 @@ def test_pressure_does_not_depend_on_the_time_step(hollow: Callable[[float], Sim
         figures.at_most(f"shape with steps of {step * 1e3:g} ms and of 1 ms", miss, 1e-9)
 
 
-def test_volume_and_pressure_are_dual(hollow: Callable[[float], Simulation], figures: Figures) -> None:
+def test_volume_and_pressure_are_dual(hollow: Callable[..., Simulation], figures: Figures) -> None:
     """The pressure that an imposed volume takes, imposed, gives that volume. Tolerance 1e-9: rest, as above."""
     by_volume = hollow(0.01)
     report = advance(by_volume, 0.5, Control(volume_growth={CAVITY: 100.0}))

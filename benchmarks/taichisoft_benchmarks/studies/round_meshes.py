@@ -1,9 +1,12 @@
 """Meshes of a hollow sphere and of a tube, and of a bar, for bodies whose deformation is known in closed form."""
 
+from dataclasses import replace
 from itertools import permutations
 
 import numpy as np
 
+from taichisoft.meshes.second_order import with_middle_nodes
+from taichisoft.meshes.ten_nodes import SIDES
 from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
 
 PRISM = np.array([[0, 1, 2, 5], [0, 1, 5, 4], [0, 4, 5, 3]])
@@ -37,6 +40,17 @@ def tube(inner: float, outer: float, length: float, around: int, layers: int, al
     fan = np.column_stack([np.zeros(around - 2, dtype=int), np.arange(1, around - 1), np.arange(2, around)])
     lids = np.vstack([fan[:, ::-1], fan + along * around])
     return _extruded("tube", np.vstack(shell), wall, (along + 1) * around, layers, np.vstack([wall, lids]))
+
+
+def rounded(mesh: VolumeMesh, axes: int) -> VolumeMesh:
+    """The mesh of a sphere (3 axes) or tube (2) with ten nodes an element, whose sides bend as these do."""
+    mesh = with_middle_nodes(mesh)
+    radius = np.linalg.norm(mesh.nodes[:, :axes], axis=1)
+    wanted = radius.copy()
+    wanted[mesh.elements[:, 4:]] = radius[mesh.elements[:, SIDES]].mean(axis=2)
+    nodes = mesh.nodes.copy()
+    nodes[:, :axes] *= (wanted / radius)[:, None]
+    return replace(mesh, nodes=nodes).check()
 
 
 def bar(cells: tuple[int, int, int], size: tuple[float, float, float]) -> VolumeMesh:
