@@ -33,6 +33,9 @@ NO_DOMAINS = Domains(
 )
 
 ADVICE = "a smaller time.step, a lower pressure or pressure rate, or a finer mesh"
+# A turn by t in a step changes volumes by t^2, which one linearisation does not see: nearly incompressible rubber that
+# moves fast gets pressures of lambda t^2, and explodes.
+RUBBER_ADVICE = "a smaller time.step, time.newton = 20, a lower pressure or pressure rate, or a finer mesh"
 COLLAPSE_ADVICE = "less suction, or a lowest_volume_growth or lowest_pressure of the cavity"
 
 
@@ -50,9 +53,12 @@ class DivergenceCheck:
         node_starts = [*(body.nodes.start for body in soft), model.node_count]
         self._time_step = model.scene.time.step
         self._cavities = model.cavities.names
-        self._soft = _Leaps([body.name for body in soft], [body.rest_position for body in soft], node_starts)
+        self._advice = [ADVICE if (body.laws.kind == HOOKE).all() else RUBBER_ADVICE for body in soft]
+        shapes = [body.rest_position for body in soft]
+        self._soft = _Leaps([body.name for body in soft], shapes, node_starts, self._advice)
         centres = list(range(len(rigid) + 1))
-        self._rigid = _Leaps([body.name for body in rigid], [body.vertices for body in rigid], centres)
+        advice = [ADVICE for _ in rigid]
+        self._rigid = _Leaps([body.name for body in rigid], [body.vertices for body in rigid], centres, advice)
         counts = [len(body.elements) for body in soft]
         # Laws of rubber can push elements out again that are turned inside out, however many.
         follows_hooke = np.array([bool((body.laws.kind == HOOKE).any()) for body in soft])
@@ -100,7 +106,7 @@ class DivergenceCheck:
             body = int(np.argmax(bad))
             count = f"{self._inverted.count[body]} of {self._element_counts[body]}"
             cause = f"has {count} elements turned inside out{self._beyond_its_law(body, before)}"
-            raise SimulationDiverged(self._soft.names[body], step, cause, ADVICE)
+            raise SimulationDiverged(self._soft.names[body], step, cause, self._advice[body])
 
     def _beyond_its_law(self, number: int, state: State) -> str:
         """What there is to say where a body was stretched beyond the range of its law before the step."""
@@ -125,9 +131,12 @@ def _integration_points(elasticity: Elasticity, shapes: Sequence[tuple[int, ...]
 class _Leaps:
     """Points of some bodies, none of which may leap in a step."""
 
-    def __init__(self, names: list[str], shapes: Sequence[np.ndarray], starts: list[int]):
-        """Bodies of these shapes [mm], each (count, 3), whose points begin at these places among all."""
-        self.names = names
+    def __init__(self, names: list[str], shapes: Sequence[np.ndarray], starts: list[int], advice: list[str]):
+        """Bodies of these shapes [mm], each (count, 3), whose points begin at these places among all.
+
+        What to try where one of them leaps is its `advice`.
+        """
+        self.names, self._advice = names, advice
         self._limit = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
         before, velocity, after = (np.empty((starts[-1], 3)) for _ in range(3))
         self.points = kernels.Points(before, velocity, after, np.array(starts, dtype=np.int32), np.empty(len(names)))
@@ -146,7 +155,7 @@ class _Leaps:
             some = slice(points.body_start[body], points.body_start[body + 1])
             move = np.abs(after[some] - before[some]).max()
             cause = f"exploded: it would move {move:.3g} mm in one step, over {LARGEST_MOVE:g} times its size"
-            raise SimulationDiverged(self.names[body], step, cause, ADVICE)
+            raise SimulationDiverged(self.names[body], step, cause, self._advice[body])
 
     def refuse_not_finite(self, values: np.ndarray, step: int) -> None:
         """Raise SimulationDiverged for the first body with a value that is not finite; a row belongs to each point."""
@@ -155,4 +164,4 @@ class _Leaps:
         finite = np.isfinite(values).all(axis=1)
         if not finite.all():
             body = int(np.searchsorted(self.points.body_start, np.argmin(finite), side="right")) - 1
-            raise SimulationDiverged(self.names[body], step, "has a position that is not finite", ADVICE)
+            raise SimulationDiverged(self.names[body], step, "has a position that is not finite", self._advice[body])
