@@ -88,7 +88,7 @@ class Simulation:
         control = Control() if control is None else control
         start = apply_control(self.model, self.state, control)
         self._begin_actuators(start)
-        self._solve_free_motion(start)
+        self._begin_motion(start)
         found = self._find_contacts(start)
         self._constraints.solve(start, found)
         if self._newton is not None:
@@ -111,10 +111,10 @@ class Simulation:
         if self.model.elasticity is not None:
             self._actuators.look_ahead(start, self.model.elasticity.node_lead)
 
-    def _solve_free_motion(self, start: State) -> None:
-        """All bodies as if nothing touched them."""
+    def _begin_motion(self, start: State) -> None:
+        """Forces and matrices of all bodies, and their motion as far as it needs no contacts."""
         if self._soft is not None:
-            self._soft.solve_free_motion(start, self._actuators.load)
+            self._soft.begin(start, self._actuators.load)
         self._rigid.solve_free_motion(start)
 
     def _find_contacts(self, start: State) -> Found:

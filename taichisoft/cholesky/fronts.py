@@ -12,7 +12,7 @@ import scipy.sparse as sparse
 from taichisoft.cholesky.supernodes import Supernodes
 from taichisoft.cholesky.tasks import FrontSizes, share_out
 from taichisoft.errors import MeshError
-from taichisoft.kernels.cholesky import IN_PARENT, Fronts
+from taichisoft.kernels.fronts import IN_PARENT, Fronts
 from taichisoft.kernels.tiles import TILE
 
 LARGEST_INDEX = 2**31 - 1

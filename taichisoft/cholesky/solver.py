@@ -1,22 +1,25 @@
 """A sparse direct solver for symmetric positive definite matrices of 3x3 node blocks.
 
-Analyse the pattern once (`SymbolicFactor`), then per step `factorise` and `solve`; `kernels/compliance.py` uses the
-factor for many right-hand sides, and `solve_columns` what it found.
+Analyse the pattern once (`SymbolicFactor`), then per step `factorise` together with a right-hand side, and `complete`
+its solution with rows J of which `kernels/compliance.py` has L^-1 J^T. `solve` is for any other right-hand side.
 """
 
 import numpy as np
 
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import NotPositiveDefinite
-from taichisoft.kernels import cholesky as kernels
+from taichisoft.kernels.back_substitution import back, back_serially
+from taichisoft.kernels.cholesky import factorise
 from taichisoft.kernels.compliance import SparseColumns
-from taichisoft.kernels.correction import correct, correct_serially
+from taichisoft.kernels.forward_substitution import Substitution, forward, forward_serially
+from taichisoft.kernels.fronts import Factor
 from taichisoft.kernels.runtime import THREADS
 from taichisoft.kernels.tiles import TILE
-from taichisoft.kernels.triangular_solve import Solution, solve_trees, solve_trees_serially
+from taichisoft.kernels.waiting import COUNTERS
 
 # Non-zeros: less than some 0.5 ms of work is not worth waking threads.
 SMALL_FACTOR = 300_000
+NO_MULTIPLIERS = np.zeros(0)
 
 
 class Cholesky:
@@ -26,7 +29,7 @@ class Cholesky:
         symbolic: the pattern.
         blocks: the matrix, whose blocks the caller fills in the order of `symbolic.block_pairs`, shape
             (block_count, 3, 3).
-        factor: L, in columns of tiles as `kernels/cholesky.py` says, and after it the update matrices.
+        factor: L, in columns of tiles as `kernels/fronts.py` says, and after it the update matrices.
     """
 
     def __init__(self, symbolic: SymbolicFactor):
@@ -34,7 +37,7 @@ class Cholesky:
         self.symbolic = symbolic
         self.blocks = np.zeros((len(symbolic.block_pairs), 3, 3))
         tiles = _allocate(symbolic.size)
-        self.factor = kernels.Factor(
+        self.factor = Factor(
             tiles=tiles,
             scalars=tiles.reshape(-1),
             done=np.zeros(len(symbolic.tree.parent), dtype=np.int32),
@@ -42,14 +45,31 @@ class Cholesky:
             taken=np.zeros(len(symbolic.fronts.tasks), dtype=np.int32),
         )
         x = np.zeros(3 * len(symbolic.order) + TILE)  # the last tile may read and write beyond the end
-        given, found = (np.zeros((len(symbolic.order), 3)) for _ in range(2))
-        self._solution = Solution(symbolic.solve_trees, symbolic.order, given, found, x, _allocate(symbolic.work_size))
+        left = _allocate(len(symbolic.fronts.rows) // TILE)
+        self._begun = Substitution(
+            supernodes=symbolic.supernodes,
+            branch_start=symbolic.branch_start,
+            order=symbolic.order,
+            given=np.zeros((len(symbolic.order), 3)),
+            found=np.zeros((len(symbolic.order), 3)),
+            forward=np.zeros_like(x),
+            x=x,
+            left=left.reshape(-1),
+            left_tiles=left,
+            progress=np.zeros(COUNTERS, dtype=np.int32),
+        )
+        self._whole = self._begun._replace(given=np.zeros_like(self._begun.given), forward=np.zeros_like(x))
+        self._no_columns = SparseColumns.with_room(0, len(symbolic.tree.parent), 0)
         small = symbolic.factor_entries < SMALL_FACTOR
-        self._solve = solve_trees_serially if small else solve_trees
-        self._correct = correct_serially if small else correct
+        self._forward, self._back = (forward_serially, back_serially) if small else (forward, back)
 
-    def factorise(self) -> None:
-        """Factorise what `blocks` holds.
+    @property
+    def begun(self) -> np.ndarray:
+        """L^-1 b of the right-hand side that was factorised with, by elimination order, shape (3 node_count + 8,)."""
+        return self._begun.forward
+
+    def factorise(self, right_hand_side: np.ndarray) -> None:
+        """Factorise what `blocks` holds, and begin to solve for a right-hand side b of shape (node_count, 3).
 
         Raises:
             NotPositiveDefinite: a pivot is not positive; the error has the node.
@@ -58,27 +78,50 @@ class Cholesky:
         factor.done.fill(0)
         factor.taken.fill(0)
         factor.failed_column[0] = none
-        kernels.factorise(self.symbolic.fronts, self.blocks, factor, THREADS, 1)
+        _give(self._begun, right_hand_side)
+        factorise(self.symbolic.fronts, self.blocks, factor, self._begun, THREADS, 1)
         if factor.failed_column[0] < none:
             node = int(self.symbolic.order[factor.failed_column[0] // 3])
             raise NotPositiveDefinite(f"the system matrix is not positive definite at node {node}", node)
 
-    def solve_columns(self, columns: SparseColumns, multipliers: np.ndarray, count: int) -> np.ndarray:
-        """A^-1 J^T lambda, shape (node_count, 3), by the backward half of a solve.
+    def leave_out_right_hand_side(self) -> None:
+        """Go on as if the right-hand side b had been 0."""
+        _give(self._begun, 0.0)
+
+    def complete(self, columns: SparseColumns, multipliers: np.ndarray, count: int) -> np.ndarray:
+        """A^-1 (b + J^T lambda), shape (node_count, 3), with the right-hand side that was factorised with.
 
         Args:
             columns: Y = L^-1 J^T, of the last factorisation.
             multipliers: lambda, in an array with room for more.
             count: how many they are.
         """
-        self._correct(count, multipliers, columns, self.symbolic.fronts, self.factor, self._solution, 1)
-        return self._solution.found.copy()
+        return self._substitute_back(self._begun, columns, multipliers, count)
+
+    def complete_with(self, more: np.ndarray) -> np.ndarray:
+        """A^-1 (b + c), shape (node_count, 3), with the right-hand side that was factorised with and another one."""
+        return self.solve(self._begun.given + more)
 
     def solve(self, right_hand_side: np.ndarray) -> np.ndarray:
-        """Solve A x = b with the last factorisation, b and x of shape (node_count, 3)."""
-        self._solution.given[:] = right_hand_side
-        self._solve(self.symbolic.fronts, self.factor, self._solution, 1)
-        return self._solution.found.copy()
+        """Solve A x = c with the last factorisation, c and x of shape (node_count, 3), beside what was begun."""
+        _give(self._whole, right_hand_side)
+        self._forward(self.symbolic.fronts, self.factor, self._whole, 1)
+        return self._substitute_back(self._whole, self._no_columns, NO_MULTIPLIERS, 0)
+
+    def _substitute_back(
+        self, substitution: Substitution, columns: SparseColumns, multipliers: np.ndarray, count: int
+    ) -> np.ndarray:
+        substitution.x.fill(0.0)
+        substitution.progress.fill(0)
+        self._back(count, multipliers, columns, self.symbolic.fronts, self.factor, substitution, 1)
+        return substitution.found.copy()
+
+
+def _give(substitution: Substitution, right_hand_side: np.ndarray | float) -> None:
+    """Begin with a right-hand side. Zeros of the factor's padding meet any entry of L^-1 b, so all must be numbers."""
+    substitution.given[:] = right_hand_side
+    substitution.forward.fill(0.0)
+    substitution.progress.fill(0)
 
 
 def _allocate(count: int) -> np.ndarray:

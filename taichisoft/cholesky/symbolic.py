@@ -3,11 +3,12 @@
 import numpy as np
 import scipy.sparse as sparse
 
+from taichisoft.cholesky.branches import share_out_branches
 from taichisoft.cholesky.fronts import lay_out
 from taichisoft.cholesky.ordering import find_supernodes
-from taichisoft.kernels.cholesky import BELOW
 from taichisoft.kernels.compliance import EliminationTree
-from taichisoft.kernels.tiles import TILE
+from taichisoft.kernels.fronts import BELOW, COLUMNS
+from taichisoft.kernels.runtime import THREADS
 
 
 class SymbolicFactor:
@@ -20,8 +21,7 @@ class SymbolicFactor:
         tree: the way from a node up the tree of supernodes.
         fronts: how the fronts lie in memory, and the tasks that compute them.
         size: columns of tiles that the fronts take.
-        solve_trees: trees of supernodes and their work space, see `kernels.triangular_solve.Solution`.
-        work_size: columns of tiles of that work space.
+        supernodes, branch_start: the same shared out for solves, see `kernels.forward_substitution.Substitution`.
         factor_entries: number of non-zeros stored in L.
     """
 
@@ -39,9 +39,6 @@ class SymbolicFactor:
         layout = lay_out(adjacency, supernodes)
         self.fronts, self.size = layout.fronts, layout.size
         self.block_pairs = self.order[layout.block_pairs]
-        roots = np.flatnonzero(supernodes.parent < 0)
-        starts = np.concatenate([[0], roots[:-1] + 1])
-        tiles_below = -(-self.fronts.table[:-1, BELOW] // TILE)
-        most = [int(tiles_below[a : b + 1].max()) for a, b in zip(starts, roots, strict=True)]
-        self.solve_trees = np.column_stack([starts, roots + 1, np.cumsum([0, *most[:-1]])]).astype(np.int32)
-        self.work_size = sum(most)
+        table = self.fronts.table
+        entries = table[:-1, COLUMNS] * (table[:-1, COLUMNS] + table[:-1, BELOW])
+        self.supernodes, self.branch_start = share_out_branches(supernodes.parent, entries, THREADS)

@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 
 from taichisoft.cholesky.schedule import schedule
-from taichisoft.kernels.cholesky import AWAITED, FIRST_FRONT, LAST_FRONT
+from taichisoft.kernels.fronts import AWAITED, FIRST_FRONT, LAST_FRONT
 from taichisoft.kernels.runtime import THREADS
 from taichisoft.kernels.tiles import TILE
 from taichisoft.kernels.waiting import PER_LOOK

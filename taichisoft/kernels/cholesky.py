@@ -3,7 +3,8 @@
 A front is a supernode's panel (its columns of the factor, all its rows) and an update matrix (its rows below, lower
 triangle) that the parent adds in. The panel is stored by rows of tiles, each with all columns one after the other;
 the update matrix likewise, each row up to the diagonal. Columns are padded to whole tiles with an identity matrix and
-rows with zeros, so that no tile is special. The diagonal of the factor is stored inverted.
+rows with zeros, so that no tile is special. The diagonal of the factor is stored inverted. A right-hand side is
+substituted forward on the way, as if it were one more row of the matrix.
 
 A thread takes the first task of the list for which all is there: `done` counts the finished pieces of each front. Every
 front is computed from its children in a fixed order, so the result does not depend on the threads. A thread that finds
@@ -11,64 +12,32 @@ nothing to do for longer than any task takes leaves the rest to the others: one 
 program, and gets it back the sooner.
 """
 
-from typing import NamedTuple
-
+from taichisoft.kernels.forward_substitution import Substitution, gather, substitute_forward
+from taichisoft.kernels.fronts import (
+    AWAITED,
+    BELOW,
+    BLOCKS,
+    CHILDREN,
+    COLUMNS,
+    FIRST_COLUMN,
+    FIRST_FRONT,
+    FIRST_ROW,
+    FIRST_UPDATE,
+    IN_PARENT,
+    LAST_FRONT,
+    LAST_ROW,
+    LAST_UPDATE,
+    PANEL,
+    ROWS,
+    UPDATE,
+    WIDTH,
+    Factor,
+    Fronts,
+)
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.runtime import CHUNK, Integers, IntegerTable, Matrices, Scalars, ti
+from taichisoft.kernels.runtime import CHUNK, Matrices, ti
 from taichisoft.kernels.tiles import SHIFT, TILE, Column, Columns, advance, opaque, tiles_in, triangle
 from taichisoft.kernels.waiting import load
-
-# Columns of the table of fronts: number of own columns, the same padded, number of rows below; start of the panel and
-# of the update matrix in columns of tiles; where the lists of matrix blocks, of children and of rows begin; the first
-# column in elimination order; and how many of the rows below are own columns of the parent.
-WIDTH, COLUMNS, BELOW, PANEL, UPDATE, BLOCKS, CHILDREN, ROWS, FIRST_COLUMN, IN_PARENT = range(10)
-# Columns of the table of tasks: a range of supernodes, the pieces that must be finished before, a range of rows of
-# tiles of the panel, and one of columns of tiles of the update matrix.
-FIRST_FRONT, LAST_FRONT, AWAITED, FIRST_ROW, LAST_ROW, FIRST_UPDATE, LAST_UPDATE = range(7)
-
-
-class Fronts(NamedTuple):
-    """How the fronts lie in memory, and the tasks that compute them; all indices count scalars, three for a node.
-
-    Attributes:
-        table: a row for each supernode, and one that closes the ranges; its columns stand above.
-        rows: rows below of every supernode in elimination order, each list padded to whole tiles with the number of
-            rows of the matrix.
-        relative: the same rows in the parent's panel and the update matrix that follows it. Padding repeats the last
-            row, so that the zeros which it adds go to no entry of another task.
-        children: children of every supernode, ascending, shape (count - number of roots + 1,).
-        block_place: where each row of each block begins in the memory of all fronts, shape (block_count, 3).
-        tasks: in the order in which threads take them; its columns stand above.
-        pieces: number of pieces that each front is computed in, shape (count,).
-        patience: how often a thread looks in vain at tasks before it may leave, shape (1,).
-    """
-
-    table: IntegerTable
-    rows: Integers
-    relative: Integers
-    children: Integers
-    block_place: IntegerTable
-    tasks: IntegerTable
-    pieces: Integers
-    patience: Integers
-
-
-class Factor(NamedTuple):
-    """The factor and the update matrices.
-
-    Attributes:
-        tiles: columns of tiles, shape (count, 8).
-        scalars: the same memory number by number.
-        done: finished pieces of each front, 0 at the start, shape (supernode_count,).
-        failed_column: first column without a positive pivot, lowered from the number of rows, shape (1,).
-        taken: 1 for tasks that a thread has begun, 0 at the start, shape (task_count,).
-    """
-
-    tiles: Columns
-    scalars: Scalars
-    done: Integers
-    failed_column: Integers
-    taken: Integers
 
 
 @func
@@ -226,7 +195,9 @@ def multiply_columns(s: ti.i32, first: ti.i32, last: ti.i32, fronts: Fronts, fac
 
 
 @func
-def work_on(t: ti.i32, s: ti.i32, fronts: Fronts, blocks: Matrices, factor: Factor, one: ti.i32):
+def work_on(
+    t: ti.i32, s: ti.i32, fronts: Fronts, blocks: Matrices, factor: Factor, solution: Substitution, one: ti.i32
+):
     """Do what a task asks for on one of its fronts."""
     front, task = ti.static(fronts.table, fronts.tasks)
     columns = front[s, COLUMNS]
@@ -239,10 +210,12 @@ def work_on(t: ti.i32, s: ti.i32, fronts: Fronts, blocks: Matrices, factor: Fact
         last = ti.select(part == 0, ti.select(assembles, columns, 0), columns + TILE * last_tile)
         if part == 0 and assembles:
             fill_panel(s, fronts, blocks, factor)
+            gather(s, fronts, solution)
         if part == 1:
             failed = eliminate_rows(s, first_row, last_row, fronts, factor, one)
             if failed >= 0:
                 ti.atomic_min(factor.failed_column[0], front[s, FIRST_COLUMN] + failed)
+            substitute_forward(s, first_row, last_row, fronts, factor, solution, one)  # while the cache has the rows
             multiply_columns(s, first_tile, last_tile, fronts, factor, one)
         if first < last:
             for k in range(front[s, CHILDREN], front[s + 1, CHILDREN]):
@@ -252,8 +225,11 @@ def work_on(t: ti.i32, s: ti.i32, fronts: Fronts, blocks: Matrices, factor: Fact
 
 
 @kernel
-def factorise(fronts: Fronts, blocks: Matrices, factor: Factor, workers: ti.i32, one: ti.i32):
-    """Factorise all fronts. Each worker, a thread, takes tasks until none is left, or it has lost patience."""
+def factorise(fronts: Fronts, blocks: Matrices, factor: Factor, solution: Substitution, workers: ti.i32, one: ti.i32):
+    """Factorise all fronts, and fill `solution.forward`, which is 0 at the start.
+
+    Each worker, a thread, takes tasks until none is left, or it has lost patience.
+    """
     for worker in range(workers * CHUNK):
         if worker % CHUNK == 0:
             first, t, looks, leaves = 0, 0, 0, 0
@@ -269,7 +245,7 @@ def factorise(fronts: Fronts, blocks: Matrices, factor: Factor, workers: ti.i32,
                 t += 1
                 if takes != 0:
                     for s in range(fronts.tasks[t - 1, FIRST_FRONT], fronts.tasks[t - 1, LAST_FRONT]):
-                        work_on(t - 1, s, fronts, blocks, factor, one)
+                        work_on(t - 1, s, fronts, blocks, factor, solution, one)
                     t, looks = first, 0
                 elif t == fronts.tasks.shape[0]:  # having seen the whole list: alone, it finds something in it
                     t, leaves = first, ti.select(looks < fronts.patience[0], 0, 1)

@@ -6,13 +6,15 @@ tree leads to from a group's nodes are visited, and have room in Y.
 
 from typing import NamedTuple
 
+import numpy as np
+
 from taichisoft.kernels.actuators import Coordinates, Gradient
-from taichisoft.kernels.cholesky import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS, Rows
+from taichisoft.kernels.fronts import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
 from taichisoft.kernels.launch import Kernel, func, kernel
 from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, IntegerTable, Scalars, ti, vec3
 from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
-from taichisoft.kernels.waiting import BEGUN_LATER, FINISHED, PATIENCE, reaches
+from taichisoft.kernels.waiting import BEGUN_LATER, COUNTERS, FINISHED, PATIENCE, reaches
 
 GROUP = TILE
 # In the place of entries that are zero.
@@ -48,6 +50,16 @@ class SparseColumns(NamedTuple):
     y: Columns
     size: Integers
     progress: Integers
+
+    @classmethod
+    def with_room(cls, group_count: int, supernode_count: int, entry_count: int) -> "SparseColumns":
+        """Arrays with room for so many groups and entries."""
+        return cls(
+            place=np.empty((group_count, supernode_count), dtype=np.int32),
+            y=np.empty((entry_count, GROUP)),
+            size=np.zeros(1, dtype=np.int32),
+            progress=np.zeros(COUNTERS, dtype=np.int32),
+        )
 
 
 @func
@@ -200,6 +212,20 @@ def multiply_groups(
 
 
 @func
+def add_begun(g: ti.i32, row_count: ti.i32, begun: Scalars, fronts: Fronts, columns: SparseColumns, velocity: Scalars):
+    """Add Y^T L^-1 b, what the right-hand side b does to a group's rows, to their velocities."""
+    front, y = ti.static(fronts.table, columns.y)
+    total = Column(0.0)
+    for s in range(columns.place.shape[1]):
+        if columns.place[g, s] != NOWHERE:
+            for i in range(front[s, FIRST_COLUMN], front[s, FIRST_COLUMN] + front[s, WIDTH]):
+                total += y[columns.place[g, s] + i] * begun[i]
+    for a in ti.static(range(GROUP)):
+        if GROUP * g + a < row_count:
+            velocity[GROUP * g + a] = velocity[GROUP * g + a] + total[a]
+
+
+@func
 def patience(group_count: ti.i32, fronts: Fronts) -> ti.i32:
     """How often a thread looks for the others' groups: each needs nanoseconds for a column of tiles of the factor."""
     columns_of_tiles = fronts.table[fronts.table.shape[0] - 1, PANEL]
@@ -218,11 +244,13 @@ def make_soft_compliance(workers: int) -> Kernel:
         fronts: Fronts,
         factor: Factor,
         columns: SparseColumns,
+        begun: Scalars,
         w: Scalars,
         one: ti.i32,
     ):
         """Y = L^-1 J^T and W = Y^T Y, with the places of `lay_out_columns`, or on one thread its own.
 
+        To the rows' velocities, `rows.free`, is added what the right-hand side does to them of which L^-1 b is begun.
         Neighbouring groups, which act on the same body, go to the same thread: they share what is in its cache.
         """
         ti.loop_config(serialize=workers == 1)
@@ -237,6 +265,7 @@ def make_soft_compliance(workers: int) -> Kernel:
                     for s in range(tree.parent.shape[0]):
                         if columns.place[g, s] != NOWHERE:
                             eliminate(g, s, fronts, factor, tree, columns, one)
+                    add_begun(g, row_count, begun, fronts, columns, rows.free)
                 ti.atomic_add(columns.progress[FINISHED], 1)
                 if reaches(columns.progress, FINISHED, workers, patience(group_count, fronts)):
                     share = ti.atomic_add(columns.progress[BEGUN_LATER], 1)

@@ -65,12 +65,13 @@ def _phases(simulation: Simulation) -> dict[str, list[tuple[Any, str]]]:
         }
     return {
         **soft_phases,
-        "motion without contact": [(simulation, "_solve_free_motion")],
+        "loads": [(simulation, "_begin_motion")],
         "contact detection": [(simulation, "_find_contacts")],
         "compliance": [(constraints, "_build_rows"), (constraints, "_assemble_compliance")],
         "Gauss-Seidel": [(constraints, "_find_impulses")],
         "active set": [(constraints, "solve")],
-        "correction": [(constraints, "_apply_impulses"), (simulation, "_integrate")],
+        "back substitution": [(constraints, "_complete")],
+        "impulses and integration": [(constraints, "_apply_impulses"), (simulation, "_integrate")],
         "check": [(simulation._divergence_check, "check")],
     }
 

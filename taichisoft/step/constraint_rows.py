@@ -7,7 +7,6 @@ from taichisoft.kernels.compliance import GROUP, SparseColumns
 from taichisoft.kernels.constraint_problem import Problem
 from taichisoft.kernels.constraint_rows import Rows
 from taichisoft.kernels.launch import forget
-from taichisoft.kernels.waiting import COUNTERS
 from taichisoft.model import Model
 from taichisoft.step.gauss_seidel import GaussSeidel
 
@@ -69,12 +68,7 @@ class ConstraintRows:
         self._acts_on_soft = model.elasticity is not None
         if model.elasticity is not None:
             symbolic, groups = model.elasticity.symbolic, -(-row_capacity // GROUP)
-            self.columns = SparseColumns(
-                place=np.empty((groups, len(symbolic.tree.parent)), dtype=np.int32),
-                y=np.empty((3 * len(symbolic.order), GROUP)),
-                size=np.zeros(1, dtype=np.int32),
-                progress=np.zeros(COUNTERS, dtype=np.int32),
-            )
+            self.columns = SparseColumns.with_room(groups, len(symbolic.tree.parent), 3 * len(symbolic.order))
 
     def make_room_for_columns(self, entry_count: int) -> None:
         """Let there be room for so many entries of `columns.y`, with nothing in it yet."""

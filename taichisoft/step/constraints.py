@@ -124,10 +124,10 @@ class Constraints:
         self.deepest: tuple[int, ...] = ()
         self.node_shift: np.ndarray | None = None
         self.told.count[0] = 0
-        self.row_impulse = NO_IMPULSE
+        self._row_count, self.row_impulse = 0, NO_IMPULSE
         if not self._has_any:
             self._rigid.apply_impulses()
-            self.node_velocity = self._free_velocity().copy()
+            self.node_velocity = self._complete()
             return
         self._velocity[:] = state.velocity
         if self._gives_back:
@@ -142,7 +142,7 @@ class Constraints:
         if self._has_any:
             self._find_motion(found)
         else:
-            self.node_velocity = self._free_velocity().copy()
+            self.node_velocity = self._complete()
 
     @property
     def node_impulse(self) -> np.ndarray:
@@ -202,6 +202,8 @@ class Constraints:
         rigid, settings = self._rigid, self._model.scene.contact
         moving = rigid.state.linear.copy(), rigid.state.angular.copy()
         rigid.state.free[:] = 0.0
+        if self._soft is not None:
+            self._soft.leave_out_forces()
         while True:
             stop_if_asked()
             self._build_rows(contacts, with_actuators=False)
@@ -217,15 +219,11 @@ class Constraints:
             self.residual = max(self.residual, solver.residual)
             self._apply_row_impulses()
             rigid.apply_impulses()
-            if self._soft is not None:
-                self._velocity[:] = self._correction(self._soft)
+            self._velocity[:] = self._complete()
             if not self._active_set.add_left_deep(self._velocity):
                 break
         self.node_shift = self._velocity.copy()
         rigid.begin_shift(*moving)
-
-    def _free_velocity(self) -> np.ndarray:
-        return self._soft.free_velocity if self._soft is not None else self._velocity
 
     def _build_rows(self, contacts: Contacts, with_actuators: bool = True) -> None:
         """What the rows of the chosen contacts and of the actuators act on."""
@@ -258,18 +256,20 @@ class Constraints:
 
     def _assemble_compliance(self) -> None:
         """The rows' velocities without impulses, and W."""
-        rows, rigid, contact_count = self._problem.rows, self._rigid.state, self._contact_count
-        row_count, free_velocity = self._row_count, self._free_velocity()
+        rows, rigid, row_count = self._problem.rows, self._rigid.state, self._row_count
+        known_velocity = self._soft.known_velocity if self._soft is not None else self._velocity
+        coordinates, gradient = self._model.actuators.coordinates, self._geometry.gradient
+        if self._contact_count:
+            constraint_rows.free_contact_velocity(rows, known_velocity, rigid)
+        if rows.size[ACTUATORS]:
+            constraint_rows.free_actuator_velocity(rows, coordinates, gradient, known_velocity, rigid)
         if self._soft is not None and row_count:
             self._assemble_soft_compliance(self._soft)
         else:
             self._problem.compliance[: row_count**2] = 0.0
-        if contact_count:
-            constraint_rows.free_contact_velocity(rows, free_velocity, rigid)
+        if self._contact_count:
             constraint_rows.add_rigid_compliance(row_count, rows, rigid, self._problem.compliance)
         if rows.size[ACTUATORS]:
-            coordinates, gradient = self._model.actuators.coordinates, self._geometry.gradient
-            constraint_rows.free_actuator_velocity(rows, coordinates, gradient, free_velocity, rigid)
             self._add_stretch()
             if len(gradient.rigid):
                 constraint_rows.add_rigid_actuator_compliance(
@@ -280,8 +280,8 @@ class Constraints:
             moment_rows.add_moment_compliance(
                 row_count,
                 rows,
-                self._model.actuators.coordinates,
-                self._geometry.gradient,
+                coordinates,
+                gradient,
                 rigid,
                 self._problem.compliance,
             )
@@ -314,6 +314,7 @@ class Constraints:
             symbolic.fronts,
             solver.factor,
             self._problem.columns,
+            solver.begun,
             self._problem.compliance,
             1,
         )
@@ -369,18 +370,18 @@ class Constraints:
         if self._row_count:
             self._apply_row_impulses()
         self._rigid.apply_impulses()
-        if self._soft is not None and self._row_count:
-            self.node_velocity = self._correction(self._soft)
-            self.node_velocity += self._soft.free_velocity
-        else:
-            self.node_velocity = self._free_velocity().copy()
+        self.node_velocity = self._complete()
 
-    def _correction(self, soft: SoftMotion) -> np.ndarray:
-        """Change of the soft nodes' velocities by the impulses found; of few rows L^-1 J^T is known already."""
-        solver, columns = soft.system.solver, self._problem.columns
-        if not self._row_count or GROUP * int(columns.size[0]) > solver.symbolic.factor_entries:
-            return soft.response(self._node_impulse)
-        return solver.solve_columns(columns, self._problem.gauss_seidel.impulse, self._row_count)
+    def _complete(self) -> np.ndarray:
+        """Velocities of the soft nodes after the impulses found; of few rows L^-1 J^T is known already."""
+        if self._soft is None:
+            return self._velocity.copy()
+        columns, solver, impulse = self._problem.columns, self._soft.system.solver, self._problem.gauss_seidel.impulse
+        if self._row_count and GROUP * int(columns.size[0]) > solver.symbolic.factor_entries:
+            change = solver.complete_with(self._node_impulse)
+        else:
+            change = solver.complete(columns, impulse, self._row_count)
+        return change + self._soft.known_velocity
 
     def _apply_row_impulses(self) -> None:
         problem = self._problem

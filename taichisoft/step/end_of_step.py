@@ -29,7 +29,7 @@ class EndOfStep:
         Args:
             model: the bodies.
             elasticity: the model's.
-            soft: the soft bodies of a step, whose matrix and `free_velocity` are linearised anew.
+            soft: the soft bodies of a step, whose equations are linearised anew.
             geometry: of the model's actuators, which is moved along.
         """
         self._model, self._soft, self._geometry = model, soft, geometry
@@ -114,7 +114,7 @@ class EndOfStep:
         return left
 
     def linearise(self, load: np.ndarray) -> np.ndarray:
-        """Linearise where the bodies are: `SoftMotion`'s matrix, now with h^2 K(x), and its motion without contact.
+        """Linearise where the bodies are: `SoftMotion`'s matrix, now with h^2 K(x), and begin to solve.
 
         Args:
             load: efforts that are known, 0 of those with rows, shape (coordinate_count,).
@@ -128,7 +128,6 @@ class EndOfStep:
         soft = self._soft
         if self._is_damped:
             soft.system.solver.blocks += self._damping_blocks
-        soft.factorise(self._start)
         left = self.left(load)
-        np.add(soft.response(left), self._velocity, out=soft.free_velocity)
+        soft.factorise(self._start, left, self._velocity)
         return left

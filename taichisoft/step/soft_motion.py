@@ -1,4 +1,4 @@
-"""Motion of the soft bodies: without contact, and by the impulses of contacts and actuators."""
+"""Motion of the soft bodies by forces, and by the impulses of contacts and actuators."""
 
 import numpy as np
 
@@ -15,8 +15,7 @@ class SoftMotion:
     """The soft bodies of a step; a model without any has none.
 
     Attributes:
-        free_velocity: of the nodes after the step, without the impulses of contacts and of actuators with rows [mm/s],
-            shape (node_count, 3); the same array in every step.
+        known_velocity: of the nodes [mm/s], of which the step's equations find the change, shape (node_count, 3).
         system: elastic forces and matrix of the step, and the direct solver that has factorised it.
         nodes: what acts on them, from the start of the step.
         anchors: springs that hold nodes, with the lag of a step from its start.
@@ -52,11 +51,12 @@ class SoftMotion:
         )
         self.base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
         self._base_rotation: np.ndarray | None = None  # that of `turn`
-        self.free_velocity = np.zeros((model.node_count, 3))
+        self.known_velocity = np.zeros((model.node_count, 3))
 
-    def solve_free_motion(self, state: State, load: np.ndarray) -> None:
-        """Implicit Euler with the rotations of the start of the step and known efforts p of coordinates q.
+    def begin(self, state: State, load: np.ndarray) -> None:
+        """Linearise implicit Euler with the rotations of the start of the step, and begin to solve it.
 
+        Without contact and with known efforts p of coordinates q the velocities after the step are
         v + A^-1 h (f + M g + p dq/dx - a M v - (h + b) K v), in first order dynamics A^-1 h (f + M g + p dq/dx).
 
         Args:
@@ -72,28 +72,36 @@ class SoftMotion:
             stiffening = state.young_modulus / self._model.young_modulus
             self.system.scale_stiffness(stiffening[self._model.element_material])
         self.system.assemble()
-        self.factorise(state)
         self._sum_impulses(state, load)
-        if self._model.scene.time.dynamics == "first order":
-            self.free_velocity[:] = self.response(self.nodes.impulse)
-        else:
-            np.add(self.response(self.nodes.impulse), state.velocity, out=self.free_velocity)
+        is_first_order = self._model.scene.time.dynamics == "first order"
+        self.factorise(state, self.nodes.impulse, np.zeros(3) if is_first_order else state.velocity)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], (node_count, 3), by impulses on the nodes [mN s], (node_count, 3)."""
         return self.system.solver.solve(node_impulse)
 
-    def factorise(self, state: State) -> None:
-        """Factorise the matrix that the system holds, in the step from `state`.
+    def factorise(self, state: State, node_impulse: np.ndarray, known_velocity: np.ndarray) -> None:
+        """Factorise the matrix that the system holds, and begin to find what impulses add to velocities.
+
+        Args:
+            state: at the start of the step.
+            node_impulse: [mN s], shape (node_count, 3).
+            known_velocity: [mm/s], shape (node_count, 3) or (3,).
 
         Raises:
-            SimulationDiverged: it is not positive definite.
+            SimulationDiverged: the matrix is not positive definite.
         """
+        self.known_velocity[:] = known_velocity
         try:
-            self.system.solver.factorise()
+            self.system.solver.factorise(node_impulse)
         except NotPositiveDefinite as error:
             body = self._model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
+
+    def leave_out_forces(self) -> None:
+        """Go on from rest with nothing but the impulses of contacts."""
+        self.known_velocity[:] = 0.0
+        self.system.solver.leave_out_right_hand_side()
 
     def _sum_impulses(self, state: State, load: np.ndarray) -> None:
         self.nodes.gravity[0] = state.gravity

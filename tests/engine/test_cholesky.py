@@ -62,8 +62,8 @@ def test_solutions_are_those_of_a_dense_solver(seed: int, sizes: list[int], neig
     for again in range(2):
         matrix = random_matrix(seed + again, pattern)
         fill(solver, matrix)
-        solver.factorise()
         right = np.random.default_rng(seed).normal(size=(sum(sizes), 3))
+        solver.factorise(np.ones_like(right))
         solution = solver.solve(right)
         residual = np.abs(matrix @ solution.reshape(-1) - right.reshape(-1))
         scale = np.abs(matrix) @ np.abs(solution.reshape(-1)) + np.abs(right.reshape(-1))
@@ -73,8 +73,9 @@ def test_solutions_are_those_of_a_dense_solver(seed: int, sizes: list[int], neig
 
 @examples(30)
 @given(seed=st.integers(0, 10**6), sizes=st.lists(st.integers(1, 25), min_size=1, max_size=4), rows=st.integers(1, 20))
-def test_a_correction_is_half_a_solve(seed: int, sizes: list[int], rows: int) -> None:
-    """A^-1 J^T lambda from Y = L^-1 J^T, with rows that act on a few nodes, so that whole bodies may stay.
+def test_impulses_in_rows_cost_no_further_solve(seed: int, sizes: list[int], rows: int) -> None:
+    """A^-1 (b + J^T lambda) from Y = L^-1 J^T, with rows that act on a few nodes, so that they may reach no other body;
+    and what b alone does to the rows is Y^T L^-1 b.
 
     Tolerance: round-off of numbers scaled over six decades.
     """
@@ -83,7 +84,8 @@ def test_a_correction_is_half_a_solve(seed: int, sizes: list[int], rows: int) ->
     solver = Cholesky(SymbolicFactor(pattern))
     matrix = random_matrix(seed, pattern)
     fill(solver, matrix)
-    solver.factorise()
+    given = random.normal(size=(sum(sizes), 3))
+    solver.factorise(given)
     jacobian = np.zeros((rows, len(matrix)))
     for row in jacobian:
         row[random.integers(len(matrix), size=3)] = random.normal(size=3)
@@ -103,9 +105,19 @@ def test_a_correction_is_half_a_solve(seed: int, sizes: list[int], rows: int) ->
     columns = SparseColumns(place, np.array(entries), *np.zeros((2, 1), dtype=np.int32))
     multipliers = np.full(GROUP * groups + 3, np.nan)
     multipliers[:rows] = random.normal(size=rows)
-    solution = solver.solve_columns(columns, multipliers, rows).reshape(-1)
-    right = jacobian.T @ multipliers[:rows]
-    np.testing.assert_allclose(solution, np.linalg.solve(matrix, right), rtol=1e-8, atol=1e-12 * np.abs(solution).max())
+    solver.solve(random.normal(size=(node_count, 3)))  # which changes nothing of what was begun
+    by_rows = jacobian.T @ multipliers[:rows]
+    expected = np.linalg.solve(matrix, given.reshape(-1) + by_rows)
+    accuracy = {"rtol": 1e-8, "atol": 1e-12 * np.abs(expected).max()}
+    np.testing.assert_allclose(solver.complete(columns, multipliers, rows).reshape(-1), expected, **accuracy)
+    np.testing.assert_allclose(solver.complete_with(by_rows.reshape(-1, 3)).reshape(-1), expected, **accuracy)
+    alone = solver.complete(columns, multipliers, 0).reshape(-1)
+    np.testing.assert_allclose(alone, np.linalg.solve(matrix, given.reshape(-1)), **accuracy)
+    in_rows, size = jacobian @ alone, np.abs(y).T @ np.abs(solver.begun[: len(y)])
+    np.testing.assert_allclose(y.T @ solver.begun[: len(y)], in_rows, rtol=1e-8, atol=1e-9 * size.max())
+    solver.leave_out_right_hand_side()
+    by_rows_alone = solver.complete(columns, multipliers, rows).reshape(-1)
+    np.testing.assert_allclose(by_rows_alone, np.linalg.solve(matrix, by_rows), **accuracy)
 
 
 @pytest.mark.parametrize("node", [0, 13, 24, 25, 39])
@@ -116,11 +128,15 @@ def test_a_matrix_that_is_not_positive_definite_names_its_node(node: int) -> Non
     matrix = random_matrix(5, pattern)
     matrix[3 * node + 1, 3 * node + 1] = -1e9
     fill(solver, matrix)
+    right = np.random.default_rng(5).normal(size=(40, 3))
     with pytest.raises(NotPositiveDefinite, match=f"at node {node}$") as refused:
-        solver.factorise()
+        solver.factorise(np.full((40, 3), np.nan))
     assert refused.value.node == node
-    fill(solver, random_matrix(6, pattern))
-    solver.factorise()  # and the solver can be used again
+    matrix = random_matrix(6, pattern)
+    fill(solver, matrix)
+    solver.factorise(right)  # and the solver can be used again, with nothing left of the numbers that were none
+    solution = solver.complete(SparseColumns.with_room(0, 0, 0), np.zeros(0), 0)
+    np.testing.assert_allclose(solution.reshape(-1), np.linalg.solve(matrix, right.reshape(-1)), rtol=1e-8)
 
 
 def test_a_matrix_that_is_not_a_number_is_refused() -> None:
@@ -131,7 +147,7 @@ def test_a_matrix_that_is_not_a_number_is_refused() -> None:
     matrix[6, 6] = np.nan
     fill(solver, matrix)
     with pytest.raises(NotPositiveDefinite):
-        solver.factorise()
+        solver.factorise(np.zeros((10, 3)))
 
 
 def grid_pattern(*shape: int) -> sparse.csr_matrix:
@@ -152,25 +168,27 @@ def test_wide_fronts_are_solved_in_pieces(shapes: list[tuple[int, ...]]) -> None
     solver = Cholesky(SymbolicFactor(pattern))
     matrix = random_matrix(1, pattern)
     fill(solver, matrix)
-    solver.factorise()
     right = np.random.default_rng(1).normal(size=(pattern.shape[0], 3))
-    solution = solver.solve(right)
-    scale = np.abs(matrix) @ np.abs(solution.reshape(-1)) + np.abs(right.reshape(-1))
-    assert (np.abs(matrix @ solution.reshape(-1) - right.reshape(-1)) <= 1e-13 * scale).all()
+    solver.factorise(right)
+    for solution in solver.complete(SparseColumns.with_room(0, 0, 0), np.zeros(0), 0), solver.solve(right):
+        scale = np.abs(matrix) @ np.abs(solution.reshape(-1)) + np.abs(right.reshape(-1))
+        assert (np.abs(matrix @ solution.reshape(-1) - right.reshape(-1)) <= 1e-13 * scale).all()
 
 
 BITS = """
 import hashlib
 import numpy as np
-from test_cholesky import Cholesky, SymbolicFactor, fill, grid_pattern, random_matrix
+from test_cholesky import Cholesky, SparseColumns, SymbolicFactor, fill, grid_pattern, random_matrix
 solver = Cholesky(SymbolicFactor(grid_pattern(10, 6, 6)))
 fill(solver, random_matrix(3, grid_pattern(10, 6, 6)))
 patience = solver.symbolic.fronts.patience
 for usual in 50 * [0, patience[0]]:
     patience[0] = usual
-    solver.factorise()
-    solution = solver.solve(np.arange(1080.0).reshape(360, 3))
-    print(hashlib.sha256(solver.factor.tiles.tobytes() + solution.tobytes()).hexdigest())
+    right = np.arange(1080.0).reshape(360, 3)
+    solver.factorise(right)
+    begun = solver.complete(SparseColumns.with_room(0, 0, 0), np.zeros(0), 0)
+    solution = solver.solve(right)
+    print(hashlib.sha256(solver.factor.tiles.tobytes() + begun.tobytes() + solution.tobytes()).hexdigest())
 """
 
 
