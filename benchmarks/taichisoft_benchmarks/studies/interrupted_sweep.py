@@ -71,6 +71,7 @@ def interrupted_sweep(
     workers: int = 2,
     scene: Path = TINY_GRIPPER,
     values: str = PRESSURES,
+    longest_wait: float = 0.5,
 ) -> Outcome:
     """Make a sweep, kill workers and the command, and start it again.
 
@@ -82,6 +83,7 @@ def interrupted_sweep(
         workers: workers at a time.
         scene: scene that is run.
         values: what varies, as a key and the two ends of its range.
+        longest_wait: a worker is killed at random up to so long after a run has ended [s].
     """
     folder.mkdir(parents=True, exist_ok=True)
     plugin = folder / "squeeze.py"
@@ -90,13 +92,13 @@ def interrupted_sweep(
     disturbed = folder / "disturbed"
     values = f"{values}:{runs}"
     process = _start(plugin, disturbed, scene, values, workers)
-    done = _kill_workers(process, disturbed, kills // 2, 0, runs // 2, chance)
+    done = _kill_workers(process, disturbed, kills // 2, 0, runs // 2, chance, longest_wait)
     _wait_for(process, disturbed, runs // 2)
     process.kill()
     process.wait()
     ended = _ended(disturbed)
     process = _start(plugin, disturbed, scene, values, workers)
-    done += _kill_workers(process, disturbed, kills - kills // 2, len(ended), runs, chance)
+    done += _kill_workers(process, disturbed, kills - kills // 2, len(ended), runs, chance, longest_wait)
     complete = process.wait() == 0
     redone = sum(ended[name] != stamp for name, stamp in _ended(disturbed).items() if name in ended)
     return Outcome(complete and len(_ended(disturbed)) == runs, redone, done, len(ended))
@@ -116,13 +118,19 @@ def _start(plugin: Path, output: Path, scene: Path, values: str, workers: int) -
 
 
 def _kill_workers(
-    process: "subprocess.Popen[bytes]", output: Path, kills: int, first: int, last: int, chance: random.Random
+    process: "subprocess.Popen[bytes]",
+    output: Path,
+    kills: int,
+    first: int,
+    last: int,
+    chance: random.Random,
+    longest_wait: float,
 ) -> int:
     """Kill a random worker, or the process beside one, whenever the next share of the runs has ended."""
     done = 0
     for number in range(kills):
         _wait_for(process, output, first + (last - first) * number // max(kills, 1) + 1)
-        time.sleep(chance.uniform(0.0, 0.5))
+        time.sleep(chance.uniform(0.0, longest_wait))
         victims = _workers_of(process.pid)
         if victims:
             os.kill(chance.choice(victims), signal.SIGKILL)
