@@ -8,10 +8,10 @@ import numpy as np
 
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import NotPositiveDefinite
-from taichisoft.kernels.back_substitution import back, back_serially
+from taichisoft.kernels.back_substitution import back
 from taichisoft.kernels.cholesky import factorise
 from taichisoft.kernels.compliance import SparseColumns
-from taichisoft.kernels.forward_substitution import Substitution, forward, forward_serially
+from taichisoft.kernels.forward_substitution import Substitution, forward
 from taichisoft.kernels.fronts import Factor
 from taichisoft.kernels.runtime import THREADS
 from taichisoft.kernels.tiles import TILE
@@ -60,8 +60,7 @@ class Cholesky:
         )
         self._whole = self._begun._replace(given=np.zeros_like(self._begun.given), forward=np.zeros_like(x))
         self._no_columns = SparseColumns.with_room(0, len(symbolic.tree.parent), 0)
-        small = symbolic.factor_entries < SMALL_FACTOR
-        self._forward, self._back = (forward_serially, back_serially) if small else (forward, back)
+        self._workers = 1 if symbolic.factor_entries < SMALL_FACTOR else THREADS
 
     @property
     def begun(self) -> np.ndarray:
@@ -105,7 +104,7 @@ class Cholesky:
     def solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve A x = c with the last factorisation, c and x of shape (node_count, 3), beside what was begun."""
         _give(self._whole, right_hand_side)
-        self._forward(self.symbolic.fronts, self.factor, self._whole, 1)
+        forward(self.symbolic.fronts, self.factor, self._whole, self._workers, 1)
         return self._substitute_back(self._whole, self._no_columns, NO_MULTIPLIERS, 0)
 
     def _substitute_back(
@@ -113,7 +112,8 @@ class Cholesky:
     ) -> np.ndarray:
         substitution.x.fill(0.0)
         substitution.progress.fill(0)
-        self._back(count, multipliers, columns, self.symbolic.fronts, self.factor, substitution, 1)
+        workers, symbolic = self._workers, self.symbolic
+        back(count, multipliers, columns, symbolic.fronts, self.factor, substitution, workers, 1)
         return substitution.found.copy()
 
 

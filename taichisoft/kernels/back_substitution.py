@@ -8,8 +8,8 @@ the branches in turn.
 from taichisoft.kernels.compliance import GROUP, NOWHERE, SparseColumns
 from taichisoft.kernels.forward_substitution import Substitution
 from taichisoft.kernels.fronts import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
-from taichisoft.kernels.launch import Kernel, func, kernel
-from taichisoft.kernels.runtime import CHUNK, THREADS, Scalars, ti, vec3
+from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels.runtime import CHUNK, Scalars, ti, vec3
 from taichisoft.kernels.tiles import TILE, Column, advance, opaque, tiles_in
 from taichisoft.kernels.waiting import BEGUN, BEGUN_LATER, FINISHED, reaches
 
@@ -82,43 +82,35 @@ def hand_out(s: ti.i32, fronts: Fronts, solution: Substitution):
         solution.found[solution.order[place]] = vec3(x[3 * place], x[3 * place + 1], x[3 * place + 2])
 
 
-def make_back(workers: int) -> Kernel:
-    """The kernel on a number of threads; one does not wake any other."""
-
-    @kernel
-    def back(
-        row_count: ti.i32,
-        impulse: Scalars,
-        columns: SparseColumns,
-        fronts: Fronts,
-        factor: Factor,
-        solution: Substitution,
-        one: ti.i32,
-    ):
-        """Fill `solution.found`."""
-        ti.loop_config(serialize=workers == 1)
-        for worker in range(workers * CHUNK):
-            if worker % CHUNK == 0:
-                start, progress = ti.static(solution.branch_start, solution.progress)
-                above = start.shape[0] - 2
-                t = above
-                if ti.atomic_add(progress[BEGUN], 1) > 0:
-                    t = above + 1
-                    if reaches(progress, FINISHED, 1, fronts.patience[0]):  # tasks of the factorisation take longer
-                        t = ti.atomic_add(progress[BEGUN_LATER], 1)
-                        t += ti.select(t == above, 1, 0)
-                while t < above + 1:
-                    for i in range(start[t + 1] - start[t]):
-                        s = solution.supernodes[start[t + 1] - 1 - i]
-                        combine(s, row_count, impulse, columns, fronts, solution)
-                        substitute_back(s, fronts, factor, solution, one)
-                        hand_out(s, fronts, solution)
-                    if t == above:
-                        ti.atomic_add(progress[FINISHED], 1)
+@kernel
+def back(
+    row_count: ti.i32,
+    impulse: Scalars,
+    columns: SparseColumns,
+    fronts: Fronts,
+    factor: Factor,
+    solution: Substitution,
+    workers: ti.i32,
+    one: ti.i32,
+):
+    """Fill `solution.found`."""
+    for worker in range(workers * CHUNK):
+        if worker % CHUNK == 0:
+            start, progress = ti.static(solution.branch_start, solution.progress)
+            above = start.shape[0] - 2
+            t = above
+            if ti.atomic_add(progress[BEGUN], 1) > 0:
+                t = above + 1
+                if reaches(progress, FINISHED, 1, fronts.patience[0]):  # tasks of the factorisation take longer
                     t = ti.atomic_add(progress[BEGUN_LATER], 1)
                     t += ti.select(t == above, 1, 0)
-
-    return back
-
-
-back, back_serially = make_back(THREADS), make_back(1)
+            while t < above + 1:
+                for i in range(start[t + 1] - start[t]):
+                    s = solution.supernodes[start[t + 1] - 1 - i]
+                    combine(s, row_count, impulse, columns, fronts, solution)
+                    substitute_back(s, fronts, factor, solution, one)
+                    hand_out(s, fronts, solution)
+                if t == above:
+                    ti.atomic_add(progress[FINISHED], 1)
+                t = ti.atomic_add(progress[BEGUN_LATER], 1)
+                t += ti.select(t == above, 1, 0)

@@ -19,8 +19,8 @@ from taichisoft.kernels.fronts import (
     Factor,
     Fronts,
 )
-from taichisoft.kernels.launch import Kernel, func, kernel
-from taichisoft.kernels.runtime import CHUNK, THREADS, Integers, Scalars, Vectors, ti
+from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels.runtime import CHUNK, Integers, Scalars, Vectors, ti
 from taichisoft.kernels.tiles import TILE, Column, Columns, advance, opaque, tiles_in
 from taichisoft.kernels.waiting import BEGUN, FINISHED
 
@@ -112,31 +112,22 @@ def substitute_forward(
         left[place] = left[place] - multiply_row(tiles, row, columns, b, first, one)
 
 
-def make_forward(workers: int) -> Kernel:
-    """The kernel on a number of threads; one does not wake any other."""
-
-    @kernel
-    def forward(fronts: Fronts, factor: Factor, solution: Substitution, one: ti.i32):
-        """Fill `solution.forward`, which is 0 at the start."""
-        ti.loop_config(serialize=workers == 1)
-        for worker in range(workers * CHUNK):
-            if worker % CHUNK == 0:
-                start, progress = ti.static(solution.branch_start, solution.progress)
-                branch_count = start.shape[0] - 2
-                t = ti.atomic_add(progress[BEGUN], 1)
-                while t < branch_count + 1:
-                    for i in range(start[t], start[t + 1]):
-                        s = solution.supernodes[i]
-                        row_count = fronts.table[s, COLUMNS] // TILE + tiles_in(fronts.table[s, BELOW])
-                        gather(s, fronts, solution)
-                        substitute_forward(s, 0, row_count, fronts, factor, solution, one)
-                    if ti.atomic_add(progress[FINISHED], 1) == branch_count - 1:
-                        t = branch_count
-                    else:
-                        t = ti.atomic_add(progress[BEGUN], 1)
-                        t += ti.select(t == branch_count, 1, 0)
-
-    return forward
-
-
-forward, forward_serially = make_forward(THREADS), make_forward(1)
+@kernel
+def forward(fronts: Fronts, factor: Factor, solution: Substitution, workers: ti.i32, one: ti.i32):
+    """Fill `solution.forward`, which is 0 at the start."""
+    for worker in range(workers * CHUNK):
+        if worker % CHUNK == 0:
+            start, progress = ti.static(solution.branch_start, solution.progress)
+            branch_count = start.shape[0] - 2
+            t = ti.atomic_add(progress[BEGUN], 1)
+            while t < branch_count + 1:
+                for i in range(start[t], start[t + 1]):
+                    s = solution.supernodes[i]
+                    row_count = fronts.table[s, COLUMNS] // TILE + tiles_in(fronts.table[s, BELOW])
+                    gather(s, fronts, solution)
+                    substitute_forward(s, 0, row_count, fronts, factor, solution, one)
+                if ti.atomic_add(progress[FINISHED], 1) == branch_count - 1:
+                    t = branch_count
+                else:
+                    t = ti.atomic_add(progress[BEGUN], 1)
+                    t += ti.select(t == branch_count, 1, 0)
