@@ -6,9 +6,9 @@ import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.interruption import stop_if_asked
-from taichisoft.kernels import compliance, constraint_rows, moment_rows
+from taichisoft.kernels import constraint_rows, moment_rows
 from taichisoft.kernels.compliance import GROUP
-from taichisoft.kernels.constraint_rows import ACTUATORS, MOMENTS, PairLaws
+from taichisoft.kernels.constraint_rows import MOMENTS, PairLaws
 from taichisoft.kernels.contact_reduction import TAKING_PART
 from taichisoft.kernels.contacts import Contacts
 from taichisoft.kernels.told_contacts import ToldContacts, tell
@@ -16,14 +16,13 @@ from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.active_set import ActiveSet
 from taichisoft.step.actuator_rows import ActuatorRows
+from taichisoft.step.compliance import assemble_compliance
 from taichisoft.step.constraint_rows import GROWTH, ConstraintRows
 from taichisoft.step.contact_prediction import Found
 from taichisoft.step.impacts import Impacts
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 
-# Rows times non-zeros of the factor: less than some 0.5 ms of work is not worth waking threads.
-SMALL_COMPLIANCE = 30e6
 FIRST_CAPACITY = 16
 NO_IMPULSE = np.zeros(0)
 
@@ -255,69 +254,9 @@ class Constraints:
         self._row_count = 3 * count + actuator_count + 3 * self._moment_count
 
     def _assemble_compliance(self) -> None:
-        """The rows' velocities without impulses, and W."""
-        rows, rigid, row_count = self._problem.rows, self._rigid.state, self._row_count
-        known_velocity = self._soft.known_velocity if self._soft is not None else self._velocity
         coordinates, gradient = self._model.actuators.coordinates, self._geometry.gradient
-        if self._contact_count:
-            constraint_rows.free_contact_velocity(rows, known_velocity, rigid)
-        if rows.size[ACTUATORS]:
-            constraint_rows.free_actuator_velocity(rows, coordinates, gradient, known_velocity, rigid)
-        if self._soft is not None and row_count:
-            self._assemble_soft_compliance(self._soft)
-        else:
-            self._problem.compliance[: row_count**2] = 0.0
-        if self._contact_count:
-            constraint_rows.add_rigid_compliance(row_count, rows, rigid, self._problem.compliance)
-        if rows.size[ACTUATORS]:
-            self._add_stretch()
-            if len(gradient.rigid):
-                constraint_rows.add_rigid_actuator_compliance(
-                    rows, coordinates, gradient, rigid, self._problem.compliance
-                )
-        if self._moment_count:
-            moment_rows.free_moment_velocity(rows, rigid)
-            moment_rows.add_moment_compliance(
-                row_count,
-                rows,
-                coordinates,
-                gradient,
-                rigid,
-                self._problem.compliance,
-            )
-
-    def _add_stretch(self) -> None:
-        """Compliance of the cables themselves."""
-        compliance = self._problem.compliance[: self._row_count**2].reshape(self._row_count, self._row_count)
-        for row, stretch in self._actuators.stretch:
-            first = 3 * self._contact_count + row
-            own = slice(first, first + len(stretch))
-            compliance[own, own] += stretch
-
-    def _assemble_soft_compliance(self, soft: SoftMotion) -> None:
-        solver = soft.system.solver
-        rows, coordinates, symbolic = self._problem.rows, self._model.actuators.coordinates, solver.symbolic
-        small = self._row_count * symbolic.factor_entries < SMALL_COMPLIANCE
-        if small:  # then room for all that could be is little, and saves a launch
-            assemble = compliance.soft_compliance_serially
-            self._problem.make_room_for_columns(-(-self._row_count // GROUP) * 3 * self._model.node_count)
-        else:
-            assemble = compliance.soft_compliance
-            compliance.lay_out_columns(rows, coordinates, symbolic.tree, symbolic.fronts, self._problem.columns)
-            self._problem.make_room_for_columns(int(self._problem.columns.size[0]))
-        self._problem.columns.progress[:] = 0
-        assemble(
-            rows,
-            coordinates,
-            self._geometry.gradient,
-            symbolic.tree,
-            symbolic.fronts,
-            solver.factor,
-            self._problem.columns,
-            solver.begun,
-            self._problem.compliance,
-            1,
-        )
+        stretch = self._actuators.stretch
+        assemble_compliance(self._problem, coordinates, gradient, stretch, self._soft, self._rigid.state)
 
     def _strike(self) -> np.ndarray | None:
         """Impulses of impacts with restitution, which the contacts start from; None without any."""

@@ -1,0 +1,82 @@
+"""How the constraint rows move: by themselves, and by each other's impulses."""
+
+import numpy as np
+
+from taichisoft.kernels import constraint_rows, moment_rows
+from taichisoft.kernels.actuators import Coordinates, Gradient
+from taichisoft.kernels.compliance import GROUP, lay_out_columns, soft_compliance, soft_compliance_serially
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS
+from taichisoft.kernels.rigid_motion import RigidState
+from taichisoft.step.constraint_rows import ConstraintRows
+from taichisoft.step.soft_motion import SoftMotion
+
+# Rows times non-zeros of the factor: less than some 0.5 ms of work is not worth waking threads.
+SMALL_COMPLIANCE = 30e6
+NO_VELOCITY = np.zeros((0, 3))
+
+
+def assemble_compliance(
+    problem: ConstraintRows,
+    coordinates: Coordinates,
+    gradient: Gradient,
+    stretch: list[tuple[int, np.ndarray]],
+    soft: SoftMotion | None,
+    rigid: RigidState,
+) -> None:
+    """Fill in the rows' velocities without impulses, and W: that of soft and rigid bodies, and of cables themselves.
+
+    Args:
+        problem: the rows, what they act on being known.
+        coordinates: of the actuators.
+        gradient: of the coordinates.
+        stretch: first row, and own compliance [mm/s per mN s], of each cable with rows that stretches.
+        soft: the soft bodies of the step, None without any.
+        rigid: the rigid bodies of the step.
+    """
+    rows, w = problem.rows, problem.compliance
+    contact_count, actuator_count, moment_count = (int(rows.size[kind]) for kind in (CONTACTS, ACTUATORS, MOMENTS))
+    row_count = 3 * (contact_count + moment_count) + actuator_count
+    known_velocity = soft.known_velocity if soft is not None else NO_VELOCITY
+    if contact_count:
+        constraint_rows.free_contact_velocity(rows, known_velocity, rigid)
+    if actuator_count:
+        constraint_rows.free_actuator_velocity(rows, coordinates, gradient, known_velocity, rigid)
+    if soft is not None and row_count:
+        _assemble_soft_compliance(row_count, problem, coordinates, gradient, soft)
+    else:
+        w[: row_count**2] = 0.0
+    if contact_count:
+        constraint_rows.add_rigid_compliance(row_count, rows, rigid, w)
+    if actuator_count:
+        _add_stretch(3 * contact_count, stretch, w[: row_count**2].reshape(row_count, row_count))
+        if len(gradient.rigid):
+            constraint_rows.add_rigid_actuator_compliance(rows, coordinates, gradient, rigid, w)
+    if moment_count:
+        moment_rows.free_moment_velocity(rows, rigid)
+        moment_rows.add_moment_compliance(row_count, rows, coordinates, gradient, rigid, w)
+
+
+def _assemble_soft_compliance(
+    row_count: int, problem: ConstraintRows, coordinates: Coordinates, gradient: Gradient, soft: SoftMotion
+) -> None:
+    """W of the soft bodies alone, and what their forces do to the rows."""
+    solver, rows = soft.system.solver, problem.rows
+    symbolic = solver.symbolic
+    if row_count * symbolic.factor_entries < SMALL_COMPLIANCE:
+        # Room for all that could be is little then, and saves a launch.
+        assemble, entries = soft_compliance_serially, -(-row_count // GROUP) * 3 * len(symbolic.order)
+    else:
+        lay_out_columns(rows, coordinates, symbolic.tree, symbolic.fronts, problem.columns)
+        assemble, entries = soft_compliance, int(problem.columns.size[0])
+    problem.make_room_for_columns(entries)
+    columns = problem.columns
+    columns.progress[:] = 0
+    tree, fronts, w = symbolic.tree, symbolic.fronts, problem.compliance
+    assemble(rows, coordinates, gradient, tree, fronts, solver.factor, columns, solver.begun, w, 1)
+
+
+def _add_stretch(first_row: int, stretch: list[tuple[int, np.ndarray]], w: np.ndarray) -> None:
+    """Compliance of the cables themselves."""
+    for row, own in stretch:
+        place = slice(first_row + row, first_row + row + len(own))
+        w[place, place] += own
