@@ -264,7 +264,7 @@ def test_killed_workers_and_a_killed_command_change_nothing(
     """The table is that of the same runs made in this process, one after the other, the last first; each has another
     number of steps."""
     values = "time.step=0.001:0.008"
-    disturbance = {"runs": 24, "kills": 1, "seed": 1, "workers": 1, "longest_wait": 0.0}  # runs take milliseconds
+    disturbance = {"runs": 24, "kills": 1, "seed": 1, "workers": 1, "pause": 0.003}
     outcome = interrupted_sweep(tmp_path, scene=falling_cube, values=values, **disturbance)
     assert (outcome.complete, outcome.redone, outcome.kills) == (True, 0, 1)
     assert 12 <= outcome.ended_before < 24

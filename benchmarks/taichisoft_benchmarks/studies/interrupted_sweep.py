@@ -29,12 +29,15 @@ main()
 """
 """Starts `taichisoft` with the studies, also where the installed distribution is older than them."""
 PLUGIN = """
+import time
+
 from taichisoft import Control, Controller, hookimpl
 
 class Squeeze(Controller):
-    def __init__(self, pressure: float = 7.0):
-        self.pressure = pressure
+    def __init__(self, pressure: float = 7.0, pause: float = 0.0):
+        self.pressure, self.pause = pressure, pause
     def control(self, observation):
+        time.sleep(self.pause)
         return Control(pressure=dict.fromkeys(observation.pressures, self.pressure))
 
 @hookimpl
@@ -71,7 +74,7 @@ def interrupted_sweep(
     workers: int = 2,
     scene: Path = TINY_GRIPPER,
     values: str = PRESSURES,
-    longest_wait: float = 0.5,
+    pause: float = 0.0,
 ) -> Outcome:
     """Make a sweep, kill workers and the command, and start it again.
 
@@ -83,7 +86,7 @@ def interrupted_sweep(
         workers: workers at a time.
         scene: scene that is run.
         values: what varies, as a key and the two ends of its range.
-        longest_wait: a worker is killed at random up to so long after a run has ended [s].
+        pause: how long a run sleeps at every step, so that one of few steps does not end before it is killed [s].
     """
     folder.mkdir(parents=True, exist_ok=True)
     plugin = folder / "squeeze.py"
@@ -91,14 +94,14 @@ def interrupted_sweep(
     chance = random.Random(seed)
     disturbed = folder / "disturbed"
     values = f"{values}:{runs}"
-    process = _start(plugin, disturbed, scene, values, workers)
-    done = _kill_workers(process, disturbed, kills // 2, 0, runs // 2, chance, longest_wait)
+    process = _start(plugin, disturbed, scene, values, workers, pause)
+    done = _kill_workers(process, disturbed, kills // 2, 0, runs // 2, chance)
     _wait_for(process, disturbed, runs // 2)
     process.kill()
     process.wait()
     ended = _ended(disturbed)
-    process = _start(plugin, disturbed, scene, values, workers)
-    done += _kill_workers(process, disturbed, kills - kills // 2, len(ended), runs, chance, longest_wait)
+    process = _start(plugin, disturbed, scene, values, workers, pause)
+    done += _kill_workers(process, disturbed, kills - kills // 2, len(ended), runs, chance)
     complete = process.wait() == 0
     redone = sum(ended[name] != stamp for name, stamp in _ended(disturbed).items() if name in ended)
     return Outcome(complete and len(_ended(disturbed)) == runs, redone, done, len(ended))
@@ -110,9 +113,12 @@ def quiet_sweep(folder: Path, runs: int, workers: int = 2) -> Path:
     return folder / "quiet"
 
 
-def _start(plugin: Path, output: Path, scene: Path, values: str, workers: int) -> "subprocess.Popen[bytes]":
+def _start(
+    plugin: Path, output: Path, scene: Path, values: str, workers: int, pause: float = 0.0
+) -> "subprocess.Popen[bytes]":
     arguments = [scene, "--plugin", plugin, "--controller", "squeeze", "--duration", "0.2", "-j", workers]
-    command = [sys.executable, "-c", COMMAND, "sweep", *arguments, "--vary", values, "-o", output]
+    keys = ["--vary", values, "--set", f"controller.settings.pause={pause}"]
+    command = [sys.executable, "-c", COMMAND, "sweep", *arguments, *keys, "-o", output]
     with (plugin.parent / f"{output.name}.log").open("ab") as log:
         return subprocess.Popen([*map(str, command)], stdout=log, stderr=log, start_new_session=True)
 
@@ -124,13 +130,12 @@ def _kill_workers(
     first: int,
     last: int,
     chance: random.Random,
-    longest_wait: float,
 ) -> int:
     """Kill a random worker, or the process beside one, whenever the next share of the runs has ended."""
     done = 0
     for number in range(kills):
         _wait_for(process, output, first + (last - first) * number // max(kills, 1) + 1)
-        time.sleep(chance.uniform(0.0, longest_wait))
+        time.sleep(chance.uniform(0.0, 0.5))
         victims = _workers_of(process.pid)
         if victims:
             os.kill(chance.choice(victims), signal.SIGKILL)
