@@ -5,9 +5,9 @@ The blocks: a contact has three rows, one normal with lambda_n >= 0 and two tang
 
 The sweeps find out which contacts are open, stick or slip; while they do, nonlinear conjugate gradients speed them up
 (Silcowitz, Niebe, Erleben 2010, A nonsmooth nonlinear conjugate gradient method for interactive contact force
-problems; the step of one sweep plays the gradient). Now and then a few Newton steps on the closed contacts (newton.py)
-are tried, and taken where a sweep from there finds less than half as much to change. So the answer is always that of a
-sweep, and satisfies every inequality exactly.
+problems; the step of one sweep plays the gradient). Now and then it stops for the caller to try a few Newton steps on
+the closed contacts (step/gauss_seidel.py), which are taken where a sweep from there finds less than half as much to
+change. So the answer is always that of a sweep, and satisfies every inequality exactly.
 
 On some problems (a cylinder on a plane, whose many contacts share its weight in many ways) the conjugate gradients
 restart for ever where plain sweeps converge. On a few others sweeps go to and fro for ever: where the normal direction
@@ -18,27 +18,23 @@ next of the three ways is taken.
 
 from typing import NamedTuple
 
-from taichisoft.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
-from taichisoft.kernels.elimination import LinearSystem
+from taichisoft.kernels.constraint_problem import Iterate, Problem, measure_velocity, row_count
+from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.newton import Pull, choose_rows, newton_step, weigh_rows
 from taichisoft.kernels.runtime import Integers, Scalars, ti
-from taichisoft.kernels.sweep import ACCELERATED, PLAIN, sweep
+from taichisoft.kernels.sweep import ACCELERATED, sweep
 
 PATIENCE = 600  # sweeps; less would switch the conjugate gradients off in a grasp, where they do help
-# Sweeps before the first Newton steps, and how many more to wait after each time that they failed.
+# Sweeps before the first Newton steps.
 FIRST_NEWTON = 4
-LONGEST_WAIT = 32
-# The matrix of closed contacts is singular where they share a load in many ways (a table has four legs). This share of
-# the diagonal, added to it, chooses among them what is nearest to the present impulses; it does not change the answer,
-# at which the step is zero.
-PROXIMAL_SHARE = 1e-9
 # One after the other before the sweeps go on: those from a wrong guess of which contacts are closed mend the guess.
 NEWTON_STEPS = 2
 
 # Entries of `Progress.count`: sweeps in all, since the residual last halved, and since the last Newton steps; how many
-# to wait for the next ones; which of the ways below the sweeps take.
-SWEEPS, SINCE_BEST, SINCE_NEWTON, WAIT, WAY = range(5)
+# to wait for the next ones; which of the ways below the sweeps take; what is with Newton steps.
+SWEEPS, SINCE_BEST, SINCE_NEWTON, WAIT, WAY, NEWTON = range(6)
+# Whether they are not due, should be tried now, or have been taken.
+NOT_DUE, DUE, TAKEN = range(3)
 # Entries of `Progress.figure`: the residual; when it last halved; squared length of the last sweep's step.
 RESIDUAL, BEST, LAST_NORM = range(3)
 
@@ -61,7 +57,7 @@ class Progress(NamedTuple):
     """How far the solution has come.
 
     Attributes:
-        count: numbers of sweeps and the like, shape (5,); its entries stand above.
+        count: numbers of sweeps and the like, shape (6,); its entries stand above.
         figure: residual and the like, shape (3,); its entries stand above.
     """
 
@@ -79,55 +75,26 @@ def restart_search(rows: ti.i32, search: Search, progress: Progress):
 
 
 @func
-def newton_pays(problem: Problem, current: Iterate, pull: Pull, newton: LinearSystem, progress: Progress) -> ti.i32:
+def newton_pays(problem: Problem, current: Iterate, progress: Progress) -> ti.i32:
     """Whether Newton steps are due: after so many sweeps as take about as long.
 
-    They need 2 m^3 / 3 operations on m closed rows, a sweep 2 m n on all n.
+    They need 2 m^3 / 3 operations on the m rows of closed contacts and of actuators that act, a sweep 2 m n on all n.
     """
     pays = 0
     if progress.count[SINCE_NEWTON] >= progress.count[WAIT]:
-        for k in range(row_count(problem)):
-            pull.center[k] = current.impulse[k]
-        closed = choose_rows(problem, current, pull, newton)
-        if progress.count[SINCE_NEWTON] >= NEWTON_STEPS * closed * closed // (3 * row_count(problem)):
+        m = 0
+        for c in range(problem.size[CONTACTS]):
+            if current.impulse[3 * c] > 0.0:
+                m += 3
+        for a in range(problem.size[ACTUATORS]):
+            if current.impulse[3 * problem.size[CONTACTS] + a] != 0.0:
+                m += 1
+        for moment in range(problem.size[MOMENTS]):
+            if current.impulse[3 * problem.moment_contact[moment]] > 0.0:
+                m += 3
+        if progress.count[SINCE_NEWTON] >= NEWTON_STEPS * m * m // (3 * row_count(problem)):
             pays = 1
     return pays
-
-
-@func
-def try_newton(
-    problem: Problem,
-    current: Iterate,
-    point: Iterate,
-    trial: Iterate,
-    newton: LinearSystem,
-    pull: Pull,
-    progress: Progress,
-    max_iterations: ti.i32,
-    one: ti.i32,
-) -> ti.i32:
-    """Newton steps from `current`, each checked by a sweep; returns whether one was taken."""
-    rows = row_count(problem)
-    progress.count[SINCE_NEWTON] = 0
-    progress.count[WAIT] = ti.max(FIRST_NEWTON, ti.min(progress.count[WAIT] + FIRST_NEWTON, LONGEST_WAIT))
-    copy_iterate(rows, current, point)
-    jumped = 0
-    steps = 0
-    while jumped == 0 and steps < NEWTON_STEPS and progress.count[SWEEPS] < max_iterations:
-        for k in range(rows):
-            pull.center[k] = point.impulse[k]
-        newton_step(problem, point, pull, newton, trial, one)
-        measure_velocity(problem, trial)
-        copy_iterate(rows, trial, point)
-        residual = sweep(problem, trial, PLAIN)
-        steps += 1
-        progress.count[SWEEPS] += 1
-        if residual < 0.5 * progress.figure[RESIDUAL]:
-            jumped = 1
-            progress.count[WAIT] = 1
-            progress.figure[RESIDUAL] = residual
-            copy_iterate(rows, trial, current)
-    return jumped
 
 
 @func
@@ -179,42 +146,49 @@ def begin(problem: Problem, current: Iterate, search: Search, progress: Progress
     restart_search(row_count(problem), search, progress)
     progress.figure[RESIDUAL] = 2.0 * tolerance
     progress.figure[BEST] = 1e300
-    for k in ti.static(range(5)):
+    for k in ti.static(range(6)):
         progress.count[k] = 0
     progress.count[WAIT] = FIRST_NEWTON
     progress.count[WAY] = ACCELERATED
+
+
+@func
+def go_on(problem: Problem, current: Iterate, search: Search, progress: Progress):
+    """From the end of a sweep, or of Newton steps, to where the next sweep begins."""
+    restarts = change_way(progress)
+    if progress.count[NEWTON] == TAKEN:
+        restarts = 1
+    progress.count[NEWTON] = NOT_DUE
+    if restarts != 0:
+        restart_search(row_count(problem), search, progress)
+    elif progress.count[WAY] == ACCELERATED:
+        accelerate(problem, current, search, progress)
 
 
 @kernel
 def solve(
     problem: Problem,
     current: Iterate,
-    point: Iterate,
-    trial: Iterate,
     search: Search,
-    newton: LinearSystem,
-    pull: Pull,
     progress: Progress,
     tolerance: ti.f64,
     max_iterations: ti.i32,
     pause: ti.i32,
-    one: ti.i32,
 ):
     """Improve the impulses of `current` until the residual is below the tolerance; its velocities follow.
 
-    It pauses after that many sweeps in all; launched again with a later pause it goes on as if it had not paused. The
-    first launch is that with no sweep counted.
+    It pauses after that many sweeps in all, and where Newton steps are due; launched again with a later pause it goes
+    on as if it had not paused. The first launch is that with no sweep counted.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
-        rows = row_count(problem)
         if progress.count[SWEEPS] == 0:
             begin(problem, current, search, progress, tolerance)
-        pull.share[0] = PROXIMAL_SHARE
-        weigh_rows(problem, pull)
-        end = ti.min(max_iterations, pause)
-        while progress.count[SWEEPS] < end and progress.figure[RESIDUAL] >= tolerance:
-            for k in range(rows):
+        goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
+        while goes_on and progress.count[SWEEPS] < pause:
+            if progress.count[SWEEPS] > 0:
+                go_on(problem, current, search, progress)
+            for k in range(row_count(problem)):
                 search.last_impulse[k] = current.impulse[k]
                 search.last_velocity[k] = current.velocity[k]
             progress.figure[RESIDUAL] = sweep(problem, current, progress.count[WAY])
@@ -222,13 +196,6 @@ def solve(
             progress.count[SINCE_BEST] += 1
             progress.count[SINCE_NEWTON] += 1
             goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
-            restarts = 0
-            if goes_on and newton_pays(problem, current, pull, newton, progress) != 0:
-                restarts = try_newton(problem, current, point, trial, newton, pull, progress, max_iterations, one)
-                goes_on = progress.figure[RESIDUAL] >= tolerance and progress.count[SWEEPS] < max_iterations
-            if change_way(progress) != 0:
-                restarts = 1
-            if restarts != 0:
-                restart_search(rows, search, progress)
-            elif goes_on and progress.count[WAY] == ACCELERATED:
-                accelerate(problem, current, search, progress)
+            if goes_on and newton_pays(problem, current, progress) != 0:
+                progress.count[NEWTON] = DUE
+                goes_on = False

@@ -91,14 +91,6 @@ def pulled_velocity(row: ti.i32, point: Iterate, pull: Pull) -> ti.f64:
 
 
 @func
-def weigh_rows(problem: Problem, pull: Pull):
-    """Each row's weight is its own compliance."""
-    rows = row_count(problem)
-    for k in range(rows):
-        pull.weight[k] = problem.compliance[k * (rows + 1)]
-
-
-@func
 def pressing(c: ti.i32, problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
     """Normal impulse that contact c would have with all others fixed; not positive if it opens."""
     own = problem.compliance[3 * c * (row_count(problem) + 1)]

@@ -1,11 +1,7 @@
-"""The proximal point method with Newton steps, for what sweeps leave.
+"""A Newton step with a proximal term, how far from the answer it leads, and a sweep from its end.
 
-The matrix of closed contacts is singular where they share a load in many ways, and nearly so where light rigid bodies
-are held by soft ones: a Newton step from there may lead anywhere. With a proximal term, a pull towards a center, the
-impulses are nearly always found in a few steps; the center then moves there, and the pull becomes weaker (Rockafellar
-1976, Monotone operators and the proximal point algorithm; for friction Acary, Bremond and Huber 2018, On solving
-contact problems with Coulomb friction). Where the center no longer moves the pull is nothing: it does not change the
-answer.
+`step/proximal_newton.py` takes the steps and moves the center of the pull. What each step and each check needs is one
+kernel, since Newton's is among the longest to compile.
 """
 
 from taichisoft.kernels.actuator_rows import best_impulse, tension_before
@@ -20,19 +16,13 @@ from taichisoft.kernels.constraint_problem import (
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS, ROLLING, SPINNING
 from taichisoft.kernels.elimination import LinearSystem
 from taichisoft.kernels.launch import func, kernel
-from taichisoft.kernels.newton import Pull, newton_step, pressing, pulled_velocity, weigh_rows
+from taichisoft.kernels.newton import Pull, newton_step, pressing, pulled_velocity
 from taichisoft.kernels.runtime import Scalars, ti
 from taichisoft.kernels.sweep import PLAIN, largest_of_two, largest_tangential, sweep
 
-# Newton steps with one center, and how many of them let the next pull be weaker.
-LONGEST = 12
-QUICK = 5
-WEAKER, STRONGER, WEAKEST = 0.1, 10.0, 1e-9
-# Each center's problem is solved to this share of the residual there, or of the tolerance.
-SHARE_OF_RESIDUAL = 0.01
-SHARE_OF_TOLERANCE = 0.1
-# Steps towards no impulses end where they move these by no more than this share of the largest.
-STILL = 1e-9
+# Entries of `outcome`: by what velocity a block misses its law at the end of the step, pull included; what a sweep from
+# there finds to change; the largest change of an impulse by the step, and the largest impulse.
+MISS, FOUND, MOVED, LARGEST = range(4)
 
 
 @func
@@ -85,101 +75,34 @@ def missed_by_moment(m: ti.i32, problem: Problem, point: Iterate, pull: Pull) ->
     return worst
 
 
-@func
-def aim_at_zero(problem: Problem, current: Iterate, pull: Pull, tolerance: ti.f64):
-    """Pull contacts towards no impulses, all with the largest weight, so that the pull measures lengths.
-
-    Moments are pulled with their own weights, since they may be as undetermined as what presses; actuators are not.
-
-    Velocities below the tolerance are what the sweeps left, and what tilts a body by less than 1e-6 mm. They would
-    decide more than the weak pull does, so the center makes up for them.
-    """
-    largest = 0.0
-    for k in range(3 * problem.size[CONTACTS]):
-        largest = ti.max(largest, pull.weight[k])
-    measure_velocity(problem, current)
-    for k in range(row_count(problem)):
-        pull.center[k] = 0.0
-        if k < first_moment(problem):
-            pull.weight[k] = 0.0
-        if k < 3 * problem.size[CONTACTS]:
-            pull.weight[k] = largest
-            if ti.abs(current.velocity[k]) < tolerance:
-                pull.center[k] = current.velocity[k] / (pull.share[0] * largest)
-
-
 @kernel
-def improve(
+def step_and_sweep(
     problem: Problem,
-    current: Iterate,
     point: Iterate,
-    trial: Iterate,
-    system: LinearSystem,
+    swept: Iterate,
     pull: Pull,
-    figure: Scalars,
-    tolerance: ti.f64,
-    first_share: ti.f64,
-    most_steps: ti.i32,
-    to_zero: ti.i32,
+    system: LinearSystem,
+    outcome: Scalars,
+    moves: ti.i32,
     one: ti.i32,
 ):
-    """Newton steps until a sweep from there finds less than the tolerance to change, which `figure` then has.
+    """Take a Newton step from `point`, where it then ends, if `moves` is not 0; `swept` is a sweep further.
 
-    `figure` begins with that of `current`. `current` ends with the best impulses and velocities that a sweep left.
-
-    With `to_zero` there is one center, 0, and the pull stays: of many answers that chooses the one with small impulses,
-    which `current` becomes if a sweep confirms it. The pull is weak and decides alone, so the steps go on until they
-    move nothing.
+    The velocities of `point` must be those of its impulses if it moves; they are measured anew at the end.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
         rows = row_count(problem)
-        weigh_rows(problem, pull)
-        for k in range(rows):
-            point.impulse[k] = current.impulse[k]
-            pull.center[k] = current.impulse[k]
-        pull.share[0] = first_share
-        if to_zero != 0:
-            aim_at_zero(problem, current, pull, tolerance)
-        steps, residual = 0, figure[0]
-        while steps < most_steps and (figure[0] >= tolerance or to_zero != 0):
-            bound = ti.max(SHARE_OF_TOLERANCE * tolerance, SHARE_OF_RESIDUAL * residual)
-            taken = 0
-            measure_velocity(problem, point)
-            miss = natural_residual(problem, point, pull)
-            goes_on = miss >= bound or to_zero != 0
-            while taken < LONGEST and goes_on:
-                newton_step(problem, point, pull, system, trial, one)
-                moved, largest = 0.0, 0.0
-                for k in range(rows):
-                    moved = ti.max(moved, ti.abs(trial.impulse[k] - point.impulse[k]))
-                    largest = ti.max(largest, ti.abs(trial.impulse[k]))
-                    point.impulse[k] = trial.impulse[k]
-                measure_velocity(problem, point)
-                miss = natural_residual(problem, point, pull)
-                taken += 1
-                goes_on = miss >= bound or (to_zero != 0 and moved > STILL * largest)
-            copy_iterate(rows, point, trial)
-            found = sweep(problem, trial, PLAIN)
-            if miss < bound:
-                residual = found
-                for k in range(rows):
-                    pull.center[k] = point.impulse[k]
-                if taken <= QUICK:
-                    pull.share[0] = ti.max(WEAKER * pull.share[0], WEAKEST)
-            else:
-                if found < residual:
-                    residual = found
-                    for k in range(rows):
-                        pull.center[k] = trial.impulse[k]
-                pull.share[0] = STRONGER * pull.share[0]
-            better = found < figure[0]
-            if to_zero != 0:
-                better = miss < bound and found < tolerance
-                steps = most_steps
-            if better:
-                figure[0] = found
-                copy_iterate(rows, trial, current)
-            steps += ti.max(taken, 1)
+        moved, largest = 0.0, 0.0
+        if moves != 0:
+            newton_step(problem, point, pull, system, swept, one)
             for k in range(rows):
-                point.impulse[k] = pull.center[k]
+                moved = ti.max(moved, ti.abs(swept.impulse[k] - point.impulse[k]))
+                largest = ti.max(largest, ti.abs(swept.impulse[k]))
+                point.impulse[k] = swept.impulse[k]
+        measure_velocity(problem, point)
+        outcome[MISS] = natural_residual(problem, point, pull)
+        copy_iterate(rows, point, swept)
+        outcome[FOUND] = sweep(problem, swept, PLAIN)
+        outcome[MOVED] = moved
+        outcome[LARGEST] = largest
