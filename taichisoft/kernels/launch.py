@@ -12,6 +12,7 @@ that its version is pinned.
 """
 
 import ast
+import copy
 import inspect
 import os
 import time
@@ -269,18 +270,20 @@ def _with_bundles(tree_and_context: Callable[..., Any]) -> Callable[..., Any]:
     def read(self: Any, *arguments: Any, **named: Any) -> Any:
         tree, context = tree_and_context(self, *arguments, **named)
         bundles = getattr(self.func, "bundles", {})
+        if not bundles:
+            return tree, context
+        tree = copy.deepcopy(tree)  # which is kept for the next reading
         definition = tree.body[0]
-        for parameter in reversed(definition.args.args if bundles else []):
+        for parameter in reversed(definition.args.args):
             if parameter.arg not in bundles:
                 continue
             fields = [f"{parameter.arg}_{field}" for field in bundles[parameter.arg]._fields]
             made = ast.parse(f"{parameter.arg} = ti.static({ast.unparse(parameter.annotation)}({', '.join(fields)}))")
             definition.body.insert(0, made.body[0])
-        if bundles:
-            definition.args.args = [ast.arg(name) for name in inspect.signature(self.func).parameters]
-            for node in ast.walk(definition):
-                if not hasattr(node, "lineno"):
-                    ast.copy_location(node, definition)
+        definition.args.args = [ast.arg(name) for name in inspect.signature(self.func).parameters]
+        for node in ast.walk(definition):
+            if not hasattr(node, "lineno"):
+                ast.copy_location(node, definition)
         return tree, context
 
     return read
