@@ -84,6 +84,8 @@ class ActuatorGeometry:
 
     def values(self) -> np.ndarray:
         """The coordinates as last measured [mm^3] and [mm], but for constants of the cables, (coordinate_count,)."""
+        if not self._cables.names:
+            return self.volumes.measured.copy()
         return np.concatenate([self.volumes.measured, self.cables.coordinates()])
 
     def steepness(self) -> np.ndarray:

@@ -12,22 +12,23 @@ from taichisoft.state import State
 
 def limit_cavities(model: Model, state: State, volume_imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
     """Pressures [kPa] and growths [mm^3] within the cavities' own ranges, pressures not too far from the last ones."""
-    if not len(request):
-        return request
-    limits, time_step, cavities = model.scene.limits, model.scene.time.step, model.cavities
-    low, high = np.where(volume_imposed, cavities.growth_range.T, cavities.pressure_range.T)
-    # As np.clip, whose checks take several times as long as so few numbers.
-    allowed = request = np.minimum(np.maximum(request, low), high)
-    if limits.lowest_pressure is not None:
-        allowed = np.maximum(allowed, limits.lowest_pressure)
-    if limits.highest_pressure is not None:
-        allowed = np.minimum(allowed, limits.highest_pressure)
-    if limits.pressure_rate is not None:
-        # A cavity that was driven by its volume goes on from the pressure which that took.
-        last = np.where(state.cavity_volume_imposed, state.cavity_pressure, state.cavity_target)
-        furthest = limits.pressure_rate * time_step
-        allowed = np.minimum(np.maximum(allowed, last - furthest), last + furthest)
-    return np.where(volume_imposed, request, allowed)
+    limits, cavities = model.scene.limits, model.cavities
+    lowest = -math.inf if limits.lowest_pressure is None else limits.lowest_pressure
+    highest = math.inf if limits.highest_pressure is None else limits.highest_pressure
+    furthest = math.inf if limits.pressure_rate is None else limits.pressure_rate * model.scene.time.step
+    target = []
+    # Python's own numbers: numpy takes longer to look at arrays of so few.
+    for cavity, (value, by_volume) in enumerate(zip(request.tolist(), volume_imposed.tolist(), strict=True)):
+        low, high = (cavities.growth_range if by_volume else cavities.pressure_range)[cavity].tolist()
+        allowed = min(max(value, low), high)
+        if not by_volume:
+            # A cavity that was driven by its volume goes on from the pressure which that took.
+            of_last = state.cavity_pressure if state.cavity_volume_imposed[cavity] else state.cavity_target
+            last = float(of_last[cavity])
+            allowed = min(max(allowed, lowest), highest)
+            allowed = min(max(allowed, last - furthest), last + furthest)
+        target.append(allowed)
+    return np.array(target)
 
 
 def limit_cables(model: Model, state: State, pull_imposed: np.ndarray, request: np.ndarray) -> np.ndarray:

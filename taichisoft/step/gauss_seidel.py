@@ -100,9 +100,7 @@ class GaussSeidel:
         if len(contacts) < 2 or not self.residual < tolerance:
             return
         newton, impulse = self._newton, self.impulse.copy()
-        residual = newton.find_small(self.answer, self.residual, tolerance, PULL_TO_ZERO)
-        self._keep_if_finite(impulse, residual)
-        self._figure[0], impulse = self.residual, self.impulse.copy()
+        self._figure[0] = newton.find_small(self.answer, self.residual, tolerance, PULL_TO_ZERO)
         smallest_impulses.choose_smallest(
             self._problem,
             self.answer,
