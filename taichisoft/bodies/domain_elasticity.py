@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.bodies.domain_groups import group_domains
+from taichisoft.bodies.domain_groups import along_curve, group_domains
 from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.hooke_parts import find_blocks, find_parts
 from taichisoft.bodies.laws import ElasticLaws
@@ -71,7 +71,8 @@ class DomainElasticity:
             self.hooke = HookeDomains(some, _data(some, *self._arrays), block_pairs)
         if not hooke.all():
             some = self.domains.of(np.flatnonzero(~hooke))
-            self.rubber = RubberDomains(some, _data(some, *self._arrays), block_pairs, rest_position)
+            some = some.of(along_curve(some.centres(rest_position)))
+            self.rubber = RubberDomains(some, _data(some, *self._arrays), block_pairs)
 
 
 class HookeDomains:
@@ -108,16 +109,10 @@ class RubberDomains:
         groups, copies: how their sums are made.
     """
 
-    def __init__(
-        self,
-        domains: IntegrationDomains,
-        data: kernels.Domains,
-        block_pairs: np.ndarray,
-        rest_position: np.ndarray,
-    ):
+    def __init__(self, domains: IntegrationDomains, data: kernels.Domains, block_pairs: np.ndarray):
         """Lay out the sums; arguments as of `group_domains`."""
         self.data, self.element = data, domains.element
-        self.groups, self.copies = group_domains(domains, block_pairs, rest_position)
+        self.groups, self.copies = group_domains(domains, block_pairs)
 
 
 class DomainSystem:

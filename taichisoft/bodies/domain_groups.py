@@ -2,7 +2,8 @@
 
 A domain of many nodes adds to as many blocks as it has pairs of them. Each group keeps its own copies of the blocks,
 few enough to stay in the cache while its domains add to them; the copies are summed afterwards. Groups do not depend on
-the number of threads, and so neither does any sum.
+the number of threads, and so neither does any sum. The domains are numbered group by group, so that what is read of
+them comes from memory as a stream.
 """
 
 import numpy as np
@@ -16,21 +17,16 @@ DOMAINS_A_GROUP = 256
 CURVE_BITS = 10
 
 
-def group_domains(
-    domains: IntegrationDomains, block_pairs: np.ndarray, rest_position: np.ndarray
-) -> tuple[DomainGroups, BlockCopies]:
+def group_domains(domains: IntegrationDomains, block_pairs: np.ndarray) -> tuple[DomainGroups, BlockCopies]:
     """The groups, and which of their slots make up which blocks.
 
     Args:
-        domains: of all bodies.
+        domains: in an order in which neighbours follow each other.
         block_pairs: the two nodes (row, column) of each block of the matrix, shape (block_count, 2); of two blocks that
             are each other's transpose one is there.
-        rest_position: of the nodes [mm], shape (node_count, 3).
     """
     domain_count, entry_count = len(domains.start) - 1, len(domains.node)
-    order = along_curve(domains.centres(rest_position))
-    group = np.empty(domain_count, dtype=np.int64)
-    group[order] = np.arange(domain_count) // DOMAINS_A_GROUP
+    group = np.arange(domain_count, dtype=np.int64) // DOMAINS_A_GROUP
     row, column = domains.node_pairs()
     block = find_blocks(block_pairs, domains.node[row], domains.node[column])
     row, column, block = row[block >= 0], column[block >= 0], block[block >= 0]
@@ -43,7 +39,6 @@ def group_domains(
     groups = DomainGroups(
         start=np.minimum(np.arange(group_count + 1) * DOMAINS_A_GROUP, domain_count).astype(np.int32),
         first_slot=np.searchsorted(group_of_slot, np.arange(group_count + 1)).astype(np.int32),
-        order=order.astype(np.int32),
         first_part=np.searchsorted(column, np.arange(entry_count + 1)).astype(np.int32),
         row=(row - domains.start[domain]).astype(np.int32),
         slot=slot.reshape(-1).astype(np.int32),

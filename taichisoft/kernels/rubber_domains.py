@@ -35,9 +35,8 @@ class DomainGroups(NamedTuple):
     """Groups of neighbouring domains, whose sums are made apart; a slot is a block of the matrix in a group.
 
     Attributes:
-        start: where each group's domains begin in `order`, shape (group_count + 1,).
+        start: where each group's domains begin, shape (group_count + 1,).
         first_slot: where each group's slots begin, shape (group_count + 1,).
-        order: numbers of the domains, group by group, shape (domain_count,).
         first_part: where the parts of each entry begin in the lists that follow, shape (entry_count + 1,). They are the
             blocks in whose column the entry stands; its diagonal block is the first.
         row: entry of the block's row, counted from the domain's first.
@@ -46,7 +45,6 @@ class DomainGroups(NamedTuple):
 
     start: Integers
     first_slot: Integers
-    order: Integers
     first_part: Integers
     row: Integers
     slot: Integers
@@ -129,12 +127,10 @@ def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Doma
     hessian = positive_part(hessian)
     flip, twist = ti.max(flip, 0.0), ti.max(twist, 0.0)
     # In two axes it is viscosity a a^T with a along the stretches: a rotation is across.
-    along = ti.Matrix.zero(ti.f64, 3, 3)
+    squares = stretches * stretches
+    share = vec3(0.0)
     for i in ti.static(range(3)):
-        for k in ti.static(range(3)):
-            if ti.static(i != k):
-                squares = stretches[i] * stretches[i] + stretches[k] * stretches[k]
-                along[i, k] = stretches[i] / ti.sqrt(squares + TINY)
+        share[i] = viscosity[i] / (squares[(i + 1) % 3] + squares[(i + 2) % 3] + TINY)
     damping = (1.0 - domains.undamped[d]) / domains.undamped[d]
     stress = ti.Matrix.zero(ti.f64, 3, 3)
     for i in ti.static(range(3)):
@@ -142,9 +138,9 @@ def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Doma
         stress[i, i] = slope[i]
         for m in ti.static(range(3)):
             stress[i, i] += (hessian[i, m] + damping * viscous_hessian[i, m]) * growth[m, m]
-        both = damping * viscosity[i] * (along[j, k] + along[k, j])
-        stress[j, k] = (flip[i] + both * along[j, k]) * growth[j, k]
-        stress[k, j] = (flip[i] + both * along[k, j]) * growth[j, k]
+        both = damping * share[i] * (stretches[j] + stretches[k])
+        stress[j, k] = (flip[i] + both * stretches[j]) * growth[j, k]
+        stress[k, j] = (flip[i] + both * stretches[k]) * growth[j, k]
     stress = left @ stress @ right.transpose()
     elastic = domains.undamped[d] * domains.factor[d]
     viscous = domains.factor[d] - elastic
@@ -152,9 +148,9 @@ def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Doma
     for j in ti.static(range(3)):
         i, k = ti.static((j + 1) % 3), ti.static((j + 2) % 3)
         even = 0.5 * elastic * (flip[j] + twist[j])
-        same[i, k] = even + viscous * viscosity[j] * along[i, k] * along[i, k]
-        same[k, i] = even + viscous * viscosity[j] * along[k, i] * along[k, i]
-        swapped[j] = 0.5 * elastic * (flip[j] - twist[j]) + viscous * viscosity[j] * along[i, k] * along[k, i]
+        same[i, k] = even + viscous * share[j] * squares[i]
+        same[k, i] = even + viscous * share[j] * squares[k]
+        swapped[j] = 0.5 * elastic * (flip[j] - twist[j]) + viscous * share[j] * stretches[i] * stretches[k]
     return stress, left, right, elastic * hessian + viscous * viscous_hessian, same, swapped
 
 
@@ -225,8 +221,8 @@ def add_group(t: ti.i32, worker: ti.i32, domains: Domains, movement: Movement, g
     for slot in range(groups.first_slot[t], groups.first_slot[t + 1]):
         sums.block[slot] = vec8(0.0)
         sums.rest[slot] = vec4(0.0)
-    for i in range(groups.start[t], groups.start[t + 1]):
-        add_domain(groups.order[i], worker, domains, movement, groups, sums)
+    for d in range(groups.start[t], groups.start[t + 1]):
+        add_domain(d, worker, domains, movement, groups, sums)
 
 
 @func
