@@ -269,10 +269,12 @@ def _with_bundles(tree_and_context: Callable[..., Any]) -> Callable[..., Any]:
 
     def read(self: Any, *arguments: Any, **named: Any) -> Any:
         tree, context = tree_and_context(self, *arguments, **named)
+        if not named.get("is_kernel", True):
+            return tree, context
+        tree = copy.deepcopy(tree)  # it is kept for the next reading, and this one takes the parameters out
         bundles = getattr(self.func, "bundles", {})
         if not bundles:
             return tree, context
-        tree = copy.deepcopy(tree)  # which is kept for the next reading
         definition = tree.body[0]
         for parameter in reversed(definition.args.args):
             if parameter.arg not in bundles:
