@@ -6,7 +6,7 @@ the branches in turn.
 """
 
 from taichisoft.kernels.compliance import GROUP, NOWHERE, SparseColumns
-from taichisoft.kernels.forward_substitution import Substitution
+from taichisoft.kernels.forward_substitution import Substitution, take_branch
 from taichisoft.kernels.fronts import BELOW, COLUMNS, FIRST_COLUMN, PANEL, ROWS, WIDTH, Factor, Fronts
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.runtime import CHUNK, Scalars, ti, vec3
@@ -102,8 +102,7 @@ def back(
             if ti.atomic_add(progress[BEGUN], 1) > 0:
                 t = above + 1
                 if reaches(progress, FINISHED, 1, fronts.patience[0]):  # tasks of the factorisation take longer
-                    t = ti.atomic_add(progress[BEGUN_LATER], 1)
-                    t += ti.select(t == above, 1, 0)
+                    t = take_branch(progress, BEGUN_LATER, above)
             while t < above + 1:
                 for i in range(start[t + 1] - start[t]):
                     s = solution.supernodes[start[t + 1] - 1 - i]
@@ -112,5 +111,4 @@ def back(
                     hand_out(s, fronts, solution)
                 if t == above:
                     ti.atomic_add(progress[FINISHED], 1)
-                t = ti.atomic_add(progress[BEGUN_LATER], 1)
-                t += ti.select(t == above, 1, 0)
+                t = take_branch(progress, BEGUN_LATER, above)

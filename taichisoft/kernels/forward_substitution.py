@@ -112,6 +112,14 @@ def substitute_forward(
         left[place] = left[place] - multiply_row(tiles, row, columns, b, first, one)
 
 
+@func
+def take_branch(counters: Integers, i: ti.i32, branch_count: ti.i32) -> ti.i32:
+    """The next branch that no thread has begun. If there is none, a number beyond what is above all branches:
+    that has the number after the last branch, and is nobody's to take who only finds all branches taken."""
+    t = ti.atomic_add(counters[i], 1)
+    return t + ti.select(t == branch_count, 1, 0)
+
+
 @kernel
 def forward(fronts: Fronts, factor: Factor, solution: Substitution, workers: ti.i32, one: ti.i32):
     """Fill `solution.forward`, which is 0 at the start."""
@@ -119,7 +127,7 @@ def forward(fronts: Fronts, factor: Factor, solution: Substitution, workers: ti.
         if worker % CHUNK == 0:
             start, progress = ti.static(solution.branch_start, solution.progress)
             branch_count = start.shape[0] - 2
-            t = ti.atomic_add(progress[BEGUN], 1)
+            t = take_branch(progress, BEGUN, branch_count)
             while t < branch_count + 1:
                 for i in range(start[t], start[t + 1]):
                     s = solution.supernodes[i]
@@ -129,5 +137,4 @@ def forward(fronts: Fronts, factor: Factor, solution: Substitution, workers: ti.
                 if ti.atomic_add(progress[FINISHED], 1) == branch_count - 1:
                     t = branch_count
                 else:
-                    t = ti.atomic_add(progress[BEGUN], 1)
-                    t += ti.select(t == branch_count, 1, 0)
+                    t = take_branch(progress, BEGUN, branch_count)

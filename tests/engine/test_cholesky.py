@@ -13,10 +13,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.cholesky import fronts
+from taichisoft.cholesky.branches import share_out_branches
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import MeshError, NotPositiveDefinite
+from taichisoft.kernels.back_substitution import back
 from taichisoft.kernels.compliance import GROUP, NOWHERE, SparseColumns
+from taichisoft.kernels.forward_substitution import forward
+from taichisoft.kernels.waiting import BEGUN, FINISHED
 
 
 def random_pattern(seed: int, sizes: list[int], neighbours: float) -> sparse.csr_matrix:
@@ -219,3 +223,34 @@ def test_a_mesh_too_large_to_be_indexed_is_refused(monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(fronts, "LARGEST_INDEX", 500)
     with pytest.raises(MeshError, match=r"the soft bodies' 20 nodes need .* mesh the bodies more coarsely"):
         SymbolicFactor(pattern)
+
+
+def test_a_thread_that_comes_late_leaves_alone_what_is_not_ready() -> None:
+    """All branches are taken, and the last is not finished: what is above them is for the thread that finishes it.
+
+    So the right-hand side and the solution stay as they are, and are right when all counters are as at the start.
+    """
+    line = sparse.diags([1.0, 1.0, 1.0], [-1, 0, 1], (20, 20))
+    pattern = (sparse.kron(line, line) != 0).astype(float).tocsr()
+    solver = Cholesky(SymbolicFactor(pattern))
+    fill(solver, random_matrix(3, pattern))
+    right, none = np.random.default_rng(3).normal(size=(400, 3)), SparseColumns.with_room(0, 0, 0)
+    solver.factorise(right)
+    symbolic = solver.symbolic
+    supernodes, starts = share_out_branches(symbolic.tree.parent, np.ones(len(symbolic.tree.parent)), 2)
+    branches = len(starts) - 2
+    assert branches > 1 and starts[-1] > starts[-2]
+    solution = solver._whole._replace(supernodes=supernodes, branch_start=starts)
+    solution.given[:] = right
+    for others_finished in range(branches):
+        solution.progress[:] = 0
+        solution.progress[BEGUN], solution.progress[FINISHED] = branches, others_finished
+        solution.forward.fill(7.0)
+        forward(symbolic.fronts, solver.factor, solution, 1, 1)
+        assert (solution.forward == 7.0).all()
+    solution.progress[:] = 0
+    solution.progress[BEGUN] = 1  # another thread is at what is above all branches
+    solution.found.fill(7.0)
+    back(0, np.zeros(0), none, symbolic.fronts, solver.factor, solution, 1, 1)
+    assert (solution.found == 7.0).all()
+    np.testing.assert_array_equal(solver.solve(right), solver.complete(none, np.zeros(0), 0))
