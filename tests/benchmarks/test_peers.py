@@ -41,6 +41,29 @@ def test_the_finger_hangs_as_ours_does(package, peer, tmp_path, monkeypatch):
     assert theirs == pytest.approx(ours, rel=1 / 3)
 
 
+def test_mujoco_gets_the_whole_of_quadratic_elements(tmp_path, monkeypatch):
+    """Eight linear parts each, which hang as far but for their own stiffness, when its solver may take its time."""
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    simulation = Simulation(load_scene("finger-hanging", ["soft_bodies.finger.element=quadratic"]))
+    other, rest = MujocoPeer(simulation.model, iterations=1000), simulation.model.rest_position
+    for _ in range(10):
+        simulation.step()
+        other.step(np.zeros_like(rest))
+    ours = np.abs(simulation.state.position - rest).max()
+    assert np.abs(other.positions() - rest).max() == pytest.approx(ours, rel=1 / 3)
+
+
+def test_a_motion_that_becomes_unstable_is_no_comparison(tmp_path, monkeypatch):
+    pytest.importorskip("mujoco")
+    monkeypatch.chdir(tmp_path)
+    model = make_model(load_scene("finger-hanging"))
+    other = MujocoPeer(model)
+    with pytest.raises(PeerMissing, match="became unstable"):
+        for _ in range(STEPS):
+            other.step(np.full_like(model.rest_position, 1e30))
+
+
 def bend(scene_overrides: list[str], in_mujoco: bool) -> float:
     """Largest displacement of the inflated finger [mm]."""
     model = make_model(load_scene("finger-inflated", scene_overrides))

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.meshes.ten_nodes import linear_parts
 from taichisoft_benchmarks.errors import PeerMissing
 
 if TYPE_CHECKING:
@@ -17,7 +18,7 @@ NUMBERS_PER_ELEMENT = 24
 
 
 class MujocoPeer:
-    """Our bodies as flexes, boxes and planes."""
+    """Our bodies as flexes, boxes and planes; quadratic tetrahedra as eight linear ones each, which it knows alone."""
 
     does_not = (
         "no air cavity (the pressure comes as forces from outside, which are constant in a step); contact and friction "
@@ -62,23 +63,33 @@ class MujocoPeer:
         return np.array(self._data.flexvert_xpos)
 
     def step(self, force: np.ndarray) -> None:
-        """Make one step with these forces on the nodes [mN], shape (node_count, 3)."""
+        """Make one step with these forces on the nodes [mN], shape (node_count, 3).
+
+        Raises:
+            PeerMissing: the motion has become unstable, after which MuJoCo begins anew from rest.
+        """
         self._data.qfrc_applied[self._dof] = force[self._free]
         self._mujoco.mj_step(self._model, self._data)
+        if any(self._warned(kind) for kind in ("BADQPOS", "BADQVEL", "BADQACC")):
+            raise PeerMissing("mujoco's motion became unstable, after which it begins anew from rest")
 
     def facts(self) -> dict[str, int]:
         """Contacts in the last step, and how often a solve stopped early."""
-        unsolved = self._data.warning[int(self._mujoco.mjtWarning.mjWARN_INERTIA)].number
-        return {"contacts": int(self._data.ncon), "unsolved": int(unsolved)}
+        return {"contacts": int(self._data.ncon), "unsolved": self._warned("INERTIA")}
+
+    def _warned(self, kind: str) -> int:
+        """How often MuJoCo has given a warning."""
+        return int(self._data.warning[int(getattr(self._mujoco.mjtWarning, f"mjWARN_{kind}"))].number)
 
     def _stiffen(self, model: "Model") -> None:
         """Give elements of another Young's modulus their own stiffness: a flex has one for all."""
         for index, body in enumerate(model.soft_bodies):
             first = self._model.flex_stiffnessadr[index]
-            rows = self._model.flex_stiffness[first : first + NUMBERS_PER_ELEMENT * len(body.elements)]
+            element_count = len(linear_parts(body.elements))
+            rows = self._model.flex_stiffness[first : first + NUMBERS_PER_ELEMENT * element_count]
             rows = rows.reshape(-1, NUMBERS_PER_ELEMENT)
             shear = body.settings.young_moduli[0] / (2.0 * (1.0 + body.settings.poisson_ratio))
-            rows *= (body.lame[:, 1] / shear)[:, None]
+            rows *= np.repeat(body.lame[:, 1] / shear, element_count // len(body.elements))[:, None]
 
 
 def _flex(body: "SoftBody") -> str:
@@ -87,7 +98,7 @@ def _flex(body: "SoftBody") -> str:
     pinned = np.flatnonzero(body.anchored)
     pins = f'<pin id="{_numbers(pinned)}"/>' if len(pinned) else ""
     return f"""<flexcomp name="{body.name}" type="direct" dim="3" mass="{body.node_mass.sum()}" radius="0.5"
-            point="{_numbers(body.rest_position)}" element="{_numbers(body.elements)}">
+            point="{_numbers(body.rest_position)}" element="{_numbers(linear_parts(body.elements))}">
         {pins}
         <elasticity young="{settings.young_moduli[0]}" poisson="{settings.poisson_ratio}"
             damping="{settings.rayleigh_stiffness}"/>
