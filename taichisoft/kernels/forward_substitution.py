@@ -114,8 +114,10 @@ def substitute_forward(
 
 @func
 def take_branch(counters: Integers, i: ti.i32, branch_count: ti.i32) -> ti.i32:
-    """The next branch that no thread has begun. If there is none, a number beyond what is above all branches:
-    that has the number after the last branch, and is nobody's to take who only finds all branches taken."""
+    """The next branch that no thread has begun, or a number over branch_count if there is none.
+
+    Never branch_count itself, which stands for what is above all branches: that they are taken does not mean finished.
+    """
     t = ti.atomic_add(counters[i], 1)
     return t + ti.select(t == branch_count, 1, 0)
 

@@ -80,7 +80,7 @@ THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or USUAL_THREADS)
 
 wait_for_kernels(THREADS)
 if not has_kernels():  # else a script would stand still without a word
-    print("taichisoft: the first time on a machine Taichi compiles its kernels: up to half a minute", file=sys.stderr)
+    print("taichisoft: the first time on a machine Taichi compiles its kernels: 15 seconds or more", file=sys.stderr)
 
 
 def _start() -> None:

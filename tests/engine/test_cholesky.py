@@ -253,4 +253,8 @@ def test_a_thread_that_comes_late_leaves_alone_what_is_not_ready() -> None:
     solution.found.fill(7.0)
     back(0, np.zeros(0), none, symbolic.fronts, solver.factor, solution, 1, 1)
     assert (solution.found == 7.0).all()
+    solution.progress[:] = 0
+    solution.forward.fill(0.0)
+    forward(symbolic.fronts, solver.factor, solution, 1, 1)
+    np.testing.assert_array_equal(solution.forward, solver.begun)
     np.testing.assert_array_equal(solver.solve(right), solver.complete(none, np.zeros(0), 0))
