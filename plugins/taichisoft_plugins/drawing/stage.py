@@ -33,6 +33,8 @@ class Stage:
         self._renderer = rendering.OffscreenRenderer(*size)
         self._scene = self._renderer.scene
         self._scene.view.set_post_processing(False)
+        # Open3D 0.20 smooths edges also without post-processing, and blends EMPTY into them.
+        self._scene.view.set_antialiasing(False)
         self._scene.scene.enable_indirect_light(False)
         self._scene.scene.enable_sun_light(False)
         # Backgrounds are decoded from sRGB, colours of vertices are not: 0 and 1 are the same in both.
@@ -58,6 +60,7 @@ class Stage:
             utility.Vector3dVector(vertices), utility.Vector3iVector(triangles.astype(np.int32))
         )
         mesh.vertex_colors = utility.Vector3dVector(colours)
+        mesh.triangle_uvs = utility.Vector2dVector(_texture_coordinates(len(triangles)))
         if name in self._names:
             self._scene.remove_geometry(name)
         self._scene.add_geometry(name, mesh, self._material)
@@ -71,3 +74,14 @@ class Stage:
         eye, target, up = (np.asarray(v, np.float32) for v in (camera.eye, camera.target, camera.up))
         self._renderer.setup_camera(VERTICAL_ANGLE, target, eye, up)
         return np.array(self._renderer.render_to_image())
+
+
+def _texture_coordinates(triangle_count: int) -> np.ndarray:
+    """Texture coordinates of the corners of all triangles, shape (3 * triangle_count, 2), although there is no texture.
+
+    Open3D 0.20 derives tangents from them: where they are absent, or the same at two corners, these are undefined and
+    the triangle is black. Corners of the same place and coordinates are joined, and their colours blended. So every
+    triangle has a unit triangle of its own.
+    """
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]])
+    return (corners + 2.0 * np.arange(triangle_count)[:, None, None]).reshape(-1, 2)
