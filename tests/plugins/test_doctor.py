@@ -9,8 +9,9 @@ from typer.testing import CliRunner
 
 import taichisoft_plugins
 from taichisoft.child_process import ChildResult
+from taichisoft_plugins import system_libraries
 from taichisoft_plugins.doctor import command as doctor_command
-from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, packages_for
+from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, graphics, packages_for
 
 
 @pytest.fixture
@@ -25,9 +26,9 @@ def test_where_the_tests_run_nothing_is_missing(doctor):
     assert answer.exit_code == 0, answer.output
     rows = dict(line.split(maxsplit=2)[1:] for line in answer.output.splitlines())
     modules = ["taichi", "gmsh", "h5py", "matplotlib", "open3d", "viser"]
-    assert list(rows) == ["python", *modules, "EGL", "picture", "ffmpeg", "libraries"]
+    assert list(rows) == ["python", *modules, graphics(), "picture", "ffmpeg", "libraries"]
     assert rows["taichi"] == "1.7.4"
-    assert re.match(r"1\.\d, \S", rows["EGL"]), "its version and whose it is"
+    assert re.match(r"1\.\d, \S", rows[graphics()]), "its version and whose it is"
     assert "ffmpeg" in rows["ffmpeg"], "the path of the program"
 
 
@@ -49,7 +50,8 @@ def test_what_is_missing_is_named_with_the_package_to_install(doctor, monkeypatc
     assert "MISSING ffmpeg      no ffmpeg, which writes videos: pip install imageio-ffmpeg\n" in answer.output
     install = answer.output.splitlines()[-1]
     assert "apt-get install" in install
-    drawing = {"libegl1", "libgl1", "libgl1-mesa-dri", "libgomp1"}
+    driver = {"EGL": {"libgl1-mesa-dri", "libgomp1"}, "Vulkan": {"libvulkan1", "mesa-vulkan-drivers"}}
+    drawing = {"libegl1", "libgl1"} | driver[graphics()]
     assert drawing | {"libglu1-mesa"} <= set(install.split())
     assert "libxft2" not in install, "gmsh said exactly what it misses"
 
@@ -67,14 +69,33 @@ def test_what_is_optional_is_no_fault(doctor, monkeypatch):
     )
 
 
-@pytest.mark.skipif(sys.platform != "linux", reason="EGL is how Linux draws without a display")
-def test_a_driver_that_egl_cannot_use_is_reported(monkeypatch):
-    monkeypatch.setenv("EGL_PLATFORM", "device")
-    monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
-    finding = doctor_command._examine("EGL")
+@pytest.mark.skipif(sys.platform != "linux", reason="EGL and Vulkan are how Linux draws without a display")
+def test_a_driver_that_cannot_be_used_is_reported(monkeypatch):
+    if graphics() == "EGL":
+        monkeypatch.setenv("EGL_PLATFORM", "device")
+        monkeypatch.setenv("__EGL_VENDOR_LIBRARY_FILENAMES", "/nowhere")
+        problem, packages = "no driver for EGL_PLATFORM=device", {"libegl1", "libgl1-mesa-dri"}
+    else:
+        monkeypatch.setenv("VK_ICD_FILENAMES", "/nowhere")
+        monkeypatch.setenv("VK_DRIVER_FILES", "/nowhere")
+        problem, packages = "no driver for Vulkan", {"libvulkan1", "mesa-vulkan-drivers"}
+    finding = doctor_command._examine(graphics())
     assert not finding.ok
-    assert finding.found == "no driver for EGL_PLATFORM=device"
-    assert {"libegl1", "libgl1-mesa-dri"} <= set(finding.packages)
+    assert finding.found == problem
+    assert packages <= set(finding.packages)
+
+
+@pytest.mark.parametrize(
+    ("installed", "expected"), [("0.19.0", "EGL"), ("0.20.0", "Vulkan"), ("1.0.1+x", "Vulkan"), (None, "Vulkan")]
+)
+def test_open3d_draws_with_vulkan_from_its_version_0_20(monkeypatch, installed, expected):
+    def version(_distribution):
+        if installed is None:
+            raise system_libraries.PackageNotFoundError
+        return installed
+
+    monkeypatch.setattr(system_libraries, "version", version)
+    assert graphics() == expected
 
 
 def test_an_ffmpeg_that_does_not_start_is_reported(monkeypatch):

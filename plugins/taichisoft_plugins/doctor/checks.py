@@ -1,4 +1,4 @@
-"""Whether this machine can draw and write videos: `python -m taichisoft_plugins.doctor.checks egl|picture|video`.
+"""Whether this machine can draw and write videos: `python -m taichisoft_plugins.doctor.checks CHECK`.
 
 Each check runs in a process of its own, since a driver may crash it or hang. It prints what was found, or ends with one
 line on standard error that says what is wrong; what it needs is imported when it runs, so that nothing else can fail.
@@ -14,6 +14,7 @@ from tempfile import TemporaryDirectory
 from taichisoft.errors import TaichisoftError
 
 EGL_VENDOR, EGL_VERSION = 0x3053, 0x3054
+VULKAN_INSTANCE_CREATE_INFO = 1
 
 
 def egl() -> str:
@@ -29,6 +30,43 @@ def egl() -> str:
     if not display or not library.eglInitialize(display, None, None):
         raise OSError(f"no driver for EGL_PLATFORM={os.environ['EGL_PLATFORM']}")
     return ", ".join(library.eglQueryString(display, name).decode() for name in (EGL_VERSION, EGL_VENDOR))
+
+
+class _DeviceProperties(ctypes.Structure):
+    """VkPhysicalDeviceProperties: what is read of it, and room for the rest (824 bytes in Vulkan 1.0)."""
+
+    _fields_ = [
+        ("version", ctypes.c_uint32),
+        ("driver", ctypes.c_uint32 * 4),  # version, vendor, device, type
+        ("name", ctypes.c_char * 256),
+        ("rest", ctypes.c_uint8 * 1024),
+    ]
+
+
+class _InstanceCreateInfo(ctypes.Structure):
+    """VkInstanceCreateInfo, all zero but for its type: no layers, no extensions."""
+
+    _fields_ = [("type", ctypes.c_uint64), ("rest", ctypes.c_uint64 * 7)]
+
+
+def vulkan() -> str:
+    """Version and name of the devices that Vulkan draws with."""
+    library = ctypes.CDLL("libvulkan.so.1")
+    instance, count = ctypes.c_void_p(), ctypes.c_uint32()
+    wanted = _InstanceCreateInfo(type=VULKAN_INSTANCE_CREATE_INFO)
+    if library.vkCreateInstance(ctypes.byref(wanted), None, ctypes.byref(instance)):
+        raise OSError("no driver for Vulkan")
+    library.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), None)
+    devices = (ctypes.c_void_p * count.value)()
+    if library.vkEnumeratePhysicalDevices(instance, ctypes.byref(count), devices) or not count.value:
+        raise OSError("no device that Vulkan can draw with")
+    found = []
+    for device in devices:
+        properties = _DeviceProperties()
+        library.vkGetPhysicalDeviceProperties(ctypes.c_void_p(device), ctypes.byref(properties))
+        major, minor = properties.version >> 22, properties.version >> 12 & 0x3FF
+        found.append(f"{major}.{minor}, {properties.name.decode(errors='replace')}")
+    return "; ".join(found)
 
 
 def picture() -> str:
@@ -73,6 +111,6 @@ if __name__ == "__main__":
     answer = os.fdopen(os.dup(1), "w")
     os.dup2(os.open(os.devnull, os.O_WRONLY), 1)  # the renderer prints there, too
     try:
-        print({"egl": egl, "picture": picture, "video": video}[sys.argv[1]](), file=answer)
+        print({"egl": egl, "vulkan": vulkan, "picture": picture, "video": video}[sys.argv[1]](), file=answer)
     except (ImportError, OSError, RuntimeError, TaichisoftError) as error:
         sys.exit(str(error))

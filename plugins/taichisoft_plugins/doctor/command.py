@@ -16,7 +16,7 @@ import typer
 from taichisoft.cache_folder import cache_folder
 from taichisoft.child_process import last_line, run_python
 from taichisoft.terminal_text import say
-from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, install_line, packages_for
+from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES, graphics, install_line, packages_for
 
 TIME_LIMIT = 12.0
 """Time that all checks together may take [s]; the command itself takes less than one more, or 7 on a busy machine."""
@@ -41,7 +41,7 @@ PROGRAMS: dict[str, tuple[Sequence[str], str]] = {
     ),
     "open3d": (("-c", "import open3d; print(open3d.__version__)"), "open3d"),
     "viser": (("-c", "import viser; print(viser.__version__)"), "viser"),
-    "EGL": ((*CHECK, "egl"), "open3d"),
+    graphics(): ((*CHECK, graphics().lower()), "open3d"),
     "picture": ((*CHECK, "picture"), "open3d"),
     "ffmpeg": ((*CHECK, "video"), ""),
 }
@@ -121,7 +121,7 @@ def _time_left(deadline: float) -> float:
 
 def _examine(subject: str, deadline: float = math.inf) -> Finding:
     """Run one of PROGRAMS, until a moment of the clock at most."""
-    if subject == "EGL" and sys.platform != "linux":
+    if subject == graphics() and sys.platform != "linux":
         return Finding(subject, "only needed on Linux", True)
     arguments, module = PROGRAMS[subject]
     child = run_python(arguments, _time_left(deadline))
