@@ -34,16 +34,24 @@ clean:
 	rm -rf .venv out
 
 # Debian and Ubuntu split ensurepip from Python, so that a python3 of the right version may still not do.
-fits = import sys, ensurepip; sys.exit(not (3, 11) <= sys.version_info < (3, 13))
+right_version = import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
+fits = import ensurepip; $(right_version)
+pythons = $(or $(PYTHON),python3.12 python3.11 python3.13 python3)
 
 # The stamp is written last and goes before anything changes: an install that was cut short starts again
 # in an empty .venv.
 .venv/installed: pyproject.toml
 	@test -e $@ && exit; \
-	for python in $(or $(PYTHON),python3.12 python3.11 python3); do \
+	for python in $(pythons); do \
 	    $$python -c '$(fits)' 2>/dev/null && exec $$python -m venv --clear .venv; \
 	done; \
-	echo "error: needs Python 3.11 or 3.12 with venv; on Debian and Ubuntu: sudo apt-get install python3-venv" >&2; \
+	test -z '$(PYTHON)' && command -v uv >/dev/null && rm -rf .venv && exec uv venv --seed --python 3.12 .venv; \
+	for python in $(pythons); do \
+	    $$python -c '$(right_version)' 2>/dev/null || continue; \
+	    echo "error: $$python lacks venv; on Debian and Ubuntu: sudo apt-get install python3-venv" >&2; exit 1; \
+	done; \
+	echo "error: needs Python 3.11, 3.12 or 3.13, and none of $(pythons) is one; with uv installed" \
+	    "(https://docs.astral.sh/uv) Python 3.12 is fetched" >&2; \
 	exit 1
 	@rm -f $@
 	.venv/bin/python -m pip install --disable-pip-version-check --editable '.[test]'
