@@ -40,9 +40,7 @@ def test_every_hook_with_its_arguments_has_a_section() -> None:
 
 
 def test_what_is_not_in_a_docstring_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(
-        Observation, "__doc__", (Observation.__doc__ or "").replace("        flows: ", "        flow: ")
-    )
+    monkeypatch.setattr(Observation, "__doc__", (Observation.__doc__ or "").replace(" flows: ", " flow: "))
     with pytest.raises(ValueError, match=r"^Observation has time, .*flows.*; its docstring has time, .*flow, "):
         GENERATOR["pages"]()
     monkeypatch.undo()
