@@ -46,8 +46,7 @@ def gmsh_session(body: str) -> Iterator[Any]:
         import gmsh
     except (ImportError, OSError) as error:
         raise MeshError(
-            f"gmsh cannot be loaded ({_one_line(error)}); it needs the system libraries of X11 and OpenGL, "
-            "on Debian libglu1-mesa libgl1 libxcursor1 libxinerama1 libxft2"
+            f"gmsh cannot be loaded ({_one_line(error)}); `taichisoft doctor` says which system libraries to install"
         ) from error
     if gmsh.isInitialized():
         raise MeshError(f"gmsh is already in use in this process; finalize it before meshing {body}")

@@ -39,14 +39,12 @@ _OFTEN_NEEDED = (
     SystemLibrary("libxcursor1", "libXcursor.so.1", ("gmsh",)),
     SystemLibrary("libxinerama1", "libXinerama.so.1", ("gmsh",)),
     SystemLibrary("libxft2", "libXft.so.2", ("gmsh",)),
+    SystemLibrary("libgomp1", "libgomp.so.1", ("gmsh", "open3d")),
     SystemLibrary("libegl1", "libEGL.so.1", ("open3d",)),
     SystemLibrary("libudev1", "libudev.so.1", ("open3d",)),
 )
 _DRAWING = {
-    "EGL": (
-        SystemLibrary("libgomp1", "libgomp.so.1", ("open3d",)),
-        SystemLibrary("libgl1-mesa-dri", "", ("open3d",)),
-    ),
+    "EGL": (SystemLibrary("libgl1-mesa-dri", "", ("open3d",)),),
     "Vulkan": (
         SystemLibrary("libidn2-0", "libidn2.so.0", ("open3d",)),
         SystemLibrary("libusb-1.0-0", "libusb-1.0.so.0", ("open3d",)),
