@@ -63,11 +63,18 @@ class Terminal:
         """Look again and again; what the program shows is read meanwhile, as by somebody who watches."""
         deadline = time.monotonic() + PATIENCE
         while not condition():
-            assert time.monotonic() < deadline, f"waited in vain; after the last words there is: {self._child.buffer}"
+            assert time.monotonic() < deadline, f"waited in vain; unread: {self._child.buffer!r}; {self._state()}"
             if self._is_closed:
                 time.sleep(0.05)
             else:
                 self._child.expect([pexpect.TIMEOUT, pexpect.EOF], timeout=0.05)
+
+    def _state(self) -> str:
+        """What Linux says of the first process of the terminal."""
+        status = Path(f"/proc/{self._child.pid}/status")
+        kept = ("State", "Threads", "SigPnd", "ShdPnd", "SigBlk", "SigIgn", "SigCgt")
+        lines = status.read_text().splitlines() if status.exists() else ["no such process"]
+        return ", ".join(line for line in lines if line.startswith((*kept, "no such")))
 
     def shell_sees(self, setting: str) -> bool:
         """Whether `stty` has a setting ("echo", "-echo"), asked for in a shell that waits for a command."""
