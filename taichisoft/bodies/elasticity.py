@@ -42,6 +42,8 @@ class Elasticity:
             of rubber, else 0; shape (node_count,).
         undamped: h / (h + b) of each linear element, 1 in first order dynamics, shape (linear_count,).
         anchor_stiffness: along x, y and z [mN/mm], shape (node_count, 3).
+        anchor_lag: as node_lag, of the anchors' springs [s]: h, or h + b where a body's anchors are damped; shape
+            (node_count,).
         diagonal: what A has beside the stiffness of the elements: masses with their damping, and anchors [kg], shape
             (node_count, 3).
         symbolic: the pattern of A and of its factor.
@@ -63,12 +65,18 @@ class Elasticity:
         node_counts = [len(body.rest_position) for body in bodies]
         rayleigh_mass = np.array([body.settings.rayleigh_mass for body in bodies])
         lag = np.array([time.step + body.settings.rayleigh_stiffness for body in bodies])
+        # A spring taken at the end of the step pulls its node to where the base is then, however fast that moves.
+        is_damped = np.array([body.settings.damped_anchors for body in bodies])
+        anchor_lag = np.where(is_damped, lag, time.step)
         mass_factor, stiffness_factor = 1.0 + time.step * rayleigh_mass, time.step * lag
+        anchor_factor = time.step * anchor_lag
         if time.dynamics == "first order":
-            rayleigh_mass, lag = np.zeros(len(bodies)), np.zeros(len(bodies))
+            rayleigh_mass, lag, anchor_lag = (np.zeros(len(bodies)) for _ in range(3))
             mass_factor, stiffness_factor = np.full(len(bodies), time.step), np.full(len(bodies), time.step**2)
+            anchor_factor = stiffness_factor
         self.node_rayleigh_mass = np.repeat(rayleigh_mass, node_counts)
         self.node_lag = np.repeat(lag, node_counts)
+        self.anchor_lag = np.repeat(anchor_lag, node_counts)
         polar = np.repeat([int(body.settings.corotation == "polar") for body in bodies], counts).astype(np.int32)
         element_lag, element_factor = np.repeat(lag, counts), np.repeat(stiffness_factor, counts)
         some = self.linear
@@ -76,7 +84,7 @@ class Elasticity:
         turns_ahead = np.array([body.domains is not None and (body.laws.kind != HOOKE).any() for body in bodies])
         self.node_lead = np.repeat(np.where(turns_ahead & (lag > 0.0), time.step, 0.0), node_counts)
         self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
-        held = np.repeat(stiffness_factor, node_counts)[:, None] * self.anchor_stiffness
+        held = np.repeat(anchor_factor, node_counts)[:, None] * self.anchor_stiffness
         self.diagonal = (np.repeat(mass_factor, node_counts) * self.node_mass)[:, None] + held
         own_domains = any(body.domains is not None for body in bodies)
         self.domains = DomainElasticity(bodies, element_lag, element_factor, time.step) if own_domains else None

@@ -13,8 +13,8 @@ class Anchors(NamedTuple):
     Attributes:
         node: the anchored nodes, shape (anchor_count,).
         stiffness: along x, y and z [mN/mm], shape (node_count, 3).
-        lag: how far ahead along the velocities the springs are taken [s]: h + b from the start of a step, b from its
-            end, 0 in first order dynamics; shape (node_count,).
+        lag: how far ahead along the velocities the springs are taken [s]: h from the start of a step, 0 from its end,
+            with b more where they are damped; 0 in first order dynamics; shape (node_count,).
         position: where they are held before the base moves them [mm], shape (anchor_count, 3).
     """
 

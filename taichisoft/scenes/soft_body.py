@@ -296,6 +296,9 @@ class SoftBody(Table):
     """Rayleigh damping with the mass [1/s]."""
     rayleigh_stiffness: NotNegative = 0.0
     """Rayleigh damping with the stiffness [s]."""
+    damped_anchors: bool = False
+    """Whether rayleigh_stiffness damps the springs of the anchors too, as in SOFA: a base that moves at a velocity v
+    then drags the anchored nodes rayleigh_stiffness times v behind it. Otherwise they are where the base is."""
     corotation: Literal["polar", "edges"] = "polar"
     """Rotation of an element: the one nearest to its deformation, or that of its first two edges, as SOFA's method
     "large" has it; the latter, for linear elements alone, depends on the order in which the mesh lists their nodes."""

@@ -37,10 +37,8 @@ class EndOfStep:
         self._time_step = model.scene.time.step
         self._has_inertia = model.scene.time.dynamics == "second order"
         # The lag is h + b in second order dynamics, and 0 in first order ones, where nothing is damped.
-        lag = elasticity.node_lag
-        self._damping_lag = np.maximum(lag - self._time_step, 0.0)
-        self._is_damped = bool(self._damping_lag.any())
-        self._anchors = soft.anchors._replace(lag=self._damping_lag)
+        self._is_damped = bool((elasticity.node_lag > self._time_step).any())
+        self._anchors = soft.anchors._replace(lag=np.maximum(elasticity.anchor_lag - self._time_step, 0.0))
         pairs = elasticity.symbolic.block_pairs
         off = np.flatnonzero(pairs[:, 0] != pairs[:, 1])
         row, column = np.concatenate([pairs, pairs[off, ::-1]]).T

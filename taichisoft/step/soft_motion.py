@@ -46,7 +46,7 @@ class SoftMotion:
         self.anchors = kernels.Anchors(
             node=model.anchored_nodes,
             stiffness=elasticity.anchor_stiffness,
-            lag=elasticity.node_lag,
+            lag=elasticity.anchor_lag,
             position=np.empty((len(model.anchored_nodes), 3)),
         )
         self.base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))

@@ -35,6 +35,7 @@ def _scene(run: Any, folder: Path, fingers: dict[str, str], body: dict[str, Any]
             **body,
             "element": "linear",
             "corotation": "edges",  # SOFA's method "large"
+            "damped_anchors": True,
             "anchors": [
                 {"nodes": run[f"{name}_fixed_rss"].tolist(), "stiffness": float(run[f"{name}_rss_stiffness"][0])}
             ],

@@ -20,6 +20,7 @@ def finger(shared: Path, mesh: str = COARSE) -> dict[str, Any]:
         "poisson_ratio": 0.3,
         "rayleigh_mass": 0.1,
         "rayleigh_stiffness": 0.1,
+        "damped_anchors": True,
         "element": "linear",
         "corotation": "edges",  # SOFA's method "large"
         "regions": [{"box": [[-100, 22.5, -8], [-19, 28, 8]], "young_modulus": 1500}],

@@ -82,6 +82,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     if solver is not None:
         table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
+        table["damped_anchors"] = True
     topology = _topology(body)
     if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
         table["embedding"] = "grid"
