@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 FILE_NAME = "metrics.json"
 STRETCH_EVERY = 20
 """Steps from one look at the stretches to the next."""
+ENDED_BY_USER = ("stopped", "interrupted")
+"""Outcomes of runs that may have reached their goal, or would have, had they gone on."""
 MOST = 0.99
 """Share of a body's elements whose stretches lie below the second figure."""
 
@@ -85,9 +87,12 @@ class MetricsOutput(Output):
             TaichisoftError: the file cannot be written.
         """
         self.metrics = self.figures(outcome)
-        goal = self._scene.goal
-        missed = self._shortcomings() if goal is not None and outcome == "completed" else []
-        reached = None if goal is None else outcome == "completed" and not missed
+        goal, completed = self._scene.goal, outcome == "completed"
+        judged = goal is not None and self._figures.last is not None and (completed or outcome in ENDED_BY_USER)
+        missed = self._shortcomings() if judged else []
+        reached = None if goal is None else judged and not missed
+        if outcome in ENDED_BY_USER and not reached:
+            reached = None
         doubt = doubts(self.metrics, len(self._lift.forces)) if reached and self._lift is not None else ""
         self.metrics |= {
             "goal": None if goal is None else goal.kind,
@@ -95,11 +100,11 @@ class MetricsOutput(Output):
             "goal_is_doubtful": bool(doubt),
             "held": reached if goal is not None and goal.kind == "held" else None,
         }
-        self._verdict = "no" if not reached else f"yes, but doubtful: {doubt}" if doubt else "yes"
+        self._verdict = self._words(reached, doubt, outcome)
         self._write()
-        if goal is not None and missed:
+        if goal is not None and completed and missed:
             raise GoalMissed(f"'{goal.object}' is not {goal.kind}: {'; '.join(missed)}")
-        if goal is not None and doubt:
+        if goal is not None and completed and doubt:
             raise GoalMissed(f"'{goal.object}' is {goal.kind}, but that is doubtful: {doubt}")
 
     def figures(self, outcome: str) -> dict[str, Any]:
@@ -148,6 +153,13 @@ class MetricsOutput(Output):
             "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
             "real-time factor": f"{m['real_time_factor']:.2f}",
         }
+
+    def _words(self, reached: bool | None, doubt: str, outcome: str) -> str:
+        """The verdict on the goal in words."""
+        if outcome not in ENDED_BY_USER:
+            return "no" if not reached else f"yes, but doubtful: {doubt}" if doubt else "yes"
+        ended = f"{outcome} at {self.metrics.get('simulated_time_s', 0.0):g} s"
+        return f"not judged: {ended}" if not reached else f"yes, {ended}{f', but doubtful: {doubt}' if doubt else ''}"
 
     def _newton_rows(self) -> dict[str, str]:
         m = self.metrics

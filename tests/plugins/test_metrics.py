@@ -83,16 +83,27 @@ def follow(
     changes: dict[int, dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
     """Metrics of a run whose base and cube are at the given heights [mm] before the first and after each step."""
-
-    output = MetricsOutput(folder)
-    output.begin(model(goal), state(base[0], cube[0]))
-    for step, heights in enumerate(zip(base[1:], cube[1:], strict=True)):
-        output.record(state(*heights), report(step, **(changes or {}).get(step, {})))
+    output = watch(folder, base, cube, goal, changes)
     try:
         output.end(outcome)
     finally:
         output.summary()
     return json.loads((folder / "metrics.json").read_text())
+
+
+def watch(
+    folder: Path,
+    base: list[float],
+    cube: list[float],
+    goal: bool = True,
+    changes: dict[int, dict[str, Any]] | None = None,
+) -> MetricsOutput:
+    """The output of such a run that has not ended yet."""
+    output = MetricsOutput(folder)
+    output.begin(model(goal), state(base[0], cube[0]))
+    for step, heights in enumerate(zip(base[1:], cube[1:], strict=True)):
+        output.record(state(*heights), report(step, **(changes or {}).get(step, {})))
+    return output
 
 
 RISE = [0.0, 0.0, 0.0, 10.0, 20.0]
@@ -281,10 +292,33 @@ def test_only_what_failed_is_said(tmp_path: Path) -> None:
     assert str(missed.value) == "'cube' is not held: creep 0.12 mm in the last 2 s (limit 0.1 mm)"
 
 
-@pytest.mark.parametrize("outcome", ["interrupted", "step 3: body 'cube' exploded"])
-def test_a_run_that_did_not_end_is_not_held_and_raises_nothing_of_its_own(tmp_path: Path, outcome: str) -> None:
+def test_a_run_that_failed_is_not_held_and_raises_nothing_of_its_own(tmp_path: Path) -> None:
+    outcome = "step 3: body 'cube' exploded"
     metrics = follow(tmp_path, RISE + HOLD, cube_heights(), outcome=outcome)
     assert (metrics["held"], metrics["outcome"]) == (False, outcome)
+
+
+@pytest.mark.parametrize("outcome", ["stopped", "interrupted"])
+def test_a_run_that_its_user_ended_is_judged_where_it_reached_its_goal(tmp_path: Path, outcome: str) -> None:
+    output = watch(tmp_path, RISE + HOLD, cube_heights())
+    output.end(outcome)
+    assert (output.metrics["goal_reached"], output.metrics["held"]) == (True, True)
+    assert output.summary()["cube held"] == f"yes, {outcome} at {output.metrics['simulated_time_s']:g} s"
+
+
+@pytest.mark.parametrize("outcome", ["stopped", "interrupted"])
+def test_a_run_that_its_user_ended_before_the_goal_was_reached_is_not_judged(tmp_path: Path, outcome: str) -> None:
+    """Nobody knows what it would have done; nothing is raised, since the user knows that the run has ended."""
+    output = watch(tmp_path, RISE, cube_heights()[: len(RISE)])
+    output.end(outcome)
+    metrics = output.metrics
+    assert (metrics["goal"], metrics["goal_reached"], metrics["held"]) == ("held", None, None)
+    assert output.summary()["cube held"] == f"not judged: {outcome} at {metrics['simulated_time_s']:g} s"
+
+
+def test_a_run_that_its_user_ended_before_its_first_step_is_not_judged(tmp_path: Path) -> None:
+    metrics = follow(tmp_path, [0.0], [0.0], outcome="stopped")
+    assert (metrics["steps"], metrics["goal_reached"], metrics["held"]) == (0, None, None)
 
 
 def test_a_run_without_a_step_still_leaves_its_outcome(tmp_path: Path) -> None:

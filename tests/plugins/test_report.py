@@ -174,6 +174,13 @@ def test_a_grasp_that_is_doubtful_is_not_shown_as_good(folder: Path) -> None:
     assert '<span class="pill bad">held, doubtful: 7 of 20 steps did not converge</span>' in page
 
 
+def test_a_run_that_its_user_ended_is_shown_as_not_judged(folder: Path) -> None:
+    (folder / "metrics.json").unlink()
+    (folder / "metrics.json").write_text(json.dumps({"outcome": "stopped", "goal": "held", "goal_reached": None}))
+    page = write_report(folder / "recording.h5").read_text(encoding="utf-8")
+    assert '<span class="pill bad">held: not judged</span>' in page
+
+
 def test_what_is_missing_is_said(run: Path, tmp_path: Path) -> None:
     (tmp_path / "recording.h5").symlink_to(run)
     page = page_of(tmp_path)

@@ -110,6 +110,8 @@ def _status(recording: Recording, metrics: Mapping[str, Any]) -> str:
         if reached and metrics.get("goal_is_doubtful"):
             steps = f"{metrics.get('unconverged_steps')} of {metrics.get('steps')} steps did not converge"
             pills[0] = ("bad", f"{kind}, doubtful: {steps}")
+    elif kind is not None:
+        pills.insert(0, ("bad", f"{kind}: not judged"))
     times = recording.times
     restarts = int((times[1:] < times[:-1]).sum())
     texts = [f"{times[-1]:g} s simulated"]
