@@ -53,6 +53,5 @@ def summarise_contacts(model: Model, state: State) -> ContactSummary:
 
 
 def _by_pair(names: list[Pair], rows: np.ndarray, start: np.ndarray) -> dict[Pair, np.ndarray]:
-    """The rows of each pair, read-only; those of one stand together from `start` on."""
-    rows.flags.writeable = False
+    """The rows of each pair, which stand together from `start` on."""
     return dict(zip(names, np.split(rows, start[1:]), strict=True))

@@ -10,7 +10,7 @@ import numpy as np
 class Control:
     """What a controller asks for; whatever it does not mention stays as it was asked for last.
 
-    The scene's `[limits]` stand between what is asked for and what happens.
+    The scene's `[limits]` stand between what is asked for and what happens. Angles are in radians.
 
     Attributes:
         pressure: pressures [kPa] by cavity name ("finger1.cavity"); a cavity is driven by pressure or by volume.

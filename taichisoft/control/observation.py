@@ -13,7 +13,10 @@ Pair = tuple[str, str]
 
 @dataclass(frozen=True)
 class Observation:
-    """What a controller sees before a step; it depends on the state alone. Arrays are read-only.
+    """What a controller sees before a step; it depends on the state alone.
+
+    Angles are in radians, as in `Control`; scenes, scripts and results for people to read have degrees and say so. The
+    arrays belong to this observation: who writes to them changes neither the simulation nor what others see.
 
     A finger is a soft body with anchors: its tip is what its `tip` in the scene selects. Pairs of bodies stand in the
     scene's order, ("finger1", "cube"); those further apart than `contact.alarm_distance` are left out.

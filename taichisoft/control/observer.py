@@ -1,6 +1,7 @@
 """What a controller sees, worked out from a state."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from threading import Lock
 from types import MappingProxyType
 
@@ -13,6 +14,18 @@ from taichisoft.control.limits import clipped
 from taichisoft.control.observation import Observation
 from taichisoft.model import Model
 from taichisoft.state import State
+
+ARRAYS_BY_NAME = (
+    "tip_positions",
+    "tip_velocities",
+    "object_positions",
+    "object_rotations",
+    "object_velocities",
+    "object_angular_velocities",
+    "contact_points",
+    "contact_forces",
+)
+"""Fields of an observation that hold arrays by name."""
 
 
 class Observer:
@@ -36,11 +49,11 @@ class Observer:
         self._last: tuple[State, Observation] | None = None
 
     def observe(self, state: State) -> Observation:
-        """What a controller sees before the step that follows `state`; worked out once."""
+        """What a controller sees before the step that follows `state`; worked out once, copied for who asks."""
         with self._working:
             if self._last is None or self._last[0] is not state:
                 self._last = state, self._work_out(state)
-            return self._last[1]
+            return _copied(self._last[1])
 
     def _work_out(self, state: State) -> Observation:
         model, tips, contacts = self._model, self._fingertips, summarise_contacts(self._model, state)
@@ -60,8 +73,8 @@ class Observer:
             tip_positions=_by_name(tips.names, tip_positions),
             tip_velocities=_by_name(tips.names, tip_velocities),
             bending_angles=_numbers(tips.names, bending_angles),
-            base_translation=_read_only(state.base_translation),
-            base_rotation=_read_only(state.base_rotation),
+            base_translation=state.base_translation,
+            base_rotation=state.base_rotation,
             object_positions=_by_name(self._object_names, state.rigid_position),
             object_rotations=_by_name(self._object_names, state.rigid_rotation),
             object_velocities=_by_name(self._object_names, state.rigid_velocity),
@@ -70,21 +83,25 @@ class Observer:
             normal_forces=MappingProxyType(contacts.normal_forces),
             friction_forces=MappingProxyType(contacts.friction_forces),
             slip_speeds=MappingProxyType(contacts.slip_speeds),
-            contact_points=MappingProxyType(contacts.points),
-            contact_forces=MappingProxyType(contacts.forces),
+            contact_points=contacts.points,
+            contact_forces=contacts.forces,
             clipped=clipped(model, state),
             state=state,
         )
 
 
-def _read_only(values: np.ndarray) -> np.ndarray:
-    view = values.view()
-    view.flags.writeable = False
-    return view
+def _copied(seen: Observation) -> Observation:
+    """An observation with arrays of its own: compiled functions, such as scipy's of rotations, need writable ones."""
+    own = {
+        name: MappingProxyType({key: values.copy() for key, values in getattr(seen, name).items()})
+        for name in ARRAYS_BY_NAME
+    }
+    translation, rotation = seen.base_translation.copy(), seen.base_rotation.copy()
+    return replace(seen, base_translation=translation, base_rotation=rotation, **own)
 
 
 def _by_name(names: tuple[str, ...], values: np.ndarray) -> Mapping[str, np.ndarray]:
-    return MappingProxyType(dict(zip(names, _read_only(values), strict=True)))
+    return dict(zip(names, values, strict=True))
 
 
 def _numbers(names: tuple[str, ...], values: np.ndarray) -> Mapping[str, float]:
