@@ -59,7 +59,8 @@ def taichisoft_controllers() -> "Mapping[str, Callable[..., Controller]]":  # ty
     """Controllers by name; called when a run looks for its controller.
 
     Each value makes a controller. Its arguments are the keys that `controller.settings` of a scene may have; those
-    without a default must be there.
+    without a default must be there. Where its only argument is annotated with a dataclass or a pydantic model, the keys
+    are the fields of that. Values of another type than the annotated one are refused before the run.
     """
 
 

@@ -30,7 +30,7 @@ def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], pre
     # Where a key takes values of several kinds, pydantic names the kind; the tables give them names in brackets.
     location = tuple(part for part in path if not str(part).startswith("<"))
     key = ".".join([prefix] * bool(prefix) + [str(part) for part in location])
-    value = f"{key} = {_short(problem['input'])}"
+    value = f"{key} = {short_text(problem['input'])}"
     match problem["type"]:
         case "extra_forbidden":
             return f"{key}: unknown key; {nearest(str(location[-1]), _valid_keys(table, path[:-1]), 'valid keys')}"
@@ -46,7 +46,7 @@ def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], pre
             absent = [found for found in problems if found["type"] == "missing" and found["loc"][:-1] == path[:-1]]
             given = len(problem["input"])
             parent = key.rpartition(".")[0]
-            return f"{parent} = {_short(problem['input'])}: has {given} values; {given + len(absent)} are needed"
+            return f"{parent} = {short_text(problem['input'])}: has {given} values; {given + len(absent)} are needed"
         case "missing":
             return f"{key}: this key is missing"
         case "too_long" if "max_length" in problem["ctx"]:
@@ -64,7 +64,8 @@ def _describe(problem: Any, problems: Sequence[Any], table: type[BaseModel], pre
             return f"{value}: {problem['msg'][0].lower()}{problem['msg'][1:]}"
 
 
-def _short(value: Any) -> str:
+def short_text(value: Any) -> str:
+    """A value as a line shows it."""
     text = repr(value)
     return text if len(text) <= LONGEST_VALUE else text[: LONGEST_VALUE - 3] + "..."
 

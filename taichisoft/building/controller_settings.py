@@ -1,0 +1,111 @@
+"""The settings of a controller, checked against the arguments of what makes it before anything is run."""
+
+import dataclasses
+import functools
+import inspect
+import types
+from collections.abc import Callable, Mapping
+from typing import Any, Union, get_origin, get_type_hints
+
+import pydantic
+import pydantic_core
+
+from taichisoft.errors import SceneError, nearest
+from taichisoft.scenes.validation_errors import first_problem, short_text
+
+PREFIX = "controller.settings"
+NUMBER = int | float
+NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
+
+
+def checked_arguments(factory: Callable[..., Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """The arguments with which to call what makes a controller.
+
+    The settings are its arguments by name, or the fields of its only argument where that is annotated with a dataclass
+    or a pydantic model. Each must be of the annotated type, as TOML and JSON write it: a list for a tuple, text for a
+    path, but no text for a number. Without an annotation a default that is a number asks for one.
+
+    Raises:
+        SceneError: a key is unknown or missing, or a value is of another type.
+    """
+    arguments = inspect.signature(factory).parameters
+    named = {name: argument for name, argument in arguments.items() if argument.kind in NAMED}
+    kinds = {name: _kind(argument, factory) for name, argument in named.items()}
+    if len(arguments) == len(named) == 1:
+        ((name, kind),) = kinds.items()
+        if dataclasses.is_dataclass(kind) or _is_model(kind):
+            return {name: _checked_fields(kind, settings)}
+    if not any(argument.kind is argument.VAR_KEYWORD for argument in arguments.values()):
+        _refuse_unknown(settings, list(named))
+    for name, argument in named.items():
+        if argument.default is argument.empty and name not in settings:
+            raise SceneError(f"{PREFIX}.{name}: this key is missing")
+    return {name: _checked_argument(name, kinds.get(name, Any), value) for name, value in settings.items()}
+
+
+def _checked_fields(kind: Any, settings: Mapping[str, Any]) -> Any:
+    """An object of a dataclass or a pydantic model with these fields."""
+    if dataclasses.is_dataclass(kind):
+        _refuse_unknown(settings, [field.name for field in dataclasses.fields(kind) if field.init])
+    elif kind.model_config.get("extra") != "allow":
+        _refuse_unknown(settings, [field.alias or name for name, field in kind.model_fields.items()])
+    return _checked(pydantic.TypeAdapter(kind), PREFIX, dict(settings))
+
+
+def _checked_argument(name: str, kind: Any, value: Any) -> Any:
+    key = f"{PREFIX}.{name}"
+    try:
+        adapter = pydantic.TypeAdapter(kind)
+    except (pydantic.PydanticSchemaGenerationError, pydantic.PydanticUserError):  # not a type of data
+        return value
+    try:
+        return _checked(adapter, key, value)
+    except SceneError as error:
+        if get_origin(kind) not in (Union, types.UnionType):
+            raise
+        wanted = "a number" if kind == NUMBER else inspect.formatannotation(kind)
+        raise SceneError(f"{key} = {short_text(value)}: must be {wanted}") from error
+
+
+def _refuse_unknown(settings: Mapping[str, Any], valid: list[str]) -> None:
+    for key in settings:
+        if key not in valid:
+            raise SceneError(f"{PREFIX}.{key}: unknown key; {nearest(key, valid, 'valid keys')}")
+
+
+def _kind(argument: inspect.Parameter, factory: Callable[..., Any]) -> Any:
+    """The type of an argument; Any where nothing says it, or where its names are those of a type checker alone."""
+    if argument.annotation is argument.empty:
+        is_number = isinstance(argument.default, int | float) and not isinstance(argument.default, bool)
+        return NUMBER if is_number else Any
+    function = factory.func if isinstance(factory, functools.partial) else factory
+    function = inspect.unwrap(function.__init__ if isinstance(function, type) else function)  # type: ignore[misc]
+    annotated = types.SimpleNamespace(__annotations__={argument.name: argument.annotation})
+    try:
+        hints = get_type_hints(annotated, getattr(function, "__globals__", {}), include_extras=True)
+    except (NameError, AttributeError, TypeError, SyntaxError):
+        return Any
+    return hints[argument.name]
+
+
+def _checked(adapter: "pydantic.TypeAdapter[Any]", key: str, value: Any) -> Any:
+    """A value as an object of the adapter's type.
+
+    Raises:
+        SceneError: it is of another type.
+    """
+    try:
+        return adapter.validate_python(value, strict=True)
+    except pydantic.ValidationError as error:
+        problem = error
+    try:
+        return adapter.validate_json(pydantic_core.to_json(value, inf_nan_mode="constants"), strict=True)
+    except pydantic.ValidationError as error:
+        problem = error
+    except pydantic_core.PydanticSerializationError:  # an object that files do not have
+        pass
+    raise SceneError(first_problem(problem, pydantic.BaseModel, key)) from problem
+
+
+def _is_model(kind: Any) -> bool:
+    return isinstance(kind, type) and issubclass(kind, pydantic.BaseModel)
