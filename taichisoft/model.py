@@ -24,6 +24,7 @@ from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.errors import SceneError, StateError, nearest
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.scene import Scene
+from taichisoft.scenes.validation_errors import short_text
 from taichisoft.state import State
 
 
@@ -186,11 +187,16 @@ class Model:
         return np.where(self.cables.pull_point_moves[:, None], moved, state.pull_point)
 
     def check(self, state: State) -> None:
-        """Refuse a state of another model: its arrays must have the model's sizes, its time the model's step.
+        """Refuse a state of another model, whose arrays have other sizes or whose time another step.
 
         Raises:
-            StateError: one differs.
+            StateError: something differs; or it is not a state, or has a value that is not a finite number.
         """
+        if not isinstance(state, State):
+            raise StateError(f"{short_text(state)}: must be a taichisoft.State")
+        problem = state.problem()
+        if problem:
+            raise StateError(f"the state cannot be simulated: {problem}")
         time_step = self.scene.time.step
         if abs(state.time - state.step * time_step) > 1e-6 * time_step:
             raise StateError(

@@ -57,7 +57,7 @@ class Simulation:
         """Go on from a state of this model, an earlier one or one read from a file.
 
         Raises:
-            StateError: it belongs to another model.
+            StateError: it belongs to another model, or has a value that is not a finite number.
         """
         self.model.check(state)
         self.state = state

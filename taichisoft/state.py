@@ -110,6 +110,17 @@ class State:
             for name, value in _items(self)
         )
 
+    def problem(self) -> str:
+        """Why nothing can go on from it: a field that is no array of finite numbers; empty where it can."""
+        for name, value in _items(self):
+            is_array = name not in ("time", "step")
+            kind = np.asarray(value).dtype.kind
+            if is_array != isinstance(value, np.ndarray) or kind not in ("biuf" if is_array else "iuf"):
+                return f"its {name} is {'not an array of numbers' if is_array else 'not a number'}"
+            if kind == "f" and not np.isfinite(value).all():
+                return f"its {name} has a number that is not finite"
+        return ""
+
     def save(self, path: str | Path) -> None:
         """Write the whole state to an .npz file."""
         arrays: dict[str, Any] = dict(_items(self))

@@ -1,5 +1,6 @@
 """What an action means: pressures of cavities, pulls of cables, and velocities of the base."""
 
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +18,7 @@ AXES = ("right", "front", "up")
 USUAL_PULL = 20.0
 """Longest pull of a cable without a stop [mm]."""
 USUAL_SPEED = 100.0
-"""Highest speed of the base where the scene has no limit [mm/s]."""
+"""Highest speed of the base, if the scene's limit is not lower [mm/s]."""
 
 
 def scene_axes(scene: Scene) -> np.ndarray:
@@ -67,7 +68,7 @@ class Actuation:
         self.actuator_channels = tuple(channels)
         self._moves = [axis for axis in range(3) if travel is not None and travel.low[axis] < travel.high[axis]]
         if travel is not None:
-            speed = travel.speed
+            speed = min(travel.speed, math.inf if scene.limits.base_speed is None else scene.limits.base_speed)
             channels += [Channel(f"base velocity {AXES[axis]}", "mm/s", -speed, speed) for axis in self._moves]
         self.channels = tuple(channels)
         self._low, self._high = (np.array([getattr(one, end) for one in channels]) for end in ("low", "high"))

@@ -57,8 +57,8 @@ class Carry(GripperEnvironment):
         if target is None:
             distance, angle = self.np_random.uniform(*self._distance), self.np_random.uniform(0.0, 2.0 * np.pi)
             target = distance * np.array([np.cos(angle), np.sin(angle)])
-        self._target = np.array(target, np.float64)
-        if self._target.shape != (2,) or not self._target.any():
+        self._target = self._numbers(target)
+        if self._target.shape != (2,) or not np.isfinite(self._target).all() or not self._target.any():
             raise SceneError(
                 f"options['target'] = {target!r}: must be a way to the right and to the front [mm], not zero"
             )

@@ -15,6 +15,7 @@ from taichisoft.errors import SceneError, SimulationDiverged
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft.scenes.scene import Scene
 from taichisoft.state import State
+from taichisoft_gym import pressures
 from taichisoft_gym.actuation import Actuation, Travel, scene_axes
 from taichisoft_gym.channels import Channel, Quantity, box_of, saturated
 from taichisoft_gym.randomisation import Randomisation
@@ -42,12 +43,14 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         channels: meaning of each number of an observation.
         action_channels: what -1 and 1 of each number of an action stand for.
         simulation: simulation of all episodes; what is drawn anew changes its state and its model.
+        usual_pressure: pressures that -1 and 1 stand for where no argument says it [kPa].
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
         "render_modes": ["rgb_array", "human"],
         "render_fps": 20,
     }
+    usual_pressure: ClassVar[tuple[float, float]] = (0.0, 100.0)
     simulation: "Simulation"
 
     def __init__(
@@ -56,8 +59,8 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         scene: str | Path | Scene,
         object: Mapping[str, Any] | None = None,
         friction: float | None = None,
-        pressure: tuple[float, float] = (0.0, 100.0),
-        pressure_rate: float = 300.0,
+        pressure: tuple[float, float] | None = None,
+        pressure_rate: float | None = None,
         noise: float = 0.0,
         randomisation: Randomisation | Mapping[str, Any] | None = None,
         control_period: float = 0.05,
@@ -72,8 +75,9 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
             scene: scene, or its name or path.
             object: keys of the scene's object that differ, such as {"mass": 0.01} or another shape.
             friction: Coulomb's coefficient [-] instead of the scene's.
-            pressure: pressures that -1 and 1 stand for [kPa].
-            pressure_rate: fastest change of a pressure [kPa/s].
+            pressure: pressures that -1 and 1 stand for [kPa], none beyond a limit of the scene or of a cavity; when it
+                is not given, `usual_pressure` as far as these allow.
+            pressure_rate: fastest change of a pressure [kPa/s]; when it is not given 300, or the scene's if lower.
             noise: standard deviation of what is observed, in parts of each channel's range [-].
             randomisation: ranges from which every reset draws, see `Randomisation`.
             control_period: time between two actions [s].
@@ -87,14 +91,15 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise SceneError(f"render_mode = {render_mode!r}: must be one of {self.metadata['render_modes']}, or None")
         read = scene if isinstance(scene, Scene) else load_scene(scene)
-        self.scene = changed_scene(read, object, friction, pressure, pressure_rate)
+        between = pressures.pressure_range(read, pressure, self.usual_pressure)
+        self.scene = changed_scene(read, object, friction, between, pressures.pressure_rate(read, pressure_rate))
         self._scene_text = scene_to_toml(self.scene)
         self._axes = scene_axes(self.scene)
         self._steps = _whole_steps(control_period, self.scene.time.step)
         self._period = control_period
         self._noise = noise
         self._randomisation = Randomisation.of(randomisation)
-        self._actuation = Actuation(self.scene, pressure, travel)
+        self._actuation = Actuation(self.scene, between, travel)
         self.action_channels = self._actuation.channels
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_channels),), np.float32)
         self._quantities = self._observed()
@@ -120,7 +125,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
 
         Raises:
             SceneError: an option is unknown; or hardly any place of the object is free of other bodies.
-            StateError: the state belongs to another model.
+            StateError: the state belongs to another model, or has a value that is not a finite number.
         """
         super().reset(seed=seed)
         options = dict(options or {})
@@ -139,12 +144,16 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         """Simulate one control period.
 
         An episode is terminated when the task has failed for good, and truncated when the simulation diverges, which
-        says nothing of the task; info has "diverged" then.
+        says nothing of the task; info has "diverged" then. Numbers of the action beyond -1 and 1 count as these ends,
+        for the motion and for the reward.
+
+        Raises:
+            ResetNeeded: no episode has begun.
+            SceneError: the action is not as many finite numbers as `action_space` has.
         """
-        asked = np.asarray(action, np.float64)
-        if asked.shape != self.action_space.shape or not np.isfinite(asked).all():
-            raise SceneError(f"action {action!r}: must be {len(self.action_channels)} finite numbers from -1 to 1")
-        control = self._actuation.control(np.clip(asked, -1.0, 1.0), self.simulation.state, self._period)
+        self._refuse_before_reset()
+        asked = self._valid_action(action)
+        control = self._actuation.control(asked, self.simulation.state, self._period)
         diverged = ""
         try:
             for _ in range(self._steps):
@@ -172,8 +181,12 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         size: tuple[int, int],
         marks: Sequence[Sequence[float]] | np.ndarray = (),
     ) -> np.ndarray:
-        """A picture of the present state, as `Simulation.render` describes it."""
-        assert self._model is not None, "reset comes first"
+        """A picture of the present state, as `Simulation.render` describes it.
+
+        Raises:
+            ResetNeeded: no episode has begun.
+        """
+        self._refuse_before_reset()
         return self.simulation.render(camera, size, marks=marks)
 
     def close(self) -> None:
@@ -209,6 +222,26 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
     @abstractmethod
     def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
         """How well it goes after a control period with an action; None at the beginning of an episode."""
+
+    def _refuse_before_reset(self) -> None:
+        if self._model is None:
+            raise gymnasium.error.ResetNeeded("no episode has begun: call reset() first")
+
+    @staticmethod
+    def _numbers(value: Any) -> np.ndarray:
+        """An argument as numbers of nobody else's; NaN alone where it is something else."""
+        try:
+            given = np.asarray(value)
+        except ValueError:  # rows of unequal lengths
+            return np.array(np.nan)
+        return given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(np.nan)
+
+    def _valid_action(self, action: Any) -> np.ndarray:
+        """An action as numbers from -1 to 1, shape (action_count,), which nobody else changes."""
+        asked = self._numbers(action)
+        if asked.shape != self.action_space.shape or not np.isfinite(asked).all():
+            raise SceneError(f"action {action!r}: must be {len(self.action_channels)} finite numbers from -1 to 1")
+        return np.clip(asked, -1.0, 1.0)
 
     def _begin(self, given: State | None, drawn: dict[str, float]) -> None:
         """Put the simulation at the start of an episode."""

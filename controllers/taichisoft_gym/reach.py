@@ -27,10 +27,12 @@ REST = 0.3
 class Reach(SoftRobotEnvironment):
     """Reach-v0; docs/environments.md describes it."""
 
+    usual_pressure = (0.0, 60.0)
+
     def __init__(
         self,
         scene: str | Path | Scene = "finger-inflated",
-        pressure: tuple[float, float] = (0.0, 60.0),
+        pressure: tuple[float, float] | None = None,
         tolerance: float = 3.0,
         **common: Any,
     ):
@@ -38,7 +40,7 @@ class Reach(SoftRobotEnvironment):
 
         Args:
             scene: scene, or its name or path, whose first finger reaches.
-            pressure: pressures that -1 and 1 stand for [kPa].
+            pressure: pressures that -1 and 1 stand for [kPa]; when it is not given 0 to 60 as far as the scene allows.
             tolerance: distance to the target within which it is reached [mm].
 
         Raises:
@@ -84,7 +86,7 @@ class Reach(SoftRobotEnvironment):
                 target = [np.interp(share, along, places[:, axis]) for axis in range(3)]
             else:
                 target = places[int(share * len(places))]
-        self._target = np.array(target, np.float64)
+        self._target = self._numbers(target)
         if self._target.shape != (3,) or not np.isfinite(self._target).all():
             raise SceneError(f"options['target'] = {target!r}: must be a point [mm], three finite numbers")
         self._last_action: np.ndarray | None = None

@@ -45,8 +45,6 @@ def changed_scene(
     Raises:
         SceneError: one of these is not valid.
     """
-    if not pressure[0] < pressure[1]:
-        raise SceneError(f"pressure = {tuple(pressure)}: the first must be below the second [kPa]")
     tables = scene.model_dump(mode="json", exclude_none=True)
     tables["limits"] |= {
         "lowest_pressure": pressure[0],

@@ -192,12 +192,17 @@ def test_the_pressure_that_a_target_was_measured_at_reaches_it(share: float) -> 
     env.reset(options={"target": target})
     _, reward, _, _, told = env.step(np.array([1.0]))  # the first action is no change
     assert reward == pytest.approx(-0.1 * told["distance"])
-    with pytest.raises(SceneError, match="must be a point"):
-        env.reset(options={"target": (1.0, 2.0)})
+    for wrong in ((1.0, 2.0), (1.0, 2.0, np.nan), "there", [[1.0], 2.0, 3.0]):
+        with pytest.raises(SceneError, match="must be a point"):
+            env.reset(options={"target": wrong})
 
 
 def test_carrying_pays_where_the_object_comes_nearer_and_most_where_it_is_let_go() -> None:
     env = make("Carry", tolerance=2.0)
+    env.reset()
+    for wrong in ((0.0, 0.0), (1.0, np.nan), "there"):
+        with pytest.raises(SceneError, match="must be a way to the right and to the front"):
+            env.reset(options={"target": wrong})
     env.reset(seed=0, options={"target": (10.0, 0.0)})
     _, far, _, _, told = env.step(np.array([-1.0, -1.0, 0.0, 0.0, 0.0]))
     assert told["distance"] == pytest.approx(10.0, abs=0.1)
@@ -221,6 +226,12 @@ def test_another_object_takes_the_place_of_the_scenes() -> None:
     ("told", "problem"),
     [
         ({"pressure": (10.0, 10.0)}, "the first must be below the second"),
+        ({"pressure": (0.0, 100.0)}, r"\(0, 100\): goes beyond limits.highest_pressure = 30 kPa of the scene"),
+        ({"pressure": (-1.0, 20.0)}, "goes beyond limits.lowest_pressure = 0 kPa"),
+        ({"pressure": (0.0, float("nan"))}, "must be a lowest and a highest pressure"),
+        ({"pressure": "high"}, "pressure = 'high': must be a lowest and a highest pressure"),
+        ({"pressure": 10.0}, "must be a lowest and a highest pressure"),
+        ({"pressure_rate": 301.0}, "goes beyond limits.pressure_rate = 300 kPa/s"),
         ({"control_period": 0.015}, "must be a whole multiple of the time step, 0.01 s"),
         ({"randomisation": {"fiction": (0.1, 0.2)}}, "there is no 'fiction'; did you mean 'friction'"),
         ({"randomisation": {"mass": (2.0, 1.0)}}, r"randomisation\['mass'\]"),
@@ -238,11 +249,76 @@ def test_options_and_actions_that_make_no_sense_are_refused() -> None:
     with pytest.raises(SceneError, match="there is no 'stat'; there are: state"):
         env.reset(options={"stat": None})
     env.reset()
-    with pytest.raises(SceneError, match="must be 3 finite numbers"):
-        env.step(np.array([0.0, np.nan, 0.0]))
+    for action in (
+        [0.0, np.nan, 0.0],
+        [0.0] * 2,
+        [0.0] * 4,
+        0.5,
+        "up",
+        ["a", "b", "c"],
+        [[0.0], 0.0, 0.0],
+        None,
+        [1j] * 3,
+    ):
+        with pytest.raises(SceneError, match="must be 3 finite numbers"):
+            env.step(action)
+    state = env.get_wrapper_attr("simulation").state
     other = taichisoft.Simulation(taichisoft.load_scene("gripper")).state
-    with pytest.raises(StateError, match="another model"):
-        env.reset(options={"state": other})
+    for wrong, problem in (
+        (other, "belongs to another model: its position has shape"),
+        ("state.npz", "'state.npz': must be a taichisoft.State"),
+        (state.changed(position=np.full_like(state.position, np.nan)), "its position has a number that is not finite"),
+        (state.changed(time=float("nan")), "its time has a number that is not finite"),
+        (state.changed(velocity=np.full(state.velocity.shape, "fast")), "its velocity is not an array of numbers"),
+        (state.changed(step="seven"), "its step is not a number"),
+    ):
+        with pytest.raises(StateError, match=problem):
+            env.reset(options={"state": wrong})
+    env.reset()
+    env.step(np.zeros(3))  # nothing of all that is left
+
+
+def test_a_step_or_a_picture_before_the_first_reset_says_what_is_missing() -> None:
+    env = make("Reach").unwrapped
+    for ask in (lambda: env.step(np.zeros(1)), lambda: env.picture("iso", (8, 8))):
+        with pytest.raises(gymnasium.error.ResetNeeded, match=r"call reset\(\) first"):
+            ask()
+    env.close()
+
+
+def test_an_action_beyond_the_space_counts_as_its_end_for_motion_and_reward() -> None:
+    """Reach-v0 takes a change of the action off the reward: from 1 to 5 there is none, since 5 is 1."""
+    rewards, ends = {}, {}
+    for second in (1.0, 5.0):
+        env = make("Reach")
+        env.reset(seed=0, options={"target": (-110.0, 20.0, 0.0)})
+        first = np.array([1.0])
+        env.step(first)
+        first[:] = -1.0  # the caller's own array, which says nothing of what was done
+        readings, rewards[second], *_ = env.step(np.array([second]))
+        ends[second] = readings.tobytes()
+    assert rewards[5.0] == rewards[1.0]
+    assert ends[5.0] == ends[1.0]
+
+
+def test_the_ranges_of_actions_end_at_the_limits_of_the_scene() -> None:
+    """No part of a range is dead: without an argument pressures and speeds go as far as scene and cavities allow."""
+    scene = taichisoft.load_scene(str(TINY_GRIPPER), ["limits.base_speed=40", "limits.pressure_rate=50"])
+    env = make("Grasp", scene=scene, pressure=None).unwrapped
+    ranges = {channel.name: (channel.low, channel.high) for channel in env.action_channels}
+    assert ranges["base velocity up"] == (-40.0, 40.0)
+    pressures = [between for name, between in ranges.items() if name.startswith("pressure")]
+    assert pressures == [(0.0, 30.0)] * 2
+    assert env.scene.limits.pressure_rate == 50.0
+    assert make("Reach").unwrapped.action_channels[0].high == 60.0
+
+
+def test_a_limit_of_a_cavity_counts_as_one_of_the_scene() -> None:
+    text = taichisoft.load_scene("finger-inflated", ["soft_bodies.finger.cavities.cavity.highest_pressure=18"])
+    assert make("Reach", scene=text).unwrapped.action_channels[0].high == 18.0
+    key = "soft_bodies.finger.cavities.cavity.highest_pressure = 18 kPa"
+    with pytest.raises(SceneError, match=rf"pressure = \(0, 60\): goes beyond {key}"):
+        make("Reach", scene=text, pressure=(0.0, 60.0))
 
 
 @pytest.mark.parametrize(("mode", "count"), [(None, 1), ("sync", 2)])  # a process of its own takes long to start
