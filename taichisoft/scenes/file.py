@@ -18,6 +18,7 @@ from taichisoft.scenes.shipped import find_file
 from taichisoft.scenes.validation_errors import first_problem
 
 GEOMETRY_SUFFIX = ".toml"
+GEOMETRIES = ("fingers", (GEOMETRY_SUFFIX,))
 # Keys that name a file, the shipped folder in which it is looked for, and the suffixes that it may go without.
 FILE_KEYS = {
     "mesh": ("meshes", VOLUME_SUFFIXES),
@@ -119,8 +120,9 @@ def _with_files(value: Any, folder: Path, where: str, name: str = "") -> Any:
     if name not in FILE_KEYS or not isinstance(value, str):
         return value
     is_geometry = name == "mesh" and value.lower().endswith(GEOMETRY_SUFFIX)
-    kind, suffixes = ("fingers", (GEOMETRY_SUFFIX,)) if is_geometry else FILE_KEYS[name]
+    kind, suffixes = GEOMETRIES if is_geometry else FILE_KEYS[name]
     try:
-        return str(find_file(value, kind, suffixes, folder, SceneError))
+        also = (GEOMETRIES,) if name == "mesh" and not is_geometry else ()
+        return str(find_file(value, kind, suffixes, folder, SceneError, also))
     except SceneError as error:
         raise SceneError(f"{where}: {error}") from error

@@ -209,6 +209,35 @@ def test_tables_are_laid_over_each_other() -> None:
 
 
 FINGER = data_folder() / "fingers" / "tutorial.toml"
+
+
+@pytest.mark.parametrize(
+    "mesh", ["tutorial", "tutorial.toml", {"file": "tutorial"}, {"file": "tutorial", "size": 14.0}]
+)
+def test_a_shipped_geometry_needs_no_suffix(mesh: Any) -> None:
+    body = {"mesh": mesh, "mass": 0.04, "young_modulus": 500, "poisson_ratio": 0.3}
+    found = scene_from_dict({"soft_bodies": {"finger": body}}).soft_bodies["finger"].mesh
+    assert Path(found.file) == FINGER
+    assert found.request == ({"size": 14.0} if isinstance(mesh, dict) and "size" in mesh else {})
+
+
+def test_a_geometry_beside_the_scene_needs_none_and_a_shipped_mesh_wins_over_a_geometry(file: Path) -> None:
+    body = {"mass": 0.04, "young_modulus": 500, "poisson_ratio": 0.3}
+    bodies = {"own": {**body, "mesh": {"file": "wedge"}}, "shipped": {**body, "mesh": "tutorial-coarse"}}
+    scene = scene_from_dict({"soft_bodies": bodies}, folder=file.parent)
+    assert [Path(one.mesh.file).name for one in scene.soft_bodies.values()] == ["wedge.toml", "tutorial-coarse.msh"]
+
+
+def test_a_name_of_neither_a_mesh_nor_a_geometry_lists_both() -> None:
+    body = {"mesh": {"file": "tutoriall"}, "mass": 0.04, "young_modulus": 500, "poisson_ratio": 0.3}
+    with pytest.raises(SceneError) as refused:
+        scene_from_dict({"soft_bodies": {"finger": body}})
+    assert str(refused.value).startswith(
+        "scene: soft_bodies.finger.mesh.file: tutoriall: no such file, and none of the "
+    )
+    assert str(refused.value).endswith("; fingers: long, slim, soft-tip, tendon, tutorial; did you mean 'tutorial'?")
+
+
 SAVE_FINGER = f"""
 import numpy, sys
 from pathlib import Path
