@@ -66,10 +66,12 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
 
 @hookimpl
 def taichisoft_run_begins(session: "Session") -> None:
-    """Serve the web page; keep the recording of a run without an end within bounds."""
+    """Serve the web page; keep the recording of a run without an end within bounds; say where nothing can be held."""
+    from taichisoft_plugins.hold_time import warn_of_late_motion
     from taichisoft_plugins.recording.output import limit_endless_recordings
     from taichisoft_plugins.web.output import begin_pages
 
+    warn_of_late_motion(session)
     limit_endless_recordings(session)
     begin_pages(session)
 

@@ -63,6 +63,13 @@ class Controller(ABC):
     def control(self, observation: Observation) -> Control:
         """Say what shall happen: called before every step, or every `controller.period` of the scene."""
 
+    def base_stops_at(self, observation: Observation) -> float | None:
+        """The earliest time from which the base stays where it is in a run that begins with an observation [s].
+
+        None where only the run itself shows it. A run whose goal is to be judged before is warned of.
+        """
+        return None
+
     def summary(self) -> dict[str, str]:
         """Rows for the table that closes a run, value by name."""
         return {}

@@ -12,7 +12,7 @@ from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.drives import DRIVES, Drive
 from taichisoft_controllers.scripted.script_file import Keyframe
-from taichisoft_controllers.scripted.targets import Targets, smoothed
+from taichisoft_controllers.scripted.targets import TRANSLATION, Targets, smoothed
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -51,6 +51,12 @@ class KeyframeController(Controller):
     def control(self, observation: Observation) -> Control:
         """The values at the start of the coming step."""
         return self._targets.control(self._at(observation.time), self._driven)
+
+    def base_stops_at(self, observation: Observation) -> float:
+        """The time of the last keyframe that has the base elsewhere than the one before."""
+        base = self._values[:, TRANSLATION.start :]
+        moved = np.flatnonzero((base[1:] != base[:-1]).any(axis=1))
+        return max(observation.time, float(self._times[moved[-1] + 1])) if len(moved) else observation.time
 
     def _efforts(self, index: int) -> dict[int, float]:
         """What a keyframe asks of actuators, by the place in the array of targets."""

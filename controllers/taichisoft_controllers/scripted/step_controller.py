@@ -65,6 +65,19 @@ class StepController(Controller):
         values = self._values(observation)
         return self._targets.control(values, self._driven, {SIGNAL: float(len(self._begun) - 1)})
 
+    def base_stops_at(self, observation: Observation) -> float:
+        """The end of the last way of the base, as if every condition were true at once."""
+        time, values, base = observation.time, self._targets.observed(observation), slice(TRANSLATION.start, None)
+        stops = time
+        for index, step in enumerate(self._steps):
+            way = self._way(step, values, self._efforts(index))
+            waits = self._waiting[index] is not None
+            if (way.target != values)[base].any():
+                stops = time + (0.0 if waits else float(way.durations[base].max()))
+            time += (0.0 if waits else way.length) + (step.hold or 0.0)
+            values = way.target
+        return stops
+
     def summary(self) -> dict[str, str]:
         """Rows that say when each step was made."""
         rows = {}
