@@ -62,7 +62,7 @@ def _two_numbers(asked: Any) -> tuple[float, float]:
 
 def _limits(scene: Scene) -> Iterator[tuple[str, str, float]]:
     """Key, end ("lowest" or "highest") and value [kPa] of all limits of pressures."""
-    tables = {"limits": scene.limits}
+    tables: dict[str, Any] = {"limits": scene.limits}
     for name, body in scene.soft_bodies.items():
         tables |= {f"soft_bodies.{name}.cavities.{cavity}": table for cavity, table in body.cavities.items()}
     for key, table in tables.items():

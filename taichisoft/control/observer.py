@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from threading import Lock
 from types import MappingProxyType
+from typing import Any
 
 import numpy as np
 
@@ -92,7 +93,7 @@ class Observer:
 
 def _copied(seen: Observation) -> Observation:
     """An observation with arrays of its own: compiled functions, such as scipy's of rotations, need writable ones."""
-    own = {
+    own: dict[str, Any] = {
         name: MappingProxyType({key: values.copy() for key, values in getattr(seen, name).items()})
         for name in ARRAYS_BY_NAME
     }

@@ -1,0 +1,186 @@
+"""What drives a run, and is wrong or hard: paths of the base, actions and states of environments, settings."""
+
+import dataclasses
+import random
+from collections.abc import Callable
+from typing import Any, cast
+
+import numpy as np
+
+BOUND = 1e-6
+"""Farthest that an unloaded anchored node may be from where the base has it [mm]."""
+STEPS = 30
+"""Steps of a path of the base."""
+NAME = "tries of settings"
+NONSENSE: list[Any] = [
+    None,
+    "up",
+    b"up",
+    {},
+    [],
+    [[]],
+    0.5,
+    float("nan"),
+    float("inf"),
+    1j,
+    [1j] * 3,
+    [[0.0], 0.0, 0.0],
+]
+SETTINGS: list[Any] = ["abc", "", "1", True, [], [1.0], ["a"], {}, {"a": 1.0}]
+"""Values of settings that are no number."""
+
+
+def base_paths(tries: int) -> list[str]:
+    """Six-dimensional paths at 10 to 500 mm/s with turns and stops: anchored nodes are where the observed pose is."""
+    return [
+        f"path {number}: off by {lag:.2g} mm" for number in range(tries) if not (lag := largest_lag(number)) <= BOUND
+    ]
+
+
+def largest_lag(number: int) -> float:
+    """How far anchored nodes are from their places in the steps of a path [mm]."""
+    from scipy.spatial.transform import Rotation
+
+    import taichisoft as ts
+    from taichisoft_benchmarks.faults.scenes import base_scene
+
+    dice = np.random.default_rng(number)
+    pad = base_scene()["soft_bodies"]["left"] | {
+        "element": ["linear", "smoothed", "quadratic"][dice.integers(3)],
+        "law": ["hooke", "neo-hookean"][dice.integers(2)],
+        "rayleigh_mass": dice.uniform(0.0, 1.0),
+        "rayleigh_stiffness": dice.uniform(0.0, 0.1),
+    }
+    time = {"step": [0.002, 0.01][dice.integers(2)], "newton": [1, 10][dice.integers(2)]}
+    simulation = ts.Simulation(ts.scene_from_dict({"gravity": [0.0] * 3, "time": time, "soft_bodies": {"pad": pad}}))
+    model, worst, control = simulation.model, 0.0, ts.Control()
+    held = model.rest_position[model.anchored_nodes] - model.base_pivot
+    for step in range(STEPS):
+        if step % 10 == 0:
+            speed, turning = dice.uniform(10.0, 500.0), dice.uniform(0.0, 3.0)
+            moving = 0.0 if step == 20 else 1.0
+            control = ts.Control(
+                base_velocity=moving * speed * _way(dice), base_angular_velocity=moving * turning * _way(dice)
+            )
+        simulation.step(control)
+        seen = simulation.observe()
+        places = Rotation.from_rotvec(seen.base_rotation).apply(held) + model.base_pivot + seen.base_translation
+        worst = max(worst, float(np.abs(simulation.state.position[model.anchored_nodes] - places).max()))
+    return worst
+
+
+def _way(dice: np.random.Generator) -> np.ndarray:
+    way = dice.standard_normal(3)
+    return cast(np.ndarray, way / np.linalg.norm(way))
+
+
+def _environment() -> Any:
+    import gymnasium
+
+    import taichisoft_gym  # noqa: F401
+    from taichisoft.pytest_fixtures import TINY_GRIPPER
+
+    return gymnasium.make("taichisoft/Grasp-v0", scene=str(TINY_GRIPPER), disable_env_checker=True).unwrapped
+
+
+def wrong_actions(tries: int) -> list[str]:
+    """What is no action is refused in one line; numbers beyond the space count as its ends for motion and reward."""
+    environment, failures = _environment(), []
+    for number in range(tries):
+        dice = random.Random(f"action {number}")
+        environment.reset(seed=0)
+        beyond = np.array([dice.uniform(-3.0, 3.0) for _ in range(3)])
+        if dice.random() < 0.5:
+            wrong = dice.choice([*NONSENSE, beyond[:2], [*beyond, 0.0], [*beyond[:2], float("nan")], ["a", "b", "c"]])
+            failures += _unless_refused(f"action {wrong!r}", environment.step, wrong)
+            continue
+        one = environment.step(beyond)[:2]
+        environment.reset(seed=0)
+        other = environment.step(np.clip(beyond, -1.0, 1.0))[:2]
+        if one[0].tobytes() != other[0].tobytes() or one[1] != other[1]:
+            failures.append(f"action {beyond} is not that at the ends of the space")
+    return failures
+
+
+def wrong_states(tries: int) -> list[str]:
+    """A state of other things than finite numbers is refused in one line, and the environment goes on."""
+    environment, failures = _environment(), []
+    failures += [] if _raises(environment.step, np.zeros(3)) == "ResetNeeded" else ["a step before reset"]
+    environment.reset(seed=0)
+    good = environment.simulation.state
+    names = [field.name for field in dataclasses.fields(good)]
+    for number in range(tries):
+        dice = random.Random(f"state {number}")
+        name = dice.choice([one for one in names if np.size(getattr(good, one))])
+        value = np.array(getattr(good, name))
+        spoilt: list[Any] = [np.full(value.shape, "x"), "x", None, value.astype(object)]
+        if value.dtype.kind == "f":
+            spoilt.append(np.full(value.shape, dice.choice([np.nan, np.inf])))
+        wrong = dice.choice([*NONSENSE[1:], *(good.changed(**{name: one}) for one in spoilt)])
+        shown = f"state with another {name}" if not isinstance(wrong, str) else wrong
+        failures += _unless_refused(shown, lambda state: environment.reset(options={"state": state}), wrong)
+        environment.reset(seed=0)
+        environment.step(np.zeros(3))
+    return failures
+
+
+def wrong_settings(tries: int) -> list[str]:
+    """Settings of other types than a plug-in's controller names are refused before there is a controller."""
+    import taichisoft as ts
+    from taichisoft.pytest_fixtures import TINY_GRIPPER
+
+    class Squeeze(ts.Controller):
+        def __init__(self, force: float = 20.0, fingers: tuple[str, ...] = ()):
+            raise AssertionError("made with wrong settings")
+
+        def control(self, observation: ts.Observation) -> ts.Control:
+            return ts.Control()
+
+    class Plugin:
+        @ts.hookimpl
+        def taichisoft_controllers(self) -> dict[str, Any]:
+            return {"squeeze": Squeeze}
+
+    plugin, failures = Plugin(), []
+    ts.register_plugin(plugin, NAME)
+    try:
+        for number in range(tries):
+            dice = random.Random(f"settings {number}")
+            key, values = dice.choice(
+                [("force", SETTINGS), ("fingers", ["left", 1.0, [1.0], {}, True]), ("forse", [1.0])]
+            )
+            settings = {key: dice.choice(values)}
+            scene = ts.load_scene(str(TINY_GRIPPER)).model_dump(mode="json", exclude_none=True)
+            scene["controller"] = {"name": "squeeze", "settings": settings}
+            failures += _unless_refused(f"settings {settings}", ts.make_controller, ts.scene_from_dict(scene))
+    finally:
+        ts.unregister_plugin(NAME)
+    return failures
+
+
+def _raises(ask: Callable[[Any], Any], wrong: Any) -> str:
+    """The name of what is raised; for errors of the product with the text, empty where nothing is."""
+    from taichisoft.errors import PluginError, TaichisoftError
+
+    try:
+        ask(wrong)
+    except TaichisoftError as error:
+        one_line = "\n" not in str(error) and not isinstance(error, PluginError)
+        return "" if one_line else f"{type(error).__name__}: {error}"
+    except Exception as error:
+        return type(error).__name__
+    return "nothing is raised"
+
+
+def _unless_refused(shown: str, ask: Callable[[Any], Any], wrong: Any) -> list[str]:
+    problem = _raises(ask, wrong)
+    return [f"{shown}: {problem}"] if problem else []
+
+
+ROWS: dict[str, Callable[[int], list[str]]] = {
+    "paths of the base at 10 to 500 mm/s: anchored nodes within 1e-6 mm": base_paths,
+    "actions of an environment that are none, or beyond its space": wrong_actions,
+    "states for the reset of an environment that are none": wrong_states,
+    "settings of a plug-in's controller of wrong types": wrong_settings,
+}
+TRIES = dict(zip(ROWS, (200, 500, 500, 1000), strict=True))
