@@ -42,6 +42,7 @@ def test_the_cube_is_lifted_by_keys_and_ctrl_and_c_ends_the_run(tmp_path: Path) 
         for _ in range(10):
             screen.type("\x1b[A")
         screen.wait_for(r"lifted by (2[5-9]|30)\.\d mm")
+        wait_for_time(screen, float(screen.wait_for(r"(\d+\.\d\d) s")[1]) + 0.3)  # until the base has arrived
         screen.type("\x03")
         screen.wait_for(f"shell: exit code {INTERRUPTED}")
         assert screen.is_as_before
