@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from taichisoft_benchmarks.faults.edges import EDGES
 from taichisoft_benchmarks.faults.page import foreign_requests, run_with_page, senseless_messages
 from taichisoft_benchmarks.faults.recordings import LIMIT, STEPS, damaged, kills, tiny_run
 from taichisoft_benchmarks.faults.soak import soak
@@ -25,6 +26,7 @@ def measure(
     origins: Annotated[int, typer.Option(help="Requests to a page from elsewhere.")] = 40,
     messages: Annotated[int, typer.Option(help="Messages to a page that make no sense.")] = 300,
     seconds: Annotated[float, typer.Option(help="Duration of the long run [s].")] = 3600.0,
+    edges: Annotated[float, typer.Option(help="Share of the tries of all other rows.")] = 1.0,
     first: Annotated[int, typer.Option(help="Number of the first try with mistakes.")] = 0,
 ) -> None:
     """Try all faults and print a row for each; the exit code is 1 when something failed."""
@@ -60,6 +62,9 @@ def measure(
         problems += ["its memory grew too much"] * (growth.memory > GROWTH)
         files = f"memory grew by {growth.memory:.1f} MB, files {growth.files:.0f} MB at most"
         row(f"run in real time with a page and a recording; {files}", f"{seconds:g} s", problems)
+    for what, (tries, attempt) in EDGES.items():
+        if number := round(edges * tries):
+            row(what, f"{number}", attempt(number))
     if bad:
         raise typer.Exit(1)
 
