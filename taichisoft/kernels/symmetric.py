@@ -4,7 +4,8 @@ With q the mean of the eigenvalues and 6 p^2 the squared length of A - q I, thos
 2 cos(t + 2 pi / 3) and 2 cos(t - 2 pi / 3), where cos(3 t) is half its determinant (Smith 1961, Eigenvalues of a
 symmetric 3x3 matrix). One of them always is far from the others, at least 1.73 in size. Its eigenvector is a cross
 product of two rows, and the others are those of a 2x2 matrix across it: so also equal eigenvalues are found to
-round-off (Eberly 2014, A Robust Eigensolver for 3x3 Symmetric Matrices).
+round-off (Eberly 2014, A Robust Eigensolver for 3x3 Symmetric Matrices). All of this needs a trace of zero: see
+`deviator`.
 """
 
 from taichisoft.kernels.runtime import mat3, ti, vec3
@@ -18,7 +19,7 @@ SQUARE_ROOT_OF_THREE = 3.0**0.5
 def symmetric_eigen(matrix: mat3):
     """Eigenvalues, and eigenvectors as columns of a rotation."""
     mean = (matrix[0, 0] + matrix[1, 1] + matrix[2, 2]) / 3.0
-    a = matrix - mean * ti.Matrix.identity(ti.f64, 3)
+    a = deviator(matrix)
     first = lonely_eigenvector(a)
     second = vec3(0.0, first[2], -first[1])
     if ti.abs(first[0]) > ti.abs(first[1]):
@@ -39,6 +40,22 @@ def symmetric_eigen(matrix: mat3):
     turned = cosine * (second - tangent * third)
     vectors = ti.Matrix.cols([first, turned, first.cross(turned)])
     return mean + values, vectors
+
+
+@ti.func
+def deviator(matrix: mat3) -> mat3:
+    """The matrix less the mean of its eigenvalues, whose trace is small beside itself, not only beside the matrix.
+
+    Where the eigenvalues are equal to round-off, subtracting their mean, which is rounded as well, would leave
+    round-off of any trace: of diag(d, d, 0), scaled as below, the root would be the d that occurs twice, and no two
+    rows would span a plane. Made of two differences, the diagonal adds up to zero however these are rounded.
+    """
+    upper, lower = matrix[0, 0] - matrix[1, 1], matrix[1, 1] - matrix[2, 2]
+    result = matrix
+    result[0, 0] = (2.0 * upper + lower) / 3.0
+    result[1, 1] = (lower - upper) / 3.0
+    result[2, 2] = -(upper + 2.0 * lower) / 3.0
+    return result
 
 
 @ti.func

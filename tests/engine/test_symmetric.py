@@ -56,3 +56,17 @@ def test_the_parts_make_up_the_matrix(
 def test_of_diagonal_matrices(diagonal: tuple[float, float, float]) -> None:
     check(np.diag(diagonal).astype(float))
     check(np.diag(diagonal) + 1e-9 * np.array([[0.0, 1.0, 2.0], [1.0, 0.0, -1.0], [2.0, -1.0, 0.0]]))
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_of_matrices_that_are_isotropic_but_for_round_off(sign: float) -> None:
+    """Half a million of each sign, 1 + noise of up to 8 units in the last place, also in one or two entries alone."""
+    random, count = np.random.default_rng(5), 500_000
+    noise = random.integers(-8, 9, (count, 3, 3)) * (random.random((count, 3, 3)) < 0.5) * np.finfo(float).eps
+    matrices = sign * np.eye(3) + np.triu(noise) + np.triu(noise, 1).transpose(0, 2, 1)
+    values, vectors, positive = np.zeros((count, 3)), np.zeros((count, 3, 3)), np.zeros((count, 3, 3))
+    decompose(matrices, values, vectors, positive)
+    transposed = vectors.transpose(0, 2, 1)
+    np.testing.assert_allclose(transposed @ vectors, np.broadcast_to(np.eye(3), vectors.shape), atol=1e-14)
+    np.testing.assert_allclose(vectors * values[:, None] @ transposed, matrices, atol=1e-14)
+    np.testing.assert_allclose(positive, matrices if sign > 0.0 else 0.0 * matrices, atol=1e-14)
