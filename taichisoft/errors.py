@@ -70,6 +70,10 @@ class GoalMissed(TaichisoftError):
     """The run went to its end, but not to the goal of its scene."""
 
 
+class BeyondLaw(GoalMissed):
+    """The run went to its end, but stretched a body far beyond what its law holds for, or left it inside out."""
+
+
 class ControllerFailed(GoalMissed):
     """A controller gave up: it says what it waited for, or what went wrong."""
 

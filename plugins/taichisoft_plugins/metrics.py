@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.atomic_file import atomic_file
-from taichisoft.bodies.strain import Stretches
+from taichisoft.bodies.strain import Stretches, spread
 from taichisoft.errors import GoalMissed
 from taichisoft.session.output import Output
 from taichisoft_plugins.goals import doubts, first_push, goal_figures, shortcomings
@@ -25,8 +25,6 @@ STRETCH_EVERY = 20
 """Steps from one look at the stretches to the next."""
 ENDED_BY_USER = ("stopped", "interrupted")
 """Outcomes of runs that may have reached their goal, or would have, had they gone on."""
-MOST = 0.99
-"""Share of a body's elements whose stretches lie below the second figure."""
 
 
 class MetricsOutput(Output):
@@ -236,9 +234,8 @@ class MetricsOutput(Output):
     def _look_at_stretches(self) -> None:
         """Keep the largest stretches of each body, and those that 99 % of its elements stay below."""
         for name, nodes, stretches in self._soft:
-            found = stretches.largest(self._last_state.position[nodes])
-            largest, most = self._stretch[name]
-            self._stretch[name] = (max(largest, float(found.max())), max(most, float(np.quantile(found, MOST))))
+            found = spread(stretches.largest(self._last_state.position[nodes]))
+            self._stretch[name] = tuple(map(max, found, self._stretch[name]))
 
     def _stretch_metrics(self) -> dict[str, Any]:
         """The largest principal stretch of each soft body in the run; nothing where there is none."""

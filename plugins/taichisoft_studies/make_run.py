@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import (
+    BeyondLaw,
     ControlError,
     ControllerFailed,
     GoalMissed,
@@ -22,6 +23,7 @@ from taichisoft.errors import (
 )
 from taichisoft_studies.pruning import Pruned, PruningOutput
 from taichisoft_studies.run_folder import (
+    BEYOND_LAW,
     COMPLETED,
     LOG,
     METRICS,
@@ -39,6 +41,7 @@ REASONS: tuple[tuple[type[TaichisoftError], str], ...] = (
     (NotPositiveDefinite, "diverged"),
     (ControllerFailed, "controller failed"),
     (ControlError, "controller failed"),
+    (BeyondLaw, BEYOND_LAW),
     (GoalMissed, "goal missed"),
     (PluginError, "plug-in failed"),
     (SceneError, "scene refused"),

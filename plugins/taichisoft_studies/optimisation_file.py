@@ -57,6 +57,8 @@ class Optimisation(Study):
     sampler: Literal["tpe", "cmaes", "nsga2", "gp"] = "tpe"
     """Tree-structured Parzen estimator, CMA-ES, NSGA-II, or a Gaussian process (needs PyTorch)."""
     pruning: Pruning | None = None
+    beyond_the_law: bool = False
+    """Whether runs count that went far beyond what the law of a body holds for; otherwise they are left out."""
     winners: Count = 1
     """Best trials that are run again in the end, recorded."""
     finer: tuple[str, ...] = ()

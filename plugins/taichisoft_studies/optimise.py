@@ -9,7 +9,7 @@ from taichisoft_studies.objectives import Figure, figures, violations
 from taichisoft_studies.optimisation_file import Optimisation
 from taichisoft_studies.optimiser import JOURNAL, VIOLATIONS, counted, own, suggest
 from taichisoft_studies.results import result_row
-from taichisoft_studies.run_folder import COMPLETED, PRUNED
+from taichisoft_studies.run_folder import BEYOND_LAW, COMPLETED, PRUNED
 from taichisoft_studies.run_job import RunJob
 from taichisoft_studies.sweep import RUNS, checked_record, job_for
 from taichisoft_studies.worker_task import do_run
@@ -55,7 +55,7 @@ def optimise(
         key, answer = workers.next_done()
         trial, job = running.pop(key)
         record = checked_record(job, answer)
-        _tell(trials, trial, record, job.place, wanted, limits)
+        _tell(study, trials, trial, record, job.place, wanted, limits)
         done(trial, record)
 
 
@@ -81,6 +81,11 @@ def trial_rows(study: Optimisation, trials: Any) -> list[dict[str, Any]]:
     return rows
 
 
+def accepted(study: Optimisation, record: Mapping[str, Any]) -> bool:
+    """Whether the figures of a run count: it completed, or went beyond the law of a body where that is allowed."""
+    return record["status"] == COMPLETED or (study.beyond_the_law and record["status"] == BEYOND_LAW)
+
+
 def winner_job(study: Optimisation, folder: Path, parameters: Mapping[str, Any]) -> RunJob:
     """The run of a winner as `finer` wants it, recorded."""
     finer = study.model_copy(
@@ -103,6 +108,7 @@ def _job(study: Optimisation, folder: Path, trial: Any) -> RunJob:
 
 
 def _tell(
+    study: Optimisation,
     trials: Any,
     trial: Any,
     record: Mapping[str, Any],
@@ -114,7 +120,7 @@ def _tell(
 
     trial.set_user_attr(STATUS, record["status"])
     trial.set_user_attr(MESSAGE, record["message"])
-    if record["status"] == COMPLETED:
+    if accepted(study, record):
         try:
             values = [figure(record, place) for figure in wanted.values()]
             missed = {name: figure(record, place) for name, figure in limits.items()}

@@ -15,7 +15,7 @@ from taichisoft_studies.unfinished import abandoned, partial_folder, remove_aban
 RECORD = "run.json"
 LOG = "log.txt"
 METRICS = "metrics.json"
-COMPLETED, PRUNED = "completed", "pruned"
+COMPLETED, PRUNED, BEYOND_LAW = "completed", "pruned", "beyond the law"
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:

@@ -54,6 +54,7 @@ def run(
         ControlError: the controller asked for something impossible.
         SimulationDiverged: a step failed.
         GoalMissed: the controller gave up, or an output says that the run has missed the goal of its scene.
+        BeyondLaw: the run was made to its end, but far beyond what the law of a body holds for.
         TaichisoftError: the duration is not positive, or an output could not do its job; what was computed before
             any of these errors is with the outputs.
     """
@@ -96,20 +97,19 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
 def _advance(session: Session, on_step: Callable[[StepReport], None] | None) -> str:
     """Make the steps; returns how they ended."""
     controller = session.controller
+    strain_watch = StrainWatch(session.simulation.model)
     key_handling = KeyHandling(
-        session, lambda event: _call(controller, controller.key, event), lambda: _start_anew(session)
+        session, lambda event: _call(controller, controller.key, event), lambda: _start_anew(session, strain_watch)
     )
     warned: set[Callable[..., None]] = set()
-    strain_watch = StrainWatch(session.simulation.model)
     session.pace.restart()
     try:
         while True:
             stop_if_asked()
             key_handling.take()
-            if session.stops:
-                return STOPPED
-            if session.finished:
-                return COMPLETED
+            if session.stops or session.finished:
+                strain_watch.judge(session.simulation.state, session.simulation.report)
+                return STOPPED if session.stops else COMPLETED
             if session.paused and not session.single_steps:
                 session.keys.wait(LONGEST_WAIT)
                 session.pace.restart()
@@ -165,7 +165,8 @@ def _next_control(session: Session) -> Control:
     return asked
 
 
-def _start_anew(session: Session) -> None:
+def _start_anew(session: Session, strain_watch: StrainWatch) -> None:
+    strain_watch.restart()
     session.simulation.restore(session.first_state)
     _call(session.controller, session.controller.reset, session.simulation.model)
     for output in session.outputs:

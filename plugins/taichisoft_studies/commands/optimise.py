@@ -1,6 +1,7 @@
 """`taichisoft optimise`: the values that make a figure of a run largest or smallest."""
 
 import csv
+from collections import Counter
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -58,8 +59,11 @@ def optimise(
                 count(f"trial {trial.number}: {said} {record['message']}".rstrip())
 
             search(asked, output, made, workers, done)
-        written = write_table(trial_rows(asked, made), output)
+        rows = trial_rows(asked, made)
+        written = write_table(rows, output)
         _draw_curve(made, names, output)
+        statuses = Counter(row["status"] for row in rows)
+        console.print(", ".join(f"{count} {status}" for status, count in sorted(statuses.items())), highlight=False)
         print_line(console, f"results in {written}")
         _make_winners(console, asked, made, output, workers)
 
@@ -73,9 +77,9 @@ def _make_winners(console: Any, study: Any, trials: Any, output: Path, workers: 
     from taichisoft.atomic_file import atomic_file
     from taichisoft.running.messages import print_line
     from taichisoft_studies.objectives import figures
-    from taichisoft_studies.optimise import winner_job
+    from taichisoft_studies.optimise import accepted, winner_job
     from taichisoft_studies.optimiser import best_trials
-    from taichisoft_studies.run_folder import COMPLETED, read_record
+    from taichisoft_studies.run_folder import read_record
     from taichisoft_studies.sweep import RUNS, make_missing
     from taichisoft_studies.winner_parts import write_winner
 
@@ -94,8 +98,8 @@ def _make_winners(console: Any, study: Any, trials: Any, output: Path, workers: 
     rows = []
     for trial, job in zip(best, jobs, strict=True):
         record = records[job.name]
-        completed = record["status"] == COMPLETED
-        finer: list[Any] = [figure(record, job.place) for figure in wanted.values()] if completed else []
+        counts = accepted(study, record)
+        finer: list[Any] = [figure(record, job.place) for figure in wanted.values()] if counts else []
         cells = [*job.parameters.values(), *trial.values, *(finer or [""] * len(wanted))]
         rows.append([trial.number, *cells, record["status"], f"{RUNS}/{job.name}"])
         again = _values(list(wanted), finer) if finer else f"{record['status']}: {record['message']}"
