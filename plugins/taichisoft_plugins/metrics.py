@@ -166,7 +166,7 @@ class MetricsOutput(Output):
         return {
             "linearisations, most": str(m["linearisations_max"]),
             "linearisations not enough": f"in {m['unconverged_newton_steps']} steps",
-            "velocity that another one would change, worst": f"{m['worst_newton_residual_mm_per_s']:.2g} mm/s",
+            "motion that another one would make, worst": f"{m['worst_newton_residual_mm']:.2g} mm",
         }
 
     def _inverted_rows(self) -> dict[str, str]:
@@ -227,7 +227,7 @@ class MetricsOutput(Output):
             return {}
         return {
             "linearisations_max": figures.linearisations,
-            "worst_newton_residual_mm_per_s": figures.worst_newton_residual,
+            "worst_newton_residual_mm": figures.worst_newton_residual,
             "unconverged_newton_steps": figures.unconverged_newton,
         }
 

@@ -54,7 +54,7 @@ class StepFigures:
         unconverged: steps that did not converge.
         inverted_elements: most elements that were inside out after a step.
         linearisations: most in a step.
-        worst_newton_residual: of the equations at the ends of steps [mm/s]; None where steps have one linearisation.
+        worst_newton_residual: of the equations at the ends of steps [mm]; None where steps have one linearisation.
         unconverged_newton: steps whose linearisations were not enough.
         step_time: median of the wall-clock times [s].
         last: report of the last one; None before the first.
@@ -65,7 +65,7 @@ class StepFigures:
 
         Args:
             contact_distance: surfaces overlap where they intrude by more [mm].
-            newton_tolerance: largest residual of a step whose linearisations were enough [mm/s].
+            newton_tolerance: largest residual of a step whose linearisations were enough [mm].
         """
         self.steps = self.overlapping = self.unconverged = 0
         self.inverted_elements = self.linearisations = self.unconverged_newton = 0

@@ -209,8 +209,8 @@ def _warn_not_converged(session: Session, report: StepReport) -> None:
 
 def _warn_newton_not_converged(session: Session, report: StepReport) -> None:
     warnings.warn(
-        f"step {report.step}: after {report.linearisations} linearisations another one would change a velocity by "
-        f"{report.newton_residual:.2g} mm/s, more than time.newton_tolerance = "
+        f"step {report.step}: after {report.linearisations} linearisations another one would move a node by "
+        f"{report.newton_residual:.2g} mm, more than time.newton_tolerance = "
         f"{session.simulation.model.scene.time.newton_tolerance:g}; later steps are counted, not reported",
         stacklevel=6,
     )

@@ -104,8 +104,8 @@ class Time(Table):
     newton: Annotated[int, Field(strict=True, gt=0)] = 1
     """Most linearisations of the soft bodies' equations in a step. One is linearly implicit Euler; more lead to the
     solution of the equations at the end of the step, contacts and actuators included."""
-    newton_tolerance: Positive = 1e-5
-    """No further linearisation is made where one would change no node's velocity by more than this [mm/s]."""
+    newton_tolerance: Positive = 1e-7
+    """No further linearisation is made where one would move no node by more than this [mm], whatever the step."""
 
 
 class Controller(Table):

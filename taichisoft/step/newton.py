@@ -30,7 +30,7 @@ class NewtonIteration:
     the slope, is small: that needs no energy, which damping, friction and loads that follow a body do not have.
 
     Attributes:
-        residual: largest change of a node's velocity by another linearisation [mm/s].
+        residual: how far another linearisation would move a node at most [mm].
         linearisations: how many were made in the step.
     """
 
@@ -72,7 +72,7 @@ class NewtonIteration:
         while True:
             aim = values + self._time_step * (self._rates(motion) - rates)
             motion = self._go(before, motion, pull)
-            self.residual = max(self._missing_velocity(motion), self._missing_rate(aim))
+            self.residual = self._time_step * max(self._missing_velocity(motion), self._missing_rate(aim))
             if not self.residual > self._tolerance or self.linearisations == self._most:
                 return
             self.linearisations += 1

@@ -32,8 +32,8 @@ class StepReport:
         deepest: names of the two bodies with that intrusion; None where there is none.
         inverted_elements: number of elements that are turned inside out at the end of the step.
         linearisations: number of linearisations of the soft bodies' equations.
-        newton_residual: by how much another linearisation would change the velocity of a node at most [mm/s]; None
-            where a step has one only (`time.newton`), and this is not known.
+        newton_residual: how far another linearisation would move a node at most [mm]; None where a step has one only
+            (`time.newton`), and this is not known.
     """
 
     step: int

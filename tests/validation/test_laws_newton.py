@@ -84,7 +84,7 @@ def test_the_equations_hold_at_the_end_of_a_step(mesh: str, element: str, keys: 
         np.testing.assert_allclose(soft_momentum(simulation), [0, 0, -mass * GRAVITY * 0.02], atol=1e-9)
     assert report.converged
     assert report.newton_residual is not None
-    assert report.newton_residual < 1e-5
+    assert report.newton_residual < 1e-7
     assert missed[60] < 1e-6
     assert missed[1] > 1e-2
 
@@ -101,7 +101,7 @@ def test_a_large_step_is_that_of_a_solver_of_equations(mesh: str, element: str, 
     body = silicone(mesh, **RUBBER, element=element, law="neo-hookean", rayleigh_mass=a, rayleigh_stiffness=b)
     body |= {"density": 5e-6, "damped_anchors": damped}
     body["anchors"] = [{"box": [[-15, -10, -5], [-15, 10, 5]], "stiffness": 200.0}]
-    simulation = simulate(body, 40, step, GRAVITY, time={"newton_tolerance": 1e-8})
+    simulation = simulate(body, 40, step, GRAVITY, time={"newton_tolerance": 1e-9})
     model = simulation.model
     assert model.elasticity is not None
     assert model.elasticity.domains is not None
@@ -150,7 +150,7 @@ def pull_to(stretch: float, mesh: str, element: str, newton: int) -> Simulation:
     for axis, at in ((0, low[0]), (0, high[0]), (1, low[1]), (2, low[2])):
         box = [np.where(np.arange(3) == axis, at, corner).tolist() for corner in (low, high)]
         body["anchors"].append({"box": box, "directions": ["xyz"[axis]], "stiffness": 1e9})
-    simulation = simulate(body, newton, 1000.0, time={"newton_tolerance": 1e-10})
+    simulation = simulate(body, newton, 1000.0, time={"newton_tolerance": 1e-7})
     held = simulation.model.rest_position[simulation.model.anchored_nodes].copy()
     held[:, 0] = np.where(held[:, 0] > high[0] - 1e-9, high[0] + (stretch - 1) * SIZE[0], held[:, 0])
     simulation.step(Control(anchor_positions={"block": held}))
@@ -160,20 +160,20 @@ def pull_to(stretch: float, mesh: str, element: str, newton: int) -> Simulation:
 def test_the_residual_falls_quadratically_in_tension(mesh: str, figures: Figures) -> None:
     """In tension the tangent is exact, and Newton's method squares the residual each time, until round-off.
 
-    A block of quadratic elements that is pulled to 2.5 times its length: once the residual is below 1e-3 mm/s, which is
-    1 mm in that step, it falls with a power of at least 1.7.
+    A block of quadratic elements that is pulled to 2.5 times its length: once the residual is below 1 mm, it
+    falls with a power of at least 1.7.
     """
     residuals = []
     for newton in range(2, 8):
         report = pull_to(2.5, mesh, "quadratic", newton).report
         assert report is not None
         assert report.newton_residual is not None
-        figures.at_most(f"residual after {newton} linearisations [mm/s]", report.newton_residual, 10.0)
+        figures.at_most(f"residual after {newton} linearisations [mm]", report.newton_residual, 1e4)
         residuals.append(report.newton_residual)
-    size = np.log([one for one in residuals if 1e-11 < one < 2e-3])
+    size = np.log([one for one in residuals if 1e-8 < one < 2.0])
     assert len(size) >= 3
     assert (np.diff(size)[1:] / np.diff(size)[:-1]).min() > 1.7
-    assert residuals[-1] < 1e-10
+    assert residuals[-1] < 1e-7
 
 
 @pytest.mark.parametrize("element", ["smoothed", "quadratic"])
@@ -204,13 +204,32 @@ def test_one_step_leads_to_rest_at_large_strain(mesh: str, element: str, stretch
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
+@pytest.mark.parametrize("law", ["hooke", "neo-hookean"])
+def test_one_step_leads_to_rest_within_the_tolerance(mesh: str, element: str, law: str) -> None:
+    """A cantilever that sags by its weight in one step of 1000 s, and in three: 1e-5 mm of some millimetres.
+
+    The tolerance is a displacement, 1e-7 mm; as a velocity it allowed 0.01 mm in such a step. Under Hooke's law, whose
+    slope leaves out how stress turns, the last linearisations gain a fixed share each: hence the hundredfold.
+    """
+    body = silicone(mesh, **RUBBER, element=element, law=law, density=2e-5, rayleigh_stiffness=0.0)
+    body["anchors"] = [{"box": [[-15, -10, -5], [-15, 10, 5]]}]
+    simulation = simulate(body, 100, 1000.0, GRAVITY)
+    assert simulation.step().converged
+    first = simulation.state.position
+    for _ in range(2):
+        simulation.step()
+    assert np.abs(first - simulation.model.rest_position).max() > 1.0
+    assert np.abs(simulation.state.position - first).max() < 1e-5
+
+
+@pytest.mark.parametrize("element", ELEMENTS)
 def test_pressure_acts_on_the_shape_at_the_end(block: Callable[..., str], element: str) -> None:
     """f(x) + p dV/dx(x) = 0 after one step of 1000 s, 1e-6 of the largest force of the pressure; and the volume found
     is that which this pressure takes where it is imposed instead, but for 1e-6 of the pressure."""
     body = silicone(block((3, 3, 3), (30.0, 20.0, 20.0), hollow=True), **RUBBER, element=element)
     body |= {"cavities": {"cavity": {"group": "cavity"}}, "anchors": [{"box": [[-15, -10, -10], [-15, 10, 10]]}]}
     body |= {"law": "neo-hookean", "rayleigh_stiffness": 0.0}
-    by_pressure, by_volume = (simulate(body, 60, 1000.0, time={"newton_tolerance": 1e-12}) for _ in range(2))
+    by_pressure, by_volume = (simulate(body, 60, 1000.0, time={"newton_tolerance": 1e-9}) for _ in range(2))
     pressure = 8.0
     assert by_pressure.step(Control(pressure={CAVITY: pressure})).converged
     model, state = by_pressure.model, by_pressure.state

@@ -78,7 +78,7 @@ def rest(
         write_volume_mesh(mesh, path)
         table = {"mesh": str(path), "density": DENSITY, **body}
         table["anchors"] = [*body["anchors"], {"box": [low.tolist(), high.tolist()], "stiffness": WEAK}]
-        time = {"step": STEP, "newton": LINEARISATIONS, "newton_tolerance": 1e-7 / STEP}
+        time = {"step": STEP, "newton": LINEARISATIONS, "newton_tolerance": 1e-7}
         simulation = Simulation(scene_from_dict({"time": time, "soft_bodies": {"body": table}}, "at rest"))
     model = simulation.model
     anchored = model.anchored_nodes
@@ -88,7 +88,7 @@ def rest(
         held = model.rest_position[anchored] + share * pulls[anchored] / WEAK
         report = simulation.step(Control(gravity=share * np.array(gravity), anchor_positions={"body": held}))
     if not report.converged:
-        raise TaichisoftError(f"{mesh.source}: {report.newton_residual:.2g} mm/s are left of its motion to rest")
+        raise TaichisoftError(f"{mesh.source}: {report.newton_residual:.2g} mm are left of its motion to rest")
     return model.rest_position, simulation.state.position - model.rest_position
 
 
