@@ -14,7 +14,20 @@ def rubber_stress(
     young_modulus: np.ndarray,
     poisson_ratio: np.ndarray,
 ) -> np.ndarray:
-    """Cauchy's stress, force over present area.
+    """Cauchy's stress [kPa], positive in tension, in the axes of the world, shape (count, 3, 3); see
+    `rubber_stress_parts`, whose sum it is."""
+    shape, volume = rubber_stress_parts(deformation, law, coefficients, young_modulus, poisson_ratio)
+    return shape + volume[:, None, None] * np.eye(3)
+
+
+def rubber_stress_parts(
+    deformation: np.ndarray,
+    law: Law,
+    coefficients: Mapping[str, float] | None,
+    young_modulus: np.ndarray,
+    poisson_ratio: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Cauchy's stress, force over present area, of the energies of shape and of volume.
 
     Args:
         deformation: deformation gradients, shape (count, 3, 3).
@@ -24,7 +37,8 @@ def rubber_stress(
         poisson_ratio: at rest, shape (count,).
 
     Returns:
-        Stress [kPa], positive in tension, in the axes of the world, shape (count, 3, 3).
+        Stress [kPa] of the energy of shape, positive in tension, in the axes of the world, shape (count, 3, 3), and
+        that of the energy of volume, lambda (J - 1) in all directions, shape (count,).
     """
     left, s, _ = np.linalg.svd(deformation)
     volume = np.linalg.det(deformation)
@@ -49,5 +63,5 @@ def rubber_stress(
     mu = young_modulus / (2 * (1 + poisson_ratio))
     first_lame = (2 * mu * poisson_ratio / (1 - 2 * poisson_ratio))[:, None]
     cofactor = s[:, [1, 2, 0]] * s[:, [2, 0, 1]]
-    slope = (mu / shear)[:, None] * (slope + pressure * cofactor) + first_lame * (j - 1) * cofactor
-    return np.einsum("eik,ek,ejk->eij", left, slope * s / j, left)
+    slope = (mu / shear)[:, None] * (slope + pressure * cofactor)
+    return np.einsum("eik,ek,ejk->eij", left, slope * s / j, left), first_lame[:, 0] * (volume - 1)

@@ -3,7 +3,8 @@
 With F the deformation gradient of an element, R its rotation and e = sym(R^T F) - I its strain,
     s = R (lambda tr(e) I + 2 mu e) R^T,
 which is Hooke's law in the element's own axes, turned to those of the world. The nodal forces of the engine are
-f_a = -w s R g_a, with w the element's volume at rest and g_a the gradients of its shape functions.
+f_a = -w s R g_a, with w the element's volume at rest and g_a the gradients of its shape functions. Linear elements of
+rubber have Cauchy's (`rubber_stress.py`), smoothed and quadratic ones that of their domains (`domain_stress.py`).
 """
 
 from collections.abc import Callable
@@ -12,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.bodies.elements import edge_frames, lame_parameters, linear_tetrahedra
+from taichisoft_plugins.domain_stress import DomainLaw, DomainStress, polar_rotations
 from taichisoft_plugins.rubber_stress import rubber_stress
 
 if TYPE_CHECKING:
@@ -55,7 +57,7 @@ class StressLaw:
         """
         deformation = np.swapaxes(position[self._elements], 1, 2) @ self._gradients
         if self._from_rest_frame is None:
-            rotation = _polar_rotations(deformation)
+            rotation = polar_rotations(deformation)
         else:
             rotation = _frames(position, self._elements) @ self._from_rest_frame
         back = np.swapaxes(rotation, 1, 2)
@@ -83,25 +85,30 @@ class _BodyStress:
 
     def __init__(self, recording: "Recording", body: "RecordedSoftBody"):
         settings = recording.scene.soft_bodies[body.name]
-        self._nodes, self._tetrahedra = body.nodes, body.tetrahedra
-        self._material = np.repeat(body.material, body.parts)
-        self._poisson_ratio = np.repeat(body.poisson_ratio, body.parts)
-        self._gradients = linear_tetrahedra(body.rest_position, body.tetrahedra)[0][:, 0]
-        polar = settings.corotation == "polar" or settings.element != "linear"
-        self._hooke = StressLaw(body.rest_position, body.tetrahedra, self._poisson_ratio, polar)
+        self._nodes, self._elements = body.nodes, body.elements
+        self._material, self._poisson_ratio = body.material, body.poisson_ratio
         first = list(recording.scene.young_moduli).index(body.name)
-        self._rubbers = [
-            (np.flatnonzero(self._material == first + number), one.law or settings.law, one.coefficients)
+        laws = [
+            DomainLaw(np.flatnonzero(body.material == first + number), one.law or settings.law, one.coefficients)
             for number, one in enumerate(settings.materials)
-            if (one.law or settings.law) != "hooke"
         ]
+        self._domains: DomainStress | None = None
+        if settings.element != "linear":
+            self._domains = DomainStress(body.rest_position, body.elements, body.material, body.poisson_ratio, laws)
+            return
+        self._gradients = linear_tetrahedra(body.rest_position, body.elements)[0][:, 0]
+        polar = settings.corotation == "polar"
+        self._hooke = StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar)
+        self._rubbers = [one for one in laws if one.law != "hooke"]
 
     def __call__(self, position: np.ndarray, young_modulus: np.ndarray) -> np.ndarray:
         """Stresses [kPa] at positions of all nodes [mm] and with the present modulus of each material [kPa]."""
         position, young_modulus = position[self._nodes], young_modulus[self._material]
+        if self._domains is not None:
+            return self._domains(position, young_modulus)
         stress = self._hooke.stress(position, young_modulus)
         for some, law, coefficients in self._rubbers:
-            deformation = np.swapaxes(position[self._tetrahedra[some]], 1, 2) @ self._gradients[some]
+            deformation = np.swapaxes(position[self._elements[some]], 1, 2) @ self._gradients[some]
             ratio = self._poisson_ratio[some]
             stress[some] = rubber_stress(deformation, law, coefficients, young_modulus[some], ratio)
         return stress
@@ -136,10 +143,3 @@ def _frames(position: np.ndarray, elements: np.ndarray) -> np.ndarray:
     """The frame that the first two edges of each element span; from rest to now it turns as the element does."""
     corners = position[elements[:, :3]]
     return edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-
-
-def _polar_rotations(deformation: np.ndarray) -> np.ndarray:
-    """The rotation nearest to each deformation gradient, never a reflection: an inverted element keeps a rotation."""
-    left, _, right = np.linalg.svd(deformation)
-    left[:, :, 2] *= np.sign(np.linalg.det(left @ right))[:, None]
-    return left @ right

@@ -108,10 +108,38 @@ def smoothed_domains(nodes: np.ndarray, elements: np.ndarray, material: np.ndarr
         elements: node indices, shape (element_count, 4).
         material: number of the material of each element, shape (element_count,).
     """
-    edges = np.sort(elements[:, SIDES], axis=2).astype(np.int64) @ [len(nodes), 1]
+    edges, corners = _edges_and_corners(elements, len(nodes))
     around_edges = _smoothed(nodes, elements, material, edges, np.array([1.0, 0.0]))
-    around_nodes = _smoothed(nodes, elements, material, elements.astype(np.int64), np.array([0.0, 1.0]))
+    around_nodes = _smoothed(nodes, elements, material, corners, np.array([0.0, 1.0]))
     return IntegrationDomains.joined([around_edges, around_nodes])
+
+
+def domains_of_elements(elements: np.ndarray, node_count: int, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Which of the domains of `smoothed_domains` each element is a part of.
+
+    Args:
+        elements, material: as in `smoothed_domains`.
+        node_count: number of the nodes.
+
+    Returns:
+        Numbers of the domains around its edges, shape (element_count, 6), and around its nodes, (element_count, 4).
+    """
+    edges, nodes = (_numbered(owners, material)[1] for owners in _edges_and_corners(elements, node_count))
+    return edges, nodes + edges.max() + 1
+
+
+def _edges_and_corners(elements: np.ndarray, node_count: int) -> tuple[np.ndarray, np.ndarray]:
+    """A number of each edge of each element, shape (element_count, 6), and of each corner, (element_count, 4)."""
+    edges = np.sort(elements[:, SIDES], axis=2).astype(np.int64) @ [node_count, 1]
+    return edges, elements.astype(np.int64)
+
+
+def _numbered(owners: np.ndarray, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Number what shares an owner and a material: where each number occurs first in the flat list, and the numbers in
+    the shape of `owners`."""
+    keys = np.column_stack([owners.reshape(-1), np.repeat(material, owners.shape[1])])
+    _, first, domain = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    return first, domain.reshape(owners.shape)
 
 
 def _smoothed(
@@ -126,8 +154,7 @@ def _smoothed(
     """
     gradient, volume = linear_tetrahedra(nodes, elements)
     owners_per_element = owners.shape[1]
-    keys = np.column_stack([owners.reshape(-1), np.repeat(material, owners_per_element)])
-    _, first, domain = np.unique(keys, axis=0, return_index=True, return_inverse=True)
+    first, domain = _numbered(owners, material)
     domain = domain.reshape(-1)
     element = np.repeat(np.arange(len(elements)), owners_per_element)
     part = volume[element, 0] / owners_per_element
