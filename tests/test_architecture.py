@@ -115,6 +115,7 @@ LAYERS = {
         "metrics",
         "drawing",
         "stress",
+        "domain_stress",
         "rubber_stress",
         "recording",
         "goals",

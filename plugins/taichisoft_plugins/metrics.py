@@ -234,8 +234,9 @@ class MetricsOutput(Output):
     def _look_at_stretches(self) -> None:
         """Keep the largest stretches of each body, and those that 99 % of its elements stay below."""
         for name, nodes, stretches in self._soft:
-            found = spread(stretches.largest(self._last_state.position[nodes]))
-            self._stretch[name] = tuple(map(max, found, self._stretch[name]))
+            largest, most = spread(stretches.largest(self._last_state.position[nodes]))
+            before = self._stretch[name]
+            self._stretch[name] = max(largest, before[0]), max(most, before[1])
 
     def _stretch_metrics(self) -> dict[str, Any]:
         """The largest principal stretch of each soft body in the run; nothing where there is none."""

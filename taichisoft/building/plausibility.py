@@ -1,17 +1,28 @@
 """Numbers of a scene that no soft robot has: mostly a unit is mixed up; some orders of magnitude on they are absurd."""
 
+import logging
 import math
 import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import trimesh
 
+from taichisoft.bodies.selection import select_elements
 from taichisoft.errors import SceneError
+from taichisoft.meshes.thin_walls import ADVICE, TOO_STIFF, share_of_thin_walls
 from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
 from taichisoft.model import Model
 from taichisoft.scenes.scene import Scene
+from taichisoft.scenes.shipped import data_folder
+from taichisoft.scenes.soft_body import SoftBody
+
+LOGGER = logging.getLogger("taichisoft.building")
+
+MOST_THIN = 0.05
+"""Share of a cavity's area behind which one element may lie without a word."""
 
 ABSURD = 1e9
 """Factor beyond the plausible range at which a number is refused: that far no unit of anybody's leads."""
@@ -73,6 +84,51 @@ def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
         count = _piece_count(mesh.elements)
         if count > 1:
             _warn(f"soft_bodies.{name}.mesh: has {count} pieces that nothing holds together")
+
+
+def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
+    """Say once of each shipped mesh that its walls are one element thick, as meshing says it of other ones."""
+    said, shipped = set(), data_folder() / "meshes"
+    for name, body in scene.soft_bodies.items():
+        mesh = meshes[name]
+        if mesh.source in said or body.element == "quadratic" or Path(body.mesh.file).parent != shipped:
+            continue
+        for group in _cavity_groups(body):
+            share = share_of_thin_walls(mesh, mesh.surface_groups[group]) if group in mesh.surface_groups else 0.0
+            if share > MOST_THIN:
+                said.add(mesh.source)
+                _warn(f"soft_bodies.{name}.mesh: {TOO_STIFF}: {group} ({share:.0%} of the area); {ADVICE}")
+
+
+def _cavity_groups(body: SoftBody) -> list[str]:
+    return [cavity.group for cavity in body.cavities.values() if cavity.group is not None]
+
+
+def say_region_volumes(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
+    """Say what part of a body each box of a region has caught: on a coarse mesh it may be far from the box's own.
+
+    Raises:
+        SceneError: a box has caught nothing.
+    """
+    said = set()
+    for name, body in scene.soft_bodies.items():
+        mesh = meshes[name]
+        volumes = element_volumes(mesh.nodes, mesh.elements)
+        for index, region in enumerate(body.regions):
+            key = f"soft_bodies.{name}.regions.{index}"
+            if region.box is None or (mesh.source, region.box) in said:
+                continue
+            said.add((mesh.source, region.box))
+            caught = select_elements(mesh, region, key)
+            LOGGER.info(
+                "%s.box: %d of %d elements, %.0f of %.0f mm^3; the box has %.0f mm^3",
+                key,
+                len(caught),
+                len(volumes),
+                volumes[caught].sum(),
+                volumes.sum(),
+                float(np.prod(np.abs(np.subtract(*region.box)))),
+            )
 
 
 def check_rigid_plausibility(model: Model) -> None:

@@ -9,7 +9,12 @@ from pathlib import Path
 import numpy as np
 
 from taichisoft import simulation
-from taichisoft.building.plausibility import check_plausibility, check_rigid_plausibility
+from taichisoft.building.plausibility import (
+    check_plausibility,
+    check_rigid_plausibility,
+    say_region_volumes,
+    warn_of_thin_walls,
+)
 from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.meshes.files import VOLUME_SUFFIXES, read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
@@ -93,7 +98,9 @@ def make_model(scene: Scene) -> Model:
     _warn_of_locking(scene)
     meshes = load_meshes(scene)
     check_plausibility(scene, meshes)
+    warn_of_thin_walls(scene, meshes)
     model = Model(scene, meshes)
+    say_region_volumes(scene, meshes)
     check_rigid_plausibility(model)
     return model
 

@@ -5,6 +5,7 @@ from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from taichisoft.meshes.thin_walls import ADVICE, TOO_STIFF
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
 
 QUALITY = "quality"
@@ -79,8 +80,7 @@ def cautions(quality: MeshQuality) -> list[str]:
         for wall in quality.walls
         if wall.of_cavity and wall.elements_across == 1
     ]
-    what = "walls of one element, much too stiff in bending if linear, by about a third if smoothed"
-    return [f"{what}: {', '.join(thin)}; try a smaller size, or order = 2"] if thin else []
+    return [f"{TOO_STIFF}: {', '.join(thin)}; {ADVICE}"] if thin else []
 
 
 def summary(problems: Sequence[str]) -> str:
