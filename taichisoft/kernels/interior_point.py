@@ -22,7 +22,7 @@ from taichisoft.kernels.elimination import LinearSystem, factorise, row_length, 
 from taichisoft.kernels.friction_cone import cone_product, cone_quotient, way_to_boundary
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.runtime import Scalars, ti, vec3
-from taichisoft.kernels.sweep import PLAIN, sweep
+from taichisoft.kernels.sweep import sweep
 
 STEPS = 40  # those that converge need 15 to 25
 # A step so short shows that the corrector did harm: the next goes towards the middle, by half.
@@ -254,7 +254,7 @@ def follow_path(
             for k in range(count):
                 trial.impulse[system.row_of[k]] = path.unit[0] * path.scale[k] * path.x[k]
             measure_velocity(problem, trial)
-            figure[0] = sweep(problem, trial, PLAIN)
+            figure[0] = sweep(problem, trial)
             if figure[0] < tolerance:
                 steps = STEPS
         copy_iterate(row_count(problem), trial, current)

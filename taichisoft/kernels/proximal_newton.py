@@ -18,7 +18,7 @@ from taichisoft.kernels.elimination import LinearSystem
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.newton import Pull, newton_step, pressing, pulled_velocity
 from taichisoft.kernels.runtime import Scalars, ti
-from taichisoft.kernels.sweep import PLAIN, largest_of_two, largest_tangential, sweep
+from taichisoft.kernels.sweep import largest_of_two, largest_tangential, sweep
 
 # Entries of `outcome`: by what velocity a block misses its law at the end of the step, pull included; what a sweep from
 # there finds to change; the largest change of an impulse by the step, and the largest impulse.
@@ -103,6 +103,6 @@ def step_and_sweep(
         measure_velocity(problem, point)
         outcome[MISS] = natural_residual(problem, point, pull)
         copy_iterate(rows, point, swept)
-        outcome[FOUND] = sweep(problem, swept, PLAIN)
+        outcome[FOUND] = sweep(problem, swept)
         outcome[MOVED] = moved
         outcome[LARGEST] = largest

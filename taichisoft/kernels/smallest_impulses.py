@@ -17,7 +17,7 @@ from taichisoft.kernels.elimination import LinearSystem, factorise, row_length, 
 from taichisoft.kernels.friction_cone import way_to_boundary
 from taichisoft.kernels.launch import func, kernel
 from taichisoft.kernels.runtime import Integers, Scalars, Vectors, ti, vec3
-from taichisoft.kernels.sweep import PLAIN, sweep
+from taichisoft.kernels.sweep import sweep
 
 # Tikhonov's parameter beside the largest entry on the diagonal, and iterations: what is determined has then converged,
 # since its part of W is far above the share, and round-off in what is not stays below 1e-16 over the share.
@@ -201,7 +201,7 @@ def choose_smallest(
             if not goes_on:
                 passes = PASSES
         measure_velocity(problem, point)
-        found = sweep(problem, point, PLAIN)
+        found = sweep(problem, point)
         if found < tolerance:
             figure[0] = found
             copy_iterate(rows, point, current)

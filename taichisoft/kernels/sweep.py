@@ -7,13 +7,10 @@ come from its contact's normal impulse (moment_rows.py).
 
 from taichisoft.kernels.actuator_rows import best_impulse, tension_before
 from taichisoft.kernels.axpy import add_multiple, add_three_multiples
-from taichisoft.kernels.constraint_problem import Iterate, Problem, first_moment, row_count
+from taichisoft.kernels.constraint_problem import Iterate, Problem, first_moment, measure_velocity, row_count
 from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS, ROLLING, SPINNING
-from taichisoft.kernels.launch import func
-from taichisoft.kernels.runtime import mat3, ti, vec3
-
-# Ways to sweep: with conjugate gradients in between (gauss_seidel.py), without, and with half of each change.
-ACCELERATED, PLAIN, HALF = range(3)
+from taichisoft.kernels.launch import func, kernel
+from taichisoft.kernels.runtime import Scalars, mat3, ti, vec3
 
 
 @func
@@ -56,18 +53,18 @@ def solve_contact(block: mat3, velocity: vec3, old: vec3, friction: ti.f64) -> v
 
 
 @func
-def sweep(problem: Problem, iterate: Iterate, way: ti.i32) -> ti.f64:
+def sweep(problem: Problem, iterate: Iterate) -> ti.f64:
     """Visit every block once; returns the largest change of a block's own velocity [mm/s, of a volume mm^3/s].
 
     The velocities follow every change of an impulse (W is symmetric: a row is a column), so that an open contact that
-    stays open costs nothing. With the way HALF a contact's impulse changes by half of what it should.
+    stays open costs nothing.
     """
     w, impulse, velocity = ti.static(problem.compliance, iterate.impulse, iterate.velocity)
     residual = 0.0
     rows = row_count(problem)
     for c in range(problem.size[CONTACTS]):
         n = 3 * c
-        # The conjugate gradients may have moved the impulse of an open contact to anywhere.
+        # A Newton step may have moved the impulse of an open contact to anywhere.
         acts = impulse[n] != 0.0 or impulse[n + 1] != 0.0 or impulse[n + 2] != 0.0
         if acts or velocity[n] < 0.0:
             old, speed = vec3(0.0), vec3(0.0)
@@ -80,9 +77,6 @@ def sweep(problem: Problem, iterate: Iterate, way: ti.i32) -> ti.f64:
             new = solve_contact(block, speed, old, problem.friction[c])
             change = new - old
             own = block @ change
-            if way == HALF:
-                change *= 0.5
-                new = old + change
             for i in ti.static(range(3)):
                 impulse[n + i] = new[i]
                 residual = ti.max(residual, ti.abs(own[i]))
@@ -138,3 +132,20 @@ def sweep_moment(m: ti.i32, problem: Problem, iterate: Iterate) -> ti.f64:
         residual = ti.max(residual, ti.abs(own))
     add_three_multiples(velocity, change, w, n * rows, rows)
     return residual
+
+
+# Entries of the outcome of `sweep_repeatedly`: the residual, and the number of sweeps.
+RESIDUAL, SWEEPS = range(2)
+
+
+@kernel
+def sweep_repeatedly(problem: Problem, current: Iterate, outcome: Scalars, tolerance: ti.f64, most_sweeps: ti.i32):
+    """Sweep until the residual is below the tolerance, or so many times; the velocities of `current` follow."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        measure_velocity(problem, current)
+        outcome[RESIDUAL] = 2.0 * tolerance
+        outcome[SWEEPS] = 0.0
+        while outcome[RESIDUAL] >= tolerance and outcome[SWEEPS] < most_sweeps:
+            outcome[RESIDUAL] = sweep(problem, current)
+            outcome[SWEEPS] += 1.0

@@ -90,7 +90,9 @@ class ProximalNewton:
         """Let `answer` become what the last sweep led to."""
         copy(self.swept, answer, self._row_count())
 
-    def improve(self, answer: Iterate, residual: float, tolerance: float, first_share: float, most_steps: int) -> float:
+    def improve(
+        self, answer: Iterate, residual: float, tolerance: float, first_share: float, most_steps: int
+    ) -> tuple[float, int]:
         """Take steps until a sweep from their end finds less than the tolerance to change.
 
         Args:
@@ -101,7 +103,7 @@ class ProximalNewton:
             most_steps: after which it gives up.
 
         Returns:
-            The residual of what `answer` has become.
+            The residual of what `answer` has become, and the number of steps.
         """
         self.begin(answer, first_share)
         rows, pull = self._row_count(), self.pull
@@ -128,7 +130,7 @@ class ProximalNewton:
                 self.take(answer)
             steps += max(taken, 1)
             self.point.impulse[:rows] = pull.center[:rows]
-        return best
+        return best, steps
 
     def find_small(self, answer: Iterate, residual: float, tolerance: float, share: float) -> float:
         """Of many answers take the one with small impulses of contacts, if a sweep confirms it.
