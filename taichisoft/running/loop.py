@@ -200,7 +200,7 @@ def _warn_once(session: Session, report: StepReport, warned: set[Callable[..., N
 
 def _warn_not_converged(session: Session, report: StepReport) -> None:
     warnings.warn(
-        f"step {report.step}: the Gauss-Seidel stopped after {report.iterations} sweeps with a residual of "
+        f"step {report.step}: the contact solver stopped after {report.iterations} sweeps with a residual of "
         f"{report.residual:.2g} mm/s, above contact.tolerance = {session.simulation.model.scene.contact.tolerance:g}; "
         "later steps are counted, not reported",
         stacklevel=6,
@@ -231,7 +231,7 @@ def _warn_of_overlap(session: Session, report: StepReport) -> None:
     if report.step == 0:
         cause = "they start so; move one of them away"
     elif not report.converged:
-        cause = "the contact solver has not converged; raise contact.max_iterations"
+        cause = "the contact solver has not converged; take a smaller time.step"
     else:
         cause = (
             f"what pushes them into each other moved too far in a step of {scene.time.step:g} s; take a smaller "

@@ -68,9 +68,10 @@ class Contact(Table):
     """How surfaces that are closer than `contact_distance` at the start of a step come apart: by a shift that adds no
     speed, or, as in SOFA, by the speed depth / step, which stays."""
     tolerance: Positive = 1e-5
-    """The Gauss-Seidel stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
-    max_iterations: Annotated[int, Field(strict=True, gt=0)] = 10000
-    """Most sweeps of the Gauss-Seidel in a step; a step that needs more is counted as not converged."""
+    """The contact solver stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
+    max_iterations: Annotated[int, Field(strict=True, gt=0)] = 1000
+    """Most sweeps of the contact solver, with one for each Newton step; it gives up by itself after some 260. A step
+    that needs more is counted as not converged."""
 
     @model_validator(mode="after")
     def _check_pairs(self) -> Self:

@@ -8,7 +8,7 @@ from taichisoft.kernels.constraint_problem import Problem
 from taichisoft.kernels.constraint_rows import Rows
 from taichisoft.kernels.launch import forget
 from taichisoft.model import Model
-from taichisoft.step.gauss_seidel import GaussSeidel
+from taichisoft.step.contact_solver import ContactSolver
 
 # A little room to spare: with several hundred contacts the arrays are large.
 GROWTH = 1.25
@@ -23,7 +23,7 @@ class ConstraintRows:
         compliance: W by rows [mm/s per mN s and the like for volumes], shape (row_capacity^2,).
         columns: work space of the compliance.
         bounds: what the actuators' rows obey, see `kernels/actuator_rows.py`, shape (actuator_capacity, 6).
-        gauss_seidel: the solver, with impulses and velocities of the rows.
+        solver: finds the impulses, with impulses and velocities of the rows.
     """
 
     def __init__(self, model: Model, contact_capacity: int):
@@ -54,7 +54,7 @@ class ConstraintRows:
         )
         self.compliance = np.empty(row_capacity**2)
         self.bounds = np.empty((actuator_capacity, BOUND_COLUMNS))
-        self.gauss_seidel = GaussSeidel(
+        self.solver = ContactSolver(
             Problem(
                 self.rows.size,
                 self.compliance,
@@ -79,4 +79,4 @@ class ConstraintRows:
     def release(self) -> None:
         """Let no kernel keep these arrays alive, when larger ones take their place."""
         forget(self.rows, *([self.columns] if self._acts_on_soft else []))
-        self.gauss_seidel.release()
+        self.solver.release()

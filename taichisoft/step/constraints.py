@@ -19,6 +19,7 @@ from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.compliance import assemble_compliance
 from taichisoft.step.constraint_rows import GROWTH, ConstraintRows
 from taichisoft.step.contact_prediction import Found
+from taichisoft.step.contact_solver import load_kernels
 from taichisoft.step.impacts import Impacts
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
@@ -96,6 +97,8 @@ class Constraints:
         self._gives_back = bool(model.restitution.any())
         self._impacts = Impacts(model.scene.contact.tolerance, model.scene.contact.max_iterations)
         self._node_velocity_before = np.zeros((model.node_count, 3))
+        if model.surfaces.may_touch.any():
+            load_kernels()
         self._removes_depth = model.scene.contact.depth == "position"
         self._problem = ConstraintRows(model, FIRST_CAPACITY)
         self._laws = PairLaws(model.friction.copy(), model.spinning_friction, model.rolling_friction)
@@ -211,7 +214,7 @@ class Constraints:
             rows.friction[:count], rows.moment_length[:] = 0.0, 0.0
             rows.free[: 3 * count] = 0.0
             rows.free[: 3 * count : 3] = self._active_set.gap[rows.contact[:count]] / self._time_step
-            solver = self._problem.gauss_seidel
+            solver = self._problem.solver
             solver.impulse[: self._row_count] = 0.0
             solver.solve(settings.tolerance, settings.max_iterations)
             self.iterations += solver.iterations
@@ -248,7 +251,7 @@ class Constraints:
                 self._rigid.state,
                 self._active_set.impulse,
                 rows,
-                self._problem.gauss_seidel.impulse,
+                self._problem.solver.impulse,
             )
         self._moment_count = int(rows.size[MOMENTS])
         self._row_count = 3 * count + actuator_count + 3 * self._moment_count
@@ -284,7 +287,7 @@ class Constraints:
 
     def _find_impulses(self, strike: np.ndarray | None) -> None:
         """Gauss-Seidel, from the impulses of the last step, or those found before more contacts took part."""
-        solver, rows, contact_count = self._problem.gauss_seidel, self._problem.rows, self._contact_count
+        solver, rows, contact_count = self._problem.solver, self._problem.rows, self._contact_count
         if not self._row_count:
             self.residual = 0.0
             return
@@ -315,7 +318,7 @@ class Constraints:
         """Velocities of the soft nodes after the impulses found; of few rows L^-1 J^T is known already."""
         if self._soft is None:
             return self._velocity.copy()
-        columns, solver, impulse = self._problem.columns, self._soft.system.solver, self._problem.gauss_seidel.impulse
+        columns, solver, impulse = self._problem.columns, self._soft.system.solver, self._problem.solver.impulse
         if self._row_count and GROUP * int(columns.size[0]) > solver.symbolic.factor_entries:
             change = solver.complete_with(self._node_impulse)
         else:
@@ -328,13 +331,13 @@ class Constraints:
             problem.rows,
             self._model.actuators.coordinates,
             self._geometry.gradient,
-            problem.gauss_seidel.impulse,
+            problem.solver.impulse,
             self._active_set.impulse,
             self._node_impulse,
             self._rigid.state,
         )
         if self._moment_count:
-            moment_rows.apply_moments(problem.rows, problem.gauss_seidel.impulse, self._rigid.state)
+            moment_rows.apply_moments(problem.rows, problem.solver.impulse, self._rigid.state)
 
     def _tell(self, contacts: Contacts) -> None:
         """Keep what is worth telling of the contacts."""
@@ -347,6 +350,6 @@ class Constraints:
             contacts,
             self._active_set.choice,
             self._active_set.impulse,
-            self._problem.gauss_seidel.answer,
+            self._problem.solver.answer,
             self.told,
         )

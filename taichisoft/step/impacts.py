@@ -4,7 +4,7 @@ import numpy as np
 
 from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
 from taichisoft.kernels.constraint_problem import Problem
-from taichisoft.step.gauss_seidel import GaussSeidel
+from taichisoft.step.contact_solver import ContactSolver
 
 
 class Impacts:
@@ -31,7 +31,7 @@ class Impacts:
             np.empty(contact_capacity),
             np.zeros((0, BOUND_COLUMNS)),
         )
-        self._solver = GaussSeidel(self._problem)
+        self._solver = ContactSolver(self._problem)
 
     def find(
         self,

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
 from taichisoft.kernels.constraint_problem import Problem
-from taichisoft.step.gauss_seidel import GaussSeidel
+from taichisoft.step.contact_solver import ContactSolver
 
 
 def solve(
@@ -16,7 +16,7 @@ def solve(
 ) -> tuple[np.ndarray, float]:
     """Impulses of contacts, from a start at 0, and the residual."""
     size = np.array([len(friction), 0, 0], dtype=np.int32)
-    solver = GaussSeidel(
+    solver = ContactSolver(
         Problem.without_moments(size, w.reshape(-1).copy(), free, friction, np.zeros((0, BOUND_COLUMNS)))
     )
     solver.impulse[:] = 0.0

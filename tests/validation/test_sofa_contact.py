@@ -13,13 +13,13 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
 from taichisoft.kernels.constraint_problem import Problem
-from taichisoft.step.gauss_seidel import GaussSeidel
+from taichisoft.step.contact_solver import ContactSolver
 
 FRICTION = 0.6
 
 
 @pytest.mark.parametrize("step", [94, 110, 155])
-def test_gauss_seidel_finds_sofas_answer(shared: Path, figures: Figures, step: int) -> None:
+def test_the_solver_finds_sofas_answer(shared: Path, figures: Figures, step: int) -> None:
     """W and the free motion of a step of SOFA's gripper: first 3 rows per contact, then the pressures.
 
     How the floor's force is shared out between the cube's four corners is not determined (W is singular: a table
@@ -36,7 +36,7 @@ def test_gauss_seidel_finds_sofas_answer(shared: Path, figures: Figures, step: i
     w = np.ascontiguousarray(problem["W"][:rows, :rows])
     free = problem["dfree"][:rows] + problem["W"][:rows, pressures].sum(axis=1) * problem["pressure_value"]
     size = np.array([rows // 3, 0, 0], dtype=np.int32)
-    solver = GaussSeidel(
+    solver = ContactSolver(
         Problem.without_moments(size, w.reshape(-1), free, np.full(rows // 3, FRICTION), np.zeros((0, BOUND_COLUMNS)))
     )
     answer = problem["lambda"][:rows]

@@ -8,8 +8,6 @@ from taichisoft_sofa.components.draft import SceneDraft
 NEEDED = ("pipeline", "broad phase", "response")
 SPACING = 0.8
 """Distance below which only one of two contacts is kept, as a share of the alarm distance."""
-MAX_ITERATIONS = 100000
-"""Most sweeps of the Gauss-Seidel: scenes throw bodies about by moving anchors 10 mm in one step, which takes many."""
 
 
 def collides(draft: SceneDraft) -> bool:
@@ -25,10 +23,7 @@ def contact_table(draft: SceneDraft) -> dict[str, Any]:
         "contact: bodies slide by the whole of their free motion, of which SOFA drops the tangential part where they "
         "separate; contacts are solved until they change by less than 1e-5 mm/s, whatever tolerance the scene gives"
     )
-    table: dict[str, Any] = {
-        "friction": friction_of(draft.pipeline["response"]),
-        "max_iterations": MAX_ITERATIONS,
-    }
+    table: dict[str, Any] = {"friction": friction_of(draft.pipeline["response"])}
     if "distance" in draft.pipeline:
         alarm, contact = distances_of(draft.pipeline["distance"])
         table |= {"alarm_distance": alarm, "contact_distance": contact, "spacing": SPACING * alarm}

@@ -1,9 +1,12 @@
 """The solver of contacts and actuators with its work space."""
 
+import functools
+
 import numpy as np
 
 from taichisoft.interruption import stop_if_asked
 from taichisoft.kernels import interior_point, smallest_impulses
+from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
 from taichisoft.kernels.constraint_problem import Iterate, Problem
 from taichisoft.kernels.launch import forget
 from taichisoft.kernels.sweep import RESIDUAL, SWEEPS, sweep_repeatedly
@@ -21,7 +24,7 @@ LAST_NEWTON_STEPS = 60
 PULL_TO_ZERO = 1e-8
 
 
-class GaussSeidel:
+class ContactSolver:
     """Finds impulses l with v = free + W l that obey Signorini's and Coulomb's laws and the bounds of actuators.
 
     Three stages, each where the one before has not reached the tolerance: a few sweeps of a projected Gauss-Seidel
@@ -139,3 +142,17 @@ class GaussSeidel:
             self._improve(tolerance, first_pull, newton_steps)
         if not (np.isfinite(self.impulse).all() and self.residual < residual):
             self.impulse[:], self.residual = before, residual
+
+
+@functools.cache
+def load_kernels() -> None:
+    """Launch all stages once, on two contacts: a kernel that is compiled or loaded in the middle of a run delays it."""
+    room, contacts = 6, 2
+    size, friction = np.array([contacts, 0, 0], dtype=np.int32), np.full(contacts, 0.5)
+    bounds = np.zeros((0, BOUND_COLUMNS))
+    free = np.tile([-1.0, 0.1, 0.0], contacts)
+    solver = ContactSolver(Problem.without_moments(size, np.eye(room).reshape(-1), free, friction, bounds))
+    solver.solve(tolerance=0.0, max_iterations=1000)
+    solver.residual = 0.0
+    solver.choose_smallest(np.arange(contacts), 1.0)
+    solver.release()

@@ -14,7 +14,7 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.kernels import constraint_problem as kernels
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.step.actuator_rows import IMPOSED
-from taichisoft.step.gauss_seidel import GaussSeidel
+from taichisoft.step.contact_solver import ContactSolver
 
 
 @dataclass
@@ -38,7 +38,7 @@ class Problem:
             friction=np.concatenate([self.friction, np.full(room, np.nan)]),
             bounds=np.tile(IMPOSED, (rows - 3 * contacts, 1)) if self.bounds is None else self.bounds,
         )
-        solver = GaussSeidel(arrays)
+        solver = ContactSolver(arrays)
         solver.impulse[:rows] = self.start
         solver.solve(tolerance, max_iterations)
         return solver.impulse[:rows], np.array([solver.iterations, solver.residual])
