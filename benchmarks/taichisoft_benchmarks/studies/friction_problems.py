@@ -1,0 +1,134 @@
+"""Contact problems of other programs: what the contact solver and a plain Gauss-Seidel make of them, as a table.
+
+    python -m taichisoft_benchmarks.studies.friction_problems FOLDER
+
+FOLDER holds problems as .npz files: W in compressed rows (`data`, `indices`, `indptr`), `q` and `mu`, three rows for
+each contact, the normal one first. Sought are impulses r with u = W r + q, Signorini's and Coulomb's laws, as in the
+collection FCLIB (Acary, Bremond, Koziara and Perignon 2014, FCLIB: a collection of discrete 3D frictional contact
+problems).
+"""
+
+import argparse
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from taichisoft.errors import TaichisoftError
+from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
+from taichisoft.kernels.constraint_problem import Iterate, Problem
+from taichisoft.kernels.sweep import SWEEPS, sweep_repeatedly
+from taichisoft.step.contact_solver import ContactSolver
+from taichisoft_benchmarks.errors import BenchmarkError
+
+TOLERANCE = 1e-8
+"""Residual at which both methods stop, as a share of the largest entry of q [-]."""
+PLAIN_SWEEPS = 10_000
+MOST_ITERATIONS = 1000
+
+
+@dataclass(frozen=True)
+class FrictionProblem:
+    """Impulses r are sought with u = W r + q: W of shape (3 n, 3 n), q of (3 n,), friction coefficients mu of (n,)."""
+
+    name: str
+    w: np.ndarray
+    q: np.ndarray
+    mu: np.ndarray
+
+    def engine_problem(self) -> Problem:
+        """As the engine has it."""
+        size = np.array([len(self.mu), 0, 0], dtype=np.int32)
+        bounds = np.zeros((0, BOUND_COLUMNS))
+        return Problem.without_moments(size, self.w.reshape(-1).copy(), self.q.copy(), self.mu.copy(), bounds)
+
+    def natural_map(self, impulse: np.ndarray) -> float:
+        """|r - P(r - u - mu |u_t| n)| / |q| with the projection P on Coulomb's cones: 0 where r is a solution [-]."""
+        velocity = (self.w @ impulse + self.q).reshape(-1, 3)
+        velocity[:, 0] += self.mu * np.hypot(velocity[:, 1], velocity[:, 2])
+        missed = impulse - project_on_cones(impulse - velocity.reshape(-1), self.mu)
+        return float(np.linalg.norm(missed) / np.linalg.norm(self.q))
+
+
+class Answer(NamedTuple):
+    """What a method found: natural map [-], sweeps, processor time [s]."""
+
+    natural_map: float
+    sweeps: int
+    seconds: float
+
+
+def read_problem(path: Path) -> FrictionProblem:
+    """Read a problem; the symmetric part of W is taken.
+
+    Raises:
+        BenchmarkError: it cannot be read.
+    """
+    try:
+        with np.load(path) as file:
+            q, mu = file["q"], file["mu"]
+            w = csr_matrix((file["data"], file["indices"], file["indptr"]), shape=(len(q), len(q))).toarray()
+    except (OSError, ValueError, KeyError) as error:
+        raise BenchmarkError(f"{path}: is not a contact problem: {error}") from error
+    return FrictionProblem(path.stem, 0.5 * (w + w.T), q, mu)
+
+
+def project_on_cones(values: np.ndarray, friction: np.ndarray) -> np.ndarray:
+    """The nearest values with |v_t| <= mu v_n at each contact, shape (3 n,)."""
+    points = values.reshape(-1, 3)
+    normal, tangential = points[:, 0], np.hypot(points[:, 1], points[:, 2])
+    on_side = np.maximum(normal + friction * tangential, 0.0) / (1.0 + friction**2)
+    inside = tangential <= friction * normal
+    projected = np.where(inside, normal, on_side)
+    shrink = np.where(inside, 1.0, friction * projected / np.maximum(tangential, 1e-300))
+    return np.column_stack([projected, shrink[:, None] * points[:, 1:]]).reshape(-1)
+
+
+def solve(problem: FrictionProblem) -> Answer:
+    """By the engine's solver, from no impulses."""
+    solver = ContactSolver(problem.engine_problem())
+    solver.impulse[:] = 0.0
+    started = time.process_time()
+    solver.solve(TOLERANCE * np.abs(problem.q).max(), MOST_ITERATIONS)
+    seconds = time.process_time() - started
+    return Answer(problem.natural_map(solver.impulse), solver.iterations, seconds)
+
+
+def sweep_alone(problem: FrictionProblem) -> Answer:
+    """By a plain projected Gauss-Seidel, from no impulses."""
+    iterate = Iterate(np.zeros(len(problem.q)), np.zeros(len(problem.q)))
+    outcome = np.zeros(2)
+    started = time.process_time()
+    sweep_repeatedly(
+        problem.engine_problem(), iterate, outcome, TOLERANCE * float(np.abs(problem.q).max()), PLAIN_SWEEPS
+    )
+    seconds = time.process_time() - started
+    return Answer(problem.natural_map(iterate.impulse), int(outcome[SWEEPS]), seconds)
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Print the table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="folder of .npz files")
+    folder = parser.parse_args(arguments).folder
+    try:
+        problems = [read_problem(path) for path in sorted(folder.glob("*.npz"))]
+    except TaichisoftError as error:
+        print(error, file=sys.stderr)
+        return 2
+    print("| problem | contacts | natural map | sweeps | s | Gauss-Seidel: natural map | sweeps | s |")
+    print("|---|---|---|---|---|---|---|---|")
+    for problem in problems:
+        answers = (solve(problem), sweep_alone(problem))
+        cells = [f"{one.natural_map:.1e} | {one.sweeps} | {one.seconds:.2f}" for one in answers]
+        print(f"| {problem.name} | {len(problem.mu)} | {' | '.join(cells)} |", flush=True)
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
