@@ -153,6 +153,7 @@ LAYERS = {
         "sweep",
         "progress",
         "workers",
+        "access",
         "worker_start",
         "worker_task",
         "run_child",

@@ -239,7 +239,7 @@ def mesh_of_a_pad(geometry: Any, file: Path, size: Any = None, preset: str | Non
 
 
 @contextmanager
-def workers_here(cluster: Any, tasks: int) -> Iterator[Any]:
+def workers_here(cluster: Any, tasks: int, folder: Path) -> Iterator[Any]:
     """Workers that are this process."""
     from taichisoft_studies.make_mesh import MeshRun, make_variant
     from taichisoft_studies.make_run import make_run

@@ -15,6 +15,8 @@ from taichisoft_studies.extras import StudyError
 Count = Annotated[int, Field(strict=True, ge=1)]
 Whole = Annotated[int, Field(strict=True, ge=0)]
 AnyStudy = TypeVar("AnyStudy", bound="Study")
+DASHBOARD = "127.0.0.1:0"
+HIGHEST_PORT = 65535
 
 
 class Range(Table):
@@ -58,17 +60,35 @@ class Cluster(Table):
     workers: Count | None = None
     """Processes that make one run at a time; as many as there are CPUs otherwise. On SLURM: jobs at a time."""
     scheduler: str | None = None
-    """Address of a Dask scheduler whose workers make the runs ("tcp://HOST:8786")."""
+    """Address of a Dask scheduler whose workers make the runs ("tls://HOST:8786")."""
     slurm: dict[str, Any] | None = None
     """Arguments of `dask_jobqueue.SLURMCluster`: queue, account, cores, processes, memory, walltime, ..."""
     retries: Whole = 10
     """How many workers may be lost under one run before it has failed."""
+    dashboard: str = DASHBOARD
+    """Host and port of Dask's dashboard, which asks for no password; port 0 stands for any that is free."""
 
     @model_validator(mode="after")
     def _check_one_place(self) -> Self:
         if self.scheduler is not None and self.slurm is not None:
             raise ValueError("scheduler and slurm are two places for the runs; keep one")
         return self
+
+    @model_validator(mode="after")
+    def _check_dashboard(self) -> Self:
+        if self.scheduler is not None and "dashboard" in self.model_fields_set:
+            raise ValueError("dashboard is that of a scheduler of the study's own; leave it out beside scheduler")
+        host, _, port = self.dashboard.rpartition(":")
+        if not host or ":" in host or not port.isdecimal() or int(port) > HIGHEST_PORT:
+            raise ValueError(
+                f"dashboard = {self.dashboard!r}: must look like {DASHBOARD}, a host and a port up to {HIGHEST_PORT}"
+            )
+        return self
+
+    @property
+    def dashboard_host(self) -> str:
+        """The host on which Dask's dashboard listens."""
+        return self.dashboard.rpartition(":")[0]
 
 
 class Study(Table):

@@ -4,18 +4,23 @@ import logging
 import os
 import signal
 import threading
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from importlib.util import find_spec
+from pathlib import Path
 from typing import Any, Protocol
 from uuid import uuid4
 
+from taichisoft_studies.access import credentials_in_files, own_credentials
 from taichisoft_studies.extras import StudyError, require
-from taichisoft_studies.study_file import Cluster
+from taichisoft_studies.study_file import DASHBOARD, Cluster
 
 LOST = "worker lost"
 CONNECT_LIMIT = 30
 """Time to reach a scheduler [s]."""
+CLOSED_PAGE = ("--no-dashboard", "--dashboard-address", "127.0.0.1:0")
+"""Arguments of `dask worker` that leave its page of its own to its machine alone."""
 
 
 class Workers(Protocol):
@@ -70,17 +75,19 @@ def available_cpus() -> int:
 
 
 @contextmanager
-def dask_workers(cluster: Cluster, tasks: int) -> Iterator[DaskWorkers]:
+def dask_workers(cluster: Cluster, tasks: int, folder: Path) -> Iterator[DaskWorkers]:
     """The workers of a study, ended with it unless they belong to a scheduler of their own.
 
     Args:
         cluster: where they are.
         tasks: no more of them are started on this machine than there are tasks.
+        folder: the study's, which workers on other machines see as well.
 
     Raises:
         StudyError: Dask is not installed, or a cluster cannot be reached or started.
     """
-    require("a study", "distributed", *(["dask_jobqueue"] if cluster.slurm is not None else []))
+    needed = ["distributed"] if cluster.scheduler is not None else ["distributed", "cryptography"]
+    require("a study", *needed, *(["dask_jobqueue"] if cluster.slurm is not None else []))
     import dask
     from distributed import Client
 
@@ -90,6 +97,7 @@ def dask_workers(cluster: Cluster, tasks: int) -> Iterator[DaskWorkers]:
         "distributed.scheduler.allowed-failures": cluster.retries,
         "distributed.scheduler.worker-saturation": 1.0,  # what waits at a worker that is killed was not lost
         "distributed.worker.daemon": False,
+        "distributed.worker.http.routes": [],  # the page of a worker's own, which nobody asked for, has nothing on it
         "distributed.nanny.environ.TAICHISOFT_THREADS": "1",
         "distributed.logging.distributed": "critical",
     }
@@ -97,13 +105,10 @@ def dask_workers(cluster: Cluster, tasks: int) -> Iterator[DaskWorkers]:
         if cluster.scheduler is not None:
             with _connected(cluster.scheduler) as client:
                 count = len(client.scheduler_info(n_workers=-1)["workers"])
-                yield DaskWorkers(client, max(count, 1), _about(client, count))
+                yield DaskWorkers(client, max(count, 1), _about(count, client.dashboard_link))
             return
-        count = cluster.workers or available_cpus()
-        if cluster.slurm is None:
-            count = max(1, min(count, tasks))
-        with _own_cluster(cluster, count) as (own, size), Client(own) as client:
-            yield DaskWorkers(client, size, _about(client, size))
+        with _own_cluster(cluster, tasks, folder) as (own, size), Client(own) as client:
+            yield DaskWorkers(client, size, _about(size, _dashboard(own, cluster)))
 
 
 @contextmanager
@@ -112,8 +117,12 @@ def _connected(address: str) -> Iterator[Any]:
 
     try:
         client = Client(address, timeout=CONNECT_LIMIT)
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, RuntimeError) as error:
         raise StudyError(f"--scheduler {address}: cannot be reached: {' '.join(str(error).split())}") from error
+    except TypeError as error:  # Dask's configuration names no certificate
+        raise StudyError(
+            f"--scheduler {address}: needs credentials, distributed.comm.tls of Dask's settings; see docs/studies.md"
+        ) from error
     try:
         yield client
     finally:
@@ -121,40 +130,84 @@ def _connected(address: str) -> Iterator[Any]:
 
 
 @contextmanager
-def _own_cluster(cluster: Cluster, count: int) -> Iterator[tuple[Any, int]]:
-    """A cluster of ours, and the number of its workers."""
+def _own_cluster(cluster: Cluster, tasks: int, folder: Path) -> Iterator[tuple[Any, int]]:
+    """A cluster of ours, and the number of its workers: no more than there are tasks."""
+    count = cluster.workers or available_cpus()
     if cluster.slurm is not None:
-        made, processes = slurm_cluster(cluster.slurm)
-        made.scale(jobs=count)
-        count *= processes
+        with slurm_cluster(cluster.slurm, folder, cluster.dashboard) as (made, processes):
+            jobs = max(1, min(count, -(-tasks // processes)))
+            made.scale(jobs=jobs)
+            yield made, jobs * processes
     else:
-        from distributed import LocalCluster
-
-        with _interruption_ignored():
-            made = LocalCluster(
-                n_workers=count,
-                threads_per_worker=1,
-                dashboard_address=":0",
-                memory_limit=0,
-                preload=["taichisoft_studies.worker_start"],
-            )
-    with made:
-        yield made, count
+        count = max(1, min(count, tasks))
+        with local_cluster(count, cluster.dashboard) as made:
+            yield made, count
 
 
-def slurm_cluster(told: Mapping[str, Any]) -> tuple[Any, int]:
+def local_cluster(count: int, dashboard: str = DASHBOARD) -> Any:
+    """A cluster of so many processes of this machine, with credentials of its own."""
+    from distributed import LocalCluster
+
+    with _told_in_one_line(), _interruption_ignored():
+        return LocalCluster(
+            n_workers=count,
+            threads_per_worker=1,
+            dashboard_address=dashboard,
+            security=own_credentials(),
+            memory_limit=0,
+            preload=["taichisoft_studies.worker_start"],
+        )
+
+
+@contextmanager
+def slurm_cluster(told: Mapping[str, Any], folder: Path, dashboard: str = DASHBOARD) -> Iterator[tuple[Any, int]]:
     """A cluster of SLURM without any job yet, and the number of workers that each of its jobs has.
 
+    Args:
+        told: arguments of `dask_jobqueue.SLURMCluster`.
+        folder: where its credentials lie, see `credentials_in_files`, unless `told` has a "shared_temp_directory".
+        dashboard: host and port of the dashboard.
+
     Raises:
-        StudyError: an argument is not one of `dask_jobqueue.SLURMCluster`.
+        StudyError: an argument is not one of `dask_jobqueue.SLURMCluster`, or one that a study decides on.
     """
     from dask_jobqueue import SLURMCluster
 
-    arguments = {"cores": 1, "processes": 1, "memory": "2GB", **told}
+    options = told.get("scheduler_options", {})
+    decided = {"security", "protocol"} & {*told, *options}
+    if decided:
+        raise StudyError(f"cluster.slurm.{min(decided)}: leave it out; a study has TLS, with credentials of its own")
+    if "dashboard_address" in options:
+        raise StudyError("cluster.slurm.scheduler_options.dashboard_address: is called cluster.dashboard here")
+    shared = Path(os.path.expandvars(told.get("shared_temp_directory", folder))).expanduser()
+    with credentials_in_files(shared) as security:
+        arguments = {
+            "cores": 1,
+            "processes": 1,
+            "memory": "2GB",
+            **told,
+            "security": security,
+            "scheduler_options": {**options, "dashboard_address": dashboard},
+            "worker_extra_args": [*CLOSED_PAGE, *told.get("worker_extra_args", [])],
+        }
+        try:
+            with _told_in_one_line():
+                made = SLURMCluster(**arguments)
+        except (TypeError, ValueError) as error:
+            raise StudyError(f"cluster.slurm: {' '.join(str(error).split())}") from error
+        with made:
+            yield made, int(arguments["processes"])
+
+
+@contextmanager
+def _told_in_one_line() -> Iterator[None]:
+    """Make an error of a cluster that cannot start, as where its dashboard's address is none of this machine's."""
     try:
-        return SLURMCluster(**arguments), int(arguments["processes"])
-    except (TypeError, ValueError) as error:
-        raise StudyError(f"cluster.slurm: {' '.join(str(error).split())}") from error
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message="Port .* is already in use")  # `_dashboard` says so
+            yield
+    except (OSError, RuntimeError) as error:
+        raise StudyError(f"the workers cannot be started: {' '.join(str(error.__cause__ or error).split())}") from error
 
 
 @contextmanager
@@ -174,7 +227,17 @@ def _interruption_ignored() -> Iterator[None]:
         signal.signal(signal.SIGINT, before)
 
 
-def _about(client: Any, count: int) -> str:
+def _dashboard(own: Any, cluster: Cluster) -> str:
+    """Where a cluster of ours has its dashboard: at the host that was asked for, and a port that was free."""
+    from distributed.utils import format_dashboard_link
+
+    host, _, asked = cluster.dashboard.rpartition(":")
+    port = own.scheduler_info["services"]["dashboard"]
+    taken = f" (port {asked} is taken)" if int(asked) not in (0, port) else ""
+    return f"{format_dashboard_link(host, port)}{taken}"
+
+
+def _about(count: int, dashboard: str | None) -> str:
     """A line about the workers, with the dashboard's address where it can be drawn."""
-    page = client.dashboard_link if find_spec("bokeh") is not None else "none (pip install bokeh)"
+    page = dashboard if find_spec("bokeh") is not None else "none (pip install bokeh)"
     return f"{count} worker{'s' * (count != 1)}; dashboard: {page or 'none'}"

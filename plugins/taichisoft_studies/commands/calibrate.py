@@ -22,6 +22,7 @@ def calibrate(
     ] = None,
     jobs: options.Jobs = None,
     scheduler: options.Scheduler = None,
+    dashboard: options.Dashboard = None,
 ) -> None:
     """Fit parameters to measured curves, with an interval of confidence and a plot of the data over the fit."""
     require("taichisoft calibrate", "distributed")
@@ -33,11 +34,10 @@ def calibrate(
     from taichisoft_studies.calibration_file import Calibration
     from taichisoft_studies.measured_data import read_measurement
     from taichisoft_studies.study_file import check_study, find_study, read_tables
-    from taichisoft_studies.workers import dask_workers
 
     path = find_study(study)
     tables: dict[str, Any] = read_tables(path)
-    options.add_cluster(tables, jobs, scheduler)
+    options.add_cluster(tables, jobs, scheduler, dashboard)
     options.add_plugins(tables)
     asked = check_study(Calibration, tables, str(path))
     options.load_plugins(asked)
@@ -53,8 +53,7 @@ def calibrate(
         print_line(console, f"{said}: cost {cost:.6g}")
 
     most = len(measured) * 2 * len(asked.parameters)
-    with options.quiet_interruption(), dask_workers(asked.cluster, most) as workers:
-        print_line(console, workers.about)
+    with options.announced_workers(console, asked.cluster, most, output) as workers:
         fit = fit_parameters(asked, measured, output, workers, tried)
     for key, value in fit.values.items():
         low, high = fit.intervals[key]

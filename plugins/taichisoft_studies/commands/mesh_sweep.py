@@ -8,7 +8,14 @@ import typer
 
 from taichisoft.errors import GoalMissed
 from taichisoft_meshing.commands import options
-from taichisoft_studies.commands.options import Jobs, Scheduler, add_cluster, quiet_interruption, requested_plugins
+from taichisoft_studies.commands.options import (
+    Dashboard,
+    Jobs,
+    Scheduler,
+    add_cluster,
+    announced_workers,
+    requested_plugins,
+)
 from taichisoft_studies.extras import require
 from taichisoft_studies.study_file import Cluster, Study, check_study
 
@@ -33,6 +40,7 @@ def mesh_sweep(
     ],
     jobs: Jobs = None,
     scheduler: Scheduler = None,
+    dashboard: Dashboard = None,
     time_limit: Annotated[float, typer.Option(help="Longest time for one mesh \\[s].")] = 3600.0,
     size: options.Size = None,
     nodes: options.Nodes = None,
@@ -55,7 +63,7 @@ def mesh_sweep(
     from taichisoft_studies.mesh_summary import summary_rows, summary_table, write_summary
 
     tables: dict[str, Any] = {}
-    add_cluster(tables, jobs, scheduler)
+    add_cluster(tables, jobs, scheduler, dashboard)
     variants = plan(options.geometry_job(file, set_, options.asked_size(size, nodes, preset)), vary)
     cluster = check_study(Study, {"scene": file, **tables}, "mesh-sweep").cluster
     prepare_folder(output)
@@ -85,11 +93,10 @@ def make_variants(
     Raises:
         StudyError: the workers are gone.
     """
-    from taichisoft.running.messages import print_line
     from taichisoft_studies.make_mesh import MeshRun, mesh_failure
     from taichisoft_studies.progress import progress_bar
     from taichisoft_studies.worker_task import do_mesh
-    from taichisoft_studies.workers import LOST, dask_workers
+    from taichisoft_studies.workers import LOST
 
     plugins = tuple(requested_plugins())
     runs = {}
@@ -100,11 +107,9 @@ def make_variants(
     title = variants[0].job.file.name
     try:
         with (
-            quiet_interruption(),
-            dask_workers(cluster, len(runs)) as workers,
+            announced_workers(console, cluster, len(runs), output) as workers,
             progress_bar(console, title, len(runs)) as count,
         ):
-            print_line(console, workers.about)
             for name, run in runs.items():
                 workers.submit(name, do_mesh, run.to_json())
             for _ in runs:

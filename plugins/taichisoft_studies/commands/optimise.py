@@ -20,6 +20,7 @@ def optimise(
     trials: Annotated[int | None, typer.Option(help="Number of runs, earlier ones included.")] = None,
     jobs: options.Jobs = None,
     scheduler: options.Scheduler = None,
+    dashboard: options.Dashboard = None,
 ) -> None:
     """Search for the best values of keys; started again, also on another machine, it goes on with the same study."""
     require("taichisoft optimise", "distributed", "optuna", "pandas", "pyarrow")
@@ -33,11 +34,10 @@ def optimise(
     from taichisoft_studies.progress import progress_bar
     from taichisoft_studies.results import write_table
     from taichisoft_studies.study_file import check_study, find_study, read_tables
-    from taichisoft_studies.workers import dask_workers
 
     path = find_study(study)
     tables: dict[str, Any] = with_function_paths(read_tables(path), path.parent)
-    options.add_cluster(tables, jobs, scheduler)
+    options.add_cluster(tables, jobs, scheduler, dashboard)
     options.add_plugins(tables)
     tables |= {"trials": trials} if trials is not None else {}
     asked = check_study(Optimisation, tables, str(path))
@@ -49,8 +49,7 @@ def optimise(
     if taken:
         console.print(f"{taken} trials of a process that is gone are made again", highlight=False)
     names = list(asked.objectives)
-    with options.quiet_interruption(), dask_workers(asked.cluster, asked.trials) as workers:
-        print_line(console, workers.about)
+    with options.announced_workers(console, asked.cluster, asked.trials, output) as workers:
         with progress_bar(console, "trials", asked.trials, len(counted(made))) as count:
 
             def done(trial: Any, record: Mapping[str, Any]) -> None:

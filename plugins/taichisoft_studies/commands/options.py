@@ -4,18 +4,30 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from taichisoft_studies.extras import StudyError
+from taichisoft_studies.study_file import Cluster
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from taichisoft_studies.workers import DaskWorkers
 
 Jobs = Annotated[
     int | None,
     typer.Option("--jobs", "-j", metavar="N", help="Runs at a time on this machine; as many as CPUs otherwise."),
 ]
 Scheduler = Annotated[
-    str | None, typer.Option("--scheduler", metavar="tcp://HOST:8786", help="A Dask scheduler whose workers are used.")
+    str | None, typer.Option("--scheduler", metavar="tls://HOST:8786", help="A Dask scheduler whose workers are used.")
+]
+Dashboard = Annotated[
+    str | None,
+    typer.Option(
+        "--dashboard", metavar="HOST:PORT", help="Where Dask's dashboard listens  \\[default: 127.0.0.1, any port]."
+    ),
 ]
 Output = Annotated[Path, typer.Option("--output", "-o", help="Folder of the study.")]
 
@@ -36,7 +48,7 @@ def requested_plugins(arguments: Sequence[str] | None = None) -> list[str]:
     return list(dict.fromkeys(map(str, found)))
 
 
-def add_cluster(tables: dict[str, Any], jobs: int | None, scheduler: str | None) -> None:
+def add_cluster(tables: dict[str, Any], jobs: int | None, scheduler: str | None, dashboard: str | None) -> None:
     """Put what the command line says of workers into a study's tables.
 
     Raises:
@@ -44,7 +56,7 @@ def add_cluster(tables: dict[str, Any], jobs: int | None, scheduler: str | None)
     """
     if jobs is not None and jobs < 1:
         raise StudyError(f"--jobs {jobs}: must be at least 1")
-    said = {"workers": jobs, "scheduler": scheduler}
+    said = {"workers": jobs, "scheduler": scheduler, "dashboard": dashboard}
     given = {key: value for key, value in said.items() if value is not None}
     if given:
         tables["cluster"] = {**tables.get("cluster", {}), **given}
@@ -63,6 +75,20 @@ def load_plugins(study: Any) -> None:
 
     for plugin in study.plugins:
         load_plugin(plugin)
+
+
+@contextmanager
+def announced_workers(console: "Console", cluster: Cluster, tasks: int, folder: Path) -> "Iterator[DaskWorkers]":
+    """The workers of a study, see `workers.dask_workers`, with a line about them and warnings of who may reach them."""
+    from taichisoft.running.messages import print_line, print_warning
+    from taichisoft_studies.access import cautions
+    from taichisoft_studies.workers import dask_workers
+
+    for caution in cautions(cluster):
+        print_warning(console, caution)
+    with quiet_interruption(), dask_workers(cluster, tasks, folder) as workers:
+        print_line(console, workers.about)
+        yield workers
 
 
 @contextmanager

@@ -42,6 +42,7 @@ def sweep(
     time_limit: Annotated[float | None, typer.Option(help="Longest time for one run \\[s].")] = None,
     jobs: options.Jobs = None,
     scheduler: options.Scheduler = None,
+    dashboard: options.Dashboard = None,
     again: Annotated[
         bool, typer.Option("--again", help="Make runs anew that timed out, or whose process or workers were lost.")
     ] = False,
@@ -55,7 +56,6 @@ def sweep(
     from taichisoft_studies.run_folder import COMPLETED, finished
     from taichisoft_studies.study_file import Sweep, check_study, find_study, read_tables
     from taichisoft_studies.sweep import RUNS, forget_unsure, make_missing, sweep_jobs
-    from taichisoft_studies.workers import dask_workers
 
     console = Console()
     tables: dict[str, Any]
@@ -65,7 +65,7 @@ def sweep(
         path = find_study(study)
         tables, source = read_tables(path), str(path)
     _add_options(tables, vary, sample, seed, set_, controller, duration, record, time_limit)
-    options.add_cluster(tables, jobs, scheduler)
+    options.add_cluster(tables, jobs, scheduler, dashboard)
     asked = check_study(Sweep, tables, source)
     options.load_plugins(asked)
     planned = sweep_jobs(asked, output)
@@ -77,14 +77,11 @@ def sweep(
     if ended:
         console.print(f"{ended} of {len(planned)} runs have ended before", highlight=False)
 
-    with options.quiet_interruption():
-        records = []
-        if missing:
-            with dask_workers(asked.cluster, missing) as workers:
-                print_line(console, workers.about)
-                records = _make(console, planned, workers, ended, make_missing)
-        else:
-            records = [one for job in planned if (one := finished(job)) is not None]
+    if missing:
+        with options.announced_workers(console, asked.cluster, missing, output) as workers:
+            records = _make(console, planned, workers, ended, make_missing)
+    else:
+        records = [one for job in planned if (one := finished(job)) is not None]
     rows = [result_row(one, f"{RUNS}/{one['run']}") for one in records]
     written = write_table(rows, output)
     statuses = Counter(record["status"] for record in records)
