@@ -30,6 +30,9 @@ GROWTH = 0.5
 MOST_ELEMENTS = 5_000_000
 """More elements than any machine meshes and simulates in a sensible time."""
 
+MOST_NODES = 1_000_000
+"""Nodes of so many elements of four nodes, which are some five times as many."""
+
 
 def element_count(volume: float, largest: float, smallest: float, cavity_volumes: Sequence[float] = ()) -> float:
     """An estimate of the number of tetrahedra in a body, from below.
@@ -66,6 +69,12 @@ def refuse_too_many(count: float, key: str, size: float, power: int = 3) -> None
         )
 
 
+def refuse_nodes(nodes: int, key: str) -> None:
+    """Raise MeshError for a number of nodes that no mesh has, or none that is ever simulated; `key` begins it."""
+    if not 4 <= nodes <= MOST_NODES:
+        raise MeshError(f"{key}: must lie between 4, those of one tetrahedron, and {MOST_NODES}")
+
+
 def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
     """Search for the size whose mesh has a number of nodes, within 15 %.
 
@@ -78,8 +87,7 @@ def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
     Raises:
         MeshError: no size that was tried gives so many nodes, or the body cannot be meshed.
     """
-    if nodes < 4:
-        raise MeshError(f"nodes = {nodes}: must be at least 4, those of one tetrahedron")
+    refuse_nodes(nodes, f"nodes = {nodes}")
     search = _Search(nodes)
     size: float | None = _first_size(geometry)
     while size is not None and len(search.counts) < MOST_MESHES and search.miss > NEAR_ENOUGH:

@@ -5,11 +5,14 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+from pydantic import ValidationError
+
 from taichisoft.errors import MeshError
+from taichisoft.scenes.validation_errors import first_problem
 from taichisoft_meshing.commands.options import overridden
 from taichisoft_meshing.mesh_job import MeshJob
-from taichisoft_studies.sampling import MOST, grid
-from taichisoft_studies.study_file import Range
+from taichisoft_studies.sampling import grid, grid_size
+from taichisoft_studies.study_file import MOST, Range
 from taichisoft_studies.value_texts import split_values, value_range
 
 
@@ -63,10 +66,23 @@ def _key_and_values(text: str) -> tuple[str, list[str]]:
     if not separator or not key.strip() or not all(split):
         raise MeshError(f"--vary {text}: must look like body.width=20,22,25")
     if len(split) == 1 and ":" in values and not values.startswith('"'):
-        split = [repr(value) for value in grid(Range(**value_range(text, values)))]
+        split = [repr(value) for value in grid(_range(text, values))]
     if len(set(split)) < len(split):
         raise MeshError(f"--vary {text}: the value {next(v for v in split if split.count(v) > 1)} is there twice")
     return key.strip(), split
+
+
+def _range(text: str, values: str) -> Range:
+    """The range "low:high:count"; `text` is the whole option, for the error."""
+    try:
+        found = Range(**value_range(text, values))
+    except ValidationError as error:
+        raise MeshError(f"--vary {text}: {first_problem(error, Range)}") from error
+    if found.count is None:
+        raise MeshError(f"--vary {text}: a range must look like 20:25:6, lowest, highest and count")
+    if grid_size(found) > MOST:
+        raise MeshError(f"--vary {text}: {grid_size(found)} values are more than the {MOST} that a sweep may have")
+    return found
 
 
 def _for_a_file(value: str) -> str:

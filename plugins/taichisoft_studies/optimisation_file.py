@@ -7,7 +7,7 @@ from pydantic import Field, model_validator
 
 from taichisoft.errors import nearest
 from taichisoft.scenes.table import KeySets, NotNegative, Positive, Table
-from taichisoft_studies.study_file import Count, Range, Study, Values, check_values
+from taichisoft_studies.study_file import MOST, Count, Range, Study, Values, check_values
 
 
 class Objective(Table):
@@ -52,7 +52,7 @@ class Optimisation(Study):
     """Comparisons that the result must satisfy ("rest_volumes_mm3['finger'] <= 40000"), by a name of your own."""
     start: dict[str, Any] = Field(default={})
     """Values of the first trial by key, such as those of a design that is known."""
-    trials: Count = 60
+    trials: Annotated[int, Field(strict=True, ge=1, le=MOST)] = 60
     """Number of runs, those before a continuation included."""
     sampler: Literal["tpe", "cmaes", "nsga2", "gp"] = "tpe"
     """Tree-structured Parzen estimator, CMA-ES, NSGA-II, or a Gaussian process (needs PyTorch)."""

@@ -8,10 +8,7 @@ from typing import Any
 import numpy as np
 
 from taichisoft_studies.extras import StudyError
-from taichisoft_studies.study_file import Range, Sample, Values
-
-MOST = 10_000
-"""Runs in a sweep: more are a slip of the keyboard."""
+from taichisoft_studies.study_file import MOST, Range, Sample, Values
 
 
 def combinations(varied: Mapping[str, Values], sample: Sample | None, seed: int) -> list[dict[str, Any]]:
@@ -28,10 +25,10 @@ def combinations(varied: Mapping[str, Values], sample: Sample | None, seed: int)
             {key: value_at(values, share) for (key, values), share in zip(varied.items(), row, strict=True)}
             for row in shares.tolist()
         ]
-    lists = {key: grid(values) for key, values in varied.items()}
-    count = math.prod(map(len, lists.values()))
+    count = math.prod(map(grid_size, varied.values()))
     if count > MOST:
         raise StudyError(f"vary: {count} combinations are more than the {MOST} that a sweep may have")
+    lists = {key: grid(values) for key, values in varied.items()}
     return [dict(zip(lists, chosen, strict=True)) for chosen in itertools.product(*lists.values())]
 
 
@@ -47,11 +44,21 @@ def unit_samples(sample: Sample, dimensions: int, seed: int) -> np.ndarray:
     return points
 
 
+def grid_size(values: Values) -> int:
+    """How many values `grid` gives, without making them."""
+    if not isinstance(values, Range):
+        return len(values)
+    assert values.count is not None  # the study's table sees to it
+    return min(values.count, int(values.high - values.low) + 1) if values.integer else values.count
+
+
 def grid(values: Values) -> list[Any]:
     """The values of one key; `count` of them for a range, whole numbers once each."""
     if not isinstance(values, Range):
         return list(values)
-    assert values.count is not None  # the study's table sees to it
+    assert values.count is not None
+    if values.integer and values.count > values.high - values.low:
+        return list(range(int(values.low), int(values.high) + 1))
     shares = [0.5] if values.count == 1 else np.linspace(0.0, 1.0, values.count).tolist()
     if not values.integer:
         return [value_at(values, share) for share in shares]

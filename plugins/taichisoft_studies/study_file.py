@@ -15,6 +15,8 @@ from taichisoft_studies.extras import StudyError
 Count = Annotated[int, Field(strict=True, ge=1)]
 Whole = Annotated[int, Field(strict=True, ge=0)]
 AnyStudy = TypeVar("AnyStudy", bound="Study")
+MOST = 10_000
+"""Runs in a study: more are a slip of the keyboard."""
 DASHBOARD = "127.0.0.1:0"
 HIGHEST_PORT = 65535
 

@@ -12,8 +12,8 @@ from taichisoft_studies.extras import StudyError
 from taichisoft_studies.keys import scene_with
 from taichisoft_studies.run_folder import finished, read_record, record_loss
 from taichisoft_studies.run_job import RunJob, make_job
-from taichisoft_studies.sampling import MOST, combinations
-from taichisoft_studies.study_file import Study, Sweep
+from taichisoft_studies.sampling import combinations
+from taichisoft_studies.study_file import MOST, Study, Sweep
 from taichisoft_studies.worker_task import do_run
 from taichisoft_studies.workers import LOST, Workers
 

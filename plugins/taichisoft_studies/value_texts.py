@@ -5,7 +5,7 @@ from typing import Any
 
 from taichisoft.scenes.overrides import apply_override
 from taichisoft_studies.extras import StudyError
-from taichisoft_studies.sampling import MOST
+from taichisoft_studies.study_file import MOST
 
 
 def varied(texts: Sequence[str]) -> dict[str, Any]:

@@ -22,7 +22,7 @@ from taichisoft_meshing.commands.options import geometry_job
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
 from taichisoft_studies.make_mesh import MeshRun, make_variant
 from taichisoft_studies.mesh_plan import plan
-from taichisoft_studies.sampling import MOST
+from taichisoft_studies.study_file import MOST
 from taichisoft_studies.worker_task import do_mesh
 
 PLUGIN = Path(__file__).parents[1] / "meshing" / "block_kind.py"
@@ -76,6 +76,11 @@ def test_values_may_be_any_toml() -> None:
         (["stretch=1,2", "stretch=3"], "--vary stretch: is given twice; put its values into one list"),
         (["stretch.x=1"], "--set stretch.x=1: stretch is no table: it has no 'x'"),
         (["stretch=" + ",".join(map(str, range(MOST + 1)))], "combinations are more than the 10000"),
+        (["stretch=1:2:1000000000"], "--vary stretch=1:2:1000000000: 1000000000 values are more than the 10000"),
+        (["stretch=1:2"], "--vary stretch=1:2: a range must look like 20:25:6, lowest, highest and count"),
+        (["stretch=5:1:3"], "--vary stretch=5:1:3: low (5) must be below high (1)"),
+        (["stretch=1:nan:3"], "--vary stretch=1:nan:3: high = nan: "),
+        (["stretch=1:2:0"], "--vary stretch=1:2:0: count = 0: "),
         (["stretch=a/b,a:b"], "--vary: two variants would both be called 'stretch-a_b'"),
     ],
 )

@@ -17,7 +17,7 @@ from taichisoft.errors import MeshError, SceneError
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_benchmarks.studies.interrupted_sweep import interrupted_sweep
-from taichisoft_studies import extras
+from taichisoft_studies import extras, sampling
 from taichisoft_studies.extras import StudyError
 from taichisoft_studies.keys import scene_with
 from taichisoft_studies.results import WALL_CLOCK, read_table, result_row, write_table
@@ -54,6 +54,29 @@ def test_a_latin_hypercube_has_one_value_in_each_stratum(count: int, seed: int) 
 def test_a_grid_has_all_combinations_the_last_key_fastest() -> None:
     rows = combinations({"a": (1, 2), "b": Range(low=0.2, high=1.0, count=3)}, None, 1)
     assert [(row["a"], row["b"]) for row in rows] == [(1, 0.2), (1, 0.6), (1, 1.0), (2, 0.2), (2, 0.6), (2, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("vary", "count"),
+    [
+        ({"a": Range(low=0.0, high=1.0, count=10**9)}, 10**9),
+        ({"a": Range(low=0.0, high=1.0, count=10**5), "b": Range(low=0.0, high=1.0, count=10**4)}, 10**9),
+        ({"a": Range(low=0, high=10**9 - 1, count=10**12, integer=True)}, 10**9),
+    ],
+)
+def test_a_study_of_too_many_runs_is_refused_before_its_values_are_made(
+    vary: dict[str, Any], count: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The list of them would take 8 GB."""
+    monkeypatch.setattr(sampling, "grid", None)
+    with pytest.raises(StudyError, match=f"^vary: {count} combinations are more than the 10000 that a sweep may have$"):
+        combinations(vary, None, 1)
+
+
+def test_a_range_of_whole_numbers_has_each_once_however_high_its_count() -> None:
+    expected = [{"a": value} for value in range(-2, 4)]
+    assert combinations({"a": Range(low=-2, high=3, count=10**15, integer=True)}, None, 1) == expected
+    assert combinations({"a": Range(low=-2, high=3, count=6, integer=True)}, None, 1) == expected
 
 
 def test_values_of_the_command_line() -> None:

@@ -86,8 +86,10 @@ def asked_size(size: float | None, nodes: int | None, preset: str | None) -> dic
         raise MeshError(f"{' and '.join(f'--{name}' for name in asked)}: only one of them can be given")
     if size is not None and not 0.0 < size < math.inf:
         raise MeshError(f"--size {size:g}: must be a positive, finite number of millimetres")
-    if nodes is not None and nodes < 4:
-        raise MeshError(f"--nodes {nodes}: must be at least 4, the corners of one tetrahedron")
+    if nodes is not None:
+        from taichisoft_meshing.size_search import refuse_nodes
+
+        refuse_nodes(nodes, f"--nodes {nodes}")
     return asked
 
 
