@@ -51,7 +51,8 @@ def make_mesh_apart(
         arguments = [str(asked), str(answer), *(word for file in files for word in (FILE_OPTION, file))]
         problem = _run([*PYTHON, "-m", "taichisoft_meshing.mesh_process", *arguments], job.file, time_limit)
         if problem:
-            raise MeshError(f"{job.file}: the process that meshes it ended without a mesh: {problem}")
+            lost = ChildProcessError(problem)
+            raise MeshError(f"{job.file}: the process that meshes it ended without a mesh: {problem}") from lost
         made = pickle.loads(answer.read_bytes())
     if isinstance(made, TaichisoftError):
         raise made

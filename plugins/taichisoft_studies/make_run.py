@@ -1,5 +1,6 @@
 """Makes one run in a folder: the scene, its controller and outputs, and what became of it."""
 
+import errno
 import json
 import random
 from collections.abc import Callable
@@ -25,6 +26,7 @@ from taichisoft_studies.pruning import Pruned, PruningOutput
 from taichisoft_studies.run_folder import (
     BEYOND_LAW,
     COMPLETED,
+    ERROR,
     LOG,
     METRICS,
     PRUNED,
@@ -46,6 +48,11 @@ REASONS: tuple[tuple[type[TaichisoftError], str], ...] = (
     (PluginError, "plug-in failed"),
     (SceneError, "scene refused"),
 )
+SHORTAGES = (
+    errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS,
+    errno.EIO, errno.ESTALE, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
+)  # fmt: skip
+"""What the operating system refuses because of the machine's state, not because of the run."""
 
 
 def make_run(
@@ -72,10 +79,25 @@ def make_run(
 
 
 def reason(error: Exception) -> str:
-    """One of a few words for an error, for tables: which key, or which body, its message says."""
+    """One of a few words for an error, for tables: which key, or which body, its message says.
+
+    What the machine lacked, such as space on a disk, is an "error" wherever it was met: it says nothing of the scene.
+    """
+    if _is_of_the_machine(error):
+        return ERROR
     if isinstance(error, SceneError) and isinstance(error.__cause__, MeshError):
         return "mesh refused"
-    return next((name for kind, name in REASONS if isinstance(error, kind)), "error")
+    return next((name for kind, name in REASONS if isinstance(error, kind)), ERROR)
+
+
+def _is_of_the_machine(error: BaseException | None) -> bool:
+    """Whether memory, a disk or a process failed, or that is what caused the error."""
+    while error is not None:
+        lost = isinstance(error, MemoryError | ChildProcessError)
+        if lost or (isinstance(error, OSError) and error.errno in SHORTAGES):
+            return True
+        error = error.__cause__
+    return False
 
 
 def _run(job: RunJob, folder: Path) -> tuple[str, str]:

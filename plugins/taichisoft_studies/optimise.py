@@ -7,7 +7,7 @@ from typing import Any
 from taichisoft_studies.extras import StudyError
 from taichisoft_studies.objectives import Figure, figures, violations
 from taichisoft_studies.optimisation_file import Optimisation
-from taichisoft_studies.optimiser import JOURNAL, VIOLATIONS, counted, own, suggest
+from taichisoft_studies.optimiser import JOURNAL, STATUS, VIOLATIONS, counted, own, suggest
 from taichisoft_studies.results import result_row
 from taichisoft_studies.run_folder import BEYOND_LAW, COMPLETED, PRUNED
 from taichisoft_studies.run_job import RunJob
@@ -15,7 +15,7 @@ from taichisoft_studies.sweep import RUNS, checked_record, job_for
 from taichisoft_studies.worker_task import do_run
 from taichisoft_studies.workers import Workers
 
-RUN, STATUS, MESSAGE = "run", "status", "message"
+RUN, MESSAGE = "run", "message"
 
 
 def optimise(

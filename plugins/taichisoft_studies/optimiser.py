@@ -8,14 +8,17 @@ from uuid import uuid4
 
 from taichisoft_studies.extras import StudyError, require
 from taichisoft_studies.optimisation_file import Optimisation
+from taichisoft_studies.run_folder import ERROR
 from taichisoft_studies.study_file import Range, Values
 from taichisoft_studies.unfinished import is_gone, owner
 
 JOURNAL = "optuna.journal"
 NAME = "optimisation"
 SESSION = "session "
-VIOLATIONS, OWNER, LOST = "violations", "owner", "lost"
+VIOLATIONS, OWNER, LOST, STATUS = "violations", "owner", "lost", "status"
 """Names of what is noted at trials."""
+AGAIN = "again"
+"""Name of what is noted at the study: numbers of the trials that are made again."""
 
 
 def open_study(study: Optimisation, folder: Path) -> Any:
@@ -77,12 +80,29 @@ def take_over_abandoned(study: Any) -> int:
     return len(abandoned)
 
 
-def counted(study: Any) -> list[Any]:
-    """The trials that have ended or are being made, without those that were lost with the process that made them."""
+def take_over_errors(study: Any) -> int:
+    """Put the trials back into the queue whose run ended with an error, see `run_folder.finished`; returns how many."""
     from optuna.trial import TrialState
 
-    trials = study.get_trials(deepcopy=False)
-    return [trial for trial in trials if trial.state != TrialState.WAITING and not trial.user_attrs.get(LOST)]
+    before = study.user_attrs.get(AGAIN, [])
+    ended = study.get_trials(deepcopy=False, states=(TrialState.FAIL,))
+    failed = [one for one in ended if one.user_attrs.get(STATUS) == ERROR and one.number not in before]
+    study.set_user_attr(AGAIN, [*before, *(trial.number for trial in failed)])
+    for trial in failed:
+        study.enqueue_trial(trial.params)
+    return len(failed)
+
+
+def counted(study: Any) -> list[Any]:
+    """The trials that have ended or are being made, without those that were lost or are made again."""
+    from optuna.trial import TrialState
+
+    again = study.user_attrs.get(AGAIN, [])
+    return [
+        trial
+        for trial in study.get_trials(deepcopy=False)
+        if trial.state != TrialState.WAITING and not trial.user_attrs.get(LOST) and trial.number not in again
+    ]
 
 
 def best_trials(study: Any, count: int) -> list[Any]:

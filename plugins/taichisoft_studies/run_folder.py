@@ -15,7 +15,7 @@ from taichisoft_studies.unfinished import abandoned, partial_folder, remove_aban
 RECORD = "run.json"
 LOG = "log.txt"
 METRICS = "metrics.json"
-COMPLETED, PRUNED, BEYOND_LAW = "completed", "pruned", "beyond the law"
+COMPLETED, PRUNED, BEYOND_LAW, ERROR = "completed", "pruned", "beyond the law", "error"
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
@@ -32,9 +32,14 @@ def read_record(folder: Path) -> dict[str, Any] | None:
 
 
 def finished(job: RunJob) -> dict[str, Any] | None:
-    """The record of a job that needs not be done again: it has ended, with all outputs that are wanted now."""
+    """The record of a job that needs not be done again: it has ended, with all outputs that are wanted now.
+
+    One that ended with an error has not: that was no result, but a full disk, or a fault that may be gone by now.
+    """
     record = read_record(job.place)
     if record is not None and record["status"] == PRUNED and job.pruning is None:  # now it is to go to its end
+        return None
+    if record is not None and record["status"] == ERROR:
         return None
     return record if record is not None and set(job.outputs) <= set(record.get("outputs", ())) else None
 

@@ -13,6 +13,7 @@ import threading
 import traceback
 from typing import Any
 
+from taichisoft.errors import TaichisoftError
 from taichisoft_studies.run_job import RunJob
 
 READY = "ready"
@@ -62,6 +63,8 @@ def _answer(request: dict[str, Any]) -> dict[str, Any]:
         if request["kind"] == MESH:
             return make_variant(MeshRun.from_json(request["job"]))
         return make_run(RunJob.from_json(request["job"]), printed_to)
+    except TaichisoftError as error:
+        return {"error": " ".join(str(error).split())}
     except Exception as error:
         traceback.print_exc()
         return {"error": f"{type(error).__name__}: {' '.join(str(error).split())}"}

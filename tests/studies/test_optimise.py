@@ -12,7 +12,7 @@ from taichisoft_studies.extras import StudyError
 from taichisoft_studies.objectives import figures
 from taichisoft_studies.optimisation_file import Optimisation
 from taichisoft_studies.optimise import optimise, trial_rows
-from taichisoft_studies.optimiser import OWNER, best_trials, counted, open_study, take_over_abandoned
+from taichisoft_studies.optimiser import OWNER, best_trials, counted, open_study, take_over_abandoned, take_over_errors
 from taichisoft_studies.study_file import check_study
 
 PRESSURE = "controller.settings.pressure"
@@ -123,6 +123,23 @@ def test_an_interrupted_search_goes_on(tmp_path: Path, taichisoft_plugins: Any) 
     made = [trial.params[PRESSURE] for trial in trials.trials if trial.state.name == "COMPLETE"]
     assert len(made) == 6
     assert pressure in made
+
+
+def test_trials_that_ended_with_an_error_are_made_again_once(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """As when a disk was full: with the same values, and without counting twice."""
+    from optuna.trial import TrialState
+
+    study = search_of(tmp_path, trials=4)
+    trials = searched(study, tmp_path)
+    failed = trials.ask()
+    pressure = failed.suggest_float(PRESSURE, 0.0, 10.0)
+    failed.set_user_attr("status", "error")
+    trials.tell(failed, state=TrialState.FAIL)
+    assert (take_over_errors(trials), take_over_errors(trials)) == (1, 0)
+    trials = searched(study.model_copy(update={"trials": 5}), tmp_path)
+    assert len(counted(trials)) == 5
+    assert trials.trials[-1].params[PRESSURE] == pressure
+    assert trials.trials[-1].state == TrialState.COMPLETE
 
 
 def test_sessions_that_begin_at_the_same_moment_draw_different_values(tmp_path: Path, taichisoft_plugins: Any) -> None:

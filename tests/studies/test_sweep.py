@@ -1,7 +1,9 @@
 """Sweeps: what runs there are, that each is made once, and that kills and the order of ending change nothing."""
 
+import errno
 import json
 import os
+import re
 import socket
 import sys
 import time
@@ -13,19 +15,20 @@ from hypothesis import given
 from hypothesis import strategies as st
 from studies import Here, sweep_of
 
-from taichisoft.errors import MeshError, SceneError
+from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_benchmarks.studies.interrupted_sweep import interrupted_sweep
 from taichisoft_studies import extras, sampling
 from taichisoft_studies.extras import StudyError
 from taichisoft_studies.keys import scene_with
+from taichisoft_studies.make_run import REASONS, reason
 from taichisoft_studies.results import WALL_CLOCK, read_table, result_row, write_table
-from taichisoft_studies.run_folder import read_record
+from taichisoft_studies.run_folder import COMPLETED, ERROR, PRUNED, read_record
 from taichisoft_studies.run_job import run_hash
 from taichisoft_studies.sampling import combinations
 from taichisoft_studies.study_file import Range, Sample, Sweep, check_study, read_tables
-from taichisoft_studies.sweep import make_missing, sweep_jobs
+from taichisoft_studies.sweep import UNSURE, checked_record, make_missing, sweep_jobs
 from taichisoft_studies.value_texts import varied
 from taichisoft_studies.worker_task import do_run
 
@@ -186,6 +189,85 @@ def test_each_run_is_made_once_and_failures_keep_their_reason(tmp_path: Path, ta
     more = sweep_jobs(sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0, 2.0]}), tmp_path)
     make_missing(more, workers, ignore)
     assert workers.made[2:] == [more[1].name]
+
+
+FULL = """
+import errno
+from pathlib import Path
+from taichisoft import Control, Controller, hookimpl
+
+class Full(Controller):
+    def __init__(self, disk: str):
+        if (Path(disk) / "full").exists():
+            raise OSError(errno.ENOSPC, "No space left on device", "somewhere")
+    def control(self, observation):
+        return Control()
+
+@hookimpl
+def taichisoft_controllers():
+    return {"full": Full}
+"""
+
+
+def test_a_run_that_failed_for_want_of_space_is_made_again(tmp_path: Path, taichisoft_plugins: Any) -> None:
+    """And only such a one: a run that has completed, or whose controller failed, has ended."""
+    path, disk = tmp_path / "plugin_of_full.py", tmp_path / "full"
+    path.write_text(FULL)
+    values = {"controller.settings.disk": [str(tmp_path), "nowhere"]}
+    study = sweep_of(tmp_path, controller="full", plugins=[str(path)], vary=values)
+    load_plugin(path)
+    jobs, workers = sweep_jobs(study, tmp_path), Here()
+    disk.touch()
+    records = make_missing(jobs, workers, ignore)
+    assert [record["status"] for record in records] == ["error", "completed"]
+    assert "No space left on device" in records[0]["message"]
+    disk.unlink()
+    records = make_missing(jobs, workers, ignore)
+    assert [record["status"] for record in records] == ["completed"] * 2
+    make_missing(jobs, workers, ignore)
+    assert workers.made[2:] == [jobs[0].name]
+
+
+def test_a_folder_that_cannot_be_written_is_one_line(tmp_path: Path, taichisoft_plugins: Any, capfd: Any) -> None:
+    """A disk may be so full that not even the record of a run can be written: the study ends, to be started again."""
+    study = sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0]})
+    load_plugin(study.plugins[0])
+    (job,) = sweep_jobs(study, tmp_path)
+    Path(job.folder).write_text("a file where the folder should be")
+    with pytest.raises(StudyError, match=rf"^run {job.name}: .*: cannot be written: "):
+        checked_record(job, do_run(job.to_json()))
+    assert capfd.readouterr().err == ""
+
+
+def caused(error: Exception, cause: Exception) -> Exception:
+    error.__cause__ = cause
+    return error
+
+
+@pytest.mark.parametrize(
+    ("error", "status"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), "error"),
+        (MemoryError(), "error"),
+        (ZeroDivisionError(), "error"),
+        (caused(MeshError("a.msh: cannot be written"), OSError(errno.EDQUOT, "Disk quota exceeded")), "error"),
+        (caused(SceneError("mesh"), caused(MeshError("a.msh"), OSError(errno.EIO, "Input/output error"))), "error"),
+        (caused(PluginError("failed"), MemoryError()), "error"),
+        (caused(MeshError("a.toml: its process"), ChildProcessError("ended by SIGKILL")), "error"),
+        (caused(MeshError("a.msh: no such file"), FileNotFoundError(errno.ENOENT, "No such file")), "mesh refused"),
+        (caused(SceneError("mesh"), MeshError("a.msh: an element is inverted")), "mesh refused"),
+        (MeshError("a.msh: an element is inverted"), "mesh refused"),
+    ],
+)
+def test_what_the_machine_lacked_is_an_error_and_no_result(error: Exception, status: str) -> None:
+    assert reason(error) == status
+
+
+def test_every_status_of_a_run_is_in_the_document() -> None:
+    document = (Path(__file__).parents[2] / "docs" / "studies.md").read_text(encoding="utf-8")
+    table = document[document.index("| status |") : document.index("Runs with the status")]
+    listed = set(re.findall(r"`([a-z -]+)`", table))
+    assert {name for _, name in REASONS} | {COMPLETED, PRUNED, ERROR, *UNSURE} <= listed
 
 
 def test_a_run_that_lacks_an_output_is_made_anew(tmp_path: Path, taichisoft_plugins: Any) -> None:

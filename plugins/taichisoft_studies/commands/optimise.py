@@ -30,7 +30,7 @@ def optimise(
     from taichisoft_studies.optimisation_file import Optimisation, with_function_paths
     from taichisoft_studies.optimise import optimise as search
     from taichisoft_studies.optimise import trial_rows
-    from taichisoft_studies.optimiser import counted, open_study, take_over_abandoned
+    from taichisoft_studies.optimiser import counted, open_study, take_over_abandoned, take_over_errors
     from taichisoft_studies.progress import progress_bar
     from taichisoft_studies.results import write_table
     from taichisoft_studies.study_file import check_study, find_study, read_tables
@@ -48,6 +48,9 @@ def optimise(
     taken = take_over_abandoned(made)
     if taken:
         console.print(f"{taken} trials of a process that is gone are made again", highlight=False)
+    failed = take_over_errors(made)
+    if failed:
+        console.print(f"{failed} trials that ended with an error are made again", highlight=False)
     names = list(asked.objectives)
     with options.announced_workers(console, asked.cluster, asked.trials, output) as workers:
         with progress_bar(console, "trials", asked.trials, len(counted(made))) as count:

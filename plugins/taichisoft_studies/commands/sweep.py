@@ -53,7 +53,7 @@ def sweep(
 
     from taichisoft.running.messages import print_line
     from taichisoft_studies.results import result_row, write_table
-    from taichisoft_studies.run_folder import COMPLETED, finished
+    from taichisoft_studies.run_folder import COMPLETED, ERROR, finished, read_record
     from taichisoft_studies.study_file import Sweep, check_study, find_study, read_tables
     from taichisoft_studies.sweep import RUNS, forget_unsure, make_missing, sweep_jobs
 
@@ -76,6 +76,9 @@ def sweep(
     missing = len(planned) - ended
     if ended:
         console.print(f"{ended} of {len(planned)} runs have ended before", highlight=False)
+    failed_before = sum((read_record(job.place) or {}).get("status") == ERROR for job in planned)
+    if failed_before:
+        console.print(f"{failed_before} runs that ended with an error are made again", highlight=False)
 
     if missing:
         with options.announced_workers(console, asked.cluster, missing, output) as workers:
