@@ -47,7 +47,7 @@ COMPARISONS: dict[type[ast.cmpop], Callable[[Any, Any], bool]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
 }
-LONGEST = 1000
+LONGEST, LONGEST_SHOWN = 1000, 60
 CANNOT_BE_COMPUTED = (ArithmeticError, ValueError, TypeError, AttributeError, RecursionError)
 
 
@@ -71,7 +71,7 @@ class Expression:
             self._tree = ast.parse(text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError) as error:
             raise StudyError(f"{key} = {text!r}: is no expression: {error}") from error
-        _refuse_others(self._tree, f"{key} = {text!r}")
+        _refuse_others(self._tree, text.strip(), f"{key} = {text!r}")
 
     def __call__(self, names: Mapping[str, Any]) -> float:
         """Its value, with these values of names.
@@ -112,8 +112,8 @@ class Expression:
         return left - right if isinstance(tree.ops[0], ast.Lt | ast.LtE) else right - left
 
 
-def _refuse_others(tree: ast.AST, where: str) -> None:
-    """Refuse every part that `_value` does not know, before anything is evaluated."""
+def _refuse_others(tree: ast.AST, text: str, where: str) -> None:
+    """Refuse every part of a text that `_value` does not know, before anything is evaluated."""
     known = (
         ast.Constant, ast.Name, ast.Load, ast.Subscript, ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp,
         ast.Call, ast.USub, ast.UAdd, ast.Not, ast.And, ast.Or, *BINARY, *COMPARISONS,
@@ -126,7 +126,9 @@ def _refuse_others(tree: ast.AST, where: str) -> None:
         if isinstance(node, ast.Call) and (
             node.keywords or not isinstance(node.func, ast.Name) or node.func.id not in FUNCTIONS
         ):
-            raise StudyError(f"{where}: {ast.unparse(node.func)}: unknown function; there are: {', '.join(FUNCTIONS)}")
+            called = " ".join((ast.get_source_segment(text, node.func) or text).split())
+            shown = called if len(called) <= LONGEST_SHOWN else f"{called[:LONGEST_SHOWN]}..."
+            raise StudyError(f"{where}: {shown}: unknown function; there are: {', '.join(FUNCTIONS)}")
 
 
 def _value(node: ast.AST, names: Mapping[str, Any], where: str) -> Any:

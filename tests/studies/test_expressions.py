@@ -49,6 +49,10 @@ def test_arithmetic_is_that_of_python(a: float, b: float) -> None:
         "1; 2",
         "get(key=1)",
         "()" * 600,
+        "a" + ".b" * 490 + "(1)",
+        "a" + "()" * 490,
+        "(1" + "+1" * 490 + ")(1)",
+        "a" + ".b[0]" * 190 + "(1)",
     ],
 )
 def test_nothing_but_arithmetic_is_read(text: str) -> None:
