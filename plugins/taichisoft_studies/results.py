@@ -5,12 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.atomic_file import atomic_file
+from taichisoft.input_file import is_file
 from taichisoft_studies.extras import StudyError, require
 
 CSV, PARQUET = "results.csv", "results.parquet"
 WALL_CLOCK = ("step_time_median_ms", "real_time_factor")
 """Metrics that tell of the machine, not of the run: two sweeps would never be equal with them."""
 FIXED = ("run", "status", "message", "seed", "folder")
+WRITTEN_AGAIN = "the study's command, started again, writes it from the runs"
+LONGEST_PROBLEM = 300
+"""Characters of what pyarrow says that are shown."""
 
 
 def flat(values: Mapping[Any, Any], prefix: str = "") -> dict[str, Any]:
@@ -53,7 +57,7 @@ def write_table(rows: Sequence[Mapping[str, Any]], folder: Path) -> Path:
     with atomic_file(folder / CSV, StudyError) as partial:
         table.to_csv(partial, index=False)
     with atomic_file(folder / PARQUET, StudyError) as partial:
-        table.to_parquet(partial, index=False)
+        table.to_parquet(partial, index=False, write_page_checksum=True)
     return folder / CSV
 
 
@@ -61,17 +65,23 @@ def read_table(folder: Path) -> Any:
     """The table of a study, a pandas.DataFrame.
 
     Raises:
-        StudyError: pandas is not installed, or there is no table.
+        StudyError: pandas is not installed, there is no table, or it is damaged.
     """
     require("the table of results", "pandas", "pyarrow")
     import pandas
 
+    path = folder / PARQUET
+    if not is_file(path):
+        raise StudyError(f"{folder}: has no {PARQUET}; a study's folder is needed (taichisoft sweep -o FOLDER)")
     try:
-        return pandas.read_parquet(folder / PARQUET)
-    except (OSError, ValueError) as error:
-        raise StudyError(
-            f"{folder}: has no {PARQUET}; a study's folder is needed (taichisoft sweep -o FOLDER)"
-        ) from error
+        table = pandas.read_parquet(path, page_checksum_verification=True)
+    except Exception as error:  # whatever pyarrow and pandas come upon in a damaged file
+        problem = " ".join(str(error).split())[:LONGEST_PROBLEM]
+        raise StudyError(f"{path}: damaged ({type(error).__name__}: {problem}); {WRITTEN_AGAIN}") from error
+    missing = [column for column in FIXED if column not in table]
+    if missing:
+        raise StudyError(f"{path}: no table of a study, or damaged: no column '{missing[0]}'; {WRITTEN_AGAIN}")
+    return table
 
 
 def _cell(value: Any) -> Any:

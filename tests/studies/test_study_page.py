@@ -14,7 +14,7 @@ from taichisoft_studies import taichisoft_commands
 from taichisoft_studies.analysis import best_runs, effects, figure_columns, parameter_columns
 from taichisoft_studies.comparison import differences, draw_comparison, labels
 from taichisoft_studies.extras import StudyError
-from taichisoft_studies.results import write_table
+from taichisoft_studies.results import read_table, write_table
 from taichisoft_studies.study_page import study_page
 from taichisoft_studies.sweep import make_missing, sweep_jobs
 
@@ -72,6 +72,27 @@ def test_the_command_writes_the_page(tmp_path: Path) -> None:
     assert "Best runs by force" in (tmp_path / "report.html").read_text()
     with pytest.raises(StudyError, match="--metric wieght: there are: force, steps"):
         study_page(table(), tmp_path, ["wieght"])
+
+
+def test_a_damaged_table_is_one_line_that_says_how_it_is_written_again(tmp_path: Path) -> None:
+    pandas = pytest.importorskip("pandas")
+    write_table(table().to_dict("records"), tmp_path)
+    path = tmp_path / "results.parquet"
+    whole = path.read_bytes()
+    pandas.testing.assert_frame_equal(read_table(tmp_path), table())
+    place = whole.index(np.float64(table()["width"][7]).tobytes())
+    flipped = bytes([whole[place] ^ 1])  # the last digit of a number
+    for damaged in (b"", b"PAR1", whole[:-1], whole[: len(whole) // 2], whole[:place] + flipped + whole[place + 1 :]):
+        path.write_bytes(damaged)
+        with pytest.raises(StudyError, match=rf"^{path}: damaged \(.*\); the study's command, .* writes it") as told:
+            read_table(tmp_path)
+        assert "\n" not in str(told.value)
+    pandas.DataFrame({"a": [1]}).to_parquet(path)
+    with pytest.raises(StudyError, match=r"no table of a study, or damaged: no column 'run'"):
+        read_table(tmp_path)
+    path.unlink()
+    with pytest.raises(StudyError, match=r"has no results.parquet; a study's folder is needed"):
+        read_table(tmp_path)
 
 
 def test_a_comparison_lists_what_differs_and_overlays_the_rest(tmp_path: Path, taichisoft_plugins: Any) -> None:

@@ -1,6 +1,7 @@
-"""Ports that studies open: each is on this machine alone, and lets nobody in without the study's own credentials.
+"""What studies leave open to others, and what they read back.
 
-A try starts one of the commands that make runs, waits until its workers are there, and knocks at every port on which a
+Every port of theirs is on this machine alone, and lets nobody in without the study's own credentials. A try of it
+starts one of the commands that make runs, waits until its workers are there, and knocks at every port on which a
 process of it listens. It needs Linux and the extra `studies`.
 """
 
@@ -163,7 +164,40 @@ def _foreign_certificate() -> tuple[str, str]:
     return made.tls_client_key, made.tls_client_cert
 
 
-ROWS: dict[str, Callable[[int], list[str]]] = {
-    "scans of all ports that a sweep, optimisation, calibration or sweep of meshes opens": ports_of_studies
-}
-TRIES = dict.fromkeys(ROWS, 20)
+def damaged_tables(tries: int) -> list[str]:
+    """Have pages written of studies whose table is damaged; a line for each that ends neither well nor in one line."""
+    from taichisoft_benchmarks.faults.tries import how_it_went
+    from taichisoft_studies.results import PARQUET, write_table
+
+    failures = []
+    row = {"seed": 1, "status": "completed", "message": "", "metrics.force": 1.5, "folder": "runs/x"}
+    with TemporaryDirectory() as folder:
+        table = Path(folder) / PARQUET
+        write_table([{"run": f"r{number}", "pressure": 0.1 * number, **row} for number in range(40)], Path(folder))
+        whole = table.read_bytes()
+        for number in range(tries):
+            dice = random.Random(f"table {number}")
+            table.write_bytes(_damaged(whole, dice))
+            failure = how_it_went(number, ["study", "report", folder])
+            if failure is not None:
+                failures.append(f"{failure.what}: {failure.problem}")
+    return failures
+
+
+def _damaged(content: bytes, dice: random.Random) -> bytes:
+    """A table that was cut off, is another file, or has bits that have changed."""
+    kind = dice.randrange(4)
+    if kind == 0:
+        return content[: dice.randrange(len(content))]
+    if kind == 1:
+        return dice.randbytes(dice.randrange(2000))
+    changed = bytearray(content)
+    for _ in range(dice.choice([1, 3, 20])):
+        changed[dice.randrange(len(changed))] ^= 1 << dice.randrange(8)
+    return bytes(changed)
+
+
+SCAN = "scans of all ports that a sweep, optimisation, calibration or sweep of meshes opens"
+TABLES = "reports of studies whose table is damaged"
+ROWS: dict[str, Callable[[int], list[str]]] = {SCAN: ports_of_studies, TABLES: damaged_tables}
+TRIES = {SCAN: 20, TABLES: 1000}
