@@ -99,8 +99,50 @@ def test_a_test_is_read_with_its_unit_and_its_header(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
+    "text",
+    [
+        "strain (%),stress (kPa)\n50,200\n100,400\n",
+        "Strain [%]\tStress [kPa]\n50\t200\n100\t400\n",
+        "Strain %,Stress (kPa)\n50,200\n100,400\n",
+        "Engineering strain (percent),Stress (kPa)\n50,200\n100,400\n",
+        '"Strain (%)","Stress (MPa)"\n"50","0.2"\n"100","0.4"\n',
+        '"Strain (engineering) (%)";"Stress, at rest (MPa)"\n50;0,2\n100;0,4\n',
+        '"Stress (MPa)","Strain (mm/mm)"\n"0,2","0,5"\n"0,4","1,0"\n',
+        "Strain rate (1/s);Strain (-);Stress (N/mm²)\n7;0,5;0,2\n7;1;0,4\n",
+        "strain;stress (Pa)\n0,5;200.000,0\n1,0;400.000,0\n",
+        "strain;stress (Pa)\n0.5;200,000\n1.0;400,000\n",
+        "Zwick;2024,5\nSpeed (mm/min),450\nstretch,stress (kPa)\n+1.5,2e2\n2,4E+2\n",
+    ],
+)
+def test_units_quotes_and_decimal_commas_are_understood(tmp_path: Path, text: str) -> None:
+    """All are the same two points."""
+    test = read_tension_test(written(tmp_path, text))
+    np.testing.assert_allclose(test.stretch, [1.5, 2.0])
+    np.testing.assert_allclose(test.stress, [200.0, 400.0])
+
+
+@pytest.mark.parametrize(("count", "warned"), [(10, True), (14, True), (15, False)])
+def test_too_few_points_for_the_coefficients_are_warned_of(tmp_path: Path, count: int, warned: bool) -> None:
+    """Yeoh's law has three."""
+    stretch = np.linspace(1.1, 3.0, count)
+    stress = nominal_stress("yeoh", {"c10": 40.0, "c20": 1.0, "c30": 0.1}, stretch)
+    rows = "".join(f"{one},{value}\n" for one, value in zip(stretch.tolist(), stress.tolist(), strict=True))
+    result = CliRunner().invoke(materials, ["fit", str(written(tmp_path, "stretch,stress (kPa)\n" + rows))])
+    assert result.exit_code == 0
+    assert ("warning: " in result.output) == warned
+    assert (f"{count} points for 3 coefficients" in result.output) == warned
+
+
+@pytest.mark.parametrize(
     ("text", "expected"),
     [
+        ("strain,stress (kPa)\n50,200\n300,400\n", "line 1: 'strain' reaches 300: is it in per cent?"),
+        ("strain (mm),stress (kPa)\n5,2\n", "line 1: 'strain (mm)' needs a unit: %, percent, per cent, none, -, 1"),
+        ("strain (true),stress (kPa)\n5,2\n", "line 1: 'strain (true)' needs a unit"),
+        ("stretch (%),stress (kPa)\n150,2\n", "line 1: 'stretch (%)' needs a unit: none, -, 1, mm/mm, m/m"),
+        ("strain rate,stress (kPa)\n1,2\n", "no line names a column 'strain'"),
+        ("strain;stress (kPa)\n0.5;1,23\n", "line 2: '0.5;1,23' lacks a number"),
+        ("strain;stress (kPa)\n0,5;1.23,4\n", "line 2: '0,5;1.23,4' lacks a number"),
         ("time,force\n1,2\n", "no line names a column 'strain' or 'stretch' and one 'stress (MPa)'"),
         ("strain,stress\n1,2\n", "line 1: 'stress' needs a unit: pa, kpa, mpa"),
         ("strain,stress (MPa)\n1,x\n", "line 2: '1,x' lacks a number"),

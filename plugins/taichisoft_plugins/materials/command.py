@@ -58,6 +58,9 @@ def fit(
     plot: Annotated[Path | None, typer.Option(metavar="FILE.png", help="Picture of the fit, .png or .svg.")] = None,
 ) -> None:
     """Fit a law to a tension test; prints coefficients [kPa] and the error over the range."""
+    import rich
+
+    from taichisoft.running.messages import print_warning
     from taichisoft.scenes.elastic_law import Law
     from taichisoft.scenes.material import Material
     from taichisoft_plugins.materials.fit import fit_law
@@ -89,6 +92,8 @@ def fit(
         f"Young's modulus at rest {found.young_modulus:.4g} kPa; up to a stretch of {found.highest_stretch:.3g} "
         f"the error is {100 * found.error:.2f} % of the largest stress, {100 * found.worst:.2f} % at worst"
     )
+    if found.caution:
+        print_warning(rich.get_console(), found.caution)
     if output is not None:
         write_material(material, output)
         say(output)

@@ -14,6 +14,8 @@ HOOKE_STRAIN = 0.2
 STARTS = (-4.0, -2.0, 1.5, 2.5, 4.0, 6.0)
 """Exponents from which the search for Ogden's begins, in all combinations."""
 LARGEST_EXPONENT = 20.0
+POINTS_PER_COEFFICIENT = 5
+"""Points that a coefficient needs, so that their errors of measurement cancel out."""
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,7 @@ class Fit:
         highest_stretch: up to which it was fitted [-].
         error: root mean square of the misfit over the largest stress [-].
         worst: largest misfit over the largest stress [-].
+        points: number of points that it was fitted to.
     """
 
     law: Law
@@ -32,6 +35,18 @@ class Fit:
     highest_stretch: float
     error: float
     worst: float
+    points: int
+
+    @property
+    def caution(self) -> str:
+        """A line where the points are too few for the coefficients; empty otherwise."""
+        count = len(self.coefficients)
+        if self.points >= POINTS_PER_COEFFICIENT * count:
+            return ""
+        return (
+            f"{self.points} points for {count} coefficients: with less than {POINTS_PER_COEFFICIENT * count} the curve "
+            "follows the errors of the points, and its error says little; measure more, or take a law of fewer"
+        )
 
     @property
     def young_modulus(self) -> float:
@@ -62,7 +77,7 @@ def fit_law(test: TensionTest, law: Law, ogden_count: int = 1) -> Fit:
     misfit = nominal_stress(law, coefficients, test.stretch) - test.stress
     scale = np.abs(test.stress).max()
     error, worst = np.sqrt((misfit**2).mean()) / scale, np.abs(misfit).max() / scale
-    return Fit(law, coefficients, float(test.stretch.max()), float(error), float(worst))
+    return Fit(law, coefficients, float(test.stretch.max()), float(error), float(worst), len(test.stretch))
 
 
 def _fit_linear(test: TensionTest, law: str) -> dict[str, float]:
