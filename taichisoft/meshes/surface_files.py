@@ -7,6 +7,7 @@ import numpy as np
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
+from taichisoft.meshes.coordinates import refuse_coordinates
 from taichisoft.meshes.file_kind import existing_file, unreadable
 
 SURFACE_SUFFIXES = (".stl", ".obj", ".ply")
@@ -41,9 +42,7 @@ def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
         raise MeshError(f"{path}: has no faces; a surface of triangles is needed")
     if triangles.min() < 0 or triangles.max() >= len(vertices):
         raise MeshError(f"{path}: a face names a vertex outside 0..{len(vertices) - 1}")
-    not_finite = ~np.isfinite(vertices).all(axis=1)
-    if not_finite.any():
-        raise MeshError(f"{path}: vertex {int(np.argmax(not_finite))} has a coordinate that is not finite")
+    refuse_coordinates(vertices, path, "vertex")
     return _merge_equal_vertices(vertices, triangles, path)
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from taichisoft.errors import MeshError
+from taichisoft.meshes.coordinates import refuse_coordinates
 from taichisoft.meshes.ten_nodes import curved_volumes, least_volumes
 
 
@@ -36,12 +37,12 @@ class VolumeMesh:
         """Return the mesh itself when it is fit to simulate.
 
         Raises:
-            MeshError: no elements, NaN, indices out of range, unused nodes, flat, inverted or duplicate elements,
-                or one that curved sides turn over.
+            MeshError: no elements, coordinates that are not finite or beyond all measure, indices out of range, unused
+                nodes, flat, inverted or duplicate elements, or one that curved sides turn over.
         """
         if self.elements.size == 0:
             raise self._error("has no tetrahedra; a volume mesh (.vtk, .vtu, .msh) is needed, not a surface")
-        _refuse(self, ~np.isfinite(self.nodes).all(axis=1), "node", "has a coordinate that is not finite")
+        refuse_coordinates(self.nodes, self.source, "node")
         outside = np.asarray((self.elements < 0) | (self.elements >= len(self.nodes)))
         _refuse(self, np.any(outside, axis=1), "element", f"has a node index outside 0..{len(self.nodes) - 1}")
         used = np.zeros(len(self.nodes), dtype=bool)

@@ -37,6 +37,8 @@ def test_a_sound_mesh_is_returned_itself_with_its_volume() -> None:
         (cube(elements=np.empty((0, 4))), "has no tetrahedra; a volume mesh (.vtk, .vtu, .msh) is needed"),
         (cube(nodes=with_entry(CUBE_NODES, (5, 1), np.nan)), "node 5 has a coordinate that is not finite"),
         (cube(nodes=with_entry(CUBE_NODES, (2, 0), np.inf)), "node 2 has a coordinate that is not finite"),
+        (cube(nodes=with_entry(CUBE_NODES, (2, 0), -1e300)), "node 2 has a coordinate of -1e+300 mm; 1e+09 mm is the"),
+        (cube(nodes=with_entry(CUBE_NODES, (7, 2), 1.01e9)), "node 7 has a coordinate of 1.01e+09 mm; 1e+09 mm is the"),
         (cube(elements=with_entry(CUBE, (3, 1), 8)), "element 3 has a node index outside 0..7"),
         (cube(elements=with_entry(CUBE, (3, 1), -1)), "element 3 has a node index outside 0..7"),
         (cube(nodes=np.vstack([CUBE_NODES, [2, 2, 2]])), "node 8 belongs to no element"),

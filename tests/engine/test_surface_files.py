@@ -91,6 +91,8 @@ def test_a_surface_that_cannot_be_used_is_refused(tmp_path: Path) -> None:
     assert "'.step' is not a kind of surface file; valid: .stl, .obj, .ply" in refusal(tmp_path / "box.step")
     not_finite = [*CORNERS[:7], ("nan", 3, 4)]
     assert "vertex 7 has a coordinate that is not finite" in refusal(obj(tmp_path / "nan.obj", not_finite, SIDES))
+    huge = [*CORNERS[:7], (1e155, 3, 4)]
+    assert "vertex 7 has a coordinate of 1e+155 mm" in refusal(obj(tmp_path / "huge.obj", huge, SIDES))
     assert "has no faces" in refusal(obj(tmp_path / "points.obj", CORNERS, []))
     assert "every face has two equal corners" in refusal(obj(tmp_path / "line.obj", CORNERS, [(0, 1, 1)]))
     assert "not readable as OBJ" in refusal(obj(tmp_path / "outside.obj", CORNERS, [(0, 1, 99)]))

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -88,6 +89,13 @@ def test_what_cannot_be_measured_or_read_is_refused(info, tmp_path: Path) -> Non
     code, output, error = info(tmp_path / "nan.msh")
     assert (code, output) == (2, "")
     assert "nan.msh: node 3 has a coordinate that is not finite" in error
+    nodes[3, 1] = 1e200
+    write_volume_mesh(VolumeMesh("hollow", nodes, hollow().elements), tmp_path / "huge.msh")
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # of numpy, whose products have no number
+        code, output, error = info(tmp_path / "huge.msh")
+    assert (code, output) == (2, "")
+    assert "huge.msh: node 3 has a coordinate of 1e+200 mm; 1e+09 mm is the most" in error
     for name in ("empty.msh", "empty.stl", "empty.vtu", "empty.ply"):
         (tmp_path / name).touch()
         code, _, error = info(tmp_path / name)

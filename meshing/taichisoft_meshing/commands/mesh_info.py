@@ -86,8 +86,10 @@ def _show_mesh(console: "Console", path: Path, output: Path | None) -> list[str]
 def _can_be_measured(mesh: "VolumeMesh") -> bool:
     import numpy as np
 
+    from taichisoft.meshes.coordinates import LARGEST
+
     inside = (mesh.elements >= 0).all() and (mesh.elements < len(mesh.nodes)).all()
-    return bool(mesh.elements.size and inside and np.isfinite(mesh.nodes).all())
+    return bool(mesh.elements.size and inside and (np.abs(mesh.nodes) <= LARGEST).all())
 
 
 def _show_surface(console: "Console", path: Path, output: Path | None) -> list[str]:
