@@ -18,7 +18,7 @@ def find_round_vertices(topology: Surfaces, carriers: Carriers) -> np.ndarray:
     """Whether each vertex of a surface that keeps its shape stands for a round one, shape (vertex_count,)."""
     corners = carriers.local[topology.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
     mean = np.zeros_like(carriers.local)
     for corner in range(3):
         np.add.at(mean, topology.triangles[:, corner], normals)
@@ -41,7 +41,7 @@ def find_features(topology: Surfaces, carriers: Carriers, is_smooth: np.ndarray)
     is_edge &= ~is_smooth[edges[:, 0]]
     # A corner joins edges of at least two directions.
     along = position[edges[:, 1]] - position[edges[:, 0]]
-    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)  # one of no length has no direction
     spread = np.zeros((len(position), 3, 3))
     for end in (0, 1):
         np.add.at(spread, edges[is_edge, end], along[is_edge, :, None] * along[is_edge, None, :])
@@ -57,7 +57,7 @@ def _find_facets(topology: Surfaces, carriers: Carriers) -> np.ndarray:
     """
     corners = carriers.local[topology.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)  # one of no area has no neighbour
     facet = np.full(len(corners), -1)
     keeps_shape = carriers.owner[topology.triangles[:, 0]] != SOFT
     neighbours: list[list[int]] = [[] for _ in corners]

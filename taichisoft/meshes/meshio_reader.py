@@ -27,7 +27,9 @@ def read_with_meshio(path: Path) -> MeshContent:
     suffix = path.suffix.lower()
     if suffix == ".msh":
         _refuse_truncated(path)
-    content = {".msh": meshio.gmsh.read, ".vtk": meshio.vtk.read, ".vtu": meshio.vtu.read}[suffix](path)
+    read = {".msh": meshio.gmsh.read, ".vtk": meshio.vtk.read, ".vtu": meshio.vtu.read}[suffix]
+    with np.errstate(all="ignore"):  # an index that is none is found when the mesh is checked
+        content = read(path)
     if np.ndim(content.points) != 2 or content.points.shape[1] != 3:
         raise ValueError("its points do not have three coordinates")
     if suffix == ".vtk":

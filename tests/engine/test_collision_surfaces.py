@@ -1,5 +1,6 @@
 """Several collision surfaces of a soft body: which of them touch, and what the body then does to itself."""
 
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -167,3 +168,21 @@ def test_an_open_surface_holds_what_is_on_the_side_that_it_faces(tmp_path: Path)
     scene["soft_bodies"]["block"]["collision_surface"] = [{**surface, "open": False}]
     with pytest.raises(MeshError, match=r"sheet.stl: is not closed"):
         make_model(scene_from_dict(scene))
+
+
+@pytest.mark.parametrize("apart", [1e-300, 1e-160])
+def test_faces_without_an_area_and_edges_without_a_length_change_no_feature(tmp_path: Path, apart: float) -> None:
+    """A corner of a box is two points without a distance, with faces between them; numpy warned, or found no axes."""
+    box = trimesh.creation.box([EDGE, EDGE, EDGE])
+    corners = np.array(box.vertices) + EDGE / 2
+    face = next(index for index, one in enumerate(box.faces) if 0 in one)
+    turned = np.roll(box.faces[face], -list(box.faces[face]).index(0))
+    faces = [*np.delete(box.faces, face, axis=0), [8, turned[1], turned[2]], [0, turned[1], 8], [0, 8, turned[2]]]
+    assert not corners[0].any()
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in [*corners.tolist(), [apart, 0.0, 0.0]]]
+    (tmp_path / "box.obj").write_text("\n".join([*lines, *(f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces)]))
+    body = {"surface": str(tmp_path / "box.obj"), "mass": 0.001, "position": [0.0, 0.0, 0.0]}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", RuntimeWarning)
+        model = make_model(scene_from_dict({"rigid_bodies": {"box": body}}))
+    assert model.surfaces.vertex_is_feature[:8].sum() == 8

@@ -1,5 +1,6 @@
 """Volume meshes in files: what was written is read again, and what is broken is refused in one line."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -198,3 +199,18 @@ def test_nothing_is_left_behind_when_writing_fails(tmp_path: Path) -> None:
     with pytest.raises(MeshError, match="cube: group 'a' names one triangle twice"):
         write_volume_mesh(VolumeMesh("cube", NODES, ELEMENTS, {"a": OUTER[[0, 0]]}), tmp_path / "cube.vtu")
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_number_of_a_node_that_no_integer_holds_is_refused_without_a_warning(tmp_path: Path) -> None:
+    """As a broken transfer makes it: meshio casts whatever it reads."""
+    path = tmp_path / "cube.msh"
+    nodes = "".join(f"{number} {x} {y} {z}\n" for number, (x, y, z) in enumerate(NODES.tolist(), 1))
+    nodes = nodes.replace("\n8 ", "\n1e300 ")
+    path.write_text(
+        f"$MeshFormat\n2.2 0 8\n$EndMeshFormat\n$Nodes\n8\n{nodes}$EndNodes\n"
+        "$Elements\n1\n1 4 2 1 1 1 6 5 8\n$EndElements\n"
+    )
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        refusal(path)
+    assert [str(one.message) for one in told] == []
