@@ -4,6 +4,7 @@ It ends with the process that started it: where standard input closes, even in t
 What a run prints, in Python or in C, goes to the run's log.
 """
 
+import io
 import json
 import os
 import queue
@@ -25,7 +26,8 @@ def main(with_engine: bool, plugins: list[str]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started us decides
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
     os.dup2(2, 1)
-    sys.stdout = os.fdopen(1, "w", encoding="utf-8", buffering=1, closefd=False)  # a killed run keeps all its lines
+    assert isinstance(sys.stdout, io.TextIOWrapper)
+    sys.stdout.reconfigure(line_buffering=True)  # a killed run keeps all its lines
     jobs: queue.Queue[str] = queue.Queue()
     threading.Thread(target=_take_jobs, args=(jobs,), daemon=True).start()
     answers.write(_line(_loaded(with_engine, plugins)))

@@ -175,12 +175,12 @@ def test_the_hash_counts_what_is_in_files_not_where_they_lie(tmp_path: Path) -> 
 
 
 def test_each_run_is_made_once_and_failures_keep_their_reason(tmp_path: Path, taichisoft_plugins: Any) -> None:
-    """One value is fine, one makes the scene's controller fail; both have ended."""
+    """One value is fine, one is no number for the controller; both have ended."""
     study = sweep_of(tmp_path, vary={"controller.settings.pressure": [1.0, "high"]})
     load_plugin(study.plugins[0])
     jobs, workers = sweep_jobs(study, tmp_path), Here()
     records = make_missing(jobs, workers, ignore)
-    assert [record["status"] for record in records] == ["completed", "controller failed"]
+    assert [record["status"] for record in records] == ["completed", "scene refused"]
     assert read_record(jobs[1].place) == records[1]
     assert "high" in records[1]["message"]
     assert len(workers.made) == 2
