@@ -35,7 +35,10 @@ def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False) -> d
         MeshError: the meshes cannot be written.
     """
     folders = split_path(python_path)
-    translation = translate(load_tree(path, folders), sofa_exact)
+    tree = load_tree(path, folders)
+    for line in tree.converted:
+        LOGGER.info("%s", line)
+    translation = translate(tree, sofa_exact)
     if translation.refused:
         more = len(translation.refused) - 1
         rest = f" (and {more} more: taichisoft sofa check {path})" if more else ""

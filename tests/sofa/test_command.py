@@ -68,6 +68,15 @@ def test_a_scene_runs_with_its_libraries_and_says_what_it_does_otherwise(folder:
     assert scene.controller.settings["python_path"] == [str(folder / "library")]
 
 
+def test_files_in_python_2_are_named(folder: Path, command: Command) -> None:
+    (folder / "library" / "material.py").write_text("print 'a'\nYOUNG = 1401 / 2\n")
+    arguments = ("run", "scene.py", "--duration", "0.01", "--outputs", "", "-o", "out", "--python-path", "library")
+    code, shown, errors = command(*arguments)
+    assert (code, errors) == (0, "")
+    assert f"{folder / 'library/material.py'} is in Python 2 (line 1: " in shown
+    assert "young_modulus = 700.0" in (folder / "out" / "scene.toml").read_text()
+
+
 def test_settings_reach_the_reader_alone(folder: Path, command: Command) -> None:
     text = (folder / "scene.py").read_text().replace("body(root)\n", "body(root, correction=False)\n")
     (folder / "scene.py").write_text(text)

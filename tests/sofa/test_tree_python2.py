@@ -31,6 +31,13 @@ def values(folder: Path, text: str) -> dict[str, object]:
         ("print 'a'\nx = map(str, [1, 2])", ["1", "2"]),
         ("x = 3 <> 4", True),
         ("x = `3`", "3"),
+        ("import string\nx = string.join(['a', 'b'], '-')", "a-b"),
+        ("import string\nx = string.split('a b'), string.digits[:2]", (["a", "b"], "01")),
+        ("from string import join, digits\nx = join(['a', digits[0]])", "a 0"),
+        ("import string as s\nprint 'a'\nx = s.digits[0]", "0"),
+        ("import sys\nprint >> sys.stderr, 'a'\nx = 7 / 2", 3),
+        ("f = file(__file__)\nx = f.readline()\nf.close()", "f = file(__file__)\n"),
+        ("def ask():\n    return raw_input('? ')\nx = 7 / 2", 3),
     ],
 )
 def test_python_2_is_converted(tmp_path: Path, text: str, value: object) -> None:
@@ -47,6 +54,15 @@ def test_python_2_is_converted(tmp_path: Path, text: str, value: object) -> None
         ("print 'a'\nx = [7]\nx[0] /= 2\nx = x[0]", 3),
         ("from __future__ import division\nprint 'a'\nx = 7 / 2", 3.5),
         ("print('a')\nx = 7 / 2", 3.5),
+        ("def make(node):\n    node.createObject('A')\nx = 7 / 2", 3),
+        ("import Sofa\nclass C(Sofa.PythonScriptController): pass\nx = 7 / 2", 3),
+        ("from functools import *\nx = reduce(max, [1, 7]) / 2", 3.5),
+        ("try:\n    unicode\nexcept NameError:\n    pass\nx = 7 / 2", 3.5),
+        ("import sys\nif sys.version_info[0] == 2:\n    input = raw_input\nx = 7 / 2", 3.5),
+        ("import string\ndef join(words): return string.Template(words)\nx = 7 / 2", 3.5),
+        ("def make(node):\n    node.createObject(f'A{1}')\nx = 7 / 2", 3.5),
+        ("def make(node: object):\n    node.createObject('A')\nx = 7 / 2", 3.5),
+        ("x = 7 / 2\nxrange = range", 3.5),
     ],
 )
 def test_the_quotient_of_integers_is_an_integer_in_python_2_alone(tmp_path: Path, text: str, value: object) -> None:
@@ -68,6 +84,31 @@ def test_a_package_of_python_2_imports_what_is_beside_it(tmp_path: Path) -> None
     (tmp_path / "controllers/own_other.py").write_text("X = 3\n")
     tree = loaded(tmp_path, "from controllers import X\nroot.dt = X")
     assert tree.root.getDt() == 3
+
+
+@pytest.mark.parametrize("beside", ["__init__.py", "finger/__init__.py"])
+def test_a_package_beside_a_scene_does_not_make_it_python_2(tmp_path: Path, beside: str) -> None:
+    """A scene imports what is beside it, also from a package below; dt = 1 / 100 is no 0."""
+    files = {"finger/own.py": "X = 1 / 100\n", "material.py": "Y = 7 / 2\n", beside: ""}
+    create = "from finger.own import X\nfrom material import Y\nroot.dt = X\nroot.found = Y"
+    tree = loaded(tmp_path, create, files=files)
+    assert (tree.root.getDt(), tree.root.found) == (0.01, 3.5)
+    assert tree.converted == []
+
+
+def test_a_scene_in_python_2_imports_what_is_beside_it_though_its_folder_is_a_package(tmp_path: Path) -> None:
+    files = {"__init__.py": "", "material.py": "Y = 7 / 2\n"}
+    tree = loaded(tmp_path, "print 'a'\nfrom material import Y\nroot.found = Y, 7 / 2", files=files)
+    assert tree.root.found == (3.5, 3)  # each file for itself: nothing in the other one is Python 2
+    (line,) = tree.converted
+    assert line.startswith(f"{tmp_path / 'scene.py'} is in Python 2 (line 3: ")
+
+
+def test_a_script_of_a_controller_is_no_module_of_a_package(tmp_path: Path) -> None:
+    script = "import Sofa\nfrom other import X\nclass C(Sofa.PythonScriptController):\n    value = X\n"
+    files = {"own/__init__.py": "", "own/other.py": "X = 3\n", "own/script.py": script}
+    create = "root.createObject('PythonScriptController', filename='own/script.py', classname='C')"
+    assert loaded(tmp_path, create, files=files).controllers[0].value == 3
 
 
 def test_python_3_stays_as_it_is(tmp_path: Path) -> None:

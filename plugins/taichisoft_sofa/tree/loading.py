@@ -53,6 +53,14 @@ class SceneTree:
         found = (component for component in self.components() if isinstance(component, PythonComponent))
         return sorted(found, key=lambda controller: controller._order)
 
+    @property
+    def converted(self) -> list[str]:
+        """One line for each file that was in Python 2, and was converted when it was loaded."""
+        return [
+            f"{file} is in Python 2 ({why}): it is converted, and the quotient of integers is an integer"
+            for file, why in self._modules.converted.items()
+        ]
+
     def find_file(self, name: str) -> Path | None:
         """A file that the scene names: beside the scene, or in a folder that it registered; None if there is none."""
         return self._modules.find_file(name)

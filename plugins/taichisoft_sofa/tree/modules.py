@@ -75,6 +75,11 @@ class SceneModules:
         for entry in set(sys.path_importer_cache) - self._path_cache:
             del sys.path_importer_cache[entry]
 
+    @property
+    def converted(self) -> dict[Path, str]:
+        """The files that were in Python 2, with the reason."""
+        return self._finder.converted
+
     def add_folder(self, folder: Path) -> None:
         """Let modules be found in one more folder."""
         if folder not in self._finder.folders:
@@ -83,7 +88,7 @@ class SceneModules:
     def run_file(self, file: Path, name: str) -> ModuleType:
         """Execute a file of the scene as a module, once."""
         if name not in self._modules:
-            loader = SceneLoader(file, of_scene=True)
+            loader = SceneLoader(file, True, self._finder.converted)
             spec = importlib.util.spec_from_file_location(name, file, loader=loader)
             assert spec is not None
             module = sys.modules[name] = importlib.util.module_from_spec(spec)

@@ -2,9 +2,7 @@
 
 import ast
 import functools
-import importlib
 import io
-import sys
 import tokenize
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,14 +10,13 @@ from types import CodeType
 from typing import Any
 
 from taichisoft.errors import SceneError
+from taichisoft_sofa.tree.python2_marks import is_older, why_python2
+from taichisoft_sofa.tree.python2_names import DIVIDE, OF_STRING, STRING
 
-# What Python 2 had without an import; a module that uses one of these and does not define it is in Python 2.
-GONE = {"xrange", "unicode", "basestring", "raw_input", "unichr", "long", "execfile", "reduce", "reload", "cmp"}
-# Fixers of fissix's that only tidy up, that add a line for an import, which `names_for` makes needless, or that take
+# Fixers of fissix's that only tidy up, that add a line for an import, which `NAMES` makes needless, or that take
 # away what decides over division.
 TIDY = {"idioms", "set_literal", "ws_comma", "asserts"}
 LEFT_OUT = TIDY | {"intern", "reduce", "reload", "operator", "types", "buffer", "future"}
-DIVIDE = "__python2_divide__"
 
 
 @dataclass(frozen=True)
@@ -28,17 +25,21 @@ class Program:
 
     Attributes:
         code: to be executed as a module.
-        python2: whether the file is in Python 2.
+        python2: why the file is in Python 2, with the line; "" where it is in Python 3.
         older: whether it is written for SofaPython, the generation before SofaPython3.
     """
 
     code: CodeType
-    python2: bool
+    python2: str
     older: bool
 
 
-def compiled(path: Path) -> Program:
+def compiled(path: Path, in_package: bool = False) -> Program:
     """The program in a file.
+
+    Args:
+        path: the file.
+        in_package: whether it is a module of a package, whose neighbours Python 2 imports by their names alone.
 
     Raises:
         SceneError: it is in neither Python 3 nor Python 2.
@@ -47,69 +48,12 @@ def compiled(path: Path) -> Program:
     try:
         tree = ast.parse(source, str(path))
     except (SyntaxError, ValueError) as error:
-        return Program(_converted(path, source, error), python2=True, older=True)
-    if is_python2(tree, path):
-        return Program(_converted(path, source, None), python2=True, older=True)
-    older = path.suffix == ".pyscn" or any(map(_is_older, ast.walk(tree)))
-    return Program(compile(tree, str(path), "exec"), python2=False, older=older)
-
-
-def _is_older(node: ast.AST) -> bool:
-    """Whether this is something that only the generation of SofaPython has."""
-    if isinstance(node, ast.ClassDef):
-        return any(ast.unparse(base).endswith("PythonScriptController") for base in node.bases)
-    called = node.func if isinstance(node, ast.Call) else None
-    return isinstance(called, ast.Attribute) and called.attr in ("createObject", "createChild")
-
-
-def is_python2(tree: ast.Module, path: Path) -> bool:
-    """Whether a file that Python 3 understands is in Python 2, by names that are gone, or by its imports."""
-    used: set[str] = set()
-    bound: set[str] = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Name):
-            (used if isinstance(node.ctx, ast.Load) else bound).add(node.id)
-        elif isinstance(node, ast.FunctionDef | ast.ClassDef):
-            bound.add(node.name)
-        elif isinstance(node, ast.Import | ast.ImportFrom):
-            bound |= {(alias.asname or alias.name).partition(".")[0] for alias in node.names}
-        elif isinstance(node, ast.arg):
-            bound.add(node.arg)
-    imports = (node for node in tree.body if isinstance(node, ast.Import | ast.ImportFrom))
-    return bool(used & GONE - bound) or any(_is_sibling(name, path) for node in imports for name in _imported(node))
-
-
-def _imported(node: ast.Import | ast.ImportFrom) -> list[str]:
-    if isinstance(node, ast.Import):
-        return [alias.name.partition(".")[0] for alias in node.names]
-    return [str(node.module).partition(".")[0]] if node.level == 0 else []
-
-
-def _is_sibling(name: str, path: Path) -> bool:
-    """Whether a module of a package imports one beside it by its name alone, which Python 3 does not find."""
-    folder = path.parent
-    beside = (folder / f"{name}.py").exists() or (folder / name / "__init__.py").exists()
-    return (folder / "__init__.py").exists() and beside and name not in sys.stdlib_module_names
-
-
-def names_for(python2: bool) -> dict[str, Any]:
-    """Global variables that a module needs besides its own."""
-    if not python2:
-        return {}
-    return {
-        DIVIDE: divide,
-        "reduce": functools.reduce,
-        "reload": importlib.reload,
-        "intern": sys.intern,
-        "cmp": lambda first, second: (first > second) - (first < second),
-    }
-
-
-def divide(dividend: Any, divisor: Any) -> Any:
-    """A quotient as Python 2 takes it: that of integers is an integer."""
-    if isinstance(dividend, int) and isinstance(divisor, int):
-        return dividend // divisor
-    return dividend / divisor
+        why = f"line {getattr(error, 'lineno', None) or 1}: Python 3 does not take it"
+        return Program(_converted(path, source, error, in_package), python2=why, older=True)
+    if why := why_python2(tree, path, in_package):
+        return Program(_converted(path, source, None, in_package), python2=why, older=True)
+    older = path.suffix == ".pyscn" or is_older(tree)
+    return Program(compile(tree, str(path), "exec"), python2="", older=older)
 
 
 class _Division(ast.NodeTransformer):
@@ -132,29 +76,52 @@ def _quotient(left: ast.expr, right: ast.expr, place: ast.AST) -> ast.expr:
     return ast.fix_missing_locations(ast.copy_location(call, place))
 
 
+class _String(ast.NodeTransformer):
+    """Takes what Python 3 left out of the module `string` from `OF_STRING`."""
+
+    def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
+        self.generic_visit(node)
+        if isinstance(node.value, ast.Name) and node.value.id == "string" and node.attr in OF_STRING:
+            node.value.id = STRING
+        return node
+
+    def visit_ImportFrom(self, node: ast.ImportFrom) -> ast.stmt | list[ast.stmt]:
+        gone = [one for one in node.names if node.module == "string" and not node.level and one.name in OF_STRING]
+        if not gone:
+            return node
+        names = [one for one in node.names if one not in gone]
+        taken: list[ast.stmt] = [
+            ast.copy_location(ast.parse(f"{one.asname or one.name} = {STRING}.{one.name}").body[0], node)
+            for one in gone
+        ]
+        return [*([ast.copy_location(ast.ImportFrom("string", names, 0), node)] if names else []), *taken]
+
+
 @functools.cache
-def _tool() -> Any:
+def _tool(in_package: bool) -> Any:
     from fissix.refactor import RefactoringTool, get_fixers_from_package
 
+    # Only modules of packages find their neighbours by a relative import.
+    left_out = LEFT_OUT if in_package else LEFT_OUT | {"import"}
     every = get_fixers_from_package("fissix.fixes")
-    return RefactoringTool([name for name in every if name.rpartition("fix_")[2] not in LEFT_OUT])
+    return RefactoringTool([name for name in every if name.rpartition("fix_")[2] not in left_out])
 
 
-def _converted(path: Path, source: bytes, error: Exception | None) -> CodeType:
+def _converted(path: Path, source: bytes, error: Exception | None, in_package: bool) -> CodeType:
     from fissix.pgen2.parse import ParseError
     from fissix.pgen2.tokenize import TokenError
 
     try:
         text = _without_tabs(_decoded(source))
-        tree = ast.parse(str(_tool().refactor_string(text.rstrip() + "\n", str(path))), str(path))
+        tree = ast.parse(str(_tool(in_package).refactor_string(text.rstrip() + "\n", str(path))), str(path))
     except (ParseError, TokenError, SyntaxError, IndentationError) as second:
         line = getattr(error, "lineno", None) or getattr(second, "lineno", None) or 1
         what = getattr(error, "msg", None) or str(second)
         raise SceneError(f"{path}, line {line}: neither Python 3 nor Python 2: {what}; mend the line") from second
     imports = (node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module == "__future__")
     if not any(alias.name == "division" for node in imports for alias in node.names):
-        tree = ast.fix_missing_locations(_Division().visit(tree))
-    return compile(tree, str(path), "exec")
+        tree = _Division().visit(tree)
+    return compile(ast.fix_missing_locations(_String().visit(tree)), str(path), "exec")
 
 
 def _decoded(source: bytes) -> str:

@@ -10,7 +10,8 @@ from types import ModuleType
 from typing import Any
 
 from taichisoft_sofa.tree.place import ORIGIN, Origin
-from taichisoft_sofa.tree.python2 import compiled, names_for
+from taichisoft_sofa.tree.python2 import compiled
+from taichisoft_sofa.tree.python2_names import NAMES
 
 # The libraries of scenes: wherever they are found, they are executed with our modules for SOFA's.
 LIBRARIES = ("stlib3", "splib3", "softrobots", "stlib", "splib")
@@ -25,17 +26,28 @@ class OurLoader(Loader):
 
 
 class SceneLoader(OurLoader):
-    """Executes a file, which may be in Python 2, and remembers of the module where it is from."""
+    """Executes a file, which may be in Python 2, and remembers of the module where it is from.
 
-    def __init__(self, file: Path, of_scene: bool) -> None:
+    Args:
+        file: the file.
+        of_scene: whether it is one of the scene's own, and not of a library.
+        converted: gets the file where it is in Python 2, with the reason.
+        in_package: whether it is a module of a package, or the package itself.
+    """
+
+    def __init__(self, file: Path, of_scene: bool, converted: dict[Path, str], in_package: bool = False) -> None:
         self.file = file
         self.of_scene = of_scene
+        self._converted = converted
+        self._in_package = in_package
 
     def exec_module(self, module: ModuleType) -> None:
         """Execute the file."""
-        program = compiled(self.file)
+        program = compiled(self.file, self._in_package)
         vars(module)[ORIGIN] = Origin(self.of_scene, program.older)
-        vars(module).update(names_for(program.python2))
+        if program.python2:
+            self._converted[self.file] = program.python2
+            vars(module).update(NAMES)
         exec(program.code, vars(module))
 
     def get_source(self, _name: str) -> str:
@@ -44,11 +56,17 @@ class SceneLoader(OurLoader):
 
 
 class SceneFinder(MetaPathFinder):
-    """Finds the modules in the scene's folder and those of its libraries."""
+    """Finds the modules in the scene's folder and those of its libraries.
+
+    Attributes:
+        folders: where it looks, besides sys.path for libraries.
+        converted: files that were in Python 2, with the reason.
+    """
 
     def __init__(self, folder: Path, python_path: Sequence[Path]) -> None:
         self.folder = folder
         self.folders = [folder, *python_path]
+        self.converted: dict[Path, str] = {}
         self._python_path = python_path
 
     def find_spec(self, name: str, path: Sequence[str] | None, _target: Any = None) -> ModuleSpec | None:
@@ -64,7 +82,8 @@ class SceneFinder(MetaPathFinder):
         for folder in folders:
             for file, inside in ((folder / last / "__init__.py", [str(folder / last)]), (folder / f"{last}.py", None)):
                 if file.is_file():
-                    loader = SceneLoader(file, self._is_of_scene(name, file))
+                    in_package = bool(above or inside)
+                    loader = SceneLoader(file, self._is_of_scene(name, file), self.converted, in_package)
                     return importlib.util.spec_from_file_location(
                         name, file, loader=loader, submodule_search_locations=inside
                     )
