@@ -46,9 +46,12 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
     if not len(walls):
         draft.refuse(component, "has no triangles, of its own or in a topology container of its node")
         return
+    points = draft.points_of(component)
+    if not draft.has_points(component, walls, len(points)):
+        return
     if flag(component, "flipNormal", False):
         walls = walls[:, ::-1]
-    body.cavities.append(Cavity(component, draft.points_of(component), walls))
+    body.cavities.append(Cavity(component, points, walls))
 
 
 def cable(component: "Component", draft: "SceneDraft") -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_sofa.components import declarations as declarations  # what is computed has a kind, too
+from taichisoft_sofa.components import other_data as other_data  # what is computed has a kind, too
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES
 from taichisoft_sofa.components.loaders import (
     CORNERS,
@@ -24,9 +24,9 @@ from taichisoft_sofa.components.selections import (
     engine_points,
     point_indices,
 )
-from taichisoft_sofa.components.states import is_rigid, start_position
+from taichisoft_sofa.components.states import WIDTHS, start_position, width_of
 from taichisoft_sofa.tree.component import COMPUTED, Component
-from taichisoft_sofa.tree.kinds import ANY, INDICES, declare, index_rows, vectors
+from taichisoft_sofa.tree.kinds import ANY, INDICES, Kind, declare, index_rows, vectors
 
 ENGINES = ("BoxROI", "SphereROI")
 
@@ -36,11 +36,26 @@ def _loader_cells(loader: Component, kind: str) -> np.ndarray:
     return cells
 
 
+def _position(state: Component) -> np.ndarray:
+    if (width := width_of(state)) not in WIDTHS:  # nothing here acts on such a state, but its scene may read it
+        return np.reshape(_given(state, "position"), (-1, max(width, 1)))
+    return start_position(state)
+
+
 def _rest_position(state: Component) -> np.ndarray:
     given = state.findData("rest_position")
     if given is not None and given.is_set():
-        return np.reshape(given.given(), (-1, 7 if is_rigid(state) else 3))
-    return start_position(state)
+        return np.reshape(given.given(), (-1, max(width_of(state), 1)))
+    return _position(state)
+
+
+def _given(state: Component, name: str) -> Any:
+    data = state.findData(name)
+    return np.zeros(0) if data is None else data.given()
+
+
+def _coordinates(state: Component) -> Kind:
+    return vectors(max(width_of(state), 1))
 
 
 def _declare(type_name: str, computed: dict[str, tuple[Any, Callable[[Component], Any]]]) -> None:
@@ -75,7 +90,7 @@ for _engine in ENGINES:
 _declare(
     STATE,
     {
-        "position": (lambda state: vectors(7 if is_rigid(state) else 3), start_position),
-        "rest_position": (lambda state: vectors(7 if is_rigid(state) else 3), _rest_position),
+        "position": (_coordinates, _position),
+        "rest_position": (_coordinates, _rest_position),
     },
 )

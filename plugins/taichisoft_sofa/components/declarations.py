@@ -1,13 +1,13 @@
-"""Kinds of the data that controllers read and write: text becomes numbers, and the older generation gets rows.
-
-Data of types that are not here keep what the scene wrote.
-"""
+"""The data that components have and that are read here: their kinds, SOFA's defaults, and the numbers that are valid."""
 
 from taichisoft_sofa.components import older_names as older_names  # declared under the present names
-from taichisoft_sofa.components.states import is_rigid
+from taichisoft_sofa.components.states import is_rigid, width_of
+from taichisoft_sofa.tree.bounds import ABOVE_0, FINITE, FROM_0, LIMIT, LIMIT_FROM_0, RATIO
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import (
+    ANY,
     BOOL,
+    BOOLS,
     INDICES,
     INTEGER,
     LINK,
@@ -23,18 +23,18 @@ from taichisoft_sofa.tree.kinds import (
 
 
 def _coordinates(state: Component) -> Kind:
-    return vectors(7 if is_rigid(state) else 3)
+    return vectors(max(width_of(state), 1))
 
 
 def _derivatives(state: Component) -> Kind:
-    return vectors(6 if is_rigid(state) else 3)
+    return vectors(6 if is_rigid(state) else max(width_of(state), 1))
 
 
 declare(
     "MechanicalObject",
     velocity=_derivatives,
     force=_derivatives,
-    externalForce=_derivatives,
+    externalForce=(_derivatives, None, FINITE, True),
     free_position=_coordinates,
     free_velocity=_derivatives,
     reset_position=_coordinates,
@@ -47,12 +47,6 @@ declare(
     scale3d=(fixed(3), (1.0, 1.0, 1.0)),
     **{f"{letter}{axis}": SCALAR for letter in "dr" for axis in "xyz"},
     showObject=BOOL,
-    showObjectScale=(SCALAR, 0.1),
-    showIndices=BOOL,
-    showIndicesScale=(SCALAR, 0.02),
-    showVectors=BOOL,
-    showColor=VECTOR,
-    drawMode=INTEGER,
     topology=LINK,
     filename=TEXT,
 )
@@ -60,11 +54,14 @@ for _loader in ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoad
     declare(
         _loader,
         filename=TEXT,
+        fileMesh=TEXT,
+        fileTopology=TEXT,
         scale=(SCALAR, 1.0),
         scale3d=(fixed(3), (1.0, 1.0, 1.0)),
         rotation=fixed(3),
+        rotation2=fixed(3),
         translation=fixed(3),
-        triangulate=BOOL,
+        translation2=fixed(3),
     )
 for _container in (
     "MeshTopology",
@@ -74,7 +71,16 @@ for _container in (
     "EdgeSetTopologyContainer",
     "PointSetTopologyContainer",
 ):
-    declare(_container, filename=TEXT, fileTopology=TEXT, createTriangleArray=BOOL, nbPoints=INTEGER)
+    declare(
+        _container,
+        filename=TEXT,
+        fileTopology=TEXT,
+        nbPoints=(INTEGER, 0, FROM_0),
+        scale=(SCALAR, 1.0),
+        scale3d=(fixed(3), (1.0, 1.0, 1.0)),
+        rotation=fixed(3),
+        translation=fixed(3),
+    )
 declare(
     "BoxROI",
     box=vectors(6),
@@ -82,71 +88,123 @@ declare(
     position=vectors(3),
     strict=(BOOL, True),
     doUpdate=(BOOL, True),
-    drawBoxes=BOOL,
-    drawPoints=BOOL,
-    drawTetrahedra=BOOL,
-    drawTriangles=BOOL,
-    drawEdges=BOOL,
-    drawSize=SCALAR,
     edges=index_rows(2),
     triangles=index_rows(3),
     quads=index_rows(4),
     tetrahedra=index_rows(4),
     hexahedra=index_rows(8),
-    computeTriangles=(BOOL, True),
-    computeTetrahedra=(BOOL, True),
-    computeEdges=(BOOL, True),
-    mechanicalObject=LINK,
 )
 declare(
     "SphereROI",
     centers=vectors(3),
-    radii=VECTOR,
+    radii=(VECTOR, (), FROM_0),
     position=vectors(3),
     strict=(BOOL, True),
     doUpdate=(BOOL, True),
-    drawSphere=BOOL,
-    drawPoints=BOOL,
+    edges=index_rows(2),
     triangles=index_rows(3),
+    quads=index_rows(4),
     tetrahedra=index_rows(4),
+    hexahedra=index_rows(8),
 )
+for _mapping in ("BarycentricMapping", "RigidMapping", "IdentityMapping"):
+    declare(_mapping, input=LINK, output=LINK)
+declare("Tetra2TriangleTopologicalMapping", input=LINK, output=LINK)
+
+# time and systems of equations
+
+declare(
+    "EulerImplicitSolver",
+    rayleighStiffness=(SCALAR, 0.0, FROM_0),
+    rayleighMass=(SCALAR, 0.0, FROM_0),
+    firstOrder=BOOL,
+    trapezoidalScheme=BOOL,
+)
+declare("CGLinearSolver", threshold=(SCALAR, 1e-5, FROM_0))
+
+# masses, elasticity, supports
+
+declare(
+    "UniformMass",
+    totalMass=(SCALAR, 1.0, FROM_0),
+    vertexMass=VECTOR,
+    mass=VECTOR,
+)
+declare("MeshMatrixMass", lumping=BOOL)
+for _mass in ("MeshMatrixMass", "DiagonalMass"):
+    declare(_mass, totalMass=(SCALAR, 1.0, ABOVE_0), massDensity=(VECTOR, (1.0,), ABOVE_0))
+for _field in (
+    "TetrahedronFEMForceField",
+    "FastTetrahedralCorotationalForceField",
+    "TetrahedralCorotationalFEMForceField",
+):
+    declare(
+        _field,
+        youngModulus=(VECTOR, (5000.0,), FROM_0),
+        poissonRatio=(VECTOR, (0.45,), RATIO),
+        method=(TEXT, "large"),
+        updateStiffness=BOOL,
+        topology=LINK,
+    )
+declare("TetrahedronHyperelasticityFEMForceField", materialName=TEXT, ParameterSet=VECTOR, topology=LINK)
+declare(
+    "RestShapeSpringsForceField",
+    points=(INDICES, (), FROM_0),
+    indices=(INDICES, (), FROM_0),
+    stiffness=(VECTOR, (), FROM_0),
+    external_rest_shape=LINK,
+)
+for _support in ("FixedProjectiveConstraint", "PartialFixedProjectiveConstraint"):
+    declare(
+        _support,
+        indices=(INDICES, (0,), FROM_0),
+        fixAll=BOOL,
+        fixedDirections=(BOOLS, (True, True, True)),
+    )
+
+# contact
+
+declare("RuleBasedContactManager", response=(TEXT, "PenalityContactForceField"), responseParams=TEXT, default=TEXT)
+for _distance in ("LocalMinDistance", "MinProximityIntersection", "NewProximityIntersection", "DiscreteIntersection"):
+    declare(_distance, alarmDistance=(SCALAR, 1.0, ABOVE_0), contactDistance=(SCALAR, 0.5, FROM_0))
+for _model in ("TriangleCollisionModel", "LineCollisionModel", "PointCollisionModel"):
+    declare(_model, group=INDICES, selfCollision=BOOL)
+
+# actuators
+
 declare(
     "SurfacePressureConstraint",
     value=(VECTOR, (0.0,)),
-    valueIndex=INTEGER,
+    valueIndex=(INTEGER, 0, FROM_0),
     valueType=(TEXT, "pressure"),
     triangles=index_rows(3),
     quads=index_rows(4),
     flipNormal=BOOL,
-    minPressure=SCALAR,
-    maxPressure=SCALAR,
-    minVolumeGrowth=SCALAR,
-    maxVolumeGrowth=SCALAR,
-    maxPressureVariation=SCALAR,
-    maxVolumeGrowthVariation=SCALAR,
+    minPressure=(SCALAR, 0.0, LIMIT),
+    maxPressure=(SCALAR, 0.0, LIMIT),
+    minVolumeGrowth=(SCALAR, 0.0, LIMIT),
+    maxVolumeGrowth=(SCALAR, 0.0, LIMIT),
+    maxPressureVariation=(SCALAR, 0.0, LIMIT_FROM_0),
+    maxVolumeGrowthVariation=(SCALAR, 0.0, LIMIT_FROM_0),
     pressure=SCALAR,
     initialCavityVolume=SCALAR,
     cavityVolume=SCALAR,
     volumeGrowth=SCALAR,
-    drawPressure=BOOL,
-    drawScale=SCALAR,
-    visualization=BOOL,
-    showVisuScale=SCALAR,
 )
 declare(
     "CableConstraint",
     value=(VECTOR, (0.0,)),
-    valueIndex=INTEGER,
+    valueIndex=(INTEGER, 0, FROM_0),
     valueType=(TEXT, "displacement"),
-    indices=INDICES,
+    indices=(INDICES, (0,), FROM_0),
     pullPoint=fixed(3),
     hasPullPoint=(BOOL, True),
-    minForce=SCALAR,
-    maxForce=SCALAR,
-    maxPositiveDisp=SCALAR,
-    maxNegativeDisp=SCALAR,
-    maxDispVariation=SCALAR,
-    cableInitialLength=SCALAR,
+    minForce=(SCALAR, 0.0, LIMIT),
+    maxForce=(SCALAR, 0.0, LIMIT),
+    maxPositiveDisp=(SCALAR, 0.0, LIMIT),
+    maxNegativeDisp=(SCALAR, 0.0, LIMIT),
+    maxDispVariation=(SCALAR, 0.0, LIMIT_FROM_0),
+    cableInitialLength=(SCALAR, 0.0, FROM_0),
     cableLength=SCALAR,
     displacement=SCALAR,
     force=SCALAR,
@@ -154,20 +212,14 @@ declare(
     eqDisp=VECTOR,
     method=(TEXT, "point"),
     centers=vectors(3),
-    radii=VECTOR,
+    radii=(VECTOR, (1.0,), ABOVE_0),
     surfaceTopology=LINK,
-    color=VECTOR,
-    drawPullPoint=BOOL,
-    drawPoints=BOOL,
-    drawPulledAreas=BOOL,
 )
-declare(
-    "EulerImplicitSolver",
-    rayleighStiffness=SCALAR,
-    rayleighMass=SCALAR,
-    vdamping=SCALAR,
-    firstOrder=BOOL,
-    trapezoidalScheme=BOOL,
-    solveConstraint=BOOL,
-    linearSolver=LINK,
-)
+
+# appearance
+
+for _shown in ("OglModel", "VisualModel", "BackgroundSetting"):
+    declare(_shown, color=ANY)
+declare("OglSceneFrame", draw=(BOOL, True))
+for _camera in ("Camera", "InteractiveCamera"):
+    declare(_camera, position=fixed(3), lookAt=fixed(3))

@@ -199,6 +199,19 @@ class SceneDraft:
             state = independent_state(node_of(component))
         return np.zeros((0, 3)) if state is None else start_position(state)[:, :3]
 
+    def has_points(self, component: "Component", named: np.ndarray, count: int) -> bool:
+        """Whether all indices that a component names are those of a point; refused where one is not.
+
+        Args:
+            component: the component.
+            named: indices of points, of any shape.
+            count: number of points that there are.
+        """
+        outside = named[(named < 0) | (named >= count)]
+        if len(outside):
+            self.refuse(component, f"names point {int(outside[0])}; there are {count}, from 0 on")
+        return not len(outside)
+
     def above(self, node: "Node", by_node: "dict[int, Component]") -> "Component | None":
         """What a node, or the nearest one above it, has."""
         return next((by_node[id(above)] for above in upwards(node) if id(above) in by_node), None)

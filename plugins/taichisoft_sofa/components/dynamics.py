@@ -16,6 +16,8 @@ if TYPE_CHECKING:
 
 HELD = 1e12
 """Stiffness [mN/mm] that holds a point where a constraint fixes it."""
+SPRING = 100.0
+"""Stiffness [mN/mm] of the springs of rest shapes in SOFA where the scene gives none."""
 ENGINES = {"BoxROI", "SphereROI"}
 HYPERELASTIC = {"StVenantKirchhoff": "hooke", "NeoHookean": "neo-hookean"}
 """Native laws by SOFA's names."""
@@ -49,9 +51,15 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    total = numbers(component, "totalMass")
+    total = number(component, "totalMass", default=1.0)
     each = numbers(component, "vertexMass", "mass")
-    if len(each) and not (len(total) and total[0] > 0.0):
+    if is_given(component, "totalMass") and total == 0.0 and not len(each):
+        draft.refuse(component, "totalMass = 0; a body needs a mass above 0")
+        return
+    if len(each) and not (is_given(component, "totalMass") and total > 0.0):
+        if each[0] <= 0.0:
+            draft.refuse(component, f"vertexMass = {each[0]:g} must be above 0")
+            return
         inertia = _inertia(each)
         if len(each) > 1 and inertia is None:
             draft.refuse(
@@ -59,7 +67,7 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
             )
         body.mass = Mass(component, each=float(each[0]), inertia=inertia)
     else:
-        body.mass = Mass(component, total=float(total[0]) if len(total) else 1.0)
+        body.mass = Mass(component, total=total)
 
 
 def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
@@ -70,7 +78,11 @@ def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
     if is_given(component, "totalMass"):
         body.mass = Mass(component, total=number(component, "totalMass", default=1.0), density=0.0)
     else:
-        body.mass = Mass(component, density=number(component, "massDensity", default=1.0))
+        density = numbers(component, "massDensity", default=[1.0])
+        if not len(density) or (density != density[0]).any():
+            draft.refuse(component, f"massDensity has {len(density)} numbers; a body has one density here")
+            return
+        body.mass = Mass(component, density=float(density[0]))
     if component.type_name == "MeshMatrixMass" and not flag(component, "lumping", False):
         draft.depart(
             f"{node_of(component).getPathName()}: MeshMatrixMass couples neighbours; here each point has its share"
@@ -116,7 +128,7 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
         return
     tetrahedra = _tetrahedra_of(component, draft)
     count = len(tetrahedra)
-    if not count:
+    if not count or not draft.has_points(component, tetrahedra, len(body.position)):
         return
     young, poisson = young_modulus(component, count), _of_tetrahedra(component, "poissonRatio", 0.45, count)
     body.materials.append(Material(component, tetrahedra, young, poisson, COROTATIONS[method]))
@@ -142,7 +154,7 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
         draft.refuse(component, f"ParameterSet = {values.tolist()} makes a Poisson's ratio of {ratio:.3g}")
         return
     tetrahedra = _tetrahedra_of(component, draft)
-    if not len(tetrahedra):
+    if not len(tetrahedra) or not draft.has_points(component, tetrahedra, len(body.position)):
         return
     draft.depart(
         f"{component.getPathName()}: {material} is the law '{HYPERELASTIC[material]}' of the same moduli at rest; its "
@@ -175,14 +187,17 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
         draft.refuse(component, "external_rest_shape; springs to other bodies are not there")
         return
     points = numbers(component, "points", "indices").astype(np.int64)
-    stiffness = numbers(component, "stiffness", default=[100.0])
+    if not draft.has_points(component, points, len(body.position)):
+        return
+    stiffness = numbers(component, "stiffness", default=[SPRING])
     every = np.arange(len(body.position))
     chosen = points if len(points) else every
-    for value in np.unique(stiffness):
-        same = chosen if len(stiffness) != len(chosen) else chosen[stiffness == value]
-        body.anchors.append(Anchor(component, same, float(value), follows_rest=True))
-        if len(stiffness) != len(chosen):
-            break
+    if not len(stiffness):
+        stiffness = np.array([SPRING])
+    # As in SOFA, where the first one is that of all points unless there is one for each.
+    each = stiffness if len(stiffness) == len(chosen) else np.full(len(chosen), stiffness[0])
+    for value in np.unique(each):
+        body.anchors.append(Anchor(component, chosen[each == value], float(value), follows_rest=True))
     _note_selection(component, "points", draft)
 
 
@@ -199,6 +214,8 @@ def fixed_points(component: Component, draft: "SceneDraft") -> None:
     all_points = flag(component, "fixAll", False)
     points = numbers(component, "indices", default=[0.0]).astype(np.int64)
     chosen = np.arange(len(body.position)) if all_points else points
+    if not draft.has_points(component, chosen, len(body.position)):
+        return
     if directions:
         body.anchors.append(Anchor(component, chosen, HELD, follows_rest=False, directions=directions))
 

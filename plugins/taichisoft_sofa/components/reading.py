@@ -38,7 +38,7 @@ def numbers(component: "Component", *names: str, default: Sequence[float] = ()) 
     if value is None:
         return np.array(default, dtype=np.float64)
     try:
-        return parse_numbers(value)
+        return parse_numbers(value, bools=True)
     except WrongValue as error:
         raise SceneError(f"{described(component)}: {names[0]}: {error}") from error
 

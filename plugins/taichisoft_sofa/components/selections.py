@@ -4,9 +4,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichisoft.errors import SceneError
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, nearest, node_of
 from taichisoft_sofa.components.loaders import CORNERS
-from taichisoft_sofa.components.reading import computed, flag, is_given, numbers
+from taichisoft_sofa.components.reading import computed, described, flag, is_given, numbers
+from taichisoft_sofa.components.states import width_of
 from taichisoft_sofa.regions import Inside, cells_inside, in_boxes, in_oriented_boxes, in_spheres
 from taichisoft_sofa.tree.kinds import canonical
 
@@ -37,7 +39,10 @@ DUST = 8.0 * np.finfo(np.float64).eps ** 2
 def region_of(engine: "Component") -> Inside:
     """What lies inside the region of an engine, or on its faces."""
     if canonical(engine.type_name) == "SphereROI":
-        return in_spheres(numbers(engine, "centers").reshape(-1, 3), numbers(engine, "radii"))
+        centres, radii = numbers(engine, "centers").reshape(-1, 3), numbers(engine, "radii")
+        if len(radii) not in (1, len(centres)):
+            raise SceneError(f"{described(engine)}: radii has {len(radii)} numbers for {len(centres)} centers")
+        return in_spheres(centres, radii)
     boxes = in_boxes(numbers(engine, "box").reshape(-1, 6))
     oriented = in_oriented_boxes(numbers(engine, "orientedBox").reshape(-1, 10))
     return lambda points: boxes(points) | oriented(points)
@@ -70,7 +75,8 @@ def _given_points(engine: "Component") -> np.ndarray:
         if loader is not None:
             return computed(loader, "position", 3)
         state = nearest(node_of(engine), {STATE})
-    return np.zeros((0, 3)) if state is None else computed(state, "rest_position", 3)
+    # Of frames the origins count.
+    return np.zeros((0, 3)) if state is None else computed(state, "rest_position", width_of(state))[:, :3]
 
 
 def engine_cells(engine: "Component", kind: str) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Where the points of a mechanical object stand at the start."""
 
+import re
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,18 +16,33 @@ if TYPE_CHECKING:
 NO_POSE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 
 
+WIDTHS = (3, 7)
+"""Numbers of a point and of a pose."""
+
+
 def is_rigid(state: "Component") -> bool:
     """Whether a mechanical object has positions and rotations, of rigid bodies."""
-    return text(state, "template").startswith("Rigid")
+    return width_of(state) == 7
+
+
+def width_of(state: "Component") -> int:
+    """How many numbers a mechanical object has for each of its points or frames; 0 where its template is unknown."""
+    template = text(state, "template", default="Vec3").partition(",")[0]
+    if template.startswith("Rigid"):
+        return 3 if template.startswith("Rigid2") else 7
+    found = re.fullmatch(r"(?:Ext)?Vec(\d+)[dfiu]?", template)
+    return int(found[1]) if found else 3 if not template else 0
 
 
 def start_position(state: "Component") -> np.ndarray:
     """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7).
 
     Raises:
-        SceneError: they are no rows of three or seven numbers.
+        SceneError: they are no rows of three or seven numbers, or the template is of neither.
     """
-    width = 7 if is_rigid(state) else 3
+    width = width_of(state)
+    if width not in WIDTHS:
+        raise SceneError(f"{described(state)}: template '{text(state, 'template')}'; known are Vec3 and Rigid3")
     found = _source(state, width)
     if len(found) == 0 and width == 7:
         found = np.array([NO_POSE])
@@ -66,3 +82,23 @@ def _source(state: "Component", width: int) -> np.ndarray:
         if above is not None:
             return start_position(above)
     return np.zeros((0, 3))
+
+
+def start_velocity(state: "Component") -> np.ndarray:
+    """Velocity that all points of a mechanical object have at the start: (3,) [mm/s], or (6,) with [rad/s] of a frame.
+
+    Raises:
+        SceneError: its points have different ones, or some have none.
+    """
+    width = 6 if is_rigid(state) else 3
+    rows = numbers(state, "velocity")
+    if not rows.any():
+        return np.zeros(width)
+    rows, count = rows.reshape(-1, width), len(start_position(state))
+    if len(rows) != count or not (rows == rows[0]).all():
+        raise SceneError(
+            f"{described(state)}: velocity has {len(rows)} rows, not all alike or not one for each of {count} points; "
+            "a body here begins with one velocity of all its points"
+        )
+    found: np.ndarray = rows[0]
+    return found

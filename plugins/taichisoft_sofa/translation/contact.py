@@ -23,7 +23,7 @@ def contact_table(draft: SceneDraft) -> dict[str, Any]:
         "contact: bodies slide by the whole of their free motion, of which SOFA drops the tangential part where they "
         "separate; contacts are solved until they change by less than 1e-5 mm/s, whatever tolerance the scene gives"
     )
-    table: dict[str, Any] = {"friction": friction_of(draft.pipeline["response"])}
+    table: dict[str, Any] = {"friction": friction_of(draft.pipeline["response"], draft)}
     if "distance" in draft.pipeline:
         alarm, contact = distances_of(draft.pipeline["distance"])
         table |= {"alarm_distance": alarm, "contact_distance": contact, "spacing": SPACING * alarm}

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from taichisoft_sofa.components.draft import Body, SceneDraft
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.reading import number
+from taichisoft_sofa.components.states import start_velocity
 from taichisoft_sofa.translation.contact import collides
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.tree.kinds import canonical
@@ -42,6 +43,9 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Transl
         "position": pose[:3].tolist(),
         "rotation": degrees(pose[3:]),
     }
+    velocity = start_velocity(body.state)
+    if velocity.any():
+        table |= {"velocity": velocity[:3].tolist(), "angular_velocity": velocity[3:].tolist()}
     given = body.mass.inertia
     if given is not None and not (given == UNIT_INERTIA).all():
         table["inertia"] = (mass * given).tolist()

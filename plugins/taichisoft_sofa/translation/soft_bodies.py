@@ -13,6 +13,7 @@ from taichisoft_sofa.components.actuators import PRESSURE, by_force, value_by
 from taichisoft_sofa.components.draft import Anchor, Body, Mass, Material, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
+from taichisoft_sofa.components.states import start_velocity
 from taichisoft_sofa.translation.contact import collides
 from taichisoft_sofa.translation.names import clean, unique
 from taichisoft_sofa.translation.parts import SoftPart, Translation
@@ -48,6 +49,8 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     """Put a soft body into a translation; without a solver it stands still."""
     moves = solver is not None
     tetrahedra = body_tetrahedra(body)
+    if not draft.has_points(_topology(body) or body.state, tetrahedra, len(body.position)):
+        return
     young, poisson = add_up(tetrahedra, body.materials)
     if moves and not body.materials:
         draft.refuse(body.state, "moves, but no force field gives its tetrahedra a stiffness")
@@ -80,6 +83,8 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
         "regions": [{"group": f"material{number}", **region} for number, region in enumerate(regions[1:], 1)],
     }
     if solver is not None:
+        if (velocity := start_velocity(body.state)).any():
+            table["velocity"] = velocity.tolist()
         table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
         table["damped_anchors"] = True
@@ -95,7 +100,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     place = np.full(len(body.position), -1)
     place[points] = np.arange(len(points))
     anchors = body.anchors if moves else [Anchor(body.state, np.arange(len(body.position)), STANDING, False)]
-    table["anchors"] = _anchors(anchors, place, draft)
+    table["anchors"] = _anchors(anchors, place)
     _add_surfaces(name, body, table, draft, translation)
     _add_cavities(name, body, table, draft, translation)
     _add_cables(name, body, table, draft, translation)
@@ -123,7 +128,7 @@ def add_up(tetrahedra: np.ndarray, materials: Sequence[Material]) -> tuple[np.nd
         differs[rows] |= ~np.isnan(poisson[rows]) & (poisson[rows] != own_poisson)
         poisson[rows] = own_poisson
     first, second = lame[differs].T
-    young[differs] = second * (3 * first + 2 * second) / (first + second)
+    young[differs] = second * ((3 * first + 2 * second) / (first + second))
     poisson[differs] = first / (2 * (first + second))
     return young, np.nan_to_num(poisson)
 
@@ -159,13 +164,9 @@ def _mass(mass: Mass | None, kept: int, all_points: int) -> dict[str, float]:
     return {"mass": mass.total if mass.total is not None and kept == all_points else each * kept}
 
 
-def _anchors(anchors: list[Anchor], place: np.ndarray, draft: SceneDraft) -> list[dict[str, Any]]:
+def _anchors(anchors: list[Anchor], place: np.ndarray) -> list[dict[str, Any]]:
     tables = []
     for anchor in anchors:
-        outside = anchor.points[(anchor.points < 0) | (anchor.points >= len(place))]
-        if len(outside):
-            draft.refuse(anchor.component, f"names point {int(outside[0])}; its body has {len(place)}")
-            continue
         nodes = np.unique(place[anchor.points])
         nodes = nodes[nodes >= 0]
         if len(nodes) and anchor.stiffness > 0.0:

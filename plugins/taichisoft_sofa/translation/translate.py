@@ -8,6 +8,7 @@ from taichisoft_sofa.components import computed as computed  # the tree computes
 from taichisoft_sofa.components.draft import Body, SceneDraft
 from taichisoft_sofa.components.graph import upwards
 from taichisoft_sofa.components.reading import described, flag
+from taichisoft_sofa.components.remarks import remarks
 from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD, purpose
 from taichisoft_sofa.translation.contact import contact_table
 from taichisoft_sofa.translation.names import body_names
@@ -54,13 +55,16 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         draft.depart(
             "pressures and cables act, though there is no FreeMotionAnimationLoop, without which SOFA has none"
         )
-    if contact := contact_table(draft):
-        translation.tables["contact"] = contact
+    try:
+        if contact := contact_table(draft):
+            translation.tables["contact"] = contact
+    except SceneError as error:
+        draft.refused.append(str(error))
     _add_bodies(draft, translation)
     if draft.appearance:
         translation.tables["appearance"] = draft.appearance
     translation.departures += draft.departures
-    translation.refused += draft.refused
+    translation.refused += dict.fromkeys(draft.refused)  # several components may stumble over the same value
     return translation
 
 
@@ -74,6 +78,8 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
         translation.understood[kind] = translation.understood.get(kind, 0) + 1
         try:
             contribute(component, draft)
+            for line in remarks(component):
+                draft.depart(line)
         except SceneError as error:
             draft.refused.append(str(error))
     elif not is_controller(component):

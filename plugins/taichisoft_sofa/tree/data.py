@@ -63,7 +63,7 @@ class Data(Arithmetic):
         self.revision = 0
         self.place: Place | None = None
         self.provider: Callable[[], Any] | None = None
-        self._own = Declared(kind, default) if kind is not None else None
+        self._own = Declared(kind, default, None) if kind is not None else None
         self._written: Any = None
         self._converted: tuple[Kind, Any, Any] | None = None  # a kind, what was converted to it, and the result
         self._rows: tuple[NDArray[Any], list[Any]] | None = None
@@ -150,6 +150,10 @@ class Data(Arithmetic):
     def is_set(self) -> bool:
         """Whether anything was written to it."""
         return self.revision > 0
+
+    def is_own(self) -> bool:
+        """Whether the scene added it, to a component that has no such data by itself."""
+        return self._own is not None
 
     def written_text(self) -> str:
         """What was written to it, as the scene has it, for lists and errors."""
@@ -350,10 +354,14 @@ class Data(Arithmetic):
         if kind is ANY:
             return value
         if self._converted is None or self._converted[0] is not kind or self._converted[1] is not value:
+            known = self._declared()
             try:
-                self._converted = kind, value, kind.convert(value)
+                converted = kind.convert(value)
+                if known is not None and known.bounds and (problem := known.bounds.problem(converted)):
+                    raise WrongValue(problem)
             except (WrongValue, ValueError, TypeError, OverflowError) as error:
                 raise SceneError(f"{self.place}: {self.described()}: {error}") from error
+            self._converted = kind, value, converted
         return self._converted[2]
 
     def _older_rows(self, value: Any) -> list[Any] | None:

@@ -9,8 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from taichisoft_sofa.tree.bounds import FINITE, Bounds
+
 TRUE = {"true", "t", "yes", "1"}
 FALSE = {"false", "f", "no", "0"}
+LARGEST_INTEGER = 2**53
+"""Floating-point numbers tell larger ones no longer apart."""
 
 
 class WrongValue(ValueError):
@@ -46,10 +50,14 @@ class Declared:
     Attributes:
         kind: its kind.
         default: its value while nothing was written to it; none: that of its kind.
+        bounds: which numbers it may have; any where a scene adds the data itself.
+        unused: whether it decides in SOFA how bodies move, and has no effect here.
     """
 
     kind: KindOf
     default: Any = None
+    bounds: Bounds | None = FINITE
+    unused: bool = False
 
 
 # The data that each type of component has, by its name.
@@ -58,11 +66,29 @@ KINDS: dict[str, dict[str, Declared]] = {}
 ALIASES: dict[str, str] = {}
 
 
-def declare(type_name: str, /, **data: "KindOf | tuple[KindOf, Any]") -> None:
-    """Say which data a type of component has: `box=vectors(6)`, or with a default, `youngModulus=(SCALAR, 5000)`."""
+def declare(type_name: str, /, **data: "KindOf | tuple[Any, ...]") -> None:
+    """Say which data a type of component has: `box=vectors(6)`; with a default, `youngModulus=(SCALAR, 5000)`.
+
+    After the default may stand the bounds of its numbers: `youngModulus=(SCALAR, 5000, ABOVE_0)`.
+    """
     known = KINDS.setdefault(canonical(type_name), {})
     for name, declared in data.items():
         known[name] = Declared(*declared) if isinstance(declared, tuple) else Declared(declared)
+
+
+def declare_unused(type_name: str, /, **defaults: Any) -> None:
+    """Say which data of a type decide in SOFA how bodies move and have no effect here, with SOFA's defaults."""
+    known = KINDS.setdefault(canonical(type_name), {})
+    for name, default in defaults.items():
+        kind = {bool: BOOL, int: INTEGER, float: SCALAR, tuple: VECTOR}.get(type(default), TEXT)
+        known[name] = Declared(kind, default, unused=True)
+
+
+def declare_without_effect(type_name: str, names: str) -> None:
+    """Say which other data a type has: how it is drawn, or how equations are solved. Any value of them is valid."""
+    known = KINDS.setdefault(canonical(type_name), {})
+    for name in names.split():
+        known.setdefault(name, Declared(ANY))
 
 
 def canonical(type_name: str) -> str:
@@ -75,32 +101,43 @@ def declared(type_name: str) -> Mapping[str, Declared]:
     return KINDS.get(canonical(type_name), {})
 
 
-def numbers(value: Any, dtype: type = float) -> NDArray[Any]:
-    """The numbers of a text, a number, or a list of such, nested or not; shape (n,)."""
+def numbers(value: Any, dtype: type = float, bools: bool = False) -> NDArray[Any]:
+    """The numbers of a text, a number, or a list of such, nested or not; shape (n,).
+
+    Args:
+        value: what a scene wrote.
+        dtype: type of the numbers: float or int.
+        bools: whether true and false are numbers, too.
+
+    Raises:
+        WrongValue: something in it is no number, or no integer.
+    """
     if isinstance(value, str):
-        return np.array([_number(word, dtype) for word in value.split()], dtype)
+        return np.array([_number(word, dtype, bools) for word in value.split()], dtype)
     try:
         found = np.asarray(value)
     except ValueError:  # lists of different lengths
         found = np.empty(0, object)
-    if found.dtype.kind in "fiub":
+    if found.dtype.kind in ("fiub" if bools else "fiu"):
+        if dtype is int and np.any(broken := (found != np.floor(found)) | (np.abs(found) > LARGEST_INTEGER)):
+            raise WrongValue(f"{found[broken].flat[0]:g} is no integer")
         return np.array(found, dtype).ravel()
     if isinstance(value, list | tuple | np.ndarray):
-        parts = [numbers(item, dtype) for item in value]
+        parts = [numbers(item, dtype, bools) for item in value]
         return np.concatenate(parts) if parts else np.empty(0, dtype)
     if hasattr(value, "array"):
-        return numbers(value.array(), dtype)
+        return numbers(value.array(), dtype, bools)
     raise WrongValue(f"{value!r} is no number")
 
 
-def _number(word: str, dtype: type) -> float:
-    if word.lower() in ("true", "false"):
+def _number(word: str, dtype: type, bools: bool) -> float:
+    if bools and word.lower() in ("true", "false"):
         return float(word.lower() == "true")
     try:
         number = float(word)
     except ValueError:
         raise WrongValue(f"'{word}' is no number") from None
-    if dtype is int and number != int(number):
+    if dtype is int and not (number.is_integer() and abs(number) <= LARGEST_INTEGER):
         raise WrongValue(f"'{word}' is no integer")
     return number
 
@@ -111,7 +148,7 @@ def _indices(value: Any) -> NDArray[Any]:
         found: list[int] = []
         for word in value.split():
             ends = re.fullmatch(r"(\d+)-(\d+)", word)
-            found += range(int(ends[1]), int(ends[2]) + 1) if ends else [int(_number(word, int))]
+            found += range(int(ends[1]), int(ends[2]) + 1) if ends else [int(_number(word, int, False))]
         return np.array(found, int)
     return numbers(value, int)
 
@@ -128,7 +165,17 @@ def _bool(value: Any) -> bool:
         if value.strip().lower() not in TRUE | FALSE:
             raise WrongValue(f"'{value}' must be true or false")
         return value.strip().lower() in TRUE
-    return bool(_one(value, float))
+    found = _bools(value)
+    if len(found) != 1:
+        raise WrongValue(f"{value!r} must be true or false")
+    return bool(found[0])
+
+
+def _bools(value: Any) -> NDArray[Any]:
+    found = numbers(value, bools=True)
+    if not np.isin(found, (0.0, 1.0)).all():
+        raise WrongValue(f"{value!r} must be true or false each")
+    return found.astype(bool)
 
 
 def _text(value: Any) -> str:
@@ -164,6 +211,7 @@ TEXT = Kind("a text", _text, lambda: "")
 TEXTS = Kind("texts", _texts, list)
 # A vector of any length: shape (n,).
 VECTOR = Kind("numbers", numbers, lambda: np.empty(0), 1)
+BOOLS = Kind("true or false each", _bools, lambda: np.empty(0, bool), 1)
 INDICES = Kind("indices", _indices, lambda: np.empty(0, int), 1)
 # Whatever the scene wrote.
 ANY = Kind("anything", lambda value: value, lambda: None)
@@ -210,6 +258,6 @@ def kind_called(type_name: str) -> Kind:
         return fixed(int(width[1]))
     if inner := re.fullmatch(r"(?:std::)?vector<\s*(.+?)\s*>", type_name):
         kind = kind_called(inner[1])
-        listed = {SCALAR: VECTOR, INTEGER: INDICES, BOOL: INDICES, TEXT: TEXTS}
+        listed = {SCALAR: VECTOR, INTEGER: INDICES, BOOL: BOOLS, TEXT: TEXTS}
         return listed.get(kind) or (vectors(kind.row) if kind.row else ANY)
     return ANY

@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from taichisoft_sofa.tree.base import COMMON, Base
+from taichisoft_sofa.tree.bounds import ABOVE_0
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import BOOL, INTEGER, SCALAR, Declared, canonical, fixed
 from taichisoft_sofa.tree.links import follow
@@ -13,7 +14,7 @@ LOG = logging.getLogger(__name__)
 OF_NODES = {
     **COMMON,
     "gravity": Declared(fixed(3), (0.0, -9.81, 0.0)),
-    "dt": Declared(SCALAR, 0.01),
+    "dt": Declared(SCALAR, 0.01, ABOVE_0),
     "time": Declared(SCALAR, 0.0),
     "animate": Declared(BOOL),
     "activated": Declared(BOOL, True),

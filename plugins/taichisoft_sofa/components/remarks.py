@@ -1,0 +1,43 @@
+"""What a scene gives a component in vain: data that decide in SOFA how bodies move, and names that nothing here knows."""
+
+import difflib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichisoft_sofa.components.reading import described
+from taichisoft_sofa.tree.component import OF_COMPONENTS
+from taichisoft_sofa.tree.kinds import Declared, declared
+
+if TYPE_CHECKING:
+    from taichisoft_sofa.tree.component import Component
+
+LONGEST = 60
+"""Characters of a value in a line."""
+
+
+def remarks(component: "Component") -> Iterator[str]:
+    """One line for each data that the scene wrote and that has no effect, unless it has none in SOFA either."""
+    known = {**OF_COMPONENTS, **declared(component.type_name)}
+    for name, data in component.data_by_name.items():
+        if not data.is_set() or data.is_own():
+            continue
+        if name not in known:
+            near = difflib.get_close_matches(name, list(known), n=1)
+            hint = f"; did you mean '{near[0]}'?" if near else ""
+            yield f"{described(component)}: {name} = {_shown(data.written_text())}: no such data is known here{hint}"
+        elif known[name].unused and not _is_default(data.given(), known[name]):
+            yield f"{described(component)}: {name} = {_shown(data.written_text())} has no effect here"
+
+
+def _is_default(value: Any, known: Declared) -> bool:
+    """Whether a value is SOFA's default, which for vectors is none at all, or zeros."""
+    if isinstance(value, np.ndarray):
+        return not value.any()
+    return bool(value == (known.default if known.default is not None else value))
+
+
+def _shown(text: str) -> str:
+    line = " ".join(text.split())
+    return line if len(line) <= LONGEST else f"{line[: LONGEST - 3]}..."
