@@ -80,83 +80,135 @@ UNUSED: dict[tuple[str, ...], dict[str, Any]] = {
 """Data that decide in SOFA how bodies move, with SOFA's defaults."""
 
 WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
-    LOOPS: "parallelODESolving parallelCollisionDetectionAndFreeMotion computeBoundingBox threadSafeVisitor",
-    ("EulerImplicitSolver",): "linearSolver computeResidual residual parallelInverseProduct",
-    DIRECT_SOLVERS: "iterations maxIterations verbose tolerance threshold savingMatrixToFile savingMatrixFilename "
-    "savingPrecision saveMatrixToFile savingFolder parallelInverseProduct useMultiInterations ordering permutation "
-    "useFilter filterTolerance invName share_matrix jmjt_twostep use_file init_MaxIter init_Tolerance init_Threshold "
-    "showBlocs problem subpartSolve blockSize linearSystem useSymbolicDecomposition precomputeSymbolicDecomposition "
-    "applyPermutation L_nnz sharedMatrix",
-    ITERATIVE_SOLVERS: "iterations maxIterations tolerance threshold warmStart verbose graph precond preconditioners "
-    "preconditioner update_step build_precond use_precond linearSystem parallelInverseProduct",
-    CORRECTIONS: "solverName linearSolver ODESolverName wire_optimization complianceFactor rotations restRotations "
-    "recompute debugViewFrameScale fileCompliance fileDir f_fileCompliance correctionVelocityFactor "
-    "correctionPositionFactor useOdeSolverIntegrationFactors complianceMatrix",
-    CONSTRAINT_SOLVERS: "tolerance maxIterations maxIt tol sor scaleTolerance allVerified resolutionMethod unbuilt "
-    "schemeCorrection multithreading reverseAccumulateOrder computeGraphs graphErrors graphConstraints graphForces "
-    "graphViolations currentNumConstraints currentNumConstraintGroups currentIterations currentError "
-    "computeConstraintForces constraintForces newtonIterations convergence_iterations initial_guess build_lcp "
-    "multi_grid multi_grid_levels merge_method merge_spatial_step merge_local_levels displayTime displayDebug "
-    "numIterations showGraphs showLevels showCells showTranslation showLevelTranslation displayedGroup graph "
-    "initialGuess rho spectralRadius",
-    LOADERS: "triangulate createSubelements onlyAttachedPoints loadMaterial storeGroups handleSeams "
-    "removeDuplicatePoints mergePositionUsingMap headerSize forceBinary fillMesh convertPolygonToTriangle computeNormals "
-    "position polylines edges triangles quads polygons highOrderEdgePositions highOrderTrianglePositions "
-    "highOrderQuadPositions tetrahedra hexahedra tetras hexas pentahedra prisms pyramids edgesGroups trianglesGroups "
-    "quadsGroups polygonsGroups tetrahedraGroups hexahedraGroups pyramidsGroups pointsGroups normals texcoords uv "
-    "positionsDefinition normalsDefinition texcoordsDefinition material faceList texIndexList materials "
-    "listening elements fileFormatVersion",
-    CONTAINERS: "edges triangles quads tetrahedra tetras hexahedra hexas position points seqPoints polylines lines "
-    "pyramids pentahedra prisms polygons uv texcoords createTriangleArray checkConnexity checkConnectivity checkTopology "
-    "drawPoints drawEdges drawTriangles drawQuads drawTetrahedra drawHexahedra computeAllBuffers nbEdges "
-    "fileMesh scale translation rotation dx dy dz rx ry rz sx sy sz useFullEdges numberOfTriangles",
-    MAPPINGS: "mapForces mapMasses mapMatrices applyRestPosition useRestPosition isMechanical mapGeometricStiffness "
-    "initialPoints geometricStiffness useX0 indexFromEnd repartition pointMap mapper inputTopology outputTopology "
-    "parallelMapping object1 object2",
-    ("Tetra2TriangleTopologicalMapping",): "noNewTriangles noInitialTriangles object1 object2",
-    ("MechanicalObject",): "showObjectScale showIndices showIndicesScale showVectors showVectorsScale showColor "
-    "drawMode derivX dforce freePosition restPosition reset_velocity useTopology restScale reserve separate "
-    "forceMask isToPrint ignoreLoader debugViewIndices debugViewIndicesScale initialPosition fileTopology",
-    ROIS: "drawBoxes drawPoints drawEdges drawTriangles drawTetrahedra drawHexahedra drawQuads drawSize drawROI drawSphere "
-    "computeEdges computeTriangles computeTetrahedra computeHexahedra computeQuads computePoints mechanicalObject "
-    "rest_position quadInROI pointsOutROI edgesOutROI trianglesOutROI tetrahedraOutROI hexahedraOutROI indicesOut "
-    "trianglesOutIndices normal edgeAngle triAngle isVisible topology computeTrianglesInROI computeTemporaryTriangles",
-    MASSES: "separateGravity printMass showGravityCenter showAxisSizeFactor showInitialCenterOfGravity showX0 "
-    "localRange preserveTotalMass filename computeMassOnRest useIndexedMass vertexMass edgeMass fileMass "
-    "massInitializationMethod indices mstate graph topology showInitialMesh",
-    TETRAHEDRA: "computeGlobalMatrix updateStiffnessMatrix assembling initialPoints drawing drawAsEdges "
-    "drawHeterogeneousTetra drawColor1 drawColor2 drawColor3 drawColor4 computeVonMisesStress vonMisesPerElement "
-    "vonMisesPerNode vonMisesStressColors showStressColorMap showStressAlpha showVonMisesStressPerNode "
-    "showVonMisesStressPerNodeColorMap showVonMisesStressPerElement showElementGapScale gatherPt gatherBsize "
-    "exportEdges numMaxInvertIters updateStiffness matrixRegularization stiffnessMatrixRegularizationWeight "
-    "indices filename listening edgeInfo tetraInfo topology initialPosition mstate",
-    (
-        "RestShapeSpringsForceField",
-    ): "angularStiffness drawSpring springColor external_points recompute_indices topology",
-    FIXED: "drawSize showObject topology",
-    ("CollisionPipeline",): "verbose draw depth doPrintInfoMessage broadPhaseDetection narrowPhaseDetection",
-    PHASES: "draw box bothSide threshold mode nbPairs maxDepth nbThreads",
-    ("RuleBasedContactManager",): "variables",
-    DISTANCES: "angleCone coneFactor useLMDFilters filterIntersection usePointPoint useSurfaceNormals useLineLine "
-    "useLinePoint usePointsPoint useEdgePoint draw useSphereTriangle usePointEdge useTriangleLine",
-    MODELS: "moving simulated bothSide color numberOfPoints numberOfLines numberOfTriangles useCurvature computeNormals "
-    "displayAsNormals enableDirectPaint topology template LineActiverPath PointActiverPath TriangleActiverPath "
-    "useBoundaryEdges ignoreCollision displayNormals",
-    ("SurfacePressureConstraint",): "drawPressure drawScale visualization showVisuScale showObject color topology "
-    "constraintIndex visualize",
-    ("CableConstraint",): "color drawPullPoint drawPoints drawPulledAreas constraintIndex topology",
-    VISUALS: "filename fileMesh material texturename texcoords useVBO updateNormals computeTangents handleDynamicTopology "
-    "fixMergedUVSeams keepLines rotation translation scale scale3d position rest_position restPositions edges triangles "
-    "quads vertices normals computeNormals putOnlyTexCoords opacity cullFace blendEquation blendTransparency "
-    "sfactor dfactor writeZTransparent alphaBlend depthTest lineSmooth lineWidth pointSize pointSmooth isEnabled "
-    "forceFloatColors primitiveType tex3d wire castShadow srgbTexturing materials groups useNormals scaleTex "
-    "translationTex hasTransparency transformation isToPrint visible rx ry rz dx dy dz sx sy sz vertPosIdx vertNormIdx "
-    "xforms displacementVertexShader",
-    ("BackgroundSetting",): "image",
-    ("OglSceneFrame",): "style alignment viewportSize",
-    CAMERAS: "orientation distance fieldOfView projectionType zNear zFar computeZClip minBBox maxBBox widthViewport "
-    "heightViewport activated fixedLookAt modelViewMatrix projectionMatrix zoomSpeed panSpeed pivot "
-    "stereoEnabled stereoMode stereoStrategy stereoShift filename",
+    LOOPS: """
+        parallelODESolving parallelCollisionDetectionAndFreeMotion computeBoundingBox threadSafeVisitor
+    """,
+    ("EulerImplicitSolver",): """
+        linearSolver computeResidual residual parallelInverseProduct
+    """,
+    DIRECT_SOLVERS: """
+        iterations maxIterations verbose tolerance threshold savingMatrixToFile savingMatrixFilename savingPrecision
+        saveMatrixToFile savingFolder parallelInverseProduct useMultiInterations ordering permutation useFilter
+        filterTolerance invName share_matrix jmjt_twostep use_file init_MaxIter init_Tolerance init_Threshold
+        showBlocs problem subpartSolve blockSize linearSystem useSymbolicDecomposition
+        precomputeSymbolicDecomposition applyPermutation L_nnz sharedMatrix
+    """,
+    ITERATIVE_SOLVERS: """
+        iterations maxIterations tolerance threshold warmStart verbose graph precond preconditioners preconditioner
+        update_step build_precond use_precond linearSystem parallelInverseProduct
+    """,
+    CORRECTIONS: """
+        solverName linearSolver ODESolverName wire_optimization complianceFactor rotations restRotations recompute
+        debugViewFrameScale fileCompliance fileDir f_fileCompliance correctionVelocityFactor
+        correctionPositionFactor useOdeSolverIntegrationFactors complianceMatrix
+    """,
+    CONSTRAINT_SOLVERS: """
+        tolerance maxIterations maxIt tol sor scaleTolerance allVerified resolutionMethod unbuilt schemeCorrection
+        multithreading reverseAccumulateOrder computeGraphs graphErrors graphConstraints graphForces graphViolations
+        currentNumConstraints currentNumConstraintGroups currentIterations currentError computeConstraintForces
+        constraintForces newtonIterations convergence_iterations initial_guess build_lcp multi_grid
+        multi_grid_levels merge_method merge_spatial_step merge_local_levels displayTime displayDebug numIterations
+        showGraphs showLevels showCells showTranslation showLevelTranslation displayedGroup graph initialGuess rho
+        spectralRadius
+    """,
+    LOADERS: """
+        triangulate createSubelements onlyAttachedPoints loadMaterial storeGroups handleSeams removeDuplicatePoints
+        mergePositionUsingMap headerSize forceBinary fillMesh convertPolygonToTriangle computeNormals position
+        polylines edges triangles quads polygons highOrderEdgePositions highOrderTrianglePositions
+        highOrderQuadPositions tetrahedra hexahedra tetras hexas pentahedra prisms pyramids edgesGroups
+        trianglesGroups quadsGroups polygonsGroups tetrahedraGroups hexahedraGroups pyramidsGroups pointsGroups
+        normals texcoords uv positionsDefinition normalsDefinition texcoordsDefinition material faceList
+        texIndexList materials listening elements fileFormatVersion
+    """,
+    CONTAINERS: """
+        edges triangles quads tetrahedra tetras hexahedra hexas position points seqPoints polylines lines pyramids
+        pentahedra prisms polygons uv texcoords createTriangleArray checkConnexity checkConnectivity checkTopology
+        drawPoints drawEdges drawTriangles drawQuads drawTetrahedra drawHexahedra computeAllBuffers nbEdges fileMesh
+        scale translation rotation dx dy dz rx ry rz sx sy sz useFullEdges numberOfTriangles
+    """,
+    MAPPINGS: """
+        mapForces mapMasses mapMatrices applyRestPosition useRestPosition isMechanical mapGeometricStiffness
+        initialPoints geometricStiffness useX0 indexFromEnd repartition pointMap mapper inputTopology outputTopology
+        parallelMapping object1 object2
+    """,
+    ("Tetra2TriangleTopologicalMapping",): """
+        noNewTriangles noInitialTriangles object1 object2
+    """,
+    ("MechanicalObject",): """
+        showObjectScale showIndices showIndicesScale showVectors showVectorsScale showColor drawMode derivX dforce
+        freePosition restPosition reset_velocity useTopology restScale reserve separate forceMask isToPrint
+        ignoreLoader debugViewIndices debugViewIndicesScale initialPosition fileTopology
+    """,
+    ROIS: """
+        drawBoxes drawPoints drawEdges drawTriangles drawTetrahedra drawHexahedra drawQuads drawSize drawROI
+        drawSphere computeEdges computeTriangles computeTetrahedra computeHexahedra computeQuads computePoints
+        mechanicalObject rest_position quadInROI pointsOutROI edgesOutROI trianglesOutROI tetrahedraOutROI
+        hexahedraOutROI indicesOut trianglesOutIndices normal edgeAngle triAngle isVisible topology
+        computeTrianglesInROI computeTemporaryTriangles
+    """,
+    MASSES: """
+        separateGravity printMass showGravityCenter showAxisSizeFactor showInitialCenterOfGravity showX0 localRange
+        preserveTotalMass filename computeMassOnRest useIndexedMass vertexMass edgeMass fileMass
+        massInitializationMethod indices mstate graph topology showInitialMesh
+    """,
+    TETRAHEDRA: """
+        computeGlobalMatrix updateStiffnessMatrix assembling initialPoints drawing drawAsEdges
+        drawHeterogeneousTetra drawColor1 drawColor2 drawColor3 drawColor4 computeVonMisesStress vonMisesPerElement
+        vonMisesPerNode vonMisesStressColors showStressColorMap showStressAlpha showVonMisesStressPerNode
+        showVonMisesStressPerNodeColorMap showVonMisesStressPerElement showElementGapScale gatherPt gatherBsize
+        exportEdges numMaxInvertIters updateStiffness matrixRegularization stiffnessMatrixRegularizationWeight
+        indices filename listening edgeInfo tetraInfo topology initialPosition mstate
+    """,
+    ("RestShapeSpringsForceField",): """
+        angularStiffness drawSpring springColor external_points recompute_indices topology
+    """,
+    FIXED: """
+        drawSize showObject topology
+    """,
+    ("CollisionPipeline",): """
+        verbose draw depth doPrintInfoMessage broadPhaseDetection narrowPhaseDetection
+    """,
+    PHASES: """
+        draw box bothSide threshold mode nbPairs maxDepth nbThreads
+    """,
+    ("RuleBasedContactManager",): """
+        variables
+    """,
+    DISTANCES: """
+        angleCone coneFactor useLMDFilters filterIntersection usePointPoint useSurfaceNormals useLineLine
+        useLinePoint usePointsPoint useEdgePoint draw useSphereTriangle usePointEdge useTriangleLine
+    """,
+    MODELS: """
+        moving simulated bothSide color numberOfPoints numberOfLines numberOfTriangles useCurvature computeNormals
+        displayAsNormals enableDirectPaint topology template LineActiverPath PointActiverPath TriangleActiverPath
+        useBoundaryEdges ignoreCollision displayNormals
+    """,
+    ("SurfacePressureConstraint",): """
+        drawPressure drawScale visualization showVisuScale showObject color topology constraintIndex visualize
+    """,
+    ("CableConstraint",): """
+        color drawPullPoint drawPoints drawPulledAreas constraintIndex topology
+    """,
+    VISUALS: """
+        filename fileMesh material texturename texcoords useVBO updateNormals computeTangents handleDynamicTopology
+        fixMergedUVSeams keepLines rotation translation scale scale3d position rest_position restPositions edges
+        triangles quads vertices normals computeNormals putOnlyTexCoords opacity cullFace blendEquation
+        blendTransparency sfactor dfactor writeZTransparent alphaBlend depthTest lineSmooth lineWidth pointSize
+        pointSmooth isEnabled forceFloatColors primitiveType tex3d wire castShadow srgbTexturing materials groups
+        useNormals scaleTex translationTex hasTransparency transformation isToPrint visible rx ry rz dx dy dz sx sy
+        sz vertPosIdx vertNormIdx xforms displacementVertexShader
+    """,
+    ("BackgroundSetting",): """
+        image
+    """,
+    ("OglSceneFrame",): """
+        style alignment viewportSize
+    """,
+    CAMERAS: """
+        orientation distance fieldOfView projectionType zNear zFar computeZClip minBBox maxBBox widthViewport
+        heightViewport activated fixedLookAt modelViewMatrix projectionMatrix zoomSpeed panSpeed pivot stereoEnabled
+        stereoMode stereoStrategy stereoShift filename
+    """,
 }
 """Data without which bodies move just the same, by type."""
 

@@ -1,4 +1,4 @@
-"""What a scene gives a component in vain: data that decide in SOFA how bodies move, and names that nothing here knows."""
+"""What a scene gives a component in vain: data that count in SOFA alone, and names that nothing here knows."""
 
 import difflib
 from collections.abc import Iterator
