@@ -28,21 +28,33 @@ def check(
     python_path: PythonPath = "",
     sofa_exact: Exact = False,
 ) -> None:
-    """List what is understood of scenes, what has no effect, what is done otherwise, and what is refused."""
+    """List what is understood of scenes, what has no effect, what is done otherwise, and what is refused.
+
+    What can be run has a model: it is built, as a run does before its first step.
+    """
+    from taichisoft_sofa.checking import checked
+
     refused = False
     for scene in scenes:
-        translation = _translated(scene, python_path, sofa_exact)
-        say(f"{scene}: {'refused' if translation.refused else 'can be run'}")
-        for title, counts in (("understood", translation.understood), ("without effect", translation.ignored)):
+        found = checked(scene, python_path, sofa_exact)
+        refused = refused or bool(found.problems)
+        _line(f"{scene}: {'refused' if found.problems else 'can be run'}")
+        for title, counts in found.counts.items():
             listed = ", ".join(f"{kind} ({count})" if count > 1 else kind for kind, count in sorted(counts.items()))
-            say(f"  {title}: {listed or 'nothing'}")
-        for line in translation.departures:
-            say(f"  otherwise than in SOFA: {line}")
-        for line in translation.refused:
-            say(f"  refused: {line}")
-        refused = refused or bool(translation.refused)
+            _line(f"  {title}: {listed or 'nothing'}")
+        for line in found.said:
+            _line(f"  it says: {line}")
+        for line in found.remarks:
+            _line(f"  {line}")
+        for line in found.problems:
+            _line(f"  refused: {line}")
     if refused:
         raise typer.Exit(EXIT_REFUSED)
+
+
+def _line(text: str) -> None:
+    """One line, whatever a scene or its files put into it."""
+    say(" ".join(text.rstrip().splitlines()))
 
 
 @sofa.command()
@@ -67,7 +79,7 @@ def convert(
     if translation.refused:
         raise SceneError(f"{translation.refused[0]}; taichisoft sofa check {scene} lists all")
     for line in translation.departures:
-        say(f"otherwise than in SOFA: {line}")
+        _line(f"otherwise than in SOFA: {line}")
     meshes = output.parent / f"{output.stem}-meshes"
     with named_os_errors(meshes):
         meshes.mkdir(parents=True, exist_ok=True)

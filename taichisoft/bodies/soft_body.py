@@ -188,16 +188,23 @@ def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:
 
 
 def _collision_surfaces(mesh: VolumeMesh, body: settings.SoftBody) -> tuple[CollisionSurface, ...]:
-    """The scene's own surfaces, else the group "outer", else the mesh's boundary; without the walls of cavities."""
+    """The scene's own surfaces, else the group "outer", else the mesh's boundary; without the walls of cavities.
+
+    A boundary that is not closed, such as that of two elements which share an edge alone, is shown as it is where the
+    body touches nothing.
+    """
     if body.collision_surface:
         return tuple(
             CollisionSurface(_surface_of_file(mesh, one, body), frozenset(one.groups)) for one in body.collision_surface
         )
     source = f"{mesh.source}: outer surface"
+    triangles = mesh.surface_groups.get("outer", boundary_triangles(mesh.elements))
+    if not body.collides and count_open_edges(triangles):
+        return (CollisionSurface(MappedSurface.of_nodes(triangles)),)
     if "outer" in mesh.surface_groups:
         triangles = closed_outward(mesh.nodes, mesh.surface_groups["outer"], source)
     else:
-        triangles = _outermost(mesh.nodes, boundary_triangles(mesh.elements), source)
+        triangles = _outermost(mesh.nodes, triangles, source)
     return (CollisionSurface(MappedSurface.of_nodes(triangles)),)
 
 

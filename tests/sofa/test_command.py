@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from blocks import make_block
 from scenes_of_sofa import BODY, written
@@ -15,6 +16,7 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.command_line import main
 from taichisoft.errors import SceneError
 from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_sofa.reader import read_scene
 
 Command = Callable[..., tuple[int, str, str]]
@@ -115,6 +117,56 @@ def test_check_lists_all_and_fails_if_something_is_refused(folder: Path, command
     assert "other.py: refused" in shown
     assert "refused: SphereCollisionModel '/body/SphereCollisionModel' (" in shown
     assert "a surface that touches others" in shown
+
+
+FAILING = {
+    "missing.py": None,
+    "own.py": "class Own(BaseException):\n    def __str__(self): raise ValueError\ndef createScene(root): raise Own",
+    "ends.py": "import sys\ndef createScene(root): sys.exit('bye')",
+    "deep.py": "def createScene(root): createScene(root)",
+    "stops.py": "def createScene(root): raise GeneratorExit",
+    "broken.py": "def createScene(root): 1 +",
+    "escape.py": "def createScene(root):\n    print('\\x1b[2J')\n    raise ValueError('\\x1b[31m\\n\\r\\x07')",
+}
+
+
+def test_check_goes_on_after_files_that_fail_and_shows_no_control_characters(folder: Path, command: Command) -> None:
+    for name, text in FAILING.items():
+        if text is not None:
+            (folder / name).write_text(text)
+    code, shown, errors = command("sofa", "check", *FAILING, "scene.py", "--python-path", "library")
+    assert (code, errors) == (1, "")
+    assert [line for line in shown.splitlines() if not line.startswith(" ")] == [
+        *(f"{name}: refused" for name in FAILING),
+        "scene.py: can be run",
+    ]
+    assert all(character.isprintable() or character == "\n" for character in shown)
+    for line in ("missing.py: no such file", "line 3: Own", "SystemExit: bye", "RecursionError", "GeneratorExit"):
+        assert line in shown
+    assert r"it says: \x1b[2J" in shown
+
+
+AIR = """
+    child = node.addChild("air")
+    child.addObject("MeshTopology", position=[[0, 0, 0], [1, 0, 0], [0, 1, 0]], triangles=[[0, 1, 2]])
+    child.addObject("MechanicalObject")
+    child.addObject("SurfacePressureConstraint")
+    child.addObject("BarycentricMapping")
+"""
+
+
+@pytest.mark.parametrize("open_cavity", [False, True])
+def test_what_can_be_run_has_a_model(folder: Path, command: Command, open_cavity: bool) -> None:
+    """Two elements that share an edge alone have no closed surface, which only bodies that collide need."""
+    nodes = np.array([[0, 0, 0], [10, 0, 0], [0, 10, 0], [0, 0, 10], [0, -10, 0], [0, 0, -10]], dtype=np.float64)
+    write_volume_mesh(VolumeMesh("edge", nodes, np.array([[0, 1, 2, 3], [0, 4, 1, 5]])), folder / "block.vtk")
+    text = BODY + SCENE.replace("YOUNG", "700").replace("from material import 700", "")
+    (folder / "scene.py").write_text(text + AIR * open_cavity)
+    code, shown, _ = command("sofa", "check", "scene.py")
+    assert code == open_cavity, shown
+    assert ("is not closed" in shown) is open_cavity
+    code, _, errors = command("run", "scene.py", "--duration", "0.01", "--outputs", "", "-o", "out")
+    assert (code != 0) is open_cavity, errors
 
 
 def test_a_scene_that_is_refused_is_one_line(folder: Path, command: Command) -> None:

@@ -336,6 +336,28 @@ def test_controllers_read_the_present_state(folder: Path) -> None:
     assert seen["pressure"] == pytest.approx(0.1)
 
 
+def test_values_have_the_shapes_that_they_have_in_sofa(folder: Path) -> None:
+    """Young's modulus is a list of one for each element or one for all; the force of a cable is a number."""
+    run = Run(
+        folder,
+        """
+        def onAnimateBeginEvent(self, event):
+            field = self.body.TetrahedronFEMForceField
+            self.log.append((field.youngModulus.value, field.poissonRatio.value, self.body.cable.tendon.force.value))
+        """,
+    )
+    run.steps(2)
+    young, poisson, force = run.log[-1]
+    assert (young.tolist(), poisson.tolist()) == ([500.0], [0.3])
+    assert isinstance(force, float)
+
+
+def test_the_force_of_a_mechanical_object_is_not_empty_but_an_error(folder: Path) -> None:
+    run = Run(folder, "def onAnimateBeginEvent(self, event): self.log.append(self.body.dofs.force.value)")
+    with pytest.raises(ControllerFailed, match=r"MechanicalObject '/body/dofs' .*: force is not known in a run"):
+        run.steps()
+
+
 def test_what_has_no_effect_is_said_once(folder: Path) -> None:
     run = Run(folder, "def onKeypressedEvent(self, event): self.body.UniformMass.totalMass = 3")
     run.steps()

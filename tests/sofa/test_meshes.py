@@ -42,6 +42,57 @@ def test_tetrahedra_keep_the_order_of_the_file(tmp_path: Path, suffix: str, bina
     assert (mesh.triangles == triangles).all()
 
 
+DIGITS = 0.1234567890123456
+LEGACY = """# vtk DataFile Version 2.0
+POINTS 1 float
+ASCII
+DATASET UNSTRUCTURED_GRID
+POINTS 4 {precision}
+{points}
+CELLS 1 5
+4 0 1 2 3
+CELL_TYPES 1
+10
+"""
+XML = """<?xml version="1.0"?>
+<VTKFile type="{type}" version="0.1" byte_order="BigEndian">
+<UnstructuredGrid><Piece NumberOfPoints="4" NumberOfCells="1">
+<Points><DataArray type="Float32" NumberOfComponents="3" format="ascii">{points}</DataArray></Points>
+<Cells>
+<DataArray type="Int32" Name="connectivity" format="ascii">0 1 2 3</DataArray>
+<DataArray type="Int32" Name="offsets" format="ascii">4</DataArray>
+<DataArray type="UInt8" Name="types" format="ascii">10</DataArray>
+</Cells></Piece></UnstructuredGrid></VTKFile>
+"""
+POINTS = f"{DIGITS} 0 0  1 0 0  0 1 0  0 0 1"
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("float.vtk", LEGACY.format(precision="float", points=POINTS)),
+        ("double.vtk", LEGACY.format(precision="double", points=POINTS)),
+        ("xml.vtk", XML.format(type="UnstructuredGrid", points=POINTS)),
+        ("xml.vtu", XML.format(type="UnstructuredGrid", points=POINTS)),
+    ],
+)
+def test_decimal_coordinates_are_read_in_double_precision(tmp_path: Path, name: str, text: str) -> None:
+    (tmp_path / name).write_text(text)
+    mesh = read_mesh(tmp_path / name)
+    assert mesh.points[0].tolist() == [DIGITS, 0.0, 0.0]
+    assert mesh.tetrahedra.tolist() == [[0, 1, 2, 3]]
+
+
+def test_xml_of_another_kind_says_what_would_be_valid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "poly.vtk").write_text(XML.format(type="PolyData", points=POINTS))
+    with pytest.raises(MeshError, match="poly.vtk: is XML of VTK, but no UnstructuredGrid; save the mesh as one"):
+        read_mesh(tmp_path / "poly.vtk")
+    (tmp_path / "none.vtk").write_text("nothing")
+    with pytest.raises(MeshError, match="none.vtk: not readable as VTK"):
+        read_mesh(tmp_path / "none.vtk")
+    assert capsys.readouterr() == ("", "")  # the library prints what it thinks of it
+
+
 def test_a_vertex_of_an_stl_file_is_one_point_where_it_first_stands(tmp_path: Path) -> None:
     corners = [(5.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.0, 3.0, 0.0), (5.0, 3.0, 0.0)]
     path = tmp_path / "two.stl"

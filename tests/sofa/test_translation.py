@@ -389,6 +389,24 @@ def test_a_cable_runs_through_its_points_and_has_their_limits(
     assert ("pull_point" in table) == ("False" not in settings)
 
 
+@pytest.mark.parametrize(
+    ("names", "made"), [(["left", "right"], ["left", "right"]), (["left"], ["wires"]), (["a/b", "a"], ["a_b", "a"])]
+)
+def test_cables_that_share_a_node_keep_their_names(folder: Path, names: list[str], made: list[str]) -> None:
+    translation = translated(
+        folder,
+        f"""
+        free_motion(root)
+        wires = body(root).addChild("wires")
+        wires.addObject("MechanicalObject", position="5 0 0  -5 0 0")
+        for name in {names}: wires.addObject("CableConstraint", name=name, indices="0 1")
+        wires.addObject("BarycentricMapping")
+        """,
+    )
+    assert list(translation.tables["soft_bodies"]["body"]["cables"]) == made
+    assert sorted(translation.names.values()) == sorted(["body", *(f"body.{name}" for name in made)])
+
+
 FOLDED = "0 0 0  0 1 0  1 0 0  1 1 0  1 0 0.5  1 1 0.5  0 0 0.5  0 1 0.5"
 
 

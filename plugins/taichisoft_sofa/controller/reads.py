@@ -12,6 +12,7 @@ from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
 from taichisoft.state import State
 from taichisoft_sofa.components.graph import STATE, independent_state, mapping_of, node_of
+from taichisoft_sofa.components.reading import described
 from taichisoft_sofa.components.states import start_position
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
@@ -79,6 +80,7 @@ class RunValues:
     def _provide_state(
         self, state: Component, translation: Translation, soft: dict[str, Any], rigid: dict[str, int]
     ) -> None:
+        self._provide(state.findData("force"), lambda: _no_force(state))
         body = independent_state(node_of(state))
         name = translation.names.get(body) if body is not None else None
         if name in translation.soft:
@@ -124,6 +126,11 @@ class RunValues:
             "force": lambda: float(self._state.cable_tension[number]) / self._effort_of_value,
         }.items():
             self._provide(cable.findData(data), value)
+
+
+def _no_force(state: Component) -> np.ndarray:
+    """Nothing computes the force that SOFA has there, and an empty array would be mistaken for it."""
+    raise SceneError(f"{described(state)}: force is not known in a run; cables have force, cavities have pressure")
 
 
 def _carriers(state: Component, part: SoftPart) -> tuple[np.ndarray, np.ndarray]:

@@ -1,7 +1,11 @@
 """Files that SOFA's loaders read: VTK, STL, OBJ and Gmsh. Points and cells keep the order of the file."""
 
+import contextlib
 import functools
+import io
 import itertools
+import re
+import tempfile
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -34,7 +38,9 @@ def read_mesh(path: Path) -> LoadedMesh:
 def _read_file(path: Path, stamp: int) -> LoadedMesh:
     """Read a file as it stood at the time `stamp`."""
     try:
-        mesh = READERS[path.suffix.lower()](path)
+        # meshio prints names and reasons as they are; what it found is told below.
+        with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
+            mesh = READERS[path.suffix.lower()](path)
     except (Exception, SystemExit) as error:  # the parsers raise whatever a broken file makes them stumble over
         raise error if isinstance(error, MeshError) else unreadable(path, error) from error
     for array in vars(mesh).values():
@@ -43,9 +49,28 @@ def _read_file(path: Path, stamp: int) -> LoadedMesh:
 
 
 def _read_vtk(path: Path) -> LoadedMesh:
+    """A file of VTK's older format or in XML, whichever its suffix; decimal coordinates in double precision."""
     import meshio
 
-    return _from_meshio(meshio.read(path))
+    content = path.read_bytes()
+    xml = content.lstrip().startswith((b"<?xml", b"<VTKFile"))
+    if xml and not re.search(rb"<VTKFile[^>]*type\s*=\s*[\"']UnstructuredGrid", content):
+        raise MeshError(f"{path}: is XML of VTK, but no UnstructuredGrid; save the mesh as one")
+    doubles = re.sub(ASCII_ARRAY if xml else ASCII_POINTS, _in_doubles, content)
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder) / f"mesh{'.vtu' if xml else '.vtk'}"
+        copy.write_bytes(doubles)
+        return _from_meshio(meshio.read(copy))
+
+
+# Of files with decimal numbers: the head that says in which precision those are to be read.
+ASCII_ARRAY = rb"<DataArray[^>]*format\s*=\s*[\"']ascii[\"'][^>]*>|<DataArray(?![^>]*format)[^>]*>"
+ASCII_POINTS = rb"\A[^\n]*\n[^\n]*\n\s*ASCII\b[\s\S]*?\bPOINTS\s+\d+\s+float\b"
+
+
+def _in_doubles(head: re.Match[bytes]) -> bytes:
+    """The head of numbers that are to be read in double precision."""
+    return re.sub(rb"Float32", b"Float64", re.sub(rb"\bfloat\Z", b"double", head[0]))
 
 
 def _read_gmsh(path: Path) -> LoadedMesh:

@@ -1,12 +1,13 @@
-"""Names of bodies, cavities and cables: those of their nodes, as short as they can be told apart."""
+"""Names of bodies, cavities and cables: their nodes' names, as short as they can be told apart."""
 
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from taichisoft_sofa.components.graph import upwards
+from taichisoft_sofa.components.graph import node_of, upwards
 
 if TYPE_CHECKING:
+    from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.node import Node
 
 
@@ -32,6 +33,16 @@ def _told_apart(paths: list[list[str]]) -> list[str]:
         if len(set(names)) == len(names):
             return names
     return ["-".join(reversed(path)) for path in paths]
+
+
+def actuator_names(components: "Sequence[Component]") -> list[str]:
+    """A name for each actuator of a body: that of its node, or its own where several share a node."""
+    nodes = [node_of(component) for component in components]
+    sharing = Counter(map(id, nodes))
+    return [
+        clean((component if sharing[id(node)] > 1 else node).getName())
+        for component, node in zip(components, nodes, strict=True)
+    ]
 
 
 def unique(names: list[str]) -> list[str]:

@@ -15,7 +15,7 @@ from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
 from taichisoft_sofa.components.states import start_velocity
 from taichisoft_sofa.translation.contact import collides
-from taichisoft_sofa.translation.names import clean, unique
+from taichisoft_sofa.translation.names import actuator_names, clean, unique
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import canonical
@@ -203,7 +203,7 @@ def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
 
 
 def _add_cavities(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
-    names = unique([clean(node_of(cavity.component).getName()) for cavity in body.cavities])
+    names = unique(actuator_names([cavity.component for cavity in body.cavities]))
     for cavity_name, cavity in zip(names, body.cavities, strict=True):
         component = cavity.component
         sign = 1.0 if enclosed_volume(cavity.points, cavity.triangles) > 0.0 else -1.0
@@ -220,7 +220,7 @@ def _add_cavities(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
 
 def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
     taken = list(table.get("cavities", {}))
-    names = unique([*taken, *(clean(node_of(cable.component).getName()) for cable in body.cables)])[len(taken) :]
+    names = unique([*taken, *actuator_names([cable.component for cable in body.cables])])[len(taken) :]
     for cable_name, cable in zip(names, body.cables, strict=True):
         component = cable.component
         made: dict[str, Any] = {"points": cable.places, "pull_point_moves": False}

@@ -126,7 +126,9 @@ class SceneTree:
                 yield self._modules
         except TaichisoftError as error:
             raise failure(str(error)) from error
-        except (Exception, SystemExit) as error:
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever a scene's code raises, it ends the scene alone
             raise failure(_line(error, self.path)) from error
 
 
@@ -150,7 +152,10 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
         if not folder.is_dir():
             raise SceneError(f"{folder}: no such folder to find a scene's libraries in")
     # Any other program that was named by mistake is not started.
-    source = path.read_bytes()
+    try:
+        source = path.read_bytes()
+    except OSError as error:
+        raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from error
     if b"createScene" not in source and b"import *" not in source:
         raise SceneError(f"{path}: has no function createScene(root)")
     tree = SceneTree(path, folders)
@@ -176,7 +181,10 @@ def _line(error: BaseException, path: Path) -> str:
             )
     if isinstance(error, SyntaxError) and error.filename:
         return f"{error.filename}, line {error.lineno}: {error.msg}"
-    said = " ".join(str(error).split())
+    try:
+        said = " ".join(str(error).split())
+    except Exception:  # an error of the scene's own whose text fails
+        said = ""
     return f"{_place(error, path)}: {type(error).__name__}{': ' if said else ''}{said}"
 
 
