@@ -120,6 +120,84 @@ def test_events_come_in_sofas_order(folder: Path) -> None:
     assert run.log == ["A", ("begin", 0.01), ("end", 0.01), "+", chr(19), ("begin", 0.01)]
 
 
+def test_a_key_is_let_go_after_a_step_and_comes_with_ctrl_and_shift(folder: Path) -> None:
+    run = Run(
+        folder,
+        """
+        def onKeypressedEvent(self, event): self.log.append(("down", event["key"], event["isCtrlPressed"]))
+        def onKeyreleasedEvent(self, event): self.log.append(("up", event["key"], event["isShiftPressed"]))
+        """,
+    )
+    run.controller.key(KeyEvent("a", ctrl=True))
+    run.steps(1, "B")
+    assert run.log == [("down", "A", True), ("down", "B", False)]
+    run.steps(1, "a")
+    assert run.log[2:] == [("up", "A", False), ("up", "B", True), ("down", "A", False)]
+    run.steps(2)
+    assert run.log[5:] == [("up", "A", False)]
+
+
+def test_a_controller_that_writes_positions_reads_those_of_the_run_again(folder: Path) -> None:
+    run = Run(
+        folder,
+        """
+        def onKeypressedEvent(self, event): self.body.dofs.position = self.body.dofs.position.value + 100
+        def onAnimateEndEvent(self, event): self.log.append(self.body.dofs.position.value.copy())
+        """,
+    )
+    run.steps()
+    with pytest.warns(UserWarning, match=r"MechanicalObject '/body/dofs' .*writes to 'position', which has no effect"):
+        run.steps(2, "+")
+    read, state = run.log[-1], run.simulation.state
+    run.steps()
+    assert np.abs(read).max() < 50.0
+    assert run.log[-1] == pytest.approx(state.position, abs=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        ("self.body.removeObject(self.body.roi)", "the scene removes BoxROI '/body/roi'"),
+        ("self.root.removeChild('cube')", "the scene removes node '/cube'"),
+        ("self.body.addObject('UniformMass', name='more', totalMass=3)", "the scene adds UniformMass '/body/more'"),
+        ("self.root.moveChild(self.body.cable)", "the scene removes node '/body/cable'"),
+        ("self.body.cable.detachFromGraph()", "the scene removes node '/body/cable'"),
+        ("self.body.EulerImplicitSolver.vdamping = 3", "the scene writes to 'vdamping'"),
+        ("self.body.activated = False", "the scene writes to 'activated'"),
+        ("self.root.dt = 0.02", "the scene writes to 'dt'"),
+        ("self.body.gravity = [0, 0, 1]", "the scene writes to 'gravity'"),
+    ],
+)
+def test_changes_of_the_tree_in_a_run_are_said_to_have_no_effect(folder: Path, change: str, line: str) -> None:
+    run = Run(folder, f"def onKeypressedEvent(self, event): {change}")
+    run.steps()
+    with pytest.warns(UserWarning) as warned:
+        run.steps(1, "+")
+    said = [str(one.message) for one in warned if line in str(one.message)]
+    assert len(said) == 1
+    assert said[0].endswith("which has no effect in a run")
+    assert "scene.py, line " in said[0]
+
+
+def test_controllers_and_what_is_only_shown_may_come_and_go(folder: Path) -> None:
+    import warnings
+
+    run = Run(
+        folder,
+        """
+        def onKeypressedEvent(self, event):
+            self.root.addObject("VisualStyle")
+            self.root.addChild("empty")
+            self.root.removeObject(self)
+        """,
+    )
+    run.steps()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        run.steps(2, "+")
+    assert run.controller._tree.controllers == []
+
+
 def test_a_value_of_pressure_is_an_impulse_until_it_is_changed(folder: Path) -> None:
     run = Run(folder, "def onKeypressedEvent(self, event): self.body.chamber.air.value = [0.05]")
     assert run.steps().pressure == {"body.chamber": pytest.approx(1.0)}

@@ -26,7 +26,7 @@ class SofaController(Controller):
     """Lets the controllers of a SOFA scene drive its native translation.
 
     They are told of keys and steps as in SOFA: of the end of a step, of the keys pressed since, of the beginning of the
-    next step. Where the scene has none, its pressures and cables keep the values that it gives them.
+    next step; terminals do not say when a key is let go, so that it is after one step. Where the scene has none, its pressures and cables keep the values that it gives them.
     """
 
     def __init__(self, scene: str, python_path: Sequence[str] = (), exact: bool = False):
@@ -68,13 +68,14 @@ class SofaController(Controller):
             raise ControllerFailed(f"{self._scene}: {error}") from error
         self._tree.initialise()
         self._writes.begin()
-        self._keys: list[str] = []
+        self._pressed: list[KeyEvent] = []
+        self._held: list[KeyEvent] = []
         self._stepped = False
 
     def key(self, event: KeyEvent) -> None:
         """Keep a key for the scene, which is told of it between two steps."""
         if event.value is None:
-            self._keys.append(event.key)
+            self._pressed.append(event)
 
     def control(self, observation: Observation) -> Control:
         """Tell the scene what happens, and ask for what it wrote."""
@@ -82,9 +83,11 @@ class SofaController(Controller):
         step = self._writes.time_step
         if self._stepped:
             self._tree.animate_end(step)
-        for key in self._keys:
-            self._tree.key_pressed(key)
-        self._keys.clear()
+        for event in self._held:
+            self._tree.key_released(event.key, event.ctrl)
+        for event in self._pressed:
+            self._tree.key_pressed(event.key, event.ctrl)
+        self._held, self._pressed = self._pressed, []
         self._tree.animate_begin(step)
         self._stepped = True
         for line in self._writes.without_effect():

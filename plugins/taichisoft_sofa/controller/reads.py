@@ -34,7 +34,7 @@ class RunValues:
             SceneError: the model lacks a soft body of the translation.
         """
         self._observation: Observation | None = None
-        self._waiting: list[tuple[Data, Callable[[], Any]]] = []
+        self._provided: list[tuple[Data, Callable[[], Any]]] = []
         self._effort_of_value = translation.effort_of_value
         self._names = translation.names
         soft = {body.name: body for body in model.soft_bodies}
@@ -55,9 +55,8 @@ class RunValues:
     def observe(self, observation: Observation) -> None:
         """From now on the data have the values of this observation."""
         self._observation = observation
-        while self._waiting:
-            data, value = self._waiting.pop()
-            data.take()
+        for data, value in self._provided:
+            data.take()  # what was written to it has no effect on the run: from now on it is what the run says again
             data.provider = value
 
     @property
@@ -75,7 +74,7 @@ class RunValues:
     def _provide(self, data: Data | None, value: Callable[[], Any]) -> None:
         """Let a data have a value once there is an observation."""
         if data is not None:
-            self._waiting.append((data, value))
+            self._provided.append((data, value))
 
     def _provide_state(
         self, state: Component, translation: Translation, soft: dict[str, Any], rigid: dict[str, int]

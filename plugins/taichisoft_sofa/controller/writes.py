@@ -17,6 +17,7 @@ from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
 from taichisoft_sofa.tree.kinds import canonical, numbers
 from taichisoft_sofa.tree.loading import SceneTree
+from taichisoft_sofa.tree.node import Node
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -28,7 +29,9 @@ HEEDED = {
     "TetrahedronFEMForceField": {"youngModulus", "updateStiffness"},
     "Node": {"gravity"},
 }
-"""Data whose changes have an effect, by type of component."""
+"""Data whose changes have an effect, by type of component; of nodes, those of the root."""
+SILENT = {"name", "listening", "printLog", "bbox", "animate"}
+"""Data whose changes nobody expects to move a body."""
 APPEARANCE = {"OglModel", "VisualModel", "BackgroundSetting", "OglSceneFrame"}
 """Types whose changes concern pictures alone."""
 
@@ -63,8 +66,8 @@ class SceneWrites:
         self._rest = {name: known_data(part.body.state, "rest_position") for name, part in translation.soft.items()}
         self._stiffness = [PartStiffness(name, part) for name, part in translation.soft.items() if part.body.materials]
         self._gravity = known_data(tree.root, "gravity")
-        self._watched: list[tuple[Data, str]] = []
-        self._revisions: list[int] = []
+        self._watched: list[tuple[Base, int]] = []
+        self._revisions: dict[int, int] = {}
 
     def begin(self) -> None:
         """Take what is written up to now for the scene itself; what is written from now on are changes."""
@@ -79,8 +82,10 @@ class SceneWrites:
                 place.take()
         self._told: set[int] = set()
         self._before: dict[int, float] = {}
-        self._watched = list(self._changeable())
-        self._revisions = [data.revision for data, _ in self._watched]
+        self._watched = [(owner, owner.data_revision) for owner in self._changeable()]
+        self._revisions = {
+            id(data): data.revision for owner, _ in self._watched for data in owner.data_by_name.values()
+        }
 
     def control(self) -> Control:
         """What the run is asked for."""
@@ -137,21 +142,30 @@ class SceneWrites:
         return min(max(value, middle - variation), middle + variation)
 
     def without_effect(self) -> Iterator[str]:
-        """One line for each data that was written to and that nothing heeds; each data is told once."""
-        for index, (data, line) in enumerate(self._watched):
-            if data.revision != self._revisions[index] and index not in self._told:
-                self._told.add(index)
-                yield line
+        """One line for each data that was written to, and each change of the tree, that nothing here follows; once."""
+        for place, (owner, revision) in enumerate(self._watched):
+            if owner.data_revision != revision:
+                self._watched[place] = owner, owner.data_revision
+                yield from self._unused_writes(owner)
+        for item, line in self._tree.root.changes_of_tree():
+            if item.type_name not in IGNORED | APPEARANCE:
+                yield f"{line}, which has no effect in a run"
 
-    def _changeable(self) -> Iterator[tuple[Data, str]]:
+    def _unused_writes(self, owner: Base) -> Iterator[str]:
+        of_type = HEEDED.get(canonical(owner.type_name), set())
+        heeded = set() if isinstance(owner, Node) and owner is not self._tree.root else of_type
+        for data in owner.data_by_name.values():
+            known = data.name in heeded | SILENT or id(data) in self._told
+            if not known and data.revision > self._revisions.get(id(data), 0):
+                self._told.add(id(data))
+                where = f"{owner.described()} ({owner.place})"
+                yield f"{where}: the scene writes to '{data.name}', which has no effect in a run"
+
+    def _changeable(self) -> Iterator[Base]:
+        yield from self._tree.nodes()
         for component in self._tree.components():
-            if type(component) is not Component or component.type_name in IGNORED | APPEARANCE:
-                continue
-            heeded = HEEDED.get(canonical(component.type_name), set())
-            for data in component.data_by_name.values():
-                if data.name not in heeded | {"name", "listening", "printLog"}:
-                    line = f"{described(component)}: the scene writes to '{data.name}', which has no effect in a run"
-                    yield data, line
+            if type(component) is Component and component.type_name not in IGNORED | APPEARANCE:
+                yield component
 
 
 def known_data(owner: Base, name: str) -> Data:

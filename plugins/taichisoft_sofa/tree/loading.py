@@ -21,8 +21,6 @@ SOURCES = {
     **dict.fromkeys(("stlib3", "splib3", "stlib", "splib"), "github.com/SofaDefrost/STLIB, its folder python3/src"),
     "softrobots": "github.com/SofaDefrost/SoftRobots, its folder python3",
 }
-# What a controller is told of a key besides its character.
-MODIFIERS = {"isShiftPressed": False, "isCtrlPressed": False}
 
 
 class SceneTree:
@@ -77,23 +75,26 @@ class SceneTree:
             for controller in self.controllers:
                 controller.scene_is_complete()
 
-    def key_pressed(self, key: str) -> None:
+    def key_pressed(self, key: str, ctrl: bool = False) -> None:
         """Tell the controllers of a key, as `keys.character` takes it.
 
-        Raises:
-            ControllerFailed: one of them failed.
-        """
-        if (known := character(key)) is not None:
-            self._tell("KeypressedEvent", {"key": known, **MODIFIERS})
-
-    def key_released(self, key: str) -> None:
-        """Tell the controllers of a key that was let go.
+        Args:
+            key: name of the key, or the character that it types; a capital letter is typed with Shift.
+            ctrl: whether Ctrl is held.
 
         Raises:
             ControllerFailed: one of them failed.
         """
+        self._tell_key("KeypressedEvent", key, ctrl)
+
+    def key_released(self, key: str, ctrl: bool = False) -> None:
+        """Tell the controllers of a key that was let go; arguments and errors as in `key_pressed`."""
+        self._tell_key("KeyreleasedEvent", key, ctrl)
+
+    def _tell_key(self, event: str, key: str, ctrl: bool) -> None:
         if (known := character(key)) is not None:
-            self._tell("KeyreleasedEvent", {"key": known, **MODIFIERS})
+            shift = len(key) == 1 and key.isupper()
+            self._tell(event, {"key": known, "isShiftPressed": shift, "isCtrlPressed": ctrl})
 
     def animate_begin(self, dt: float) -> None:
         """Tell the controllers of a step that begins; `dt` is its length [s].

@@ -9,6 +9,7 @@ from taichisoft_sofa.tree.bounds import ABOVE_0
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import BOOL, INTEGER, SCALAR, Declared, canonical, fixed
 from taichisoft_sofa.tree.links import follow
+from taichisoft_sofa.tree.place import here
 
 LOG = logging.getLogger(__name__)
 OF_NODES = {
@@ -49,10 +50,12 @@ class Node(Base):
     _children: list["Node"]
     _parents: list["Node"]
     _objects: list[Component]
+    _changes: list[tuple[Base, str]]
 
     def __new__(cls, *arguments: Any, **named: Any) -> "Node":
         made = super().__new__(cls, *arguments, **named)
         made._children, made._parents, made._objects = [], [], []
+        made._changes = []
         return made
 
     def __init__(self, name: str = "unnamed", **data: Any) -> None:
@@ -75,6 +78,7 @@ class Node(Base):
         data = {"name": self._free_name(kind), **{name: value for name, value in data.items() if value is not None}}
         added.set_all(data)
         self._objects.append(added)
+        self._note("adds", added)
         return added
 
     def createObject(self, kind: str, **data: Any) -> Any:
@@ -93,6 +97,7 @@ class Node(Base):
         if not any(child is known for known in self._children):
             self._children.append(child)
             child._parents.append(self)
+            self._note("adds", child)
         return child
 
     def createChild(self, name: str, **data: Any) -> "Node":
@@ -110,6 +115,7 @@ class Node(Base):
         found: Any = self.getChild(child, warning=False) if isinstance(child, str) else child
         if not any(found is known for known in self._children):
             raise ValueError(f"{self.described()}.removeChild: has no child '{child}'")
+        self._note("removes", found)
         self._children = [known for known in self._children if known is not found]
         found._parents = [known for known in found._parents if known is not self]
         return found
@@ -119,6 +125,7 @@ class Node(Base):
         found: Any = self.own_object(component) if isinstance(component, str) else component
         if not any(found is known for known in self._objects):
             raise ValueError(f"{self.described()}.removeObject: has no object '{component}'")
+        self._note("removes", found)
         self._objects = [known for known in self._objects if known is not found]
         found._context = None
 
@@ -139,7 +146,25 @@ class Node(Base):
         if not any(component is known for known in self._objects):
             component._context = self
             self._objects.append(component)
+            self._note("adds", component)
         return component
+
+    def _note(self, what: str, item: Base) -> None:
+        """Remember a change of a tree that was complete; those of the scene's own programs take part in a run."""
+        root = self.getRoot()
+        own_program = isinstance(item, Component) and type(item) is not Component
+        if root.initialised and not own_program and (isinstance(item, Component) or any(item.walk_components())):
+            root._changes.append((item, f"{here()}: the scene {what} {item.described()}"))
+
+    def changes_of_tree(self) -> list[tuple[Base, str]]:
+        """What was added and removed since the last call, each with a line; of the root, once the scene is complete."""
+        changes, self._changes = self._changes, []
+        return changes
+
+    def walk_components(self) -> Iterator[Component]:
+        """All components of it and of the nodes below it."""
+        for node in self.walk():
+            yield from node._objects
 
     def _free_name(self, name: str) -> str:
         taken = {item.getName() for item in self._objects}
