@@ -26,7 +26,8 @@ class SofaController(Controller):
     """Lets the controllers of a SOFA scene drive its native translation.
 
     They are told of keys and steps as in SOFA: of the end of a step, of the keys pressed since, of the beginning of the
-    next step; terminals do not say when a key is let go, so that it is after one step. Where the scene has none, its pressures and cables keep the values that it gives them.
+    next step. Terminals do not say when a key is let go: it is after one step. Where the scene has no controllers, its
+    pressures and cables keep the values that it gives them.
     """
 
     def __init__(self, scene: str, python_path: Sequence[str] = (), exact: bool = False):

@@ -158,7 +158,7 @@ class SceneWrites:
             known = data.name in heeded | SILENT or id(data) in self._told
             if not known and data.revision > self._revisions.get(id(data), 0):
                 self._told.add(id(data))
-                where = f"{owner.described()} ({owner.place})"
+                where = f"{owner.described()} ({data.place})"
                 yield f"{where}: the scene writes to '{data.name}', which has no effect in a run"
 
     def _changeable(self) -> Iterator[Base]:
