@@ -46,6 +46,7 @@ LAYERS = {
         "meshes",
         "cholesky",
         "state",
+        "checksum",
         "atomic_file",
         "child_process",
         "interruption",
@@ -127,6 +128,7 @@ LAYERS = {
     "taichisoft_sofa": [
         "__init__",
         "command",
+        "checking",
         "reader",
         "controller",
         "translation",

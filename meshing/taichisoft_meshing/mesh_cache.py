@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from taichisoft.cache_folder import cache_folder as users_cache_folder
-from taichisoft.errors import MeshError
+from taichisoft.checksum import SUFFIX, checksum_file, is_as_kept, keep_checksum
+from taichisoft.errors import MeshError, TaichisoftError
 from taichisoft.terminal_text import say
 
 if TYPE_CHECKING:
@@ -25,10 +26,17 @@ def cache_folder() -> Path:
 
 
 def kept_mesh(path: Path | None) -> "VolumeMesh | None":
-    """Read the mesh that was kept at a path; None when there is none, or, with a warning, none that can be read."""
+    """Read the mesh that was kept at a path.
+
+    None when there is none, or, with a warning, none that can be read or that is as it was written.
+    """
     from taichisoft.meshes.files import read_volume_mesh
 
     if path is None or not path.is_file():
+        return None
+    if not is_as_kept(path):
+        if checksum_file(path).exists():  # else somebody is just writing it, or was stopped at that
+            warnings.warn(f"{path}: is not as it was written, by its checksum; it is made anew", stacklevel=3)
         return None
     try:
         return read_volume_mesh(path)
@@ -49,8 +57,10 @@ def keep_mesh(mesh: "VolumeMesh", path: Path | None) -> "VolumeMesh":
     if path is not None:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            return _through_file(mesh, path)
-        except (OSError, MeshError) as error:
+            kept = _through_file(mesh, path)
+            keep_checksum(path)
+            return kept
+        except (OSError, TaichisoftError) as error:
             why = error.strerror if isinstance(error, OSError) and error.strerror else error
             warnings.warn(
                 f"the mesh cannot be kept in {path.parent} ({why}) and is made anew every time; "
@@ -78,7 +88,7 @@ def mesh_cache(
     about = f"{len(kept)} mesh{'es' * (len(kept) != 1)}, {size / 1e6:.1f} MB, in {folder}"
     if clear:
         try:
-            for path in [*kept, *folder.glob(".*.partial")]:
+            for path in [*kept, *folder.glob(f"*{SUFFIX}"), *folder.glob(".*.partial")]:
                 path.unlink(missing_ok=True)
         except OSError as error:
             raise MeshError(f"{folder}: cannot be cleared: {error.strerror or error}") from error

@@ -2,14 +2,15 @@
 
 import logging
 import os
-import shutil
 import tempfile
+import warnings
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 from taichisoft.atomic_file import named_os_errors
 from taichisoft.cache_folder import cache_folder
+from taichisoft.checksum import checksum_file, is_as_kept, keep_checksum
 from taichisoft.errors import SceneError
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.translate import translate
@@ -70,24 +71,30 @@ def split_path(folders: str) -> list[Path]:
 
 
 def kept_files(translation: Translation, name: str) -> Path:
-    """The folder with the files of a translation, whose name has a hash of them; written unless it is there.
+    """The folder with the files of a translation, whose name has a hash of them.
+
+    They are written unless they are there, and anew, with a warning, where one is not as it was written.
 
     Raises:
-        MeshError: it cannot be written.
+        TaichisoftError: they cannot be written.
     """
     own = os.environ.get(CACHE_VARIABLE)
     cache = (Path(own).expanduser() if own else cache_folder()) / "sofa"
     folder = cache / f"{name}-{translation.files.fingerprint()[:DIGITS]}"
-    if not folder.is_dir():
+    changed = [file for file in translation.files.names if not is_as_kept(folder / file)]
+    if changed:
+        for file in changed:
+            if checksum_file(folder / file).exists():  # else another process is just writing it, or was stopped at that
+                warnings.warn(
+                    f"{folder / file}: is not as it was written, by its checksum; it is made anew", stacklevel=2
+                )
         with named_os_errors(f"{cache} ({CACHE_VARIABLE} can name another folder)"):
-            cache.mkdir(parents=True, exist_ok=True)
-            partial = Path(tempfile.mkdtemp(dir=cache, prefix=".partial-"))
-            try:
-                translation.files.write(partial)
-                if not folder.is_dir():  # another process may have been faster
-                    partial.rename(folder)
-            finally:
-                shutil.rmtree(partial, ignore_errors=True)
+            folder.mkdir(parents=True, exist_ok=True)
+            with tempfile.TemporaryDirectory(dir=cache, prefix=".partial-") as partial:
+                translation.files.write(Path(partial))
+                for file in changed:  # one by one: another process may read the others, or write the same
+                    (Path(partial) / file).replace(folder / file)
+                    keep_checksum(folder / file)
     return folder
 
 

@@ -71,7 +71,7 @@ def run_scene(
         TaichisoftError: anything that is the user's to mend.
         typer.Exit: the run was interrupted.
     """
-    with logged_to(rich.get_console()):
+    with warnings_printed_to(rich.get_console()), logged_to(rich.get_console()):
         scene = load_scene(name, overrides, controller, reader_settings, goal)
         if request.steering is not None and controller is None and not _heeds_keys(scene):
             scene = load_scene(name, overrides, request.steering, reader_settings, goal)

@@ -39,7 +39,7 @@ def test_it_is_shown_and_cleared(folder: Path) -> None:
     """Other files in the folder stay."""
     assert shown() == f"0 meshes, 0.0 MB, in {folder}"
     folder.mkdir()
-    for name in ("one.msh", "two.msh", ".three.msh.17.partial", "notes.txt"):
+    for name in ("one.msh", "one.msh.sha256", "two.msh", ".three.msh.17.partial", "notes.txt"):
         (folder / name).write_bytes(bytes(150_000))
     assert shown() == f"2 meshes, 0.3 MB, in {folder}"
     assert shown("--clear") == f"deleted 2 meshes, 0.3 MB, in {folder}"

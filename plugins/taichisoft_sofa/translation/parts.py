@@ -97,6 +97,11 @@ class MeshFiles:
                 whole.update(f"{name} {array.shape} ".encode() + np.ascontiguousarray(array).tobytes())
         return whole.hexdigest()
 
+    @property
+    def names(self) -> list[str]:
+        """The names of all files."""
+        return [*self._volumes, *self._surfaces]
+
     def write(self, folder: Path) -> None:
         """Write all files into a folder.
 
