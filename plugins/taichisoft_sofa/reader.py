@@ -83,11 +83,9 @@ def kept_files(translation: Translation, name: str) -> Path:
     folder = cache / f"{name}-{translation.files.fingerprint()[:DIGITS]}"
     changed = [file for file in translation.files.names if not is_as_kept(folder / file)]
     if changed:
-        for file in changed:
-            if checksum_file(folder / file).exists():  # else another process is just writing it, or was stopped at that
-                warnings.warn(
-                    f"{folder / file}: is not as it was written, by its checksum; it is made anew", stacklevel=2
-                )
+        # A file without a checksum is being written by another process, or that was stopped at it.
+        for file in (one for one in changed if checksum_file(folder / one).exists()):
+            warnings.warn(f"{folder / file}: is not as it was written, by its checksum; it is made anew", stacklevel=2)
         with named_os_errors(f"{cache} ({CACHE_VARIABLE} can name another folder)"):
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=cache, prefix=".partial-") as partial:

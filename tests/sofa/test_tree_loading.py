@@ -11,6 +11,7 @@ import pytest
 from scenes_of_sofa import loaded, written
 
 from taichisoft.errors import ControllerFailed, SceneError
+from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree import kinds
 from taichisoft_sofa.tree.kinds import VECTOR, fixed, vectors
 from taichisoft_sofa.tree.loading import load_tree
@@ -494,3 +495,24 @@ def test_a_program_that_is_no_scene_is_not_started(tmp_path: Path) -> None:
     with pytest.raises(SceneError, match=r"program\.py: has no function createScene\(root\)"):
         load_tree(tmp_path / "program.py")
     assert not (tmp_path / "started").exists()
+
+
+def test_components_of_a_node_get_names_of_their_own_however_many_they_are(tmp_path: Path) -> None:
+    """20 000 of them take no time; with a search of all names for each it would be minutes."""
+    tree = loaded(
+        tmp_path, "for i in range(20000): root.addObject('VisualStyle')\nroot.addObject('VisualStyle', name='a')"
+    )
+    names = [component.getName() for component in tree.root.objects]
+    assert names[:3] == ["VisualStyle", "VisualStyle1", "VisualStyle2"]
+    assert names[-2:] == ["VisualStyle19999", "a"]
+    tree.root.a.setName("Other")
+    tree.root.removeObject("VisualStyle1")
+    assert [tree.root.addObject(kind).getName() for kind in ("VisualStyle", "Other")] == ["VisualStyle1", "Other1"]
+
+
+def test_too_many_bodies_and_levels_are_refused(tmp_path: Path) -> None:
+    body = "n = root.addChild('n')\n    n.addObject('EulerImplicitSolver')\n    n.addObject('MechanicalObject')"
+    (line,) = translate(loaded(tmp_path, f"for i in range(1001):\n    {body}")).refused
+    assert "is one of 1001 bodies; at most 1000 are known here" in line
+    with pytest.raises(SceneError, match=r"scene.py: its nodes are nested 252 deep; at most 200 are known here"):
+        loaded(tmp_path, "n = root\nfor i in range(251): n = n.addChild('n')")

@@ -157,7 +157,7 @@ class SceneDraft:
         pipeline: what takes part in finding and solving contacts, by role.
         free_motion: whether the animation loop solves constraints.
         appearance: what the native table of this name gets.
-        departures: what is done otherwise than in SOFA, one line each.
+        departures: what is done otherwise than in SOFA: lines, in their order.
         refused: what cannot be done, one line each.
     """
 
@@ -170,7 +170,7 @@ class SceneDraft:
     pipeline: dict[str, "Component"] = field(default_factory=dict)
     free_motion: bool = False
     appearance: dict[str, Any] = field(default_factory=dict)
-    departures: list[str] = field(default_factory=list)
+    departures: dict[str, None] = field(default_factory=dict)
     refused: list[str] = field(default_factory=list)
 
     def refuse(self, component: "Component", why: str) -> None:
@@ -179,8 +179,7 @@ class SceneDraft:
 
     def depart(self, line: str) -> None:
         """Note a departure, once."""
-        if line not in self.departures:
-            self.departures.append(line)
+        self.departures[line] = None
 
     def body_of(self, component: "Component") -> Body | None:
         """The body on which a component acts; refused where there is none."""

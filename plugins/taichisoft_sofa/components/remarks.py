@@ -1,6 +1,7 @@
 """What a scene gives a component in vain: data that count in SOFA alone, and names that nothing here knows."""
 
 import difflib
+import functools
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -24,11 +25,16 @@ def remarks(component: "Component") -> Iterator[str]:
         if not data.is_set() or data.is_own():
             continue
         if name not in known:
-            near = difflib.get_close_matches(name, list(known), n=1)
-            hint = f"; did you mean '{near[0]}'?" if near else ""
-            yield f"{described(component)}: {name} = {_shown(data.written_text())}: no such data is known here{hint}"
+            said = f"{described(component)}: {name} = {_shown(data.written_text())}"
+            yield f"{said}: no such data is known here{_hint(component.type_name, name)}"
         elif known[name].unused and not _is_default(data.given(), known[name]):
             yield f"{described(component)}: {name} = {_shown(data.written_text())} has no effect here"
+
+
+@functools.cache
+def _hint(type_name: str, name: str) -> str:
+    near = difflib.get_close_matches(name, [*OF_COMPONENTS, *declared(type_name)], n=1)
+    return f"; did you mean '{near[0]}'?" if near else ""
 
 
 def _is_default(value: Any, known: Declared) -> bool:

@@ -48,9 +48,13 @@ def actuator_names(components: "Sequence[Component]") -> list[str]:
 def unique(names: list[str]) -> list[str]:
     """The names, of which those that stand there twice get a number."""
     taken: set[str] = set()
+    numbers: dict[str, int] = {}
     found = []
     for name in names:
-        free = next(free for free in (name, *(f"{name}{n}" for n in range(2, len(names) + 2))) if free not in taken)
+        free = name
+        while free in taken:
+            numbers[name] = numbers.get(name, 1) + 1
+            free = f"{name}{numbers[name]}"
         taken.add(free)
         found.append(free)
     return found

@@ -20,7 +20,10 @@ from taichisoft_sofa.tree.kinds import canonical
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.loading import SceneTree
+    from taichisoft_sofa.tree.node import Node
 
+MOST_BODIES = 1000
+"""Most bodies of a scene."""
 BODIES = ("soft_bodies", "rigid_bodies", "obstacles")
 """Native tables in which a body may be."""
 
@@ -39,7 +42,7 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     root._exact, root._find_file = exact, tree.find_file
     draft, translation = SceneDraft(exact=exact), Translation()
     for node in root.walk():
-        if not all(bool(above.activated.read_value()) for above in upwards(node)):
+        if not all(map(_is_active, upwards(node))):
             continue
         for component in node.objects:
             _gather(component, draft, translation)
@@ -66,6 +69,11 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     translation.departures += draft.departures
     translation.refused += dict.fromkeys(draft.refused)  # several components may stumble over the same value
     return translation
+
+
+def _is_active(node: "Node") -> bool:
+    data = node.findData("activated")  # not by its attribute, which looks among all components and children first
+    return data is None or bool(data.read_value())
 
 
 def _gather(component: "Component", draft: SceneDraft, translation: Translation) -> None:
@@ -104,6 +112,9 @@ def is_controller(component: "Component") -> bool:
 
 def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
     bodies = list(draft.bodies.values())
+    if len(bodies) > MOST_BODIES:  # each has meshes and surfaces of its own, which would be written first
+        draft.refuse(bodies[MOST_BODIES].state, f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
+        return
     for name, body in zip(body_names([body.node for body in bodies]), bodies, strict=True):
         try:
             _add_body(name, body, draft, translation)

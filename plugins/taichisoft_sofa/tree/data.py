@@ -55,7 +55,10 @@ class Data(Arithmetic):
         revision: how often it was written to.
         place: the line that wrote to it last.
         provider: gives the value that it has in a run, where one goes on.
+        names_given: how often any name was written, of whatever component or node.
     """
+
+    names_given = 0
 
     def __init__(self, name: str, owner: Owner, kind: Kind | None = None, default: Any = None) -> None:
         self.name = name
@@ -190,6 +193,7 @@ class Data(Arithmetic):
         self._overrides = self.owner.initialised
         self.revision += 1
         self.owner.data_revision += 1
+        Data.names_given += self.name == "name"
 
     @contextmanager
     def writeable(self, _shape: Any = None) -> Iterator[NDArray[Any]]:

@@ -23,6 +23,10 @@ SOURCES = {
 }
 
 
+DEEPEST = 200
+"""Most levels of nodes: more are a scene's mistake, and what follows parents would end in a RecursionError."""
+
+
 class SceneTree:
     """What a scene built.
 
@@ -165,7 +169,17 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
         if not callable(create):
             raise SceneError(f"{path}: has no function createScene(root)")
         create(tree.root)
+        if (deepest := _depth(tree.root)) > DEEPEST:
+            raise SceneError(f"{path}: its nodes are nested {deepest} deep; at most {DEEPEST} are known here")
     return tree
+
+
+def _depth(root: Node) -> int:
+    """How many nodes stand above each other, along the longest way."""
+    level, depth = [root], 0
+    while level:
+        level, depth = list({id(child): child for node in level for child in node.children}.values()), depth + 1
+    return depth
 
 
 def _line(error: BaseException, path: Path) -> str:

@@ -7,6 +7,7 @@ from typing import Any
 from taichisoft_sofa.tree.base import COMMON, Base
 from taichisoft_sofa.tree.bounds import ABOVE_0
 from taichisoft_sofa.tree.component import Component
+from taichisoft_sofa.tree.data import Data
 from taichisoft_sofa.tree.kinds import BOOL, INTEGER, SCALAR, Declared, canonical, fixed
 from taichisoft_sofa.tree.links import follow
 from taichisoft_sofa.tree.place import here
@@ -51,11 +52,15 @@ class Node(Base):
     _parents: list["Node"]
     _objects: list[Component]
     _changes: list[tuple[Base, str]]
+    _taken: set[str]
+    _names_given: int
+    _numbers: dict[str, int]
 
     def __new__(cls, *arguments: Any, **named: Any) -> "Node":
         made = super().__new__(cls, *arguments, **named)
         made._children, made._parents, made._objects = [], [], []
         made._changes = []
+        made._taken, made._names_given, made._numbers = set(), 0, {}
         return made
 
     def __init__(self, name: str = "unnamed", **data: Any) -> None:
@@ -75,9 +80,13 @@ class Node(Base):
         if maker := MAKERS.get(canonical(kind)):
             return maker(self, data)
         added = Component(kind, self)
-        data = {"name": self._free_name(kind), **{name: value for name, value in data.items() if value is not None}}
-        added.set_all(data)
+        data = {name: value for name, value in data.items() if value is not None}
+        free = None if "name" in data else self._free_name(kind)
+        added.set_all(data if free is None else {"name": free, **data})
         self._objects.append(added)
+        if free is not None:
+            self._taken.add(free)
+            self._names_given = Data.names_given
         self._note("adds", added)
         return added
 
@@ -94,7 +103,7 @@ class Node(Base):
             raise TypeError(f"{self.described()}.addChild: {child!r} is neither a name nor a node")
         if child is self or child in self._above():
             raise ValueError(f"{self.described()}.addChild: '{child.getName()}' is above it already")
-        if not any(child is known for known in self._children):
+        if not any(self is known for known in child._parents):  # a node has few parents, and may have many children
             self._children.append(child)
             child._parents.append(self)
             self._note("adds", child)
@@ -127,6 +136,7 @@ class Node(Base):
             raise ValueError(f"{self.described()}.removeObject: has no object '{component}'")
         self._note("removes", found)
         self._objects = [known for known in self._objects if known is not found]
+        self._names_given = 0
         found._context = None
 
     def moveChild(self, child: "Node", former: "Node | None" = None) -> None:
@@ -146,6 +156,7 @@ class Node(Base):
         if not any(component is known for known in self._objects):
             component._context = self
             self._objects.append(component)
+            self._names_given = 0
             self._note("adds", component)
         return component
 
@@ -167,10 +178,17 @@ class Node(Base):
             yield from node._objects
 
     def _free_name(self, name: str) -> str:
-        taken = {item.getName() for item in self._objects}
-        return next(
-            free for free in (name, *(f"{name}{number}" for number in range(1, len(taken) + 2))) if free not in taken
-        )
+        """A name that no component has: the type, or with the first number that is free."""
+        if self._names_given != Data.names_given:  # somebody was named since: most scenes add one after the other
+            self._taken = {item.getName() for item in self._objects}
+            self._names_given, self._numbers = Data.names_given, {}
+        if name not in self._taken:
+            return name
+        number = self._numbers.get(name, 1)
+        while f"{name}{number}" in self._taken:
+            number += 1
+        self._numbers[name] = number
+        return f"{name}{number}"
 
     # Finding.
 
