@@ -207,11 +207,12 @@ def test_meshes_are_kept_by_their_content(folder: Path) -> None:
 
 @pytest.mark.parametrize("damage", ["a bit", "cut", "gone", "folder"])
 def test_a_kept_mesh_that_was_changed_is_made_anew(folder: Path, command: Command, damage: str) -> None:
-    """A bit of a coordinate leaves a mesh that can be read, and another body."""
+    """One bit may leave a mesh that can be read, and another body."""
     kept = Path(read_scene(folder / "scene.py", "library")["soft_bodies"]["body"]["mesh"])
     whole = kept.read_bytes()
-    place = whole.index(np.float64(10.0).tobytes())
-    damages = {"a bit": whole[:place] + b"\1" + whole[place + 1 :], "cut": whole[: len(whole) // 2]}
+    place = len(whole) // 2
+    turned = whole[:place] + bytes([whole[place] ^ 1]) + whole[place + 1 :]
+    damages = {"a bit": turned, "cut": whole[:place]}
     if damage == "folder":
         shutil.rmtree(kept.parent)
     elif damage == "gone":
@@ -220,7 +221,7 @@ def test_a_kept_mesh_that_was_changed_is_made_anew(folder: Path, command: Comman
         kept.write_bytes(damages[damage])
     arguments = ("run", "scene.py", "--duration", "0.01", "--outputs", "", "-o", "out", "--python-path", "library")
     code, shown, errors = command(*arguments)
-    assert (code, errors) == (0, "")
+    assert code == 0, errors
     assert kept.read_bytes() == whole
     assert ("is not as it was written, by its checksum; it is made anew" in shown) is (damage != "folder")
     _, shown, _ = command(*arguments)
