@@ -132,6 +132,7 @@ def test_no_value_ends_a_translation_but_in_one_line(
         ("UniformMass", {"totalMass": [1, 2, 3]}, "must be a single number"),
         ("UniformMass", {"totalMass": 0}, "totalMass = 0; a body needs a mass above 0"),
         ("UniformMass", {"vertexMass": -1}, "vertexMass = -1 must be above 0"),
+        ("UniformMass", {"vertexMass": -1, "totalMass": 1}, "vertexMass = -1 must be above 0"),
         ("MeshMatrixMass", {"massDensity": [1.0, 2.0]}, "massDensity has 2 numbers; a body has one density here"),
         ("EulerImplicitSolver", {"rayleighStiffness": -0.1}, "-0.1 must be 0 or more"),
         ("CableConstraint", {"indices": [-1]}, "-1 must be 0 or more"),

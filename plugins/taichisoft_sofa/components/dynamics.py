@@ -56,10 +56,11 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
     if is_given(component, "totalMass") and total == 0.0 and not len(each):
         draft.refuse(component, "totalMass = 0; a body needs a mass above 0")
         return
-    if len(each) and not (is_given(component, "totalMass") and total > 0.0):
-        if each[0] <= 0.0:
-            draft.refuse(component, f"vertexMass = {each[0]:g} must be above 0")
-            return
+    total_counts = is_given(component, "totalMass") and total > 0.0
+    if len(each) and (each[0] < 0.0 or (each[0] == 0.0 and not total_counts)):
+        draft.refuse(component, f"vertexMass = {each[0]:g} must be above 0")
+        return
+    if len(each) and not total_counts:
         inertia = _inertia(each)
         if len(each) > 1 and inertia is None:
             draft.refuse(
