@@ -4,6 +4,7 @@ import logging
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import load_meshes
 from taichisoft.checksum import SUFFIX
 from taichisoft.errors import MeshError, SceneError
+from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.plugin_system import plugins
 from taichisoft.plugin_system.geometry import Geometry
@@ -170,6 +172,17 @@ def test_without_a_place_to_keep_it_the_mesh_is_the_same(file: Path, monkeypatch
     monkeypatch.setenv("TAICHISOFT_CACHE", str(file))  # a file: no folder can be made in it
     with pytest.warns(UserWarning, match=r"cannot be kept in .*made anew every time; TAICHISOFT_CACHE can name"):
         assert same(mesh_for_scene(file), kept)
+
+
+def test_a_kept_mesh_of_which_one_number_was_changed_is_made_anew(file: Path) -> None:
+    """It can be read, and would be another body."""
+    mesh = mesh_for_scene(file)
+    (entry,) = entries()
+    moved = replace(mesh, nodes=mesh.nodes + [0.1, 0.0, 0.0])
+    write_volume_mesh(moved, entry)
+    with pytest.warns(UserWarning, match=rf"{entry}: is not as it was written, by its checksum; it is made anew$"):
+        assert same(mesh_for_scene(file), mesh)
+    assert same(mesh_for_scene(file), mesh)
 
 
 def test_a_kind_without_source_is_not_kept(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
