@@ -178,7 +178,7 @@ def test_a_kept_mesh_of_which_one_number_was_changed_is_made_anew(file: Path) ->
     """It can be read, and would be another body."""
     mesh = mesh_for_scene(file)
     (entry,) = entries()
-    moved = replace(mesh, nodes=mesh.nodes + [0.1, 0.0, 0.0])
+    moved = replace(mesh, nodes=1.1 * mesh.nodes)
     write_volume_mesh(moved, entry)
     with pytest.warns(UserWarning, match=rf"{entry}: is not as it was written, by its checksum; it is made anew$"):
         assert same(mesh_for_scene(file), mesh)
