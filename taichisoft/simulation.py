@@ -6,15 +6,15 @@ from functools import partial
 import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
+from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.control.observer import Observer
 from taichisoft.control.requests import apply_control
 from taichisoft.errors import SceneError
-from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
+from taichisoft.solver.actuator_rows import ActuatorRows
 from taichisoft.state import State
-from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.constraints import Constraints
 from taichisoft.step.contact_prediction import ContactPrediction, Found
 from taichisoft.step.divergence import DivergenceCheck

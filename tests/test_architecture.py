@@ -4,6 +4,7 @@ Imports for type checking alone count as well: a reader follows them just the sa
 """
 
 import ast
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -38,6 +39,7 @@ LAYERS = {
         "session",
         "simulation",
         "step",
+        "solver",
         "control",
         "model",
         "contact",
@@ -50,7 +52,7 @@ LAYERS = {
         "atomic_file",
         "child_process",
         "interruption",
-        "kernels",
+        "runtime",
         "cache_folder",
         "terminal_text",
         "input_file",
@@ -287,6 +289,12 @@ def test_the_engine_imports_no_plugin_and_no_screen(path):
 
 
 @pytest.mark.parametrize("path", sorted(ENGINE.rglob("*.py")), ids=lambda path: str(path.relative_to(ENGINE)))
-def test_taichi_stays_in_the_kernels(path):
-    if path.parent.name != "kernels":
+def test_taichi_stays_in_the_runtime_and_the_kernels(path):
+    if path.parent.name not in ("runtime", "kernels"):
         assert "taichi" not in {name.split(".")[0] for name in imported_names(path)}
+
+
+def test_a_file_of_kernels_has_a_name_of_its_own():
+    names = Counter(path.stem for path in ENGINE.rglob("*.py"))
+    kernels = [path.stem for path in ENGINE.rglob("*.py") if path.parent.name in ("runtime", "kernels")]
+    assert [name for name in kernels if name != "__init__" and names[name] > 1] == []

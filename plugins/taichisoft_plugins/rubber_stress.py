@@ -1,4 +1,7 @@
-"""Stress of rubber by the laws of `taichisoft/kernels/laws.py`, in numpy: a recording is drawn without kernels."""
+"""Stress of rubber in numpy, since a recording is drawn without kernels.
+
+The laws are those of `taichisoft/bodies/kernels/principal_stretches.py`.
+"""
 
 from collections.abc import Mapping
 

@@ -4,10 +4,10 @@ import numpy as np
 
 from taichisoft.bodies.cables import Cables, CableShapes
 from taichisoft.bodies.cavities import Cavities, CavityVolumes
+from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.bodies.limits import UNLIMITED
 from taichisoft.bodies.rotations import matrices_from_quaternions
 from taichisoft.bodies.surfaces import Poses
-from taichisoft.kernels.actuators import Coordinates, Gradient
 
 
 class Actuators:

@@ -7,17 +7,17 @@ from typing import Any
 import numpy as np
 
 from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.kernels import polylines as kernels
+from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.bodies.limits import UNLIMITED, limits
 from taichisoft.bodies.rigid_body import Obstacle, RigidBody
 from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_degrees
 from taichisoft.bodies.soft_body import EMBEDDING_MARGIN, SoftBody
 from taichisoft.errors import SceneError
-from taichisoft.kernels import cables as kernels
-from taichisoft.kernels.actuators import Coordinates, Gradient
-from taichisoft.kernels.runtime import SOFT, STATIC
 from taichisoft.meshes.point_files import read_points
 from taichisoft.meshes.surface import stacked
 from taichisoft.meshes.ten_nodes import linear_parts
+from taichisoft.runtime.taichi_start import SOFT, STATIC
 from taichisoft.scenes import soft_body as settings
 
 # A cable that rubs must stretch a little: where it sticks at some points and slides at others, its tensions would else
@@ -263,7 +263,7 @@ class CableShapes:
 
     Attributes:
         length: [mm], shape (cable_count,).
-        grip: of each coordinate, see `kernels/cables.py`, shape (coordinate_count,).
+        grip: of each coordinate, see `bodies/kernels/polylines.py`, shape (coordinate_count,).
     """
 
     def __init__(self, cables: Cables, first_coordinate: int, coordinates: Coordinates, gradient: Gradient):

@@ -4,9 +4,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from taichisoft.bodies.kernels import enclosed_volumes as kernels
 from taichisoft.bodies.limits import limits
 from taichisoft.bodies.soft_body import SoftBody
-from taichisoft.kernels import cavities as kernels
 from taichisoft.meshes import curved_walls
 from taichisoft.meshes.surface import stacked
 

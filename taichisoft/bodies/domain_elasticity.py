@@ -9,13 +9,13 @@ import numpy as np
 from taichisoft.bodies.domain_groups import along_curve, group_domains
 from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.hooke_parts import find_blocks, find_parts
+from taichisoft.bodies.kernels import domain_deformation as kernels
+from taichisoft.bodies.kernels import hooke_domains, rubber_domains
+from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries
+from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAMBDA, MU
 from taichisoft.bodies.laws import ElasticLaws
-from taichisoft.kernels import domains as kernels
-from taichisoft.kernels import hooke_domains, rubber_domains
-from taichisoft.kernels.hooke_blocks import BlockParts, HookeEntries
-from taichisoft.kernels.laws import HOOKE, LAMBDA, MU
-from taichisoft.kernels.runtime import THREADS
-from taichisoft.kernels.waiting import COUNTERS
+from taichisoft.runtime.taichi_start import THREADS
+from taichisoft.runtime.waiting import COUNTERS
 
 if TYPE_CHECKING:
     from taichisoft.bodies.soft_body import SoftBody

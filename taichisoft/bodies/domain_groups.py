@@ -10,7 +10,7 @@ import numpy as np
 
 from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.hooke_parts import find_blocks, node_of_block
-from taichisoft.kernels.rubber_domains import BlockCopies, DomainGroups
+from taichisoft.bodies.kernels.rubber_domains import BlockCopies, DomainGroups
 
 DOMAINS_A_GROUP = 256
 # Cells along an axis of the curve: 2^CURVE_BITS.

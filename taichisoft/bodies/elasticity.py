@@ -8,13 +8,13 @@ import scipy.sparse as sparse
 from taichisoft.bodies.domain_elasticity import DomainElasticity, DomainSystem, aligned
 from taichisoft.bodies.elements import edge_frames, linear_tetrahedra
 from taichisoft.bodies.hooke_parts import find_blocks, find_parts
+from taichisoft.bodies.kernels import linear_tetrahedra as kernels
+from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries
+from taichisoft.bodies.kernels.principal_stretches import HOOKE
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
-from taichisoft.kernels import elasticity as kernels
-from taichisoft.kernels.hooke_blocks import BlockParts, HookeEntries
-from taichisoft.kernels.laws import HOOKE
-from taichisoft.kernels.waiting import COUNTERS
+from taichisoft.runtime.waiting import COUNTERS
 from taichisoft.scenes.scene import Time
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichisoft.kernels.hooke_blocks import BlockParts
+from taichisoft.bodies.kernels.hooke_blocks import BlockParts
 
 
 def find_blocks(block_pairs: np.ndarray, row: np.ndarray, column: np.ndarray) -> np.ndarray:

@@ -6,7 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft.bodies.elements import lame_parameters
-from taichisoft.kernels.laws import C01, C10, C20, C30, HOOKE, LAMBDA, MODULI, MU, OGDEN, OGDEN_TERMS, POLYNOMIAL
+from taichisoft.bodies.kernels.principal_stretches import (
+    C01,
+    C10,
+    C20,
+    C30,
+    HOOKE,
+    LAMBDA,
+    MODULI,
+    MU,
+    OGDEN,
+    OGDEN_TERMS,
+    POLYNOMIAL,
+)
 from taichisoft.scenes.elastic_law import Law, initial_shear_modulus, ogden_terms
 
 
@@ -16,7 +28,7 @@ class ElasticLaws:
 
     Attributes:
         kind: HOOKE, POLYNOMIAL or OGDEN, shape (count,).
-        modulus: in the columns of `kernels/laws.py` [kPa], shape (count, MODULI).
+        modulus: in the columns of `bodies/kernels/principal_stretches.py` [kPa], shape (count, MODULI).
         exponent: Ogden's [-], shape (count, OGDEN_TERMS).
         lame: Lame's lambda and mu at rest [kPa], shape (count, 2).
     """

@@ -7,11 +7,11 @@ import numpy as np
 
 from taichisoft.bodies.domains import IntegrationDomains, quadrature_domains, smoothed_domains
 from taichisoft.bodies.embedding import embed
+from taichisoft.bodies.kernels.principal_stretches import HOOKE
 from taichisoft.bodies.laws import ElasticLaws, elastic_law
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
-from taichisoft.kernels.laws import HOOKE
 from taichisoft.meshes.curved_walls import curved_walls, enclosed_volume_of_walls
 from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.surface import MappedSurface, closed_outward, count_open_edges, enclosed_volume

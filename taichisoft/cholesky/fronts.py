@@ -9,11 +9,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.sparse as sparse
 
+from taichisoft.cholesky.kernels.front_layout import IN_PARENT, Fronts
 from taichisoft.cholesky.supernodes import Supernodes
 from taichisoft.cholesky.tasks import FrontSizes, share_out
 from taichisoft.errors import MeshError
-from taichisoft.kernels.fronts import IN_PARENT, Fronts
-from taichisoft.kernels.tiles import TILE
+from taichisoft.runtime.tiles import TILE
 
 LARGEST_INDEX = 2**31 - 1
 

@@ -1,21 +1,21 @@
 """A sparse direct solver for symmetric positive definite matrices of 3x3 node blocks.
 
 Analyse the pattern once (`SymbolicFactor`), then per step `factorise` together with a right-hand side, and `complete`
-its solution with rows J of which `kernels/compliance.py` has L^-1 J^T. `solve` is for any other right-hand side.
+its solution with rows J of which `solver/` has computed L^-1 J^T. `solve` is for any other right-hand side.
 """
 
 import numpy as np
 
+from taichisoft.cholesky.kernels.back_substitution import back
+from taichisoft.cholesky.kernels.factorisation import factorise
+from taichisoft.cholesky.kernels.forward_substitution import Substitution, forward
+from taichisoft.cholesky.kernels.front_layout import Factor
+from taichisoft.cholesky.kernels.sparse_columns import SparseColumns
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import NotPositiveDefinite
-from taichisoft.kernels.back_substitution import back
-from taichisoft.kernels.cholesky import factorise
-from taichisoft.kernels.compliance import SparseColumns
-from taichisoft.kernels.forward_substitution import Substitution, forward
-from taichisoft.kernels.fronts import Factor
-from taichisoft.kernels.runtime import THREADS
-from taichisoft.kernels.tiles import TILE
-from taichisoft.kernels.waiting import COUNTERS
+from taichisoft.runtime.taichi_start import THREADS
+from taichisoft.runtime.tiles import TILE
+from taichisoft.runtime.waiting import COUNTERS
 
 # Non-zeros: less than some 0.5 ms of work is not worth waking threads.
 SMALL_FACTOR = 300_000
@@ -29,7 +29,7 @@ class Cholesky:
         symbolic: the pattern.
         blocks: the matrix, whose blocks the caller fills in the order of `symbolic.block_pairs`, shape
             (block_count, 3, 3).
-        factor: L, in columns of tiles as `kernels/fronts.py` says, and after it the update matrices.
+        factor: L, in columns of tiles as `cholesky/kernels/front_layout.py` says, and after it the update matrices.
     """
 
     def __init__(self, symbolic: SymbolicFactor):

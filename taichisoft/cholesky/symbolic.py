@@ -5,10 +5,10 @@ import scipy.sparse as sparse
 
 from taichisoft.cholesky.branches import share_out_branches
 from taichisoft.cholesky.fronts import lay_out
+from taichisoft.cholesky.kernels.front_layout import BELOW, COLUMNS
+from taichisoft.cholesky.kernels.sparse_columns import EliminationTree
 from taichisoft.cholesky.ordering import find_supernodes
-from taichisoft.kernels.compliance import EliminationTree
-from taichisoft.kernels.fronts import BELOW, COLUMNS
-from taichisoft.kernels.runtime import THREADS
+from taichisoft.runtime.taichi_start import THREADS
 
 
 class SymbolicFactor:

@@ -5,11 +5,11 @@ from itertools import pairwise
 
 import numpy as np
 
+from taichisoft.cholesky.kernels.front_layout import AWAITED, FIRST_FRONT, LAST_FRONT
 from taichisoft.cholesky.schedule import schedule
-from taichisoft.kernels.fronts import AWAITED, FIRST_FRONT, LAST_FRONT
-from taichisoft.kernels.runtime import THREADS
-from taichisoft.kernels.tiles import TILE
-from taichisoft.kernels.waiting import PER_LOOK
+from taichisoft.runtime.taichi_start import THREADS
+from taichisoft.runtime.tiles import TILE
+from taichisoft.runtime.waiting import PER_LOOK
 
 # A subtree becomes one task when it holds at most this share of all the arithmetic.
 SUBTREE_SHARE = 1 / 16

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from taichisoft.kernels.bounding_volumes import Trees
-from taichisoft.kernels.surfaces import Surfaces
+from taichisoft.contact.kernels.box_trees import Trees
+from taichisoft.contact.kernels.surface_vertices import Surfaces
 
 LEAF_TRIANGLES = 8
 

@@ -3,13 +3,13 @@
 import numpy as np
 
 from taichisoft.contact.bounding_volumes import most_leaves
+from taichisoft.contact.kernels import shape_search
+from taichisoft.contact.kernels.contact_search import find_contacts, order_contacts
+from taichisoft.contact.kernels.contacts import PLACE_COLUMNS, Contacts, SearchSpace
+from taichisoft.contact.kernels.self_contacts import SelfTouching, find_self_contacts
+from taichisoft.contact.kernels.smooth_contacts import smooth_against_planes, smooth_against_surfaces
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.surfaces import ContactSurfaces
-from taichisoft.kernels import shape_search
-from taichisoft.kernels.contact_search import find_contacts, order_contacts
-from taichisoft.kernels.contacts import PLACE_COLUMNS, Contacts, SearchSpace
-from taichisoft.kernels.self_contacts import SelfTouching, find_self_contacts
-from taichisoft.kernels.smooth_contacts import smooth_against_planes, smooth_against_surfaces
 
 FIRST_CAPACITY = 1024
 # Parts of a body that are nearer to each other at rest than this many contact distances do not touch each other.

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from taichisoft.kernels.runtime import SOFT
-from taichisoft.kernels.surfaces import Carriers, Surfaces
+from taichisoft.contact.kernels.surface_vertices import Carriers, Surfaces
+from taichisoft.runtime.taichi_start import SOFT
 
 # On a body that keeps its shape, faces whose normals differ by less than this from the first one's make one plane
 # facet [rad]; edges inside a facet touch nothing that the facet does not.

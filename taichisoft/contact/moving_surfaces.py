@@ -2,14 +2,14 @@
 
 import numpy as np
 
+from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.contact import shapes
+from taichisoft.contact.kernels.approach import SoftMotion, move_bodies
+from taichisoft.contact.kernels.box_trees import refit
+from taichisoft.contact.kernels.round_shapes import move_shapes
+from taichisoft.contact.kernels.smooth_surfaces import turn_normals
+from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Poses, move_vertices
 from taichisoft.contact.surfaces import ContactSurfaces
-from taichisoft.kernels.bounding_volumes import refit
-from taichisoft.kernels.contact_prediction import SoftMotion, move_bodies
-from taichisoft.kernels.rigid_motion import RigidState
-from taichisoft.kernels.shapes import move_shapes
-from taichisoft.kernels.smooth_surfaces import turn_normals
-from taichisoft.kernels.surfaces import MovedSurfaces, Poses, move_vertices
 from taichisoft.state import State
 
 

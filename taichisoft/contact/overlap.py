@@ -6,11 +6,11 @@ from typing import NamedTuple
 import numpy as np
 
 from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.kernels.round_shapes import SHAPE, SURFACE
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.shapes import boxes
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.errors import SceneError
-from taichisoft.kernels.shapes import SHAPE, SURFACE
 from taichisoft.meshes.edge_crossings import boxes_meet, common_points, pairs_of_meeting_boxes
 
 # Surfaces are shrunk by this share of the scene's extent before they are cut with each other: bodies that merely

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from taichisoft.kernels import contact_reduction as kernels
-from taichisoft.kernels.contact_reduction import ADDED, BEFORE, Choice, LastContacts
-from taichisoft.kernels.contacts import Contacts
+from taichisoft.contact.kernels import contact_reduction as kernels
+from taichisoft.contact.kernels.contact_reduction import ADDED, BEFORE, Choice, LastContacts
+from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.state import State
 
 SHARE_OF_BODY = 0.2

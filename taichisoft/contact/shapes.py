@@ -7,9 +7,9 @@ import numpy as np
 
 from taichisoft.bodies.rigid_body import Obstacle, RigidBody
 from taichisoft.bodies.shapes import RoundShape
-from taichisoft.kernels.runtime import STATIC
-from taichisoft.kernels.shape_distance import FACING
-from taichisoft.kernels.shapes import SURFACE_PAIR_COLUMNS, MovedShapes, Shapes
+from taichisoft.contact.kernels.round_shapes import SURFACE_PAIR_COLUMNS, MovedShapes, Shapes
+from taichisoft.contact.kernels.shape_distance import FACING
+from taichisoft.runtime.taichi_start import STATIC
 from taichisoft.state import State
 
 # A load leans to one side when it goes through an end farther from the axis than this share of the radius.

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from taichisoft.kernels.smooth_surfaces import SmoothSurfaces
-from taichisoft.kernels.surfaces import Carriers, Surfaces
+from taichisoft.contact.kernels.smooth_surfaces import SmoothSurfaces
+from taichisoft.contact.kernels.surface_vertices import Carriers, Surfaces
 from taichisoft.meshes.smooth_normals import vertex_normals
 
 

@@ -9,12 +9,12 @@ from taichisoft.bodies.rigid_body import Obstacle, RigidBody
 from taichisoft.bodies.soft_body import SoftBody
 from taichisoft.contact import bounding_volumes
 from taichisoft.contact.features import find_features, find_round_vertices
+from taichisoft.contact.kernels.round_shapes import SHAPE, SURFACE, Shapes
+from taichisoft.contact.kernels.surface_vertices import Carriers, Planes, Surfaces
 from taichisoft.contact.shapes import RoundPart, join_shapes, round_parts
 from taichisoft.contact.smooth import find_smooth
-from taichisoft.kernels.runtime import SOFT, STATIC
-from taichisoft.kernels.shapes import SHAPE, SURFACE, Shapes
-from taichisoft.kernels.surfaces import Carriers, Planes, Surfaces
 from taichisoft.meshes.surface import stacked
+from taichisoft.runtime.taichi_start import SOFT, STATIC
 
 # A ball with ten thousand vertices that rolls sinks by the tolerance at each vertex that it passes, and gains the
 # energy: 2 % in a second with 1e-4 mm, 0.4 % with 1e-5 mm. Where soft faces lie on each other, contacts for less than

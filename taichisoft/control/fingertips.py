@@ -4,8 +4,8 @@ import numpy as np
 
 from taichisoft.bodies.rotations import rotation_from_vector
 from taichisoft.bodies.soft_body import SoftBody
+from taichisoft.control.kernels.tip_motion import observe_tips
 from taichisoft.errors import SceneError
-from taichisoft.kernels.fingertips import observe_tips
 from taichisoft.state import State
 
 # Of a finger without a `tip` in the scene: free nodes this far from the farthest one, as a share of its distance

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.kernels.launch import timed_launches
+from taichisoft.runtime.launch import timed_launches
 from taichisoft.simulation import Simulation
 
 REST = "rest"

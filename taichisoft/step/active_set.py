@@ -9,12 +9,12 @@ contacts apart, whichever it began with: constraint generation.
 
 import numpy as np
 
+from taichisoft.bodies.kernels.rigid_integration import RigidState
+from taichisoft.contact.kernels import separation as kernels
+from taichisoft.contact.kernels.contact_reduction import Choice
+from taichisoft.contact.kernels.contacts import Contacts
+from taichisoft.contact.kernels.separation import Separation
 from taichisoft.contact.reduction import ContactReduction
-from taichisoft.kernels import separation as kernels
-from taichisoft.kernels.contact_reduction import Choice
-from taichisoft.kernels.contacts import Contacts
-from taichisoft.kernels.rigid_motion import RigidState
-from taichisoft.kernels.separation import Separation
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.contact_prediction import Found

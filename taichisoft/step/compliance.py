@@ -2,12 +2,13 @@
 
 import numpy as np
 
-from taichisoft.kernels import constraint_rows, moment_rows
-from taichisoft.kernels.actuators import Coordinates, Gradient
-from taichisoft.kernels.compliance import GROUP, lay_out_columns, soft_compliance, soft_compliance_serially
-from taichisoft.kernels.constraint_rows import ACTUATORS, CONTACTS, MOMENTS
-from taichisoft.kernels.rigid_motion import RigidState
-from taichisoft.step.constraint_rows import ConstraintRows
+from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.bodies.kernels.rigid_integration import RigidState
+from taichisoft.cholesky.kernels.sparse_columns import GROUP
+from taichisoft.solver.constraint_rows import ConstraintRows
+from taichisoft.solver.kernels import moment_rows, row_velocities
+from taichisoft.solver.kernels.row_compliance import lay_out_columns, soft_compliance, soft_compliance_serially
+from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENTS
 from taichisoft.step.soft_motion import SoftMotion
 
 # Rows times non-zeros of the factor: less than some 0.5 ms of work is not worth waking threads.
@@ -38,19 +39,19 @@ def assemble_compliance(
     row_count = 3 * (contact_count + moment_count) + actuator_count
     known_velocity = soft.known_velocity if soft is not None else NO_VELOCITY
     if contact_count:
-        constraint_rows.free_contact_velocity(rows, known_velocity, rigid)
+        row_velocities.free_contact_velocity(rows, known_velocity, rigid)
     if actuator_count:
-        constraint_rows.free_actuator_velocity(rows, coordinates, gradient, known_velocity, rigid)
+        row_velocities.free_actuator_velocity(rows, coordinates, gradient, known_velocity, rigid)
     if soft is not None and row_count:
         _assemble_soft_compliance(row_count, problem, coordinates, gradient, soft)
     else:
         w[: row_count**2] = 0.0
     if contact_count:
-        constraint_rows.add_rigid_compliance(row_count, rows, rigid, w)
+        row_velocities.add_rigid_compliance(row_count, rows, rigid, w)
     if actuator_count:
         _add_stretch(3 * contact_count, stretch, w[: row_count**2].reshape(row_count, row_count))
         if len(gradient.rigid):
-            constraint_rows.add_rigid_actuator_compliance(rows, coordinates, gradient, rigid, w)
+            row_velocities.add_rigid_actuator_compliance(rows, coordinates, gradient, rigid, w)
     if moment_count:
         moment_rows.free_moment_velocity(rows, rigid)
         moment_rows.add_moment_compliance(row_count, rows, coordinates, gradient, rigid, w)

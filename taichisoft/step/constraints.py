@@ -5,22 +5,22 @@ from typing import NamedTuple
 import numpy as np
 
 from taichisoft.bodies.actuators import ActuatorGeometry
+from taichisoft.cholesky.kernels.sparse_columns import GROUP
+from taichisoft.contact.kernels.contact_reduction import TAKING_PART
+from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.interruption import stop_if_asked
-from taichisoft.kernels import constraint_rows, moment_rows
-from taichisoft.kernels.compliance import GROUP
-from taichisoft.kernels.constraint_rows import MOMENTS, PairLaws
-from taichisoft.kernels.contact_reduction import TAKING_PART
-from taichisoft.kernels.contacts import Contacts
-from taichisoft.kernels.told_contacts import ToldContacts, tell
 from taichisoft.model import Model
+from taichisoft.solver.actuator_rows import ActuatorRows
+from taichisoft.solver.constraint_rows import GROWTH, ConstraintRows
+from taichisoft.solver.contact_solver import load_kernels
+from taichisoft.solver.impacts import Impacts
+from taichisoft.solver.kernels import moment_rows, row_velocities
+from taichisoft.solver.kernels.row_velocities import MOMENTS, PairLaws
+from taichisoft.solver.kernels.told_contacts import ToldContacts, tell
 from taichisoft.state import State
 from taichisoft.step.active_set import ActiveSet
-from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.compliance import assemble_compliance
-from taichisoft.step.constraint_rows import GROWTH, ConstraintRows
 from taichisoft.step.contact_prediction import Found
-from taichisoft.step.contact_solver import load_kernels
-from taichisoft.step.impacts import Impacts
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
 
@@ -241,7 +241,7 @@ class Constraints:
             rows.target_rate[:actuator_count] = actuators.target_rate
             self._problem.bounds[:actuator_count] = actuators.bounds
         if count:
-            constraint_rows.build_rows(
+            row_velocities.build_rows(
                 len(self._model.soft_bodies),
                 contacts,
                 self._active_set.choice,
@@ -271,7 +271,7 @@ class Constraints:
         rows, rigid, end = self._problem.rows, self._rigid.state, 3 * count
         free, free_motion = rows.free[:end].copy(), rigid.free.copy()
         rigid.free[:] = self._rigid_before
-        constraint_rows.free_contact_velocity(rows, self._node_velocity_before, rigid)
+        row_velocities.free_contact_velocity(rows, self._node_velocity_before, rigid)
         before = rows.free[:end].copy()
         before[::3] -= rows.gap_rate[:count]
         rigid.free[:], rows.free[:end] = free_motion, free
@@ -327,7 +327,7 @@ class Constraints:
 
     def _apply_row_impulses(self) -> None:
         problem = self._problem
-        constraint_rows.apply_impulses(
+        row_velocities.apply_impulses(
             problem.rows,
             self._model.actuators.coordinates,
             self._geometry.gradient,

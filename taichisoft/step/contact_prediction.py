@@ -15,12 +15,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.kernels import approach as kernels
+from taichisoft.contact.kernels.approach import FAR, FAST, TOO_CLOSE, BodyPairs
+from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.kernels import contact_prediction as kernels
-from taichisoft.kernels.contact_prediction import FAR, FAST, TOO_CLOSE, BodyPairs
-from taichisoft.kernels.contacts import Contacts
-from taichisoft.kernels.rigid_motion import RigidState
 from taichisoft.model import Model
 from taichisoft.state import State
 

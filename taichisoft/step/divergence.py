@@ -5,13 +5,13 @@ from collections.abc import Sequence
 import numpy as np
 
 from taichisoft.bodies.elasticity import Elasticity
+from taichisoft.bodies.kernels.domain_deformation import Domains
+from taichisoft.bodies.kernels.principal_stretches import HOOKE, MODULI, OGDEN_TERMS
 from taichisoft.bodies.strain import Stretches, valid_stretch
 from taichisoft.errors import SimulationDiverged
-from taichisoft.kernels import divergence as kernels
-from taichisoft.kernels.domains import Domains
-from taichisoft.kernels.laws import HOOKE, MODULI, OGDEN_TERMS
 from taichisoft.model import Model
 from taichisoft.state import State
+from taichisoft.step.kernels import leaps as kernels
 
 # An element under Hooke's law survives being inverted for a while; a body of which more than this share is, does not.
 INVERTED_SHARE = 0.25

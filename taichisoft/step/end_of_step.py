@@ -6,9 +6,9 @@ import scipy.sparse as sparse
 from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.bodies.surfaces import PosesAhead
-from taichisoft.kernels import loads as kernels
 from taichisoft.model import Model
 from taichisoft.state import State
+from taichisoft.step.kernels import loads as kernels
 from taichisoft.step.soft_motion import SoftMotion
 
 
@@ -18,7 +18,7 @@ class EndOfStep:
         M (v - v0) = h (f(x) - d0 - b D0 (v - v0) - a M v + M g + anchors + p dq/dx(x)) + J^T l,
 
     and in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)). The damping is that of the first
-    linearisation: d0 where the bodies go on with v0, and D0, which has no negative eigenvalues (`kernels/domains.py`).
+    linearisation: d0 where the bodies go on with v0, and D0, which has no negative eigenvalues.
     `SoftMotion` solves them linearised at the start of the step, or ahead of it; here they are evaluated, and
     linearised anew, at other velocities. A linearisation leaves out how loads that follow the body turn with it.
     """

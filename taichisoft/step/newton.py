@@ -5,8 +5,8 @@ import numpy as np
 from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.model import Model
+from taichisoft.solver.actuator_rows import ActuatorRows
 from taichisoft.state import State
-from taichisoft.step.actuator_rows import ActuatorRows
 from taichisoft.step.constraints import Constraints, Motion
 from taichisoft.step.contact_prediction import Found
 from taichisoft.step.end_of_step import EndOfStep

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichisoft.kernels import rigid_motion as kernels
+from taichisoft.bodies.kernels import rigid_integration as kernels
 from taichisoft.model import Model
 from taichisoft.state import State
 

@@ -6,9 +6,9 @@ from taichisoft.bodies.actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity, ElasticSystem
 from taichisoft.bodies.rotations import rotation_from_vector
 from taichisoft.errors import NotPositiveDefinite, SimulationDiverged
-from taichisoft.kernels import loads as kernels
 from taichisoft.model import Model
 from taichisoft.state import State
+from taichisoft.step.kernels import loads as kernels
 
 
 class SoftMotion:

@@ -15,11 +15,11 @@ from taichisoft.building.simulation import make_model
 from taichisoft.contact import bounding_volumes, detection
 from taichisoft.contact.bounding_volumes import LEAF_TRIANGLES, most_leaves
 from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.kernels.contacts import Contacts
-from taichisoft.kernels.runtime import STATIC
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
+from taichisoft.runtime.taichi_start import STATIC
 from taichisoft.scenes.file import scene_from_dict
 
 ALL = 10**6  # triangles in a leaf: one box around each body

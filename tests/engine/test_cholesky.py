@@ -14,13 +14,13 @@ from hypothesis import strategies as st
 
 from taichisoft.cholesky import fronts
 from taichisoft.cholesky.branches import share_out_branches
+from taichisoft.cholesky.kernels.back_substitution import back
+from taichisoft.cholesky.kernels.forward_substitution import forward
+from taichisoft.cholesky.kernels.sparse_columns import GROUP, NOWHERE, SparseColumns
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.errors import MeshError, NotPositiveDefinite
-from taichisoft.kernels.back_substitution import back
-from taichisoft.kernels.compliance import GROUP, NOWHERE, SparseColumns
-from taichisoft.kernels.forward_substitution import forward
-from taichisoft.kernels.waiting import BEGUN, FINISHED
+from taichisoft.runtime.waiting import BEGUN, FINISHED
 
 
 def random_pattern(seed: int, sizes: list[int], neighbours: float) -> sparse.csr_matrix:

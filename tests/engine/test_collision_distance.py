@@ -13,9 +13,9 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.reduction import ContactReduction
-from taichisoft.kernels.contacts import Contacts
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict
 

@@ -10,8 +10,8 @@ from blocks import make_block
 
 from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.contact.detection import ContactDetection
+from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.kernels.contacts import Contacts
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.model import Model
 from taichisoft.scenes.file import scene_from_dict

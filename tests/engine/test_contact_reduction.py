@@ -9,8 +9,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.building.simulation import make_model
+from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.reduction import FIRST_CAPACITY, ContactReduction
-from taichisoft.kernels.contacts import Contacts
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.state import State
 

@@ -11,10 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.building.simulation import Simulation
-from taichisoft.kernels import constraint_problem as kernels
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.step.actuator_rows import IMPOSED
-from taichisoft.step.contact_solver import ContactSolver
+from taichisoft.solver.actuator_rows import IMPOSED
+from taichisoft.solver.contact_solver import ContactSolver
+from taichisoft.solver.kernels import constraint_problem as kernels
 
 
 @dataclass

@@ -16,8 +16,8 @@ import sys, time
 from pathlib import Path
 import numpy as np
 {before}
-from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import Scalars, ti
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.taichi_start import Scalars, ti
 @kernel
 def fill(value: ti.f64, values: Scalars):
     for i in values:
@@ -100,7 +100,7 @@ def test_when_the_first_is_killed_another_is_first(start: Start) -> None:
 
 
 def test_nobody_waits_for_a_first_that_compiles_nothing(start: Start) -> None:
-    short = "from taichisoft.kernels import first_process\nfirst_process.IDLE = 0.5"
+    short = "from taichisoft.runtime import first_process\nfirst_process.IDLE = 0.5"
     first = start(FOR_EVER, short)
     assert has_launched(first)
     other = start(before=short)

@@ -6,9 +6,9 @@ from conftest import examples
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
-from taichisoft.kernels.constraint_problem import Problem
-from taichisoft.step.contact_solver import ContactSolver
+from taichisoft.solver.contact_solver import ContactSolver
+from taichisoft.solver.kernels.actuator_bounds import BOUND_COLUMNS
+from taichisoft.solver.kernels.constraint_problem import Problem
 
 
 def solve(

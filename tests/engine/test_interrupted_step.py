@@ -12,7 +12,7 @@ from taichisoft.control.controller import Controller
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running.loop import run
 from taichisoft.session.output import Output
-from taichisoft.step import contact_solver, proximal_newton
+from taichisoft.solver import contact_solver, proximal_newton
 
 HOPELESS = ("contact.tolerance=1e-15",)
 """A tolerance below the rounding: every step with a contact takes all Newton steps."""

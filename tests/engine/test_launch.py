@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 
-from taichisoft.kernels import launch
-from taichisoft.kernels.launch import forget, func, kernel, timed_launches
-from taichisoft.kernels.runtime import Scalars, Vectors, ti, vec3
+from taichisoft.runtime import launch
+from taichisoft.runtime.launch import forget, func, kernel, timed_launches
+from taichisoft.runtime.taichi_start import Scalars, Vectors, ti, vec3
 
 
 class Particles(NamedTuple):

@@ -8,13 +8,13 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from taichisoft.bodies.elasticity import ElasticSystem
+from taichisoft.bodies.kernels.domain_deformation import Domains, Movement, deformation_and_rate
+from taichisoft.bodies.kernels.principal_stretches import POLYNOMIAL
+from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
-from taichisoft.kernels.domains import Domains, Movement, deformation_and_rate
-from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.laws import POLYNOMIAL
-from taichisoft.kernels.rubber_domains import respond_by_stretches
-from taichisoft.kernels.runtime import Matrices, ti
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.taichi_start import Matrices, ti
 from taichisoft.scenes.file import scene_from_dict
 
 HALF_ULP = 2.0**-53

@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.polar_rotation import polar_rotation
-from taichisoft.kernels.runtime import Matrices
+from taichisoft.bodies.kernels.polar_rotation import polar_rotation
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.taichi_start import Matrices
 
 COUNT = 200
 

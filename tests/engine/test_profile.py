@@ -5,8 +5,8 @@ from collections.abc import Callable
 import pytest
 
 from taichisoft.building.simulation import Simulation
-from taichisoft.kernels.runtime import ti
 from taichisoft.running.profile import REST, TOTAL, profiled
+from taichisoft.runtime.taichi_start import ti
 from taichisoft.scenes.file import scene_from_dict
 
 

@@ -31,7 +31,7 @@ def test_a_number_of_threads_that_is_none_is_refused_in_one_line() -> None:
 
 @pytest.mark.parametrize("threads", ["-3", "0.5"])
 def test_neither_a_negative_number_nor_a_fraction_is_a_number_of_threads(threads: str) -> None:
-    from taichisoft.kernels.runtime import thread_count
+    from taichisoft.runtime.taichi_start import thread_count
 
     with pytest.raises(TaichisoftError, match=f"^TAICHISOFT_THREADS = '{threads}': must be a whole number"):
         thread_count(threads)
@@ -39,7 +39,7 @@ def test_neither_a_negative_number_nor_a_fraction_is_a_number_of_threads(threads
 
 @pytest.mark.parametrize(("setting", "count"), [("3", 3), (" 2 ", 2)])
 def test_a_number_of_threads_is_taken(setting: str, count: int) -> None:
-    from taichisoft.kernels.runtime import thread_count
+    from taichisoft.runtime.taichi_start import thread_count
 
     assert thread_count(setting) == count
 
@@ -48,7 +48,7 @@ def test_a_number_of_threads_is_taken(setting: str, count: int) -> None:
 def test_all_cores_are_those_that_the_process_may_use() -> None:
     code = (
         "import os; os.sched_setaffinity(0, {min(os.sched_getaffinity(0))})\n"
-        "from taichisoft.kernels.runtime import THREADS; print(THREADS)"
+        "from taichisoft.runtime.taichi_start import THREADS; print(THREADS)"
     )
     environment = {name: value for name, value in os.environ.items() if name != "TAICHISOFT_THREADS"}
     shown = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
@@ -57,8 +57,8 @@ def test_all_cores_are_those_that_the_process_may_use() -> None:
 
 KERNEL = """
 import numpy as np
-from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import Scalars
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.taichi_start import Scalars
 @kernel
 def fill(values: Scalars):
     for i in values:
@@ -103,6 +103,6 @@ def test_without_a_place_for_kernels_a_run_is_slow_to_start_and_says_so(tmp_path
 
 def test_at_the_end_no_file_is_left_open(tmp_path: Path) -> None:
     environment = {**os.environ, "TI_OFFLINE_CACHE_FILE_PATH": str(tmp_path)}
-    command = [sys.executable, "-W", "always::ResourceWarning", "-c", "import taichisoft.kernels.kernel_cache"]
+    command = [sys.executable, "-W", "always::ResourceWarning", "-c", "import taichisoft.runtime.kernel_cache"]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

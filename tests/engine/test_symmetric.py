@@ -7,9 +7,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import Matrices, Vectors, ti
-from taichisoft.kernels.symmetric import positive_part, symmetric_eigen
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.symmetric import positive_part, symmetric_eigen
+from taichisoft.runtime.taichi_start import Matrices, Vectors, ti
 
 
 @kernel

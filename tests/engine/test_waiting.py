@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from taichisoft.kernels.launch import kernel
-from taichisoft.kernels.runtime import Integers, ti
-from taichisoft.kernels.waiting import BEGUN, COUNTERS, FINISHED, reaches
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.taichi_start import Integers, ti
+from taichisoft.runtime.waiting import BEGUN, COUNTERS, FINISHED, reaches
 
 
 @kernel

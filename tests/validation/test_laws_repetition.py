@@ -10,8 +10,8 @@ import pytest
 from conftest import PATIENCE
 
 from taichisoft.building.simulation import Simulation, make_model
-from taichisoft.kernels.runtime import THREADS
 from taichisoft.model import Model
+from taichisoft.runtime.taichi_start import THREADS
 from taichisoft.state import State
 
 

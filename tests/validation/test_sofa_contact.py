@@ -11,9 +11,9 @@ from conftest import Figures
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
-from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
-from taichisoft.kernels.constraint_problem import Problem
-from taichisoft.step.contact_solver import ContactSolver
+from taichisoft.solver.contact_solver import ContactSolver
+from taichisoft.solver.kernels.actuator_bounds import BOUND_COLUMNS
+from taichisoft.solver.kernels.constraint_problem import Problem
 
 FRICTION = 0.6
 

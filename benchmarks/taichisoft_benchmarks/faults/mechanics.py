@@ -35,9 +35,9 @@ BEYOND = 6.0
 
 def matrices(tries: int) -> list[str]:
     """A million symmetric matrices each, 1 + noise of 1 to 8 units in the last place: eigenvectors are a rotation."""
-    from taichisoft.kernels.launch import kernel
-    from taichisoft.kernels.runtime import Matrices, ti
-    from taichisoft.kernels.symmetric import symmetric_eigen
+    from taichisoft.runtime.launch import kernel
+    from taichisoft.runtime.symmetric import symmetric_eigen
+    from taichisoft.runtime.taichi_start import Matrices, ti
 
     @kernel
     def axes_of(symmetric: Matrices, axes: Matrices):  # type: ignore[no-untyped-def]

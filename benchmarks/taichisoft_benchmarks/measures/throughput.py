@@ -7,7 +7,7 @@ from queue import Queue
 from threading import Barrier
 from typing import Any
 
-from taichisoft.kernels.runtime import available_cores
+from taichisoft.runtime.taichi_start import available_cores
 from taichisoft.scenes.scene import Scene
 from taichisoft_benchmarks.cases import ThroughputCase
 from taichisoft_benchmarks.errors import BenchmarkError, PeerMissing

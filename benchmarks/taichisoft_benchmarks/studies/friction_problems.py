@@ -20,10 +20,10 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.kernels.actuator_rows import BOUND_COLUMNS
-from taichisoft.kernels.constraint_problem import Iterate, Problem
-from taichisoft.kernels.sweep import SWEEPS, sweep_repeatedly
-from taichisoft.step.contact_solver import ContactSolver
+from taichisoft.solver.contact_solver import ContactSolver
+from taichisoft.solver.kernels.actuator_bounds import BOUND_COLUMNS
+from taichisoft.solver.kernels.constraint_problem import Iterate, Problem
+from taichisoft.solver.kernels.sweep import SWEEPS, sweep_repeatedly
 from taichisoft_benchmarks.errors import BenchmarkError
 
 TOLERANCE = 1e-8

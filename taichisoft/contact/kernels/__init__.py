@@ -1,0 +1,1 @@
+"""Taichi kernels; see CONTRIBUTING.md for how one is written."""

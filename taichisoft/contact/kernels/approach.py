@@ -1,0 +1,124 @@
+"""How far the bodies of a step move towards each other, and where their surfaces will be."""
+
+from typing import NamedTuple
+
+from taichisoft.bodies.kernels.rigid_integration import RigidState
+from taichisoft.contact.kernels.contacts import Contacts
+from taichisoft.contact.kernels.surface_vertices import Poses
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.rotation_matrices import rotation_of_vector
+from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti
+
+# A distance that no two bodies have; kernels know no infinity.
+FAR = 1e30
+
+
+class SoftMotion(NamedTuple):
+    """Soft bodies at the start of a step.
+
+    Attributes:
+        body_start: first node of each body, and the number of nodes, shape (soft_count + 1,).
+        position: of the nodes [mm], shape (node_count, 3).
+        velocity: of the nodes [mm/s], shape (node_count, 3).
+    """
+
+    body_start: Integers
+    position: Vectors
+    velocity: Vectors
+
+
+class BodyPairs(NamedTuple):
+    """What may happen between two bodies in a step; tables are of shape (body_count, body_count).
+
+    Attributes:
+        may_touch, may_pass_through: see `ContactSurfaces`, 0 or 1.
+        least_reach: how far apart contacts are looked for in any case [mm].
+        rigid_radius: of the ball around the centre of mass that holds a rigid body [mm], shape (rigid_count,).
+        centre, radius: the ball that the velocities of each body's points lie in [mm/s], shapes (body_count, 3) and
+            (body_count,).
+        approach: the most by which points of two bodies approach each other in the step [mm].
+        reach: how far apart contacts are looked for [mm], below 0 where bodies cannot touch.
+        nearest: distance of the closest contact found [mm], FAR without any.
+        count: of pairs that could pass through each other in the step; of pairs that were found too close, shape (2,).
+    """
+
+    may_touch: IntegerTable
+    may_pass_through: IntegerTable
+    least_reach: ScalarTable
+    rigid_radius: Scalars
+    centre: Vectors
+    radius: Scalars
+    approach: ScalarTable
+    reach: ScalarTable
+    nearest: ScalarTable
+    count: Integers
+
+
+# Entries of `BodyPairs.count`.
+FAST, TOO_CLOSE = range(2)
+
+
+@kernel
+def look_ahead(
+    time_step: ti.f64, contact_distance: ti.f64, falls: ti.f64, soft: SoftMotion, rigid: RigidState, pairs: BodyPairs
+):
+    """Fill in how far bodies approach each other, and the reach if none could pass through another.
+
+    The velocities of a soft body lie in the ball around the box that they span. `falls` is what gravity adds to the
+    way of a step [mm].
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        soft_count, rigid_count = soft.body_start.shape[0] - 1, rigid.position.shape[0]
+        for body in range(soft_count):
+            low = soft.velocity[soft.body_start[body]]
+            high = low
+            for node in range(soft.body_start[body], soft.body_start[body + 1]):
+                low = ti.min(low, soft.velocity[node])
+                high = ti.max(high, soft.velocity[node])
+            pairs.centre[body] = 0.5 * (low + high)
+            pairs.radius[body] = 0.5 * (high - low).norm()
+        for body in range(rigid_count):
+            pairs.centre[soft_count + body] = rigid.linear[body]
+            pairs.radius[soft_count + body] = rigid.angular[body].norm() * pairs.rigid_radius[body]
+        pairs.count[FAST] = 0
+        for first in range(pairs.radius.shape[0]):
+            for second in range(pairs.radius.shape[0]):
+                apart = (pairs.centre[first] - pairs.centre[second]).norm()
+                approach = time_step * (apart + pairs.radius[first] + pairs.radius[second])
+                pairs.approach[first, second] = approach
+                pairs.reach[first, second] = -1.0
+                if pairs.may_touch[first, second] != 0:
+                    pairs.reach[first, second] = ti.max(contact_distance + falls, pairs.least_reach[first, second])
+                if pairs.may_pass_through[first, second] != 0 and approach > contact_distance:
+                    pairs.count[FAST] = pairs.count[FAST] + 1
+
+
+@kernel
+def move_bodies(passed: ti.f64, soft: SoftMotion, rigid: RigidState, poses: Poses):
+    """Where bodies are a time `passed` [s] after the start, if all go on as they move."""
+    ti.loop_config(serialize=True)
+    for node in range(soft.position.shape[0]):
+        poses.node_position[node] = soft.position[node] + passed * soft.velocity[node]
+    ti.loop_config(serialize=True)
+    for body in range(rigid.position.shape[0]):
+        poses.rigid_position[body] = rigid.position[body] + passed * rigid.linear[body]
+        poses.rigid_rotation[body] = rotation_of_vector(passed * rigid.angular[body]) @ rigid.rotation[body]
+
+
+@kernel
+def measure_nearest(contacts: Contacts, contact_distance: ti.f64, tolerance: ScalarTable, pairs: BodyPairs):
+    """Distance of each pair of bodies by the contacts found, and how many of these are closer than they are kept."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for first in range(pairs.nearest.shape[0]):
+            for second in range(pairs.nearest.shape[1]):
+                pairs.nearest[first, second] = FAR
+        pairs.count[TOO_CLOSE] = 0
+        for c in range(contacts.count[0]):
+            first, second = contacts.bodies[c, 0], contacts.bodies[c, 1]
+            nearest = ti.min(pairs.nearest[first, second], contacts.distance[c])
+            pairs.nearest[first, second] = nearest
+            pairs.nearest[second, first] = nearest
+            if contacts.distance[c] < contact_distance - tolerance[first, second]:
+                pairs.count[TOO_CLOSE] = pairs.count[TOO_CLOSE] + 1

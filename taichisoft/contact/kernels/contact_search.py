@@ -1,0 +1,45 @@
+"""The search for contacts: pairs of close points on two surfaces, each a local minimum of the distance."""
+
+from taichisoft.contact.kernels.box_trees import Trees
+from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, put_in_order
+from taichisoft.contact.kernels.edge_contacts import edges_against_edges
+from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, Surfaces
+from taichisoft.contact.kernels.vertex_contacts import vertices_against_planes, vertices_against_triangles
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.taichi_start import ScalarTable, ti
+
+
+@kernel
+def find_contacts(
+    reach: ScalarTable,
+    depth: ti.f64,
+    surfaces: Surfaces,
+    trees: Trees,
+    planes: Planes,
+    moved: MovedSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+    contacts: Contacts,
+):
+    """All contacts nearer than the `reach` of their two bodies, and those slipped through by up to `depth` [mm].
+
+    A reach of less than 0 leaves a pair of bodies out, shape (body_count, body_count).
+    If there are more than `found` has room for, its count tells, and `contacts` is not filled.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        found.count[0] = 0
+        vertices_against_triangles(reach, depth, surfaces, trees, moved, space, found)
+        edges_against_edges(reach, depth, surfaces, trees, moved, space, found)
+        vertices_against_planes(reach, surfaces, trees, planes, moved, space, found)
+        if found.count[0] <= found.distance.shape[0]:
+            put_in_order(space, found, contacts)
+
+
+@kernel
+def order_contacts(space: SearchSpace, found: Contacts, contacts: Contacts):
+    """Write all contacts found to `contacts` in their order, if there is room for them."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        if found.count[0] <= found.distance.shape[0]:
+            put_in_order(space, found, contacts)

@@ -1,0 +1,75 @@
+"""Round shapes that are not triangulated: spheres, capsules and cylinders, and where they are.
+
+A sphere is a capsule of no length: all points nearer to a segment of the axis than the radius. A cylinder has flat ends
+instead of round ones.
+"""
+
+from typing import NamedTuple
+
+from taichisoft.contact.kernels.surface_vertices import Poses
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, Vectors, VectorTable, ti
+
+# Columns of `Shapes.surface_pairs`.
+SHAPE, SURFACE, IS_SOFT, SURFACE_PAIR_COLUMNS = range(4)
+
+
+class Shapes(NamedTuple):
+    """What the shapes are, what carries them, and what they can touch.
+
+    Attributes:
+        body: number of each shape's body, shape (shape_count,).
+        owner: number of the rigid body that carries a shape, or STATIC, shape (shape_count,).
+        flat: 1 for flat ends (cylinder), 0 for round ones (sphere, capsule), shape (shape_count,).
+        radius: [mm], shape (shape_count,).
+        half_length: half the length of the axis, without round ends [mm], shape (shape_count,).
+        local_centre: middle of the axis; on a rigid body in its axes, from its centre of mass [mm], (shape_count, 3).
+        local_axis, local_side: unit vectors along and across the axis, in the same axes, shape (shape_count, 3).
+        moving: shapes that can move, shape (moving_count,).
+        surface_pairs: SHAPE and SURFACE that can touch, and whether the surface IS_SOFT, shape
+            (pair_count, SURFACE_PAIR_COLUMNS).
+        shape_pairs: shapes that can touch, the first of the lower body number, shape (shape_pair_count, 2).
+    """
+
+    body: Integers
+    owner: Integers
+    flat: Integers
+    radius: Scalars
+    half_length: Scalars
+    local_centre: Vectors
+    local_axis: Vectors
+    local_side: Vectors
+    moving: Integers
+    surface_pairs: IntegerTable
+    shape_pairs: IntegerTable
+
+
+class MovedShapes(NamedTuple):
+    """Where the shapes are.
+
+    Attributes:
+        centre: middles of the axes [mm], shape (shape_count, 3).
+        axis, side: unit vectors along and across the axes, shape (shape_count, 3).
+        lean: unit vectors across the axes on which the rims of level ends are divided, of the end at the beginning of
+            the axis and of that at its end, shape (shape_count, 2, 3).
+    """
+
+    centre: Vectors
+    axis: Vectors
+    side: Vectors
+    lean: VectorTable
+
+
+@kernel
+def move_shapes(shapes: Shapes, poses: Poses, there: MovedShapes):
+    """Shapes of rigid bodies follow their poses."""
+    ti.loop_config(serialize=True)
+    for s in range(shapes.owner.shape[0]):
+        owner = shapes.owner[s]
+        if owner >= 0:
+            turn = poses.rigid_rotation[owner]
+            there.centre[s] = turn @ shapes.local_centre[s] + poses.rigid_position[owner]
+            there.axis[s] = turn @ shapes.local_axis[s]
+            there.side[s] = turn @ shapes.local_side[s]
+            for end in ti.static(range(2)):
+                there.lean[s, end] = there.side[s]

@@ -1,0 +1,218 @@
+"""How the contacts of a step come apart or close: where they act, how fast, and which may push."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from taichisoft.bodies.kernels.rigid_integration import RigidState
+from taichisoft.contact.kernels.contact_reduction import BEFORE, Choice
+from taichisoft.contact.kernels.contacts import Contacts
+from taichisoft.contact.kernels.surface_vertices import Carriers
+from taichisoft.runtime.launch import func, kernel
+from taichisoft.runtime.taichi_start import SOFT, Integers, Scalars, ScalarTable, Vectors, VectorTable, ti, vec3
+
+# A contact is expected to push if it would close within this many steps as it moves now.
+STEPS_AHEAD = 2.0
+# Entries of `Separation.terms`: the time step [s]; the distance that surfaces are kept apart [mm]; the tolerance of
+# velocities [mm/s]; 1 where depth at the start stays and is moved out later, else 0; 1 where any contact gives back.
+TIME_STEP, CONTACT_DISTANCE, TOLERANCE, KEEPS_DEPTH, GIVES_BACK, TERMS = range(6)
+
+
+class Separation(NamedTuple):
+    """All contacts of a step as the active set sees them, in arrays with room for more.
+
+    Attributes:
+        terms: what holds for all of them, shape (TERMS,); its entries stand above.
+        arm: from the centre of mass of the rigid body on each side to the point there, when the contact was measured
+            [mm], shape (capacity, 2, 3).
+        gap_rate: normal velocity at which the gap closes in the step, negative where it must open [mm/s], shape
+            (capacity,).
+        speed: normal velocity of the second point relative to the first [mm/s], shape (capacity,).
+        touching: by how much less than the contact distance the two bodies may be apart [mm], shape (capacity,).
+        depth: by how much less than the contact distance a contact was apart at the start of the step [mm], 0 or
+            negative, shape (capacity,).
+        kept_depth: what of it is still there at the end [mm], shape (capacity,).
+        deepest: the contact with the least depth, -1 without any, shape (1,).
+    """
+
+    terms: Scalars
+    arm: VectorTable
+    gap_rate: Scalars
+    speed: Scalars
+    touching: Scalars
+    depth: Scalars
+    kept_depth: Scalars
+    deepest: Integers
+
+    @classmethod
+    def with_room(cls, capacity: int, terms: np.ndarray) -> "Separation":
+        """Arrays for so many contacts."""
+        numbers = (np.zeros(capacity) for _ in range(5))
+        return cls(terms, np.zeros((capacity, 2, 3)), *numbers, np.zeros(1, dtype=np.int32))
+
+
+@func
+def turned(vector: vec3, turn: vec3) -> vec3:
+    """A vector turned by a rotation vector [rad] (Rodrigues)."""
+    angle = turn.norm()
+    result = vector
+    if angle > 0.0:
+        axis = turn / angle
+        across = axis.cross(vector)
+        result = vector + ti.sin(angle) * across + (1.0 - ti.cos(angle)) * axis.cross(across)
+    return result
+
+
+@kernel
+def begin_separation(
+    first_rigid: ti.i32,
+    contacts: Contacts,
+    fraction: Scalars,
+    gap_tolerance: ScalarTable,
+    is_round: Integers,
+    carriers: Carriers,
+    node_velocity: Vectors,
+    rigid: RigidState,
+    separation: Separation,
+    choice: Choice,
+):
+    """Arms, speeds, depths and gap rates at the start of a step, with the velocities from before.
+
+    Wanted are the contacts that are expected to push. Each was measured after a `fraction` of the step.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        time_step, fastest, least_depth = separation.terms[TIME_STEP], 0.0, 0.0
+        separation.deepest[0] = -1
+        for c in range(contacts.count[0]):
+            touching = gap_tolerance[contacts.bodies[c, 0], contacts.bodies[c, 1]]
+            separation.touching[c] = touching
+            passed, gap = time_step * fraction[c], contacts.distance[c] - separation.terms[CONTACT_DISTANCE]
+            place_arms(c, first_rigid, passed, gap, contacts, is_round, rigid, separation)
+            speed = relative_speed(c, first_rigid, contacts, carriers, node_velocity, rigid, separation)
+            fastest = ti.min(fastest, speed)
+            at_start = gap
+            if fraction[c] > 0.0:
+                at_start = ti.max(gap - passed * speed, -touching)
+            depth = ti.min(ti.max(gap, at_start), 0.0)
+            separation.depth[c] = depth
+            if depth < least_depth:
+                least_depth = depth
+                separation.deepest[0] = c
+            separation.speed[c] = speed
+            separation.kept_depth[c] = separation.terms[KEEPS_DEPTH] * depth
+            separation.gap_rate[c] = (gap - separation.kept_depth[c] - passed * speed) / time_step
+        for c in range(contacts.count[0]):
+            rate, speed = separation.gap_rate[c], separation.speed[c]
+            choice.gap[c] = time_step * (rate + speed) + separation.kept_depth[c]
+            choice.wanted[c] = rate + STEPS_AHEAD * speed <= 0.0
+            # An impact may throw anything at its neighbours, as fast as the fastest approach.
+            closes = time_step * (rate + speed + 2.0 * fastest) < separation.touching[c]
+            if separation.terms[GIVES_BACK] != 0.0 and closes:
+                choice.wanted[c] = 1
+
+
+@kernel
+def find_violated(
+    first_rigid: ti.i32,
+    contacts: Contacts,
+    carriers: Carriers,
+    node_velocity: Vectors,
+    rigid: RigidState,
+    separation: Separation,
+    choice: Choice,
+    wanted_count: Integers,
+):
+    """Speeds and gaps with other velocities. Wanted are those left out that these close, and they are counted."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        wanted_count[0] = 0
+        time_step = separation.terms[TIME_STEP]
+        for c in range(contacts.count[0]):
+            speed = relative_speed(c, first_rigid, contacts, carriers, node_velocity, rigid, separation)
+            separation.speed[c] = speed
+            kept = separation.kept_depth[c]
+            choice.gap[c] = time_step * (separation.gap_rate[c] + speed) + kept
+            least = ti.min(kept - time_step * separation.terms[TOLERANCE], -separation.touching[c])
+            choice.wanted[c] = 0
+            if choice.gap[c] < least and choice.status[c] < BEFORE:
+                choice.wanted[c] = 1
+                wanted_count[0] = wanted_count[0] + 1
+
+
+@func
+def place_arms(
+    c: ti.i32,
+    first_rigid: ti.i32,
+    passed: ti.f64,
+    gap: ti.f64,
+    contacts: Contacts,
+    is_round: Integers,
+    rigid: RigidState,
+    separation: Separation,
+):
+    """Arms of a contact that was measured a time `passed` [s] after the start, with the velocities from before.
+
+    They are those of that time, the `gap` [mm] too. But where a corner or an edge touches at the start already, by a
+    gap below `touching`, and goes on to touch, the arms of the middle of that time: over them the impulse does the work
+    that belongs to the change of the gap, and a body that topples over a corner gains no energy. A round surface passes
+    its contact on from vertex to vertex instead.
+    """
+    turns = 0
+    start_gap = gap
+    for side in ti.static(range(2)):
+        body = contacts.bodies[c, side] - first_rigid
+        separation.arm[c, side] = vec3(0.0)
+        if body >= 0 and body < rigid.position.shape[0]:
+            arm = contacts.points[c, side] - rigid.position[body] - passed * rigid.linear[body]
+            separation.arm[c, side] = arm
+            if is_corner(c, side, contacts, is_round):
+                turns = 1
+                arm = turned(arm, -0.5 * passed * rigid.angular[body])
+            speed = contacts.normal[c].dot(rigid.linear[body] + rigid.angular[body].cross(arm))
+            start_gap -= (2.0 * side - 1.0) * passed * speed
+    if turns != 0 and start_gap < separation.touching[c]:
+        for side in ti.static(range(2)):
+            if is_corner(c, side, contacts, is_round):
+                body = contacts.bodies[c, side] - first_rigid
+                back = -0.5 * passed * rigid.angular[body]
+                separation.arm[c, side] = turned(separation.arm[c, side], back)
+
+
+@func
+def is_corner(c: ti.i32, side: ti.i32, contacts: Contacts, is_round: Integers) -> ti.i32:
+    """Whether a contact is at a corner or edge of a rigid body, which stands for no round surface."""
+    sharp = 0
+    weights = contacts.weights[c, side]
+    if contacts.vertices[c, side, 0] >= 0 and weights[0] * weights[1] * weights[2] == 0.0:
+        for k in ti.static(range(3)):
+            if weights[k] > 0.0 and is_round[contacts.vertices[c, side, k]] == 0:
+                sharp = 1
+    return sharp
+
+
+@func
+def relative_speed(
+    c: ti.i32,
+    first_rigid: ti.i32,
+    contacts: Contacts,
+    carriers: Carriers,
+    node_velocity: Vectors,
+    rigid: RigidState,
+    separation: Separation,
+) -> ti.f64:
+    """Normal velocity of a contact's second point relative to its first [mm/s]."""
+    total = 0.0
+    for side in range(2):
+        v = vec3(0.0)
+        for k in ti.static(range(3)):
+            vertex = contacts.vertices[c, side, k]
+            if vertex >= 0 and carriers.owner[vertex] == SOFT and contacts.weights[c, side][k] != 0.0:
+                for m in range(carriers.nodes.shape[1]):
+                    weight = contacts.weights[c, side][k] * carriers.weights[vertex, m]
+                    v += weight * node_velocity[carriers.nodes[vertex, m]]
+        body = contacts.bodies[c, side] - first_rigid
+        if body >= 0 and body < rigid.position.shape[0]:
+            v = rigid.linear[body] + rigid.angular[body].cross(separation.arm[c, side])
+        total += (2.0 * side - 1.0) * contacts.normal[c].dot(v)
+    return total

@@ -1,0 +1,49 @@
+"""The search for contacts of round shapes, in kernels that only scenes with such shapes launch, and compile."""
+
+from taichisoft.contact.kernels.box_trees import Trees
+from taichisoft.contact.kernels.contacts import Contacts, SearchSpace
+from taichisoft.contact.kernels.round_shapes import MovedShapes, Shapes
+from taichisoft.contact.kernels.shape_contacts import shapes_against_planes, shapes_against_shapes
+from taichisoft.contact.kernels.shape_surface_contacts import shapes_against_surfaces
+from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, Surfaces
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.taichi_start import ScalarTable, ti
+
+# The groups of these contacts stand behind those of `find_contacts`, whose numbers grow with the pairs of surfaces.
+ON_SURFACES, ON_PLANES, ON_SHAPES = 1 << 28, 1 << 29, 1 << 30
+
+
+@kernel
+def find_on_surfaces(
+    reach: ScalarTable,
+    depth: ti.f64,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    shapes: Shapes,
+    there: MovedShapes,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Add the contacts of shapes with surfaces, see `shapes_against_surfaces`; their count may exceed the room."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        shapes_against_surfaces(reach, depth, ON_SURFACES, surfaces, trees, moved, shapes, there, space, found)
+
+
+@kernel
+def find_on_planes(
+    reach: ScalarTable, planes: Planes, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts
+):
+    """Add the contacts of shapes with planes nearer than their reach [mm]; their count may exceed the room."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        shapes_against_planes(reach, ON_PLANES, planes, shapes, there, space, found)
+
+
+@kernel
+def find_on_shapes(reach: ScalarTable, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts):
+    """Add the contacts of shapes with each other nearer than their reach [mm]; their count may exceed the room."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        shapes_against_shapes(reach, ON_SHAPES, shapes, there, space, found)

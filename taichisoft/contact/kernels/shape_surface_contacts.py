@@ -1,0 +1,335 @@
+"""Narrow phase: round shapes against the triangles, edges and vertices of surfaces.
+
+A contact is a local minimum of the distance between a shape and a surface. Where it has no single one, as under a
+cylinder that lies on a face, the ends of the line or of the area on which it is least are contacts, and so is every
+vertex of a soft surface within reach. What has sunk in keeps its normal, and its distance is negative.
+"""
+
+from taichisoft.contact.kernels.box_trees import Trees, find_leaves
+from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
+from taichisoft.contact.kernels.local_distance import (
+    closest_on_triangle,
+    face_normal,
+    in_normal_cone,
+    is_local_minimum,
+    outward_normal,
+)
+from taichisoft.contact.kernels.round_shapes import IS_SOFT, SHAPE, SURFACE, MovedShapes, Shapes
+from taichisoft.contact.kernels.shape_distance import (
+    END,
+    RIM,
+    SIDE,
+    ball,
+    ball_count,
+    lowest_along,
+    side_by_side,
+    signed_distance,
+)
+from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Surfaces
+from taichisoft.contact.kernels.vertex_contacts import COINCIDENT, find_triangles, on_triangle
+from taichisoft.runtime.launch import func
+from taichisoft.runtime.taichi_start import ScalarTable, ti, vec3
+
+vec2 = ti.types.vector(2, ti.f64)
+vec4 = ti.types.vector(4, ti.f64)
+
+FACES, EDGES, VERTICES, FEATURES = range(4)
+
+SAME_PLACE = 1e-6  # [mm]
+# On a rigid surface a vertex beside the axis touches unless the distance falls along an edge by more than this sine:
+# both ends of an edge that lies along a cylinder do.
+ALONG = 0.01
+
+
+@func
+def shapes_against_surfaces(
+    reaches: ScalarTable,
+    depth: ti.f64,
+    first_group: ti.i32,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    shapes: Shapes,
+    there: MovedShapes,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Each shape against the surfaces that it can touch, closer than their reach, or sunk in by up to `depth` more than
+    it is thick."""
+    for pair in range(shapes.surface_pairs.shape[0]):
+        s, surface = shapes.surface_pairs[pair, SHAPE], shapes.surface_pairs[pair, SURFACE]
+        group = first_group + FEATURES * pair
+        reach = reaches[shapes.body[s], surfaces.body[surface]]
+        extent = shapes.half_length[s] * ti.abs(there.axis[s]) + shapes.radius[s] + ti.max(reach, depth)
+        low, high = there.centre[s] - extent, there.centre[s] + extent
+        near_count = 0
+        if reach >= 0.0:
+            near_count = find_leaves(surface, low, high, trees, moved, space.leaf)
+        if near_count > 0 and shapes.flat[s] == 0:
+            normal = vec3(0.0)
+            count = ball_count(normal, s, shapes, there)
+            for k in range(count):
+                centre, radius = ball(k, count, normal, s, shapes, there)
+                touch_ball(
+                    pair, group, k, vec4(centre[0], centre[1], centre[2], radius), near_count, vec2(reach, depth),
+                    surfaces, trees, moved, shapes, space, found,
+                )  # fmt: skip
+        for i in range(near_count):
+            leaf = space.leaf[i]
+            if shapes.flat[s]:
+                for j in range(trees.triangle_start[leaf], trees.triangle_start[leaf + 1]):
+                    touch_face(
+                        pair, group, trees.triangle[j], near_count, vec2(reach, depth), surfaces, trees, moved,
+                        shapes, there, space, found,
+                    )  # fmt: skip
+            if shapes.half_length[s] > 0.0:
+                for j in range(trees.edge_start[leaf], trees.edge_start[leaf + 1]):
+                    touch_edge(pair, group, trees.edge[j], reach, surfaces, moved, shapes, there, space, found)
+            for j in range(trees.vertex_start[leaf], trees.vertex_start[leaf + 1]):
+                touch_vertex(pair, group, trees.vertex[j], reach, surfaces, moved, shapes, there, space, found)
+
+
+@func
+def touch_ball(
+    pair: ti.i32,
+    group: ti.i32,
+    k: ti.i32,
+    sphere: vec4,
+    near_count: ti.i32,
+    limits: vec2,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    shapes: Shapes,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Store the contacts of ball k of a shape; the vertices of soft surfaces are left to `touch_vertex`.
+
+    `sphere` is its centre and its radius, `limits` are reach and depth.
+    """
+    centre, radius = vec3(sphere[0], sphere[1], sphere[2]), sphere[3]
+    reach, depth = limits[0], limits[1]
+    closest, weights, within_reach = find_triangles(
+        centre, near_count, reach + radius, depth, surfaces, trees, moved, space
+    )
+    if closest >= 0:
+        out = outward_normal(closest, weights, surfaces, moved.position)
+        foot = on_triangle(closest, weights, surfaces, moved.position)
+        if (centre - foot).dot(out) < 0.0:
+            beyond_rim = 0
+            for c in ti.static(range(3)):
+                if weights[c] == 0.0 and surfaces.edge_triangles[surfaces.triangle_edges[closest, c], 1] < 0:
+                    beyond_rim = 1
+            depth_here = (foot - centre).norm()
+            if depth_here > COINCIDENT:
+                out = (foot - centre) / depth_here
+            if depth_here <= depth and beyond_rim == 0:
+                store_face(pair, group, k, closest, weights, foot, out, -depth_here - radius, surfaces, shapes, space,
+                           found)  # fmt: skip
+        else:
+            for i in range(within_reach):
+                t, w = space.triangle[i], space.weights[i]
+                there = on_triangle(t, w, surfaces, moved.position)
+                away = centre - there
+                zeros = 0
+                for c in ti.static(range(3)):
+                    if w[c] == 0.0:
+                        zeros += 1
+                is_left_to_vertices = zeros == 2 and shapes.surface_pairs[pair, IS_SOFT] == 1
+                if is_local_minimum(t, w, away, surfaces, moved.position) and not is_left_to_vertices:
+                    facing = outward_normal(t, w, surfaces, moved.position)
+                    if away.dot(facing) >= 0.0:
+                        distance = away.norm()
+                        if distance > COINCIDENT:
+                            facing = away / distance
+                        store_face(pair, group, k, t, w, there, facing, distance - radius, surfaces, shapes, space,
+                                   found)  # fmt: skip
+
+
+@func
+def touch_face(
+    pair: ti.i32,
+    group: ti.i32,
+    t: ti.i32,
+    near_count: ti.i32,
+    limits: vec2,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    shapes: Shapes,
+    there: MovedShapes,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Store the contacts of a cylinder with the inside of triangle t; `limits` are reach and depth."""
+    reach, depth = limits[0], limits[1]
+    s = shapes.surface_pairs[pair, SHAPE]
+    normal = face_normal(t, surfaces, moved.position)
+    a = moved.position[surfaces.triangles[t, 0]]
+    b = moved.position[surfaces.triangles[t, 1]]
+    c = moved.position[surfaces.triangles[t, 2]]
+    count = ball_count(normal, s, shapes, there)
+    for k in range(count):
+        centre, radius = ball(k, count, normal, s, shapes, there)
+        height = (centre - a).dot(normal)
+        if height < reach + radius and height > -depth:
+            w = closest_on_triangle(centre, a, b, c)
+            foot = w[0] * a + w[1] * b + w[2] * c
+            zeros = 0
+            for corner in ti.static(range(3)):
+                if w[corner] == 0.0:
+                    zeros += 1
+            inside = ti.i32(zeros == 0)
+            # Of two triangles of one plane either may have the foot on the edge between them, which is no feature.
+            is_on_edge = zeros == 1 and (centre - height * normal - foot).norm() < SAME_PLACE
+            if is_on_edge and shapes.surface_pairs[pair, IS_SOFT] == 0:
+                inside = is_local_minimum(t, w, normal, surfaces, moved.position)
+            if inside == 1 and height < 0.0:
+                closest, _weights, _within_reach = find_triangles(
+                    centre, near_count, 0.0, depth, surfaces, trees, moved, space
+                )
+                inside = ti.i32(closest == t)
+            if inside == 1:
+                store_face(pair, group, k, t, w, foot, normal, height - radius, surfaces, shapes, space, found)
+
+
+@func
+def touch_edge(
+    pair: ti.i32,
+    group: ti.i32,
+    e: ti.i32,
+    reach: ti.f64,
+    surfaces: Surfaces,
+    moved: MovedSurfaces,
+    shapes: Shapes,
+    there: MovedShapes,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Store the contacts of a capsule's or cylinder's inner part with the inside of edge e."""
+    s = shapes.surface_pairs[pair, SHAPE]
+    a, b = moved.position[surfaces.edges[e, 0]], moved.position[surfaces.edges[e, 1]]
+    nearest, _out, _where = signed_distance(0.5 * (a + b), s, shapes, there)
+    if nearest - 0.5 * (b - a).norm() < reach:
+        share = lowest_along(a, b, s, shapes, there)
+        _distance, _normal, where = signed_distance(a + share * (b - a), s, shapes, there)
+        if share > 0.0 and share < 1.0 and (shapes.flat[s] or where == SIDE):
+            first, last = share, share
+            if shapes.flat[s] and where != RIM:
+                first, last = side_by_side(a, b, where, s, shapes, there)
+            for k in range(3):
+                place = share
+                if k == 1:
+                    place = first
+                if k == 2:
+                    place = last
+                x = a + place * (b - a)
+                distance, out, _there = signed_distance(x, s, shapes, there)
+                is_new = ti.i32(k == 0)
+                if k == 0 and first < last:
+                    # Between two ends at the same height the lowest point says nothing more.
+                    lowest = ti.min(share - first, last - share) * (b - a).norm()
+                    if lowest < SAME_PLACE or is_level(a, b, first, last, distance, s, shapes, there):
+                        is_new = 0
+                if k > 0 and first < last and place > 0.0 and place < 1.0:
+                    is_new = 1
+                if is_new and distance < reach and in_normal_cone(e, -out, surfaces, moved.position):
+                    c = store_shape(pair, group + EDGES, e, k, x, out, distance, surfaces, shapes, space, found)
+                    ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
+                    set_side(c, mesh_side(pair, surfaces, shapes), ends, vec3(1.0 - place, place, 0.0), x, found)
+
+
+@func
+def is_level(
+    a: vec3, b: vec3, first: ti.f64, last: ti.f64, lowest: ti.f64, s: ti.i32, shapes: Shapes, there: MovedShapes
+) -> ti.i32:
+    """Whether both ends of a part of the segment from a to b are as near to shape s as its nearest point is."""
+    one, _out, _where = signed_distance(a + first * (b - a), s, shapes, there)
+    other, _other_out, _other_where = signed_distance(a + last * (b - a), s, shapes, there)
+    return ti.max(one, other) - lowest < SAME_PLACE
+
+
+@func
+def touch_vertex(
+    pair: ti.i32,
+    group: ti.i32,
+    v: ti.i32,
+    reach: ti.f64,
+    surfaces: Surfaces,
+    moved: MovedSurfaces,
+    shapes: Shapes,
+    there: MovedShapes,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Store the contact of vertex v: on a soft surface always, on others at a minimum that no ball of the shape has."""
+    s = shapes.surface_pairs[pair, SHAPE]
+    x = moved.position[v]
+    distance, out, where = signed_distance(x, s, shapes, there)
+    if distance < reach:
+        touches = shapes.surface_pairs[pair, IS_SOFT]
+        if touches == 0 and shapes.flat[s] == 1 and where == END:
+            touches = 1
+        elif touches == 0 and (shapes.flat[s] == 1 or where == SIDE):
+            touches = 1
+            least = ti.select(where == SIDE, -ALONG, 0.0)
+            for k in range(surfaces.star_start[v], surfaces.star_start[v + 1]):
+                edge = moved.position[surfaces.star[k]] - x
+                if out.dot(edge) < least * edge.norm():
+                    touches = 0
+        if touches:
+            c = store_shape(pair, group + VERTICES, v, 0, x, out, distance, surfaces, shapes, space, found)
+            set_side(c, mesh_side(pair, surfaces, shapes), ivec3(v), vec3(1.0, 0.0, 0.0), x, found)
+
+
+@func
+def mesh_side(pair: ti.i32, surfaces: Surfaces, shapes: Shapes) -> ti.i32:
+    """Which side of a contact the surface of a pair is on: that of the lower body number is first."""
+    body = shapes.body[shapes.surface_pairs[pair, SHAPE]]
+    return ti.i32(surfaces.body[shapes.surface_pairs[pair, SURFACE]] > body)
+
+
+@func
+def store_shape(
+    pair: ti.i32,
+    group: ti.i32,
+    feature: ti.i32,
+    k: ti.i32,
+    x: vec3,
+    out: vec3,
+    distance: ti.f64,
+    surfaces: Surfaces,
+    shapes: Shapes,
+    space: SearchSpace,
+    found: Contacts,
+) -> ti.i32:
+    """Add a contact of the shape of a pair with x on its surface, `distance` along `out` from the shape; its number."""
+    body = shapes.body[shapes.surface_pairs[pair, SHAPE]]
+    other = surfaces.body[shapes.surface_pairs[pair, SURFACE]]
+    mine = 1 - mesh_side(pair, surfaces, shapes)
+    normal = ti.select(mine == 0, out, -out)
+    c = append(group, feature, k, ti.min(body, other), ti.max(body, other), normal, distance, space, found)
+    set_side(c, mine, ivec3(-1), vec3(0.0), x - distance * out, found)
+    return c
+
+
+@func
+def store_face(
+    pair: ti.i32,
+    group: ti.i32,
+    k: ti.i32,
+    t: ti.i32,
+    weights: vec3,
+    foot: vec3,
+    out: vec3,
+    distance: ti.f64,
+    surfaces: Surfaces,
+    shapes: Shapes,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Add a contact of ball k of a shape with triangle t at `foot`, whose surface's outward direction is `out`."""
+    c = store_shape(pair, group + FACES, t, k, foot, -out, distance, surfaces, shapes, space, found)
+    corners = ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
+    set_side(c, mesh_side(pair, surfaces, shapes), corners, weights, foot, found)

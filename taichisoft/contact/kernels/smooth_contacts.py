@@ -1,0 +1,295 @@
+"""Narrow phase: surfaces that are taken as curved, against planes and other surfaces.
+
+A curved surface touches a plane where its normal is against that of the plane, and the edge of another surface where it
+comes nearest to it; vertices of the other touch along the curved normal.
+"""
+
+from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets
+from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append, ivec3, set_side
+from taichisoft.contact.kernels.local_distance import closest_on_triangle, face_normal, in_normal_cone, is_local_minimum
+from taichisoft.contact.kernels.smooth_surfaces import SmoothSurfaces, curved_normal, curved_point, weights_of_normal
+from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, Surfaces
+from taichisoft.contact.kernels.vertex_contacts import find_triangles
+from taichisoft.runtime.launch import func, kernel
+from taichisoft.runtime.taichi_start import ScalarTable, ti, vec3
+
+# The groups of these contacts stand behind those of other searches.
+ON_FACES, ON_EDGES, ON_PLANES = 1 << 24, 1 << 25, 1 << 26
+
+SAME_PLACE = 1e-6  # [mm]
+OPPOSITE = 0.8  # cosine of the angle that a flat normal may differ from the curved one within its triangle
+HALVINGS = 40
+
+
+@kernel
+def smooth_against_planes(
+    reaches: ScalarTable,
+    surfaces: Surfaces,
+    trees: Trees,
+    planes: Planes,
+    moved: MovedSurfaces,
+    smooth: SmoothSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Add the contacts of moving smooth surfaces with planes nearer than the reach of their bodies [mm]."""
+    ti.loop_config(serialize=True)
+    for plane in range(planes.point.shape[0]):
+        up = planes.normal[plane]
+        for k in range(smooth.moving.shape[0]):
+            s = smooth.moving[k]
+            reach = reaches[surfaces.body[s], planes.body[plane]]
+            for node in range(trees.root[s], ti.select(reach < 0.0, trees.root[s], trees.root[s + 1])):
+                for i in range(trees.triangle_start[node], trees.triangle_start[node + 1]):
+                    t = trees.triangle[i]
+                    if face_normal(t, surfaces, moved.position).dot(up) < -OPPOSITE:
+                        is_here, weights = weights_of_normal(t, -up, surfaces, smooth)
+                        if is_here:
+                            x = curved_point(t, weights, surfaces, moved, smooth)
+                            height = (x - planes.point[plane]).dot(up)
+                            if height < reach:
+                                c = append(
+                                    ON_PLANES + plane, t, 0, surfaces.body[s], planes.body[plane], -up, height, space,
+                                    found,
+                                )  # fmt: skip
+                                set_side(c, 0, corners(t, surfaces), weights, x, found)
+                                set_side(c, 1, ivec3(-1), vec3(0.0), x - height * up, found)
+
+
+@kernel
+def smooth_against_surfaces(
+    reaches: ScalarTable,
+    depth: ti.f64,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    smooth: SmoothSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Add the contacts of smooth surfaces with faces and edges of others, closer than their reach or sunk in by up to
+    `depth` [mm], and let the vertices of others touch along the curved normal."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        for c in range(ti.min(found.count[0], found.distance.shape[0])):
+            for side in range(2):
+                v = found.vertices[c, side, 0]
+                if v >= 0 and found.vertices[c, side, 1] != v:
+                    bends = ti.i32(found.vertices[c, 1 - side, 0] >= 0)  # not on a plane
+                    if smooth.is_smooth[v] and bends:
+                        touch_along_normal(c, side, moved, smooth, found)
+        for pair in range(smooth.pairs.shape[0]):
+            mine, theirs = smooth.pairs[pair, 0], smooth.pairs[pair, 1]
+            reach = reaches[surfaces.body[mine], surfaces.body[theirs]]
+            low, high = moved.lower[trees.root[mine]] - reach, moved.upper[trees.root[mine]] + reach
+            node = ti.select(reach < 0.0, trees.root[theirs + 1], trees.root[theirs])
+            while node < trees.root[theirs + 1]:
+                if meets(node, low, high, moved):
+                    start, end = moved.lower[node] - reach, moved.upper[node] + reach
+                    for leaf in range(
+                        trees.root[mine], ti.select(trees.escape[node] == node + 1, trees.root[mine + 1], 0)
+                    ):
+                        if trees.triangle_start[leaf] < trees.triangle_start[leaf + 1] and meets(
+                            leaf, start, end, moved
+                        ):
+                            leaf_against_leaf(
+                                pair, leaf, node, reach, depth, surfaces, trees, moved, smooth, space, found
+                            )
+                    node += 1
+                else:
+                    node = trees.escape[node]
+
+
+@func
+def leaf_against_leaf(
+    pair: ti.i32,
+    leaf: ti.i32,
+    node: ti.i32,
+    reach: ti.f64,
+    depth: ti.f64,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    smooth: SmoothSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Curved triangles of a leaf against faces and edges of another surface's leaf `node`."""
+    for i in range(trees.triangle_start[leaf], trees.triangle_start[leaf + 1]):
+        t = trees.triangle[i]
+        flat = face_normal(t, surfaces, moved.position)
+        for j in range(trees.triangle_start[node], trees.triangle_start[node + 1]):
+            if flat.dot(face_normal(trees.triangle[j], surfaces, moved.position)) < -OPPOSITE:
+                touch_face(pair, t, trees.triangle[j], reach, depth, surfaces, trees, moved, smooth, space, found)
+        for j in range(trees.edge_start[node], trees.edge_start[node + 1]):
+            touch_edge(pair, t, trees.edge[j], reach, surfaces, moved, smooth, space, found)
+
+
+@func
+def touch_face(
+    pair: ti.i32,
+    t: ti.i32,
+    face: ti.i32,
+    reach: ti.f64,
+    depth: ti.f64,
+    surfaces: Surfaces,
+    trees: Trees,
+    moved: MovedSurfaces,
+    smooth: SmoothSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Store the contact of curved triangle t with the inside of a face."""
+    up = face_normal(face, surfaces, moved.position)
+    is_here, weights = weights_of_normal(t, -up, surfaces, smooth)
+    if is_here:
+        x = curved_point(t, weights, surfaces, moved, smooth)
+        a = moved.position[surfaces.triangles[face, 0]]
+        b = moved.position[surfaces.triangles[face, 1]]
+        c = moved.position[surfaces.triangles[face, 2]]
+        height = (x - a).dot(up)
+        if height < reach and height > -depth:
+            w = closest_on_triangle(x, a, b, c)
+            foot = w[0] * a + w[1] * b + w[2] * c
+            touches = ti.i32((x - height * up - foot).norm() < SAME_PLACE)
+            if touches and w.min() == 0.0:
+                touches = is_local_minimum(face, w, up, surfaces, moved.position)
+            if touches and height < 0.0:
+                near_count = find_leaves(smooth.pairs[pair, 1], x - depth, x + depth, trees, moved, space.leaf)
+                closest, _weights, _count = find_triangles(x, near_count, 0.0, depth, surfaces, trees, moved, space)
+                touches = ti.i32(closest == face)
+            if touches:
+                k = store(pair, ON_FACES, t, face, weights, x, -up, height, surfaces, smooth, space, found)
+                set_side(k, other_side(pair, surfaces, smooth), corners(face, surfaces), w, foot, found)
+
+
+@func
+def touch_edge(
+    pair: ti.i32,
+    t: ti.i32,
+    e: ti.i32,
+    reach: ti.f64,
+    surfaces: Surfaces,
+    moved: MovedSurfaces,
+    smooth: SmoothSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+):
+    """Store the contact of curved triangle t with the inside of an edge.
+
+    Its normals across the edge lie on a line through the triangle, from one side to another; on this line the point is
+    looked for whose normal goes through the edge.
+    """
+    start, end = moved.position[surfaces.edges[e, 0]], moved.position[surfaces.edges[e, 1]]
+    along = (end - start).normalized()
+    rise = vec3(0.0)
+    for k in ti.static(range(3)):
+        rise[k] = smooth.normal[surfaces.triangles[t, k]].dot(along)
+    if rise.min() < 0.0 and rise.max() >= 0.0:
+        entry, leave = vec3(0.0), vec3(0.0)
+        for k in ti.static(range(3)):
+            one, two = k, (k + 1) % 3
+            if (rise[one] < 0.0) != (rise[two] < 0.0):
+                share = rise[one] / (rise[one] - rise[two])
+                point = vec3(0.0)
+                point[one], point[two] = 1.0 - share, share
+                if rise[one] < 0.0:
+                    entry = point
+                else:
+                    leave = point
+        if (
+            beside(t, entry, start, along, surfaces, moved, smooth)
+            * beside(t, leave, start, along, surfaces, moved, smooth)
+            <= 0.0
+        ):
+            before = beside(t, entry, start, along, surfaces, moved, smooth) < 0.0
+            for _ in range(HALVINGS):
+                middle = 0.5 * (entry + leave)
+                if (beside(t, middle, start, along, surfaces, moved, smooth) < 0.0) == before:
+                    entry = middle
+                else:
+                    leave = middle
+            weights = 0.5 * (entry + leave)
+            x = curved_point(t, weights, surfaces, moved, smooth)
+            out = curved_normal(t, weights, surfaces, smooth)
+            place = (x - start).dot(along)
+            length = (end - start).norm()
+            foot = start + place * along
+            distance = (foot - x).dot(out)
+            is_near = distance < reach and distance > -reach and place > 0.0 and place < length
+            if is_near and in_normal_cone(e, -out, surfaces, moved.position):
+                k = store(pair, ON_EDGES, t, e, weights, x, out, distance, surfaces, smooth, space, found)
+                ends = ivec3(surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces.edges[e, 1])
+                other = other_side(pair, surfaces, smooth)
+                set_side(k, other, ends, vec3(1.0 - place / length, place / length, 0.0), foot, found)
+
+
+@func
+def beside(
+    t: ti.i32,
+    weights: vec3,
+    start: vec3,
+    along: vec3,
+    surfaces: Surfaces,
+    moved: MovedSurfaces,
+    smooth: SmoothSurfaces,
+) -> ti.f64:
+    """How far a line passes the normal of a curved point on one side [mm]; the normal is across the line."""
+    out = curved_normal(t, weights, surfaces, smooth)
+    return (start - curved_point(t, weights, surfaces, moved, smooth)).dot(along.cross(out))
+
+
+@func
+def touch_along_normal(c: ti.i32, side: ti.i32, moved: MovedSurfaces, smooth: SmoothSurfaces, found: Contacts):
+    """Bend the contact c of a vertex with a flat triangle on `side` to the curved one, with the same weights."""
+    p, flat = found.points[c, 1 - side], vec3(0.0)
+    out, weights = vec3(0.0), found.weights[c, side]
+    for k in ti.static(range(3)):
+        v = found.vertices[c, side, k]
+        flat += weights[k] * moved.position[v]
+        out += weights[k] * smooth.normal[v]
+    out = out.normalized()
+    bulge = vec3(0.0)
+    for k in ti.static(range(3)):
+        v = found.vertices[c, side, k]
+        bulge += 0.5 * weights[k] * (moved.position[v] - flat).dot(smooth.normal[v]) * smooth.normal[v]
+    distance = (p - flat - bulge).dot(out)
+    found.distance[c] = distance
+    found.normal[c] = ti.select(side == 0, out, -out)
+    found.points[c, side] = p - distance * out
+
+
+@func
+def corners(t: ti.i32, surfaces: Surfaces) -> ivec3:
+    """The vertices of triangle t."""
+    return ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
+
+
+@func
+def other_side(pair: ti.i32, surfaces: Surfaces, smooth: SmoothSurfaces) -> ti.i32:
+    """Which side of a contact the other surface of a pair is on: that of the lower body number is first."""
+    return ti.i32(surfaces.body[smooth.pairs[pair, 1]] > surfaces.body[smooth.pairs[pair, 0]])
+
+
+@func
+def store(
+    pair: ti.i32,
+    group: ti.i32,
+    t: ti.i32,
+    feature: ti.i32,
+    weights: vec3,
+    x: vec3,
+    out: vec3,
+    distance: ti.f64,
+    surfaces: Surfaces,
+    smooth: SmoothSurfaces,
+    space: SearchSpace,
+    found: Contacts,
+) -> ti.i32:
+    """Add a contact of curved triangle t at x, `distance` along `out` from the other surface; its number."""
+    other = other_side(pair, surfaces, smooth)
+    body, its_body = surfaces.body[smooth.pairs[pair, 0]], surfaces.body[smooth.pairs[pair, 1]]
+    normal = ti.select(other == 1, out, -out)
+    c = append(group + pair, t, feature, ti.min(body, its_body), ti.max(body, its_body), normal, distance, space, found)
+    set_side(c, 1 - other, corners(t, surfaces), weights, x, found)
+    return c

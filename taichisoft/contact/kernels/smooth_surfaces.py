@@ -1,0 +1,80 @@
+"""Triangulated surfaces taken as the curved ones that their vertices and vertex normals span.
+
+Of every triangle the flat point p(b) with weights b is moved on to the planes that are tangent at the corners
+(Boubekeur and Alexa 2008, Phong Tessellation): x(b) = p + 1/2 sum of b_i ((x_i - p) . n_i) n_i. The factor 1/2, in the
+place of their 3/4, gives back a sphere to the fourth order of the triangle's size. The normal is the sum of b_i n_i.
+"""
+
+from typing import NamedTuple
+
+from taichisoft.contact.kernels.surface_vertices import Carriers, MovedSurfaces, Poses, Surfaces
+from taichisoft.runtime.launch import func, kernel
+from taichisoft.runtime.taichi_start import Integers, IntegerTable, Vectors, ti, vec3
+
+ON_EDGE = 1e-12  # weights that may be this much below 0: of two triangles at least one has what lies between them
+
+
+class SmoothSurfaces(NamedTuple):
+    """The surfaces that are taken as curved.
+
+    Attributes:
+        vertices: their vertices, shape (smooth_vertex_count,).
+        is_smooth: whether a vertex is one of them, shape (vertex_count,).
+        local_normal: outward unit normals of all vertices in the axes of what carries them; 0 for vertices of other
+            surfaces, shape (vertex_count, 3).
+        normal: the same in the world, shape (vertex_count, 3).
+        moving: numbers of smooth surfaces that can move, shape (moving_count,).
+        pairs: a smooth surface and another one that it can touch, shape (pair_count, 2).
+    """
+
+    vertices: Integers
+    is_smooth: Integers
+    local_normal: Vectors
+    normal: Vectors
+    moving: Integers
+    pairs: IntegerTable
+
+
+@kernel
+def turn_normals(smooth: SmoothSurfaces, carriers: Carriers, poses: Poses):
+    """The normals turn with their rigid bodies."""
+    ti.loop_config(serialize=True)
+    for i in range(smooth.vertices.shape[0]):
+        v = smooth.vertices[i]
+        if carriers.owner[v] >= 0:
+            smooth.normal[v] = poses.rigid_rotation[carriers.owner[v]] @ smooth.local_normal[v]
+
+
+@func
+def curved_point(t: ti.i32, weights: vec3, surfaces: Surfaces, moved: MovedSurfaces, smooth: SmoothSurfaces) -> vec3:
+    """The point of the curved surface with these weights in triangle t."""
+    p = vec3(0.0)
+    for k in ti.static(range(3)):
+        p += weights[k] * moved.position[surfaces.triangles[t, k]]
+    bulge = vec3(0.0)
+    for k in ti.static(range(3)):
+        v = surfaces.triangles[t, k]
+        bulge += weights[k] * (moved.position[v] - p).dot(smooth.normal[v]) * smooth.normal[v]
+    return p + 0.5 * bulge
+
+
+@func
+def curved_normal(t: ti.i32, weights: vec3, surfaces: Surfaces, smooth: SmoothSurfaces) -> vec3:
+    """The unit normal of the curved surface there."""
+    normal = vec3(0.0)
+    for k in ti.static(range(3)):
+        normal += weights[k] * smooth.normal[surfaces.triangles[t, k]]
+    return normal.normalized()
+
+
+@func
+def weights_of_normal(t: ti.i32, direction: vec3, surfaces: Surfaces, smooth: SmoothSurfaces):
+    """Whether triangle t has a normal in this direction, and the weights of the point that does."""
+    a = smooth.normal[surfaces.triangles[t, 0]]
+    b = smooth.normal[surfaces.triangles[t, 1]]
+    c = smooth.normal[surfaces.triangles[t, 2]]
+    span = a.dot(b.cross(c))
+    weights = vec3(direction.dot(b.cross(c)), direction.dot(c.cross(a)), direction.dot(a.cross(b))) / span
+    total = weights.sum()
+    weights /= total
+    return total > 0.0 and weights.min() >= -ON_EDGE, weights

@@ -1,0 +1,1 @@
+"""What makes Taichi usable: its start, launches, the cache of kernels, threads; arithmetic that several rooms share."""

@@ -1,0 +1,1 @@
+"""The constraint problem of contacts and actuators, and its solution."""

@@ -1,0 +1,191 @@
+"""Constraint rows and the compliance W = J A^-1 J^T by the forward half of the triangular solve.
+
+Rows come in groups of eight, the columns of a panel: Y = L^-1 J^T, W = Y^T Y. Only supernodes that the elimination
+tree leads to from a group's nodes are visited, and have room in Y.
+"""
+
+from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.cholesky.kernels.front_layout import FIRST_COLUMN, PANEL, WIDTH, Factor, Fronts
+from taichisoft.cholesky.kernels.sparse_columns import (
+    GROUP,
+    NOWHERE,
+    EliminationTree,
+    SparseColumns,
+    eliminate,
+    mark_path,
+)
+from taichisoft.runtime.launch import Kernel, func, kernel
+from taichisoft.runtime.taichi_start import CHUNK, THREADS, Scalars, ti, vec3
+from taichisoft.runtime.tiles import Column, advance, opaque
+from taichisoft.runtime.waiting import BEGUN_LATER, FINISHED, PATIENCE, reaches
+from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENTS, Rows
+
+
+@func
+def give_places(rows: Rows, coordinates: Coordinates, tree: EliminationTree, fronts: Fronts, columns: SparseColumns):
+    """Fill `columns.place` and `columns.size`: what each group reaches; moments reach no soft body."""
+    contact_rows, row_count = 3 * rows.size[CONTACTS], 3 * (rows.size[CONTACTS] + rows.size[MOMENTS])
+    columns.size[0] = 0
+    for g in range((row_count + rows.size[ACTUATORS] + GROUP - 1) // GROUP):
+        for s in range(tree.parent.shape[0]):
+            columns.place[g, s] = NOWHERE
+        for r in range(GROUP * g, ti.min(GROUP * (g + 1), contact_rows + rows.size[ACTUATORS])):
+            if r < contact_rows:
+                for slot in range(rows.node.shape[1]):
+                    if rows.node[r // 3, slot] >= 0:
+                        mark_path(g, rows.node[r // 3, slot], tree, fronts, columns)
+            else:
+                coordinate = rows.coordinate[r - contact_rows]
+                for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+                    mark_path(g, coordinates.entry_node[k], tree, fronts, columns)
+
+
+@kernel
+def lay_out_columns(
+    rows: Rows, coordinates: Coordinates, tree: EliminationTree, fronts: Fronts, columns: SparseColumns
+):
+    """Find out how much room the columns need, before `soft_compliance`."""
+    ti.loop_config(serialize=True)
+    for _ in range(1):  # without a loop around them Taichi would share out the groups
+        give_places(rows, coordinates, tree, fronts, columns)
+
+
+@func
+def first_entry(g: ti.i32, node: ti.i32, tree: EliminationTree, columns: SparseColumns) -> ti.i32:
+    """Where the first of a node's three entries stands in `columns.y`."""
+    position = tree.position_of_node[node]
+    return columns.place[g, tree.supernode_of_position[position]] + 3 * position
+
+
+@func
+def fill_group(
+    g: ti.i32,
+    rows: Rows,
+    coordinates: Coordinates,
+    gradient: Gradient,
+    tree: EliminationTree,
+    fronts: Fronts,
+    columns: SparseColumns,
+):
+    """A group's columns of J^T, on the supernodes that it leads to; those of moments have nothing there."""
+    place, y = ti.static(columns.place, columns.y)
+    contact_rows = 3 * rows.size[CONTACTS]
+    for s in range(tree.parent.shape[0]):
+        if place[g, s] != NOWHERE:
+            first = place[g, s] + fronts.table[s, FIRST_COLUMN]
+            for i in range(first, first + fronts.table[s, WIDTH]):
+                y[i] = Column(0.0)
+    for r in range(GROUP * g, ti.min(GROUP * (g + 1), contact_rows + rows.size[ACTUATORS])):
+        column = r - GROUP * g
+        if r < contact_rows:
+            c = r // 3
+            direction = vec3(rows.basis[c][r % 3, 0], rows.basis[c][r % 3, 1], rows.basis[c][r % 3, 2])
+            for slot in range(rows.node.shape[1]):
+                if rows.node[c, slot] >= 0:
+                    i = first_entry(g, rows.node[c, slot], tree, columns)
+                    for d in ti.static(range(3)):
+                        y[i + d][column] = y[i + d][column] + rows.weight[c, slot] * direction[d]
+        else:
+            coordinate = rows.coordinate[r - contact_rows]
+            for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+                i = first_entry(g, coordinates.entry_node[k], tree, columns)
+                for d in ti.static(range(3)):
+                    y[i + d][column] = gradient.soft[k][d]
+
+
+@func
+def multiply_groups(
+    g: ti.i32, h: ti.i32, row_count: ti.i32, fronts: Fronts, columns: SparseColumns, w: Scalars, one: ti.i32
+):
+    """The block of W = Y^T Y of two groups, and its mirror image; W is stored by rows."""
+    front, place, y = ti.static(fronts.table, columns.place, columns.y)
+    total = [Column(0.0) for _ in range(GROUP)]
+    for s in range(place.shape[1]):
+        if place[g, s] != NOWHERE and place[h, s] != NOWHERE:
+            one_row = opaque(place[g, s] + front[s, FIRST_COLUMN], one)
+            other_row = opaque(place[h, s] + front[s, FIRST_COLUMN], one)
+            i = 0
+            while i < front[s, WIDTH]:
+                left, right = y[one_row + i], y[other_row + i]
+                for a in ti.static(range(GROUP)):
+                    total[a] += left[a] * right
+                i = advance(i, 1, one)
+    for a in ti.static(range(GROUP)):
+        r = GROUP * g + a
+        if r < row_count:
+            for b in ti.static(range(GROUP)):
+                q = GROUP * h + b
+                if q < row_count:
+                    w[r * row_count + q] = total[a][b]
+                    w[q * row_count + r] = total[a][b]
+
+
+@func
+def add_begun(g: ti.i32, row_count: ti.i32, begun: Scalars, fronts: Fronts, columns: SparseColumns, velocity: Scalars):
+    """Add Y^T L^-1 b, what the right-hand side b does to a group's rows, to their velocities."""
+    front, y = ti.static(fronts.table, columns.y)
+    total = Column(0.0)
+    for s in range(columns.place.shape[1]):
+        if columns.place[g, s] != NOWHERE:
+            for i in range(front[s, FIRST_COLUMN], front[s, FIRST_COLUMN] + front[s, WIDTH]):
+                total += y[columns.place[g, s] + i] * begun[i]
+    for a in ti.static(range(GROUP)):
+        if GROUP * g + a < row_count:
+            velocity[GROUP * g + a] = velocity[GROUP * g + a] + total[a]
+
+
+@func
+def patience(group_count: ti.i32, fronts: Fronts) -> ti.i32:
+    """How often a thread looks for the others' groups: each needs nanoseconds for a column of tiles of the factor."""
+    columns_of_tiles = fronts.table[fronts.table.shape[0] - 1, PANEL]
+    return PATIENCE + ti.cast(ti.min(0.25 * group_count * columns_of_tiles, 1e8), ti.i32)
+
+
+def make_soft_compliance(workers: int) -> Kernel:
+    """The kernel on a number of threads; one does not wake any other."""
+
+    @kernel
+    def soft_compliance(
+        rows: Rows,
+        coordinates: Coordinates,
+        gradient: Gradient,
+        tree: EliminationTree,
+        fronts: Fronts,
+        factor: Factor,
+        columns: SparseColumns,
+        begun: Scalars,
+        w: Scalars,
+        one: ti.i32,
+    ):
+        """Y = L^-1 J^T and W = Y^T Y, with the places of `lay_out_columns`, or on one thread its own.
+
+        To the rows' velocities, `rows.free`, is added what the right-hand side does to them of which L^-1 b is begun.
+        Neighbouring groups, which act on the same body, go to the same thread: they share what is in its cache.
+        """
+        ti.loop_config(serialize=workers == 1)
+        for worker_ in range(workers * CHUNK):
+            if worker_ % CHUNK == 0:
+                row_count = 3 * (rows.size[CONTACTS] + rows.size[MOMENTS]) + rows.size[ACTUATORS]
+                worker, group_count = worker_ // CHUNK, (row_count + GROUP - 1) // GROUP
+                if ti.static(workers == 1):
+                    give_places(rows, coordinates, tree, fronts, columns)
+                for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
+                    fill_group(g, rows, coordinates, gradient, tree, fronts, columns)
+                    for s in range(tree.parent.shape[0]):
+                        if columns.place[g, s] != NOWHERE:
+                            eliminate(g, s, fronts, factor, tree, columns, one)
+                    add_begun(g, row_count, begun, fronts, columns, rows.free)
+                ti.atomic_add(columns.progress[FINISHED], 1)
+                if reaches(columns.progress, FINISHED, workers, patience(group_count, fronts)):
+                    share = ti.atomic_add(columns.progress[BEGUN_LATER], 1)
+                    while share < workers:
+                        for pair in range(group_count * group_count):
+                            g, h = pair // group_count, pair % group_count
+                            if g >= h and (g + h) % workers == share:
+                                multiply_groups(g, h, row_count, fronts, columns, w, one)
+                        share = ti.atomic_add(columns.progress[BEGUN_LATER], 1)
+
+    return soft_compliance
+
+
+soft_compliance, soft_compliance_serially = make_soft_compliance(THREADS), make_soft_compliance(1)

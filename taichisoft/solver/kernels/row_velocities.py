@@ -1,0 +1,325 @@
+"""Rows of the constraint problem: what they act on, the velocities along them, and impulses through them."""
+
+from typing import NamedTuple
+
+from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.bodies.kernels.rigid_integration import RigidState
+from taichisoft.contact.kernels.contact_reduction import BEFORE, Choice
+from taichisoft.contact.kernels.contacts import Contacts
+from taichisoft.contact.kernels.separation import Separation
+from taichisoft.contact.kernels.surface_vertices import Carriers
+from taichisoft.runtime.launch import func, kernel
+from taichisoft.runtime.taichi_start import (
+    SOFT,
+    Integers,
+    IntegerTable,
+    Matrices,
+    ScalarBlocks,
+    Scalars,
+    ScalarTable,
+    Vectors,
+    mat3,
+    ti,
+    vec3,
+)
+
+# Entries of `Rows.size`.
+CONTACTS, ACTUATORS, MOMENTS = range(3)
+# Columns of `Rows.moment_length`.
+SPINNING, ROLLING = range(2)
+
+
+class PairLaws(NamedTuple):
+    """What two bodies resist with, by their numbers; each of shape (body_count, body_count).
+
+    Attributes:
+        friction: Coulomb's coefficient [-].
+        spinning, rolling: lengths of spinning and of rolling friction [mm].
+    """
+
+    friction: ScalarTable
+    spinning: ScalarTable
+    rolling: ScalarTable
+
+
+class Rows(NamedTuple):
+    """Three rows for each contact, one for each coordinate of an actuator, three for each contact that resists turning.
+
+    All are in arrays with room for more.
+
+    Attributes:
+        size: number of contacts, of actuator rows, and of contacts with moments, shape (3,).
+        contact: index of each row's contact in `Contacts`, shape (contact_capacity,).
+        on_rigid: contacts, by their rows, that act on no soft body, shape (contact_capacity,).
+        on_rigid_count: how many they are, shape (1,).
+        basis: normal and two tangents of each contact, as rows, shape (contact_capacity, 3, 3).
+        node, weight: soft nodes that a contact acts on and their weights, -1 and 0 in empty slots, shape
+            (contact_capacity, slots); the weights are those of the second point's velocity less the first's.
+        rigid: rigid body on each side of a contact, or -1, shape (contact_capacity, 2).
+        rigid_jacobian: derivative of the rows by these bodies' velocities, shape (3 contact_capacity, 2, 6).
+        friction: coefficient of each contact, shape (contact_capacity,).
+        gap_rate: normal velocity at which each contact closes in the step [mm/s], shape (contact_capacity,).
+        coordinate: the coordinate of each actuator row, shape (coordinate_count,).
+        target_rate: rate of each that reaches its lower end in this step [mm/s or mm^3/s], shape (coordinate_count,).
+        moment_contact: the contact of each moment, by its rows, shape (moment_capacity,).
+        moment_length: what a moment is at most, about the normal and about the tangents, over the normal impulse [mm],
+            shape (moment_capacity, 2).
+        free: velocities without impulses, of actuators less the target rate [mm/s or mm^3/s], of moments [rad/s], shape
+            (row_capacity,).
+    """
+
+    size: Integers
+    contact: Integers
+    on_rigid: Integers
+    on_rigid_count: Integers
+    basis: Matrices
+    node: IntegerTable
+    weight: ScalarTable
+    rigid: IntegerTable
+    rigid_jacobian: ScalarBlocks
+    friction: Scalars
+    gap_rate: Scalars
+    coordinate: Integers
+    target_rate: Scalars
+    moment_contact: Integers
+    moment_length: ScalarTable
+    free: Scalars
+
+
+@ti.func
+def contact_basis(normal: vec3) -> mat3:
+    """Normal and two tangents as rows; the first tangent is normal to the axis that is least along the normal."""
+    axis = vec3(1.0, 0.0, 0.0)
+    if ti.abs(normal[1]) < ti.abs(normal[0]) and ti.abs(normal[1]) <= ti.abs(normal[2]):
+        axis = vec3(0.0, 1.0, 0.0)
+    elif ti.abs(normal[2]) < ti.abs(normal[0]):
+        axis = vec3(0.0, 0.0, 1.0)
+    first = normal.cross(axis).normalized()
+    return ti.Matrix.rows([normal, first, normal.cross(first)])
+
+
+@kernel
+def build_rows(
+    first_rigid: ti.i32,
+    contacts: Contacts,
+    choice: Choice,
+    separation: Separation,
+    carriers: Carriers,
+    laws: PairLaws,
+    rigid: RigidState,
+    contact_impulse: Vectors,
+    rows: Rows,
+    impulse: Scalars,
+):
+    """Bases of the contacts that take part, and the soft nodes and rigid bodies that they act on.
+
+    `impulse` gets where the solver starts: the impulses that these contacts have by now, without what would pull.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        r = 0
+        rows.on_rigid_count[0] = 0
+        rows.size[MOMENTS] = 0
+        for c in range(contacts.count[0]):
+            if choice.status[c] >= BEFORE:
+                rows.contact[r] = c
+                fill_contact(r, c, first_rigid, contacts, separation, carriers, rigid, rows)
+                first, second = contacts.bodies[c, 0], contacts.bodies[c, 1]
+                rows.friction[r] = laws.friction[first, second]
+                spinning, rolling = laws.spinning[first, second], laws.rolling[first, second]
+                if spinning > 0.0 or rolling > 0.0:
+                    m = rows.size[MOMENTS]
+                    rows.size[MOMENTS] = m + 1
+                    rows.moment_contact[m] = r
+                    rows.moment_length[m, SPINNING] = spinning
+                    rows.moment_length[m, ROLLING] = rolling
+                local = rows.basis[r] @ contact_impulse[c]
+                if local[0] < 0.0:
+                    local = vec3(0.0)
+                for i in ti.static(range(3)):
+                    impulse[3 * r + i] = local[i]
+                r += 1
+
+
+@func
+def fill_contact(
+    r: ti.i32,
+    c: ti.i32,
+    first_rigid: ti.i32,
+    contacts: Contacts,
+    separation: Separation,
+    carriers: Carriers,
+    rigid: RigidState,
+    rows: Rows,
+):
+    """What the rows of contact c act on, as number r."""
+    frame = contact_basis(contacts.normal[c])
+    rows.basis[r] = frame
+    rows.gap_rate[r] = separation.gap_rate[c]
+    soft_nodes = 0
+    for side in range(2):
+        sign = 2.0 * side - 1.0
+        for k in ti.static(range(3)):
+            v = contacts.vertices[c, side, k]
+            for m in range(carriers.nodes.shape[1]):
+                slot = (side * 3 + k) * carriers.nodes.shape[1] + m
+                rows.node[r, slot] = -1
+                rows.weight[r, slot] = 0.0
+                carried = v >= 0 and carriers.owner[v] == SOFT
+                if carried and contacts.weights[c, side][k] * carriers.weights[v, m] != 0.0:
+                    soft_nodes += 1
+                    rows.node[r, slot] = carriers.nodes[v, m]
+                    rows.weight[r, slot] = sign * contacts.weights[c, side][k] * carriers.weights[v, m]
+        body = contacts.bodies[c, side] - first_rigid
+        rows.rigid[r, side] = -1
+        if body >= 0 and body < rigid.position.shape[0]:
+            rows.rigid[r, side] = body
+            arm = separation.arm[c, side]
+            for i in ti.static(range(3)):
+                direction = sign * vec3(frame[i, 0], frame[i, 1], frame[i, 2])
+                moment = arm.cross(direction)
+                for d in ti.static(range(3)):
+                    rows.rigid_jacobian[3 * r + i, side, d] = direction[d]
+                    rows.rigid_jacobian[3 * r + i, side, 3 + d] = moment[d]
+    if soft_nodes == 0:
+        rows.on_rigid[rows.on_rigid_count[0]] = r
+        rows.on_rigid_count[0] = rows.on_rigid_count[0] + 1
+
+
+@kernel
+def free_contact_velocity(rows: Rows, node_velocity: Vectors, rigid: RigidState):
+    """Fill `rows.free` of the contacts: relative velocity of the second point in the basis, the normal one plus the
+    gap rate."""
+    ti.loop_config(serialize=True)
+    for c in range(rows.size[CONTACTS]):
+        soft = vec3(0.0)
+        for slot in range(rows.node.shape[1]):
+            if rows.node[c, slot] >= 0:
+                soft += rows.weight[c, slot] * node_velocity[rows.node[c, slot]]
+        total = rows.basis[c] @ soft
+        total[0] += rows.gap_rate[c]
+        for side in range(2):
+            if rows.rigid[c, side] >= 0:
+                for i in ti.static(range(3)):
+                    for d in range(6):
+                        total[i] += rows.rigid_jacobian[3 * c + i, side, d] * rigid.free[rows.rigid[c, side], d]
+        for i in ti.static(range(3)):
+            rows.free[3 * c + i] = total[i]
+
+
+@kernel
+def add_rigid_compliance(row_count: ti.i32, rows: Rows, rigid: RigidState, compliance: Scalars):
+    """Add J M^-1 J^T of the rigid bodies that two contacts share to W, which is stored by rows."""
+    ti.loop_config(serialize=True)
+    for r in range(3 * rows.size[CONTACTS]):
+        for side in range(2):
+            body = rows.rigid[r // 3, side]
+            if body >= 0:
+                change = ti.Vector.zero(ti.f64, 6)  # of the body's velocity by a unit impulse in the row
+                for n in range(6):
+                    for m in ti.static(range(6)):
+                        change[m] += rigid.inverse_mass[body, m, n] * rows.rigid_jacobian[r, side, n]
+                for c in range(rows.size[CONTACTS]):
+                    for other_side in ti.static(range(2)):
+                        if rows.rigid[c, other_side] == body:
+                            gain = vec3(0.0)
+                            for i, m in ti.static(ti.ndrange(3, 6)):
+                                gain[i] += change[m] * rows.rigid_jacobian[3 * c + i, other_side, m]
+                            for i in ti.static(range(3)):
+                                entry = compliance[r * row_count + 3 * c + i]
+                                compliance[r * row_count + 3 * c + i] = entry + gain[i]
+
+
+@kernel
+def free_actuator_velocity(
+    rows: Rows, coordinates: Coordinates, gradient: Gradient, node_velocity: Vectors, rigid: RigidState
+):
+    """Fill `rows.free` of the actuators: the rates of the coordinates less the target rates."""
+    ti.loop_config(serialize=True)
+    for row in range(rows.size[ACTUATORS]):
+        coordinate = rows.coordinate[row]
+        rate = -rows.target_rate[row]
+        for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+            rate += gradient.soft[k].dot(node_velocity[coordinates.entry_node[k]])
+        for k in range(coordinates.rigid_start[coordinate], coordinates.rigid_start[coordinate + 1]):
+            for d in range(6):
+                rate += gradient.rigid[k, d] * rigid.free[coordinates.rigid_body[k], d]
+        rows.free[3 * rows.size[CONTACTS] + row] = rate
+
+
+@kernel
+def add_rigid_actuator_compliance(
+    rows: Rows, coordinates: Coordinates, gradient: Gradient, rigid: RigidState, compliance: Scalars
+):
+    """Add J M^-1 J^T of the rigid bodies that an actuator shares with contacts and other actuators to W."""
+    ti.loop_config(serialize=True)
+    for row in range(rows.size[ACTUATORS]):
+        row_count = 3 * (rows.size[CONTACTS] + rows.size[MOMENTS]) + rows.size[ACTUATORS]
+        r, coordinate = 3 * rows.size[CONTACTS] + row, rows.coordinate[row]
+        for k in range(coordinates.rigid_start[coordinate], coordinates.rigid_start[coordinate + 1]):
+            body = coordinates.rigid_body[k]
+            change = ti.Vector.zero(ti.f64, 6)  # of the body's velocity by a unit impulse in the row
+            for n in range(6):
+                for m in ti.static(range(6)):
+                    change[m] += rigid.inverse_mass[body, m, n] * gradient.rigid[k, n]
+            for c in range(rows.size[CONTACTS]):
+                for side in range(2):
+                    if rows.rigid[c, side] == body:
+                        for i in range(3):
+                            gain = 0.0
+                            for m in ti.static(range(6)):
+                                gain += change[m] * rows.rigid_jacobian[3 * c + i, side, m]
+                            compliance[r * row_count + 3 * c + i] = compliance[r * row_count + 3 * c + i] + gain
+                            compliance[(3 * c + i) * row_count + r] = compliance[(3 * c + i) * row_count + r] + gain
+            for other in range(rows.size[ACTUATORS]):
+                partner, q = rows.coordinate[other], 3 * rows.size[CONTACTS] + other
+                for j in range(coordinates.rigid_start[partner], coordinates.rigid_start[partner + 1]):
+                    if coordinates.rigid_body[j] == body:
+                        gain = 0.0
+                        for m in ti.static(range(6)):
+                            gain += change[m] * gradient.rigid[j, m]
+                        compliance[r * row_count + q] = compliance[r * row_count + q] + gain
+
+
+@kernel
+def apply_impulses(
+    rows: Rows,
+    coordinates: Coordinates,
+    gradient: Gradient,
+    impulse: Scalars,
+    contact_impulse: Vectors,
+    node_impulse: Vectors,
+    rigid: RigidState,
+):
+    """J^T impulse on the soft nodes and the rigid bodies, and each contact's impulse on its second body in world axes.
+
+    `contact_impulse` is that of all contacts, of which only those with rows are filled in.
+    """
+    ti.loop_config(serialize=True)
+    for i in range(node_impulse.shape[0]):
+        node_impulse[i] = vec3(0.0)
+    ti.loop_config(serialize=True)
+    for b in range(rigid.impulse.shape[0]):
+        for d in range(6):
+            rigid.impulse[b, d] = 0.0
+    ti.loop_config(serialize=True)
+    for c in range(rows.size[CONTACTS]):
+        world = rows.basis[c].transpose() @ vec3(impulse[3 * c], impulse[3 * c + 1], impulse[3 * c + 2])
+        contact_impulse[rows.contact[c]] = world
+        for slot in range(rows.node.shape[1]):
+            if rows.node[c, slot] >= 0:
+                node_impulse[rows.node[c, slot]] += rows.weight[c, slot] * world
+        for side in range(2):
+            if rows.rigid[c, side] >= 0:
+                for i in range(3):
+                    for d in range(6):
+                        gain = rows.rigid_jacobian[3 * c + i, side, d] * impulse[3 * c + i]
+                        rigid.impulse[rows.rigid[c, side], d] += gain
+    ti.loop_config(serialize=True)
+    for row in range(rows.size[ACTUATORS]):
+        coordinate, own = rows.coordinate[row], impulse[3 * rows.size[CONTACTS] + row]
+        for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+            node_impulse[coordinates.entry_node[k]] += own * gradient.soft[k]
+        for k in range(coordinates.rigid_start[coordinate], coordinates.rigid_start[coordinate + 1]):
+            for d in range(6):
+                rigid.impulse[coordinates.rigid_body[k], d] += own * gradient.rigid[k, d]

@@ -1,0 +1,207 @@
+"""Of all impulses that move everything alike, the smallest.
+
+Where rigid bodies touch each other in many points, W is singular and the impulses of these contacts are not determined:
+a cube on a floor could carry itself on two corners as well as on four, and press them against each other. The sweeps
+end anywhere among these answers. Those with the same velocities are a convex set: W l is given, l_n >= 0 and
+|l_t| <= mu l_n, and what slides has l_t = mu l_n d. Its element of least length is unique, so that mirrored scenes get
+mirrored impulses, and a body at rest shows no friction.
+
+It is the limit of Tikhonov's iteration from 0 (Engl, Hanke and Neubauer 1996, Regularization of inverse problems,
+section 6.1). Where that leaves the set, the impulses go as far as the boundary, and on from there along it.
+"""
+
+from typing import NamedTuple
+
+from taichisoft.runtime.launch import func, kernel
+from taichisoft.runtime.taichi_start import Integers, Scalars, Vectors, ti, vec3
+from taichisoft.solver.kernels.constraint_problem import Iterate, Problem, copy_iterate, measure_velocity, row_count
+from taichisoft.solver.kernels.elimination import LinearSystem, factorise, row_length, substitute
+from taichisoft.solver.kernels.friction_cone import way_to_boundary
+from taichisoft.solver.kernels.sweep import sweep
+
+# Tikhonov's parameter beside the largest entry on the diagonal, and iterations: what is determined has then converged,
+# since its part of W is far above the share, and round-off in what is not stays below 1e-16 over the share.
+SHARE = 1e-8
+ITERATIONS = 4
+# How often the impulses may reach the boundary.
+PASSES = 8
+# A contact may rub, or open, at this many times the tolerance of the velocities and yet count as one that sticks.
+MARGIN = 10.0
+# What a contact may do: nothing, any impulse, or one along its present direction.
+LEFT_OUT, STICKS, SLIDES = range(3)
+
+
+class Shares(NamedTuple):
+    """The contacts whose impulses may be undetermined, and their unknowns.
+
+    Attributes:
+        contact: the contacts, shape (capacity,).
+        state: what each may do, shape (capacity,).
+        unknown: the contact of each unknown, shape (3 capacity,).
+        direction: the impulse that a unit of it stands for, in the contact's basis, shape (3 capacity, 3).
+        aim: the impulse of least length, shape (3 capacity,).
+    """
+
+    contact: Integers
+    state: Integers
+    unknown: Integers
+    direction: Vectors
+    aim: Scalars
+
+
+@ti.func
+def entries(values: Scalars, c: ti.i32) -> vec3:
+    """Those of one contact."""
+    return vec3(values[3 * c], values[3 * c + 1], values[3 * c + 2])
+
+
+@func
+def choose_states(problem: Problem, current: Iterate, shares: Shares, tolerance: ti.f64):
+    """Open contacts are left out; those that move along slide."""
+    for i in range(shares.contact.shape[0]):
+        c = shares.contact[i]
+        v = entries(current.velocity, c)
+        shares.state[i] = STICKS
+        if v[0] > MARGIN * tolerance and current.impulse[3 * c] == 0.0:
+            shares.state[i] = LEFT_OUT
+        elif problem.friction[c] == 0.0 or v[1] * v[1] + v[2] * v[2] > (MARGIN * tolerance) ** 2:
+            shares.state[i] = SLIDES
+            if current.impulse[3 * c] <= 0.0:
+                shares.state[i] = LEFT_OUT
+
+
+@func
+def list_unknowns(current: Iterate, shares: Shares) -> ti.i32:
+    """Fill in the unknowns; returns their number."""
+    count = 0
+    for i in range(shares.contact.shape[0]):
+        c = shares.contact[i]
+        if shares.state[i] == STICKS:
+            for d in ti.static(range(3)):
+                unit = vec3(0.0)
+                unit[d] = 1.0
+                shares.unknown[count + d] = c
+                shares.direction[count + d] = unit
+            count += 3
+        elif shares.state[i] == SLIDES:
+            shares.unknown[count] = c
+            shares.direction[count] = entries(current.impulse, c).normalized()
+            count += 1
+    return count
+
+
+@func
+def find_smallest(count: ti.i32, problem: Problem, current: Iterate, system: LinearSystem, shares: Shares, one: ti.i32):
+    """Fill in the unknowns of least length with the velocities of the present ones; returns 0 if that fails."""
+    w, matrix, x = ti.static(problem.compliance, system.matrix, system.step)
+    rows, length = row_count(problem), row_length(count)
+    largest = 0.0
+    for a in range(count):
+        for b in range(count):
+            entry = 0.0
+            for i in ti.static(range(3)):
+                for j in ti.static(range(3)):
+                    place = (3 * shares.unknown[a] + i) * rows + 3 * shares.unknown[b] + j
+                    entry += shares.direction[a][i] * w[place] * shares.direction[b][j]
+            matrix[a * length + b] = entry
+        largest = ti.max(largest, matrix[a * length + a])
+    # The matrix times the present unknowns, whose right-hand side it is; `aim` holds it until the answer is there.
+    for a in range(count):
+        total = 0.0
+        for b in range(count):
+            present = shares.direction[b].dot(entries(current.impulse, shares.unknown[b]))
+            total += matrix[a * length + b] * present
+        shares.aim[a] = total
+        x[a] = 0.0
+    ridge = SHARE * largest
+    for a in range(count):
+        matrix[a * length + a] = matrix[a * length + a] + ridge
+    solvable = factorise(count, system, one)
+    if solvable != 0:
+        for _ in range(ITERATIONS):
+            for a in range(count):
+                x[a] = shares.aim[a] + ridge * x[a]
+            substitute(count, system)
+        for a in range(count):
+            shares.aim[a] = x[a]
+    return solvable
+
+
+@func
+def approach(count: ti.i32, problem: Problem, current: Iterate, trial: Iterate, shares: Shares) -> ti.f64:
+    """Go towards the aim as far as the cones allow; who stops it slides or is left out. Returns how far."""
+    for k in range(row_count(problem)):
+        trial.impulse[k] = 0.0
+    for a in range(count):
+        for d in ti.static(range(3)):
+            row = 3 * shares.unknown[a] + d
+            trial.impulse[row] = trial.impulse[row] + shares.aim[a] * shares.direction[a][d]
+    far, stops = 1.0, -1
+    for i in range(shares.contact.shape[0]):
+        if shares.state[i] != LEFT_OUT:
+            c = shares.contact[i]
+            now = entries(current.impulse, c)
+            step = entries(trial.impulse, c) - now
+            limit = 1e30
+            if shares.state[i] == SLIDES:
+                if step[0] < 0.0:
+                    limit = -now[0] / step[0]
+            else:
+                mu = problem.friction[c]
+                limit = way_to_boundary(vec3(mu * now[0], now[1], now[2]), vec3(mu * step[0], step[1], step[2]))
+            if limit < far:
+                far = limit
+                stops = i
+    for i in range(shares.contact.shape[0]):
+        if shares.state[i] != LEFT_OUT:
+            for d in ti.static(range(3)):
+                k = 3 * shares.contact[i] + d
+                current.impulse[k] = current.impulse[k] + far * (trial.impulse[k] - current.impulse[k])
+    if stops >= 0:
+        c = shares.contact[stops]
+        if shares.state[stops] == STICKS and entries(current.impulse, c).norm() > 1e-12:
+            shares.state[stops] = SLIDES
+        else:
+            shares.state[stops] = LEFT_OUT
+            for d in ti.static(range(3)):
+                current.impulse[3 * c + d] = 0.0
+    return far
+
+
+@kernel
+def choose_smallest(
+    problem: Problem,
+    current: Iterate,
+    point: Iterate,
+    trial: Iterate,
+    system: LinearSystem,
+    shares: Shares,
+    figure: Scalars,
+    tolerance: ti.f64,
+    one: ti.i32,
+):
+    """Change the impulses of these contacts to the smallest that move everything alike, if a sweep confirms them.
+
+    `figure` begins with the residual of `current`, and ends with that of what `current` has become.
+    """
+    ti.loop_config(serialize=True)
+    for _ in range(1):
+        rows = row_count(problem)
+        copy_iterate(rows, current, point)
+        choose_states(problem, current, shares, tolerance)
+        passes = 0
+        while passes < PASSES:
+            passes += 1
+            count = list_unknowns(point, shares)
+            goes_on = count > 0
+            if goes_on:
+                goes_on = find_smallest(count, problem, point, system, shares, one) != 0
+            if goes_on:
+                goes_on = approach(count, problem, point, trial, shares) < 1.0
+            if not goes_on:
+                passes = PASSES
+        measure_velocity(problem, point)
+        found = sweep(problem, point)
+        if found < tolerance:
+            figure[0] = found
+            copy_iterate(rows, point, current)

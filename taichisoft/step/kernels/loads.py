@@ -1,0 +1,93 @@
+"""Loads on the nodes of soft bodies: the anchors' springs, the pressures in cavities and the tensions of cables."""
+
+from typing import NamedTuple
+
+from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.runtime.launch import kernel
+from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, Vectors, ti
+
+
+class Anchors(NamedTuple):
+    """Springs that hold nodes at the base.
+
+    Attributes:
+        node: the anchored nodes, shape (anchor_count,).
+        stiffness: along x, y and z [mN/mm], shape (node_count, 3).
+        lag: how far ahead along the velocities the springs are taken [s]: h from the start of a step, 0 from its end,
+            with b more where they are damped; 0 in first order dynamics; shape (node_count,).
+        position: where they are held before the base moves them [mm], shape (anchor_count, 3).
+    """
+
+    node: Integers
+    stiffness: Vectors
+    lag: Scalars
+    position: Vectors
+
+
+class Base(NamedTuple):
+    """Where the base is.
+
+    Attributes:
+        place: pivot and translation [mm], shape (2, 3).
+        turn: rotation about the pivot, shape (1, 3, 3).
+    """
+
+    place: Vectors
+    turn: Matrices
+
+
+class Nodes(NamedTuple):
+    """What acts on all nodes, and how they move.
+
+    Attributes:
+        mass: [kg], shape (node_count,).
+        drag: of Rayleigh's damping by mass [kg/s], shape (node_count,).
+        gravity: [mm/s^2], shape (1, 3).
+        position: [mm], shape (node_count, 3).
+        velocity: [mm/s], shape (node_count, 3).
+        elastic: forces of the elements [mN], shape (node_count, 3).
+        impulse: of all forces in a step [mN s], shape (node_count, 3).
+    """
+
+    mass: Scalars
+    drag: Scalars
+    gravity: Vectors
+    position: Vectors
+    velocity: Vectors
+    elastic: Vectors
+    impulse: Vectors
+
+
+@kernel
+def sum_impulses(
+    time_step: ti.f64,
+    nodes: Nodes,
+    anchors: Anchors,
+    base: Base,
+    coordinates: Coordinates,
+    gradient: Gradient,
+    effort: Scalars,
+):
+    """Impulses on the nodes in a step: of weight, drag and the elements' forces, of anchors and of actuators.
+
+    Anchored nodes have -k (x + lag v - target), where the targets are the anchors' positions turned and moved with the
+    base. An effort, which is a pressure [kPa] or a tension [mN], acts along its coordinate's gradient.
+    """
+    force = ti.static(nodes.impulse)
+    ti.loop_config(serialize=True)
+    for i in range(nodes.mass.shape[0]):
+        force[i] = nodes.mass[i] * nodes.gravity[0] - nodes.drag[i] * nodes.velocity[i] + nodes.elastic[i]
+    ti.loop_config(serialize=True)
+    for k in range(anchors.node.shape[0]):
+        i = anchors.node[k]
+        target = base.turn[0] @ (anchors.position[k] - base.place[0]) + base.place[0] + base.place[1]
+        away = nodes.position[i] - target + anchors.lag[i] * nodes.velocity[i]
+        force[i] -= anchors.stiffness[i] * away
+    ti.loop_config(serialize=True)
+    for coordinate in range(effort.shape[0]):
+        if effort[coordinate] != 0.0:
+            for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
+                force[coordinates.entry_node[k]] += effort[coordinate] * gradient.soft[k]
+    ti.loop_config(serialize=True)
+    for i in range(nodes.mass.shape[0]):
+        force[i] = time_step * force[i]
