@@ -131,16 +131,22 @@ class ContactSolver:
             self.impulse[:] = impulse
 
     def _follow_interior_points(self, tolerance: float, share: float, first_pull: float, newton_steps: int) -> None:
-        """Interior points and Newton steps from their end; back to what was before if that was better."""
+        """Interior points and Newton steps from their end; back to what was before if that was better.
+
+        Interior points leave moments as they are, and may then end at no number: the Newton steps, whose pull is
+        stronger now, start again from what was before.
+        """
         stop_if_asked()
         newton, before, residual = self._newton, self.impulse.copy(), self.residual
         interior_point.follow_path(
             self._problem, self.answer, newton.swept, newton.system, self._path, self._figure, tolerance, share, 1
         )
         self.residual = float(self._figure[0])
-        if np.isfinite(self.impulse).all() and not self.residual < tolerance:
+        if not np.isfinite(self.impulse).all():
+            self.impulse[:], self.residual = before, residual
+        if not self.residual < tolerance:
             self._improve(tolerance, first_pull, newton_steps)
-        if not (np.isfinite(self.impulse).all() and self.residual < residual):
+        if not self.residual < residual:
             self.impulse[:], self.residual = before, residual
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from conftest import Figures, examples
 from energy import total_energy
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scenes import CONTACT_DISTANCE, FLOOR, GRAVITY, advance, simulate
 
@@ -118,6 +118,13 @@ def test_two_balls_in_space_keep_their_angular_momentum(figures: Figures) -> Non
     lengths=st.tuples(*2 * [st.floats(0.0, 5.0)]),
     friction=st.floats(0.0, 1.0),
     shape=st.sampled_from([SPHERE, {"box": [40.0, 40.0, 40.0]}, {"cylinder": {"radius": RADIUS, "length": 40.0}}]),
+)
+@example(  # where interior points end at no number
+    velocity=(0.0, 0.0, 0.0),
+    turning=(0.0, 1.0, 0.0),
+    lengths=(0.0, 1.0),
+    friction=1.0,
+    shape={"cylinder": {"radius": 20.0, "length": 40.0}},
 )
 def test_energy_never_grows(
     velocity: tuple[float, ...],
