@@ -3,9 +3,10 @@
 import dataclasses
 import functools
 import inspect
+import operator
 import types
 from collections.abc import Callable, Mapping
-from typing import Any, Union, get_origin, get_type_hints
+from typing import Any, Union, get_args, get_origin, get_type_hints
 
 import pydantic
 import pydantic_core
@@ -54,6 +55,9 @@ def _checked_fields(kind: Any, settings: Mapping[str, Any]) -> Any:
 
 def _checked_argument(name: str, kind: Any, value: Any) -> Any:
     key = f"{PREFIX}.{name}"
+    kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else ()
+    if type(None) in kinds and value is not None:  # so that the error says what a value must be
+        kind = functools.reduce(operator.or_, (one for one in kinds if one is not type(None)))
     try:
         adapter = pydantic.TypeAdapter(kind)
     except (pydantic.PydanticSchemaGenerationError, pydantic.PydanticUserError):  # not a type of data

@@ -25,16 +25,16 @@ import textwrap
 from types import SimpleNamespace
 from typing import Any
 
+from taichisoft.errors import TaichisoftError
+from taichisoft.runtime.first_process import left_kernels, wait_for_kernels
+from taichisoft.runtime.kernel_cache import alone_with_kernels, has_kernels  # before Taichi, which needs a home
+
 os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
 os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")  # a simulation asks nothing of the network
 
 import taichi as ti
 from taichi.lang import kernel_impl
 from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
-
-from taichisoft.errors import TaichisoftError
-from taichisoft.runtime.first_process import left_kernels, wait_for_kernels
-from taichisoft.runtime.kernel_cache import alone_with_kernels, has_kernels
 
 
 def thread_count(setting: str) -> int:

@@ -70,7 +70,7 @@ class Contact(Table):
     tolerance: Positive = 1e-5
     """The contact solver stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
     max_iterations: Annotated[int, Field(strict=True, gt=0)] = 1000
-    """Most sweeps of the contact solver, with one for each Newton step; it gives up by itself after some 260. A step
+    """Most sweeps of the contact solver, with one for each Newton step; it gives up by itself after some 350. A step
     that needs more is counted as not converged."""
 
     @model_validator(mode="after")

@@ -73,7 +73,7 @@ REFUSED: list[tuple[Callable[..., Any], dict[str, Any], str]] = [
     (by_arguments, {"kind": "sof"}, "kind = 'sof': input should be 'soft' or 'hard'"),
     (by_arguments, {"way": [1.0, "b"]}, "way.1 = 'b': input should be a valid number"),
     (by_arguments, {"way": [1.0]}, "way = [1.0]: has 1 values; 2 are needed"),
-    (by_arguments, {"path": 3}, "path = 3: must be pathlib.Path | None"),
+    (by_arguments, {"path": 3}, "path = 3: input should be a valid string"),
     (by_arguments, {"forse": 3}, "forse: unknown key; did you mean 'force'?"),
     (by_defaults, {"force": "abc"}, "force = 'abc': must be a number"),
     (by_dataclass, {"force": "abc"}, "force = 'abc': input should be a valid number"),

@@ -89,7 +89,7 @@ def test_nodal_mean_weighs_with_volume() -> None:
 
 def _body(corotation: str) -> Any:
     """What the engine's assembly needs of a soft body."""
-    settings = SimpleNamespace(corotation=corotation, rayleigh_stiffness=0.0, rayleigh_mass=0.0)
+    settings = SimpleNamespace(corotation=corotation, rayleigh_stiffness=0.0, rayleigh_mass=0.0, damped_anchors=False)
     return SimpleNamespace(
         settings=settings,
         nodes=slice(0, len(MESH.nodes)),
