@@ -152,7 +152,7 @@ class ContactSolver:
 
 
 @functools.cache
-def load_kernels() -> None:
+def load_stages() -> None:
     """Launch all stages once, on two contacts: a kernel that is compiled or loaded in the middle of a run delays it."""
     room, contacts = 6, 2
     size, friction = np.array([contacts, 0, 0], dtype=np.int32), np.full(contacts, 0.5)

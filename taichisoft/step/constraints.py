@@ -12,7 +12,7 @@ from taichisoft.interruption import stop_if_asked
 from taichisoft.model import Model
 from taichisoft.solver.actuator_rows import ActuatorRows
 from taichisoft.solver.constraint_rows import GROWTH, ConstraintRows
-from taichisoft.solver.contact_solver import load_kernels
+from taichisoft.solver.contact_solver import load_stages
 from taichisoft.solver.impacts import Impacts
 from taichisoft.solver.kernels import moment_rows, row_velocities
 from taichisoft.solver.kernels.row_velocities import MOMENTS, PairLaws
@@ -98,7 +98,7 @@ class Constraints:
         self._impacts = Impacts(model.scene.contact.tolerance, model.scene.contact.max_iterations)
         self._node_velocity_before = np.zeros((model.node_count, 3))
         if model.surfaces.may_touch.any():
-            load_kernels()
+            load_stages()
         self._removes_depth = model.scene.contact.depth == "position"
         self._problem = ConstraintRows(model, FIRST_CAPACITY)
         self._laws = PairLaws(model.friction.copy(), model.spinning_friction, model.rolling_friction)
