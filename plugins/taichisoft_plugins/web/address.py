@@ -84,7 +84,8 @@ def _parse(text: str) -> tuple[str, int]:
     valid_host = bool(host) and (bracketed or ":" not in host)
     if not (colon and valid_host and number.isascii() and number.isdecimal() and int(number) <= 65535):
         raise WebError(f"address {text}: {VALID}")
-    return host, int(number)
+    # localhost is the loopback whatever names this system can resolve (RFC 6761, section 6.3).
+    return HOST if host == "localhost" else host, int(number)
 
 
 def _problem(host: str, port: int) -> str:
