@@ -23,7 +23,7 @@ kernels: system-libraries
 	.venv/bin/python -c 'import taichisoft as t; t.Simulation(t.load_scene("gripper")).step(t.Control())'
 
 bench: system-libraries
-	.venv/bin/taichisoft bench --output out/bench $(OPTIONS)
+	.venv/bin/python -m taichisoft_benchmarks --output out/bench $(OPTIONS)
 
 lint: .venv/installed
 	.venv/bin/ruff check
@@ -61,7 +61,7 @@ pythons = $(or $(PYTHON),python3.12 python3.11 python3.13 python3)
 # the libraries themselves milliseconds.
 define missing_packages
 import ctypes, sys
-from taichisoft_plugins.system_libraries import SYSTEM_LIBRARIES
+from taichisoft_outputs.system_libraries import SYSTEM_LIBRARIES
 
 for library in SYSTEM_LIBRARIES if sys.platform == "linux" else ():
     try:

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft_meshing.finger.boxes import chamber_boxes, channel_box, slot_boxes, stiff_layer_box
-from taichisoft_meshing.finger.dimensions import end, starts
+from taichisoft_meshing.finger.finger_dimensions import end, starts
 from taichisoft_meshing.finger.parameters import FingerParameters
 
 SILICONE, STIFF, AIR, WALL = "#cfe3ee", "#9fc3d6", "#ffffff", "#a03010"

@@ -8,10 +8,10 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from taichisoft import load_scene, make_controller, run
-from taichisoft.building.simulation import Simulation
-from taichisoft_plugins.materials.command import plot
-from taichisoft_plugins.recording.output import RecordingOutput
-from taichisoft_plugins.rendering.render import render_pictures
+from taichisoft.building import Simulation
+from taichisoft_outputs.materials.materials_command import plot
+from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.rendering.render import render_pictures
 
 DOCS = Path(__file__).parent
 GRASPS = {"grasp": "gripper", "grasp-dragon-skin": "gripper-dragon-skin"}

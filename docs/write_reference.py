@@ -17,9 +17,8 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 import taichisoft
-from taichisoft.plugin_system import hookspecs
-from taichisoft.plugin_system.registry import hook_names
-from taichisoft.scenes import rigid_body, scene, shapes, soft_body, table
+from taichisoft.plugin_system import hook_names, hookspecs
+from taichisoft.scenes import actuators, rigid_body, scene, shapes, soft_body, table
 from taichisoft_sofa.components.older_names import ALIASES
 from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD
 
@@ -42,7 +41,7 @@ SECTIONS = {
     "Running": ["run", "make_controller", "make_output", "Controller", "KeyEvent", "Slider", "Output", "Session"],
     "Meshes": ["VolumeMesh", "read_volume_mesh", "write_volume_mesh", "Geometry"],
     "Plug-ins": [
-        *("hookimpl", "RunOption", "Renderer"),
+        *("hookimpl", "RunOption", "Renderer", "group_with_default"),
         *("load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"),
     ],
 }
@@ -87,9 +86,8 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[soft_bodies.NAME.regions]]": soft_body.Region,
     "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
     "[soft_bodies.NAME.tip]": soft_body.Tip,
-    "[soft_bodies.NAME.cavities.NAME]": soft_body.Cavity,
-    "[soft_bodies.NAME.cables.NAME]": soft_body.Cable,
-    "{ body = ..., point = ... } in points of a cable": soft_body.CablePoint,
+    **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
+    "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,
     "[rigid_bodies.NAME]": rigid_body.RigidBody,
     "[obstacles.NAME]": rigid_body.Obstacle,
     "plane = { ... } of an obstacle": rigid_body.Plane,

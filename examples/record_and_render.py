@@ -2,7 +2,7 @@
 
 Outputs watch a run. `make_output` makes one by its name, as `taichisoft run --outputs recording,pictures` does; they
 are asked in the order of the list, so that the recording is complete when the pictures are drawn from it. No display is
-needed. `taichisoft render`, `plot`, `report` and `view` do more with the same recording.
+needed. `taichisoft recording render`, `plot`, `report` and `view` do more with the same recording.
 
 Run it with a folder to keep the files: python examples/record_and_render.py out/record_and_render
 
@@ -22,7 +22,7 @@ from pathlib import Path
 from PIL import Image
 
 import taichisoft
-from taichisoft_plugins.recording.reader import read_recording
+from taichisoft_outputs import read_recording
 
 folder = Path(sys.argv[1] if len(sys.argv) > 1 else tempfile.mkdtemp())
 folder.mkdir(parents=True, exist_ok=True)

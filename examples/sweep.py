@@ -1,7 +1,7 @@
 """Sweep a parameter by hand: how stiff may the layer be that makes a finger bend?
 
 `load_scene` takes overrides, "key=value" with the keys of docs/reference/scenes.md; entries of a list have an index.
-A loop over scenes is a sweep. `taichisoft sweep` makes one on all cores or a cluster, of dimensions as well.
+A loop over scenes is a sweep. `taichisoft study sweep` makes one on all cores or a cluster, of dimensions as well.
 
 Prints:
 

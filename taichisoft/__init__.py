@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from taichisoft.meshes.files import write_volume_mesh as write_volume_mesh
     from taichisoft.meshes.volume_mesh import VolumeMesh as VolumeMesh
     from taichisoft.model import Model as Model
+    from taichisoft.plugin_system.commands import group_with_default as group_with_default
     from taichisoft.plugin_system.geometry import Geometry as Geometry
     from taichisoft.plugin_system.hookspecs import RunOption as RunOption
     from taichisoft.plugin_system.hookspecs import hookimpl as hookimpl
@@ -40,7 +41,7 @@ if TYPE_CHECKING:
     from taichisoft.state import State as State
     from taichisoft.step.report import StepReport as StepReport
 
-__version__ = "0.1.0"
+__version__ = "0.2.0"
 
 _NAMES = {
     "building.run_parts": ["make_controller", "make_output"],
@@ -53,6 +54,7 @@ _NAMES = {
     "meshes.files": ["read_volume_mesh", "write_volume_mesh"],
     "meshes.volume_mesh": ["VolumeMesh"],
     "model": ["Model"],
+    "plugin_system.commands": ["group_with_default"],
     "plugin_system.geometry": ["Geometry"],
     "plugin_system.hookspecs": ["RunOption", "hookimpl"],
     "plugin_system.plugins": ["load_plugin", "load_plugins_folder", "register_plugin", "unregister_plugin"],

@@ -1,4 +1,4 @@
-"""`python -m taichisoft` is the command `taichisoft`, of the Python that is meant."""
+"""`python -m taichisoft` runs the command `taichisoft`."""
 
 from taichisoft.command_line import main
 

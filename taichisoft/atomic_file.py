@@ -1,4 +1,4 @@
-"""Files that appear under their names when they are complete, so that nobody ever reads half of one."""
+"""Atomic writing: files get their names when complete, so that no reader sees a partial file."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -10,10 +10,10 @@ from taichisoft.errors import TaichisoftError
 
 @contextmanager
 def named_os_errors(path: Path | str, error: type[TaichisoftError] = TaichisoftError) -> Iterator[None]:
-    """Make an error about writing `path` of what the operating system refuses.
+    """Convert the operating system's errors within the context to errors about writing `path`.
 
     Raises:
-        error: something was refused.
+        error: the operating system refused an operation.
     """
     try:
         yield
@@ -22,16 +22,16 @@ def named_os_errors(path: Path | str, error: type[TaichisoftError] = TaichisoftE
 
 
 def partial_path(path: Path) -> Path:
-    """A name beside `path` for what becomes it when it is complete: of no other thread, process or machine."""
+    """A unique path beside `path` for the partial file, which no other thread, process or machine uses."""
     return path.with_name(f".{path.name}.{uuid4().hex}.partial")
 
 
 @contextmanager
 def atomic_file(path: Path, error: type[TaichisoftError] = TaichisoftError) -> Iterator[Path]:
-    """Give a place beside `path` to write to; a complete file is then moved to `path`, an incomplete one removed.
+    """Yield a path beside `path` to write to; a complete file is then moved to `path`, an incomplete one removed.
 
     Raises:
-        error: the file cannot be written; the old one, if there was one, is as it was.
+        error: the file cannot be written; an existing file is unchanged.
     """
     partial = partial_path(path)
     try:

@@ -1,6 +1,6 @@
-"""The folder in which things are kept that take long to make: the user's cache, or one for temporary files.
+"""The folder for results that take long to make: the user's cache, or a folder for temporary files.
 
-Services, jobs of cron and containers often have no home, or one that nobody may write to. Taichi itself crashes there.
+Services, cron jobs and containers often have no home or a read-only home, in which Taichi itself crashes.
 """
 
 import os
@@ -13,20 +13,20 @@ from taichisoft.input_file import from_home
 from taichisoft.terminal_text import printable
 
 VARIABLE = "XDG_CACHE_HOME"
-"""The folder of all programs' caches; other libraries, and child processes, find theirs by it, too."""
+"""Environment variable with the folder of all programs' caches, also used by libraries and child processes."""
 
 
 def cache_folder() -> Path:
-    """Our folder in the user's cache; where nothing can be written there one for temporary files, which is said once.
+    """Our folder in the user's cache, or one for temporary files if the cache is not writable, with a single warning.
 
-    From then on the environment names it, so that other libraries and child processes take the same.
+    The environment is then set to it, so that other libraries and child processes use the same folder.
     """
     ours = "taichisoft"
     if sys.platform != "linux":
         import platformdirs
 
         return platformdirs.user_cache_path(ours, appauthor=False)
-    home = from_home("~")  # "~" itself where the user has none
+    home = from_home("~")  # "~" itself if the user has no home
     named = Path(os.environ.get(VARIABLE) or home / ".cache")
     if not (named.is_absolute() and _can_be_written(named / ours)):
         temporary = temporary_cache()
@@ -37,18 +37,18 @@ def cache_folder() -> Path:
         )
         named = temporary
     os.environ[VARIABLE] = str(named)
-    os.environ.setdefault("HOME", str(home if home.is_absolute() else named))  # Taichi ends the process without one
+    os.environ.setdefault("HOME", str(home if home.is_absolute() else named))  # without HOME, Taichi ends the process
     return named / ours
 
 
 def temporary_cache() -> Path:
-    """A folder of this user among the temporary files: the same on every run, unless it could be somebody else's."""
+    """A folder of this user for temporary files: the same in every run, unless another user could have made it."""
     user = os.getuid()
     folder = Path(tempfile.gettempdir()) / f"taichisoft-cache-{user}"
     try:
         folder.mkdir(mode=0o700, exist_ok=True)
         found = folder.lstat()
-        # What lies in it is executed: nobody else may have made it, or write to it.
+        # Its content is executed: no other user may own it or write to it.
         own = stat.S_ISDIR(found.st_mode) and found.st_uid == user and not found.st_mode & 0o022
         if own and _can_be_written(folder):
             return folder
@@ -58,7 +58,7 @@ def temporary_cache() -> Path:
 
 
 def _can_be_written(folder: Path) -> bool:
-    """Whether the folder is there, or can be made, and takes files."""
+    """Whether the folder exists or can be made, and files can be written to it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=folder):

@@ -1,4 +1,4 @@
-"""Checksums beside files that are kept: whether one is still as it was written."""
+"""Checksums beside stored files, to detect changed or incomplete files."""
 
 import hashlib
 from pathlib import Path
@@ -9,17 +9,17 @@ SUFFIX = ".sha256"
 
 
 def keep_checksum(path: Path) -> None:
-    """Write the SHA-256 of a file beside it, after the file itself: a file without one was not finished.
+    """Write the SHA-256 of a complete file beside it; a file without a checksum is incomplete.
 
     Raises:
-        TaichisoftError: it cannot be written.
+        TaichisoftError: the checksum cannot be written.
     """
     with atomic_file(checksum_file(path)) as partial:
         partial.write_text(f"{_checksum(path)}  {path.name}\n", encoding="utf-8")
 
 
 def is_as_kept(path: Path) -> bool:
-    """Whether a file is there, with the checksum that was written beside it."""
+    """Whether a file exists and matches the checksum beside it."""
     try:
         return checksum_file(path).read_text(encoding="utf-8").split(maxsplit=1)[:1] == [_checksum(path)]
     except (OSError, ValueError):
@@ -27,7 +27,7 @@ def is_as_kept(path: Path) -> bool:
 
 
 def checksum_file(path: Path) -> Path:
-    """Where the checksum of a file is."""
+    """Path of the checksum of a file."""
     return path.with_name(path.name + SUFFIX)
 
 

@@ -1,15 +1,18 @@
-"""The `taichisoft` command: run a scene, list plug-ins, and what plug-ins add."""
+"""The `taichisoft` command: run a scene, list plug-ins, and commands of plug-ins."""
 
+import difflib
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from taichisoft import __version__
 from taichisoft.errors import GoalMissed, PluginFailed, TaichisoftError
 from taichisoft.plugin_system import plugins, plugins_command
-from taichisoft.plugin_system.commands import load_requested, with_plugin_commands
+from taichisoft.plugin_system.commands import command_names, load_requested, with_plugin_commands
 from taichisoft.plugin_system.failure import plugin_traceback
 from taichisoft.plugin_system.run_options import (
     GoalOption,
@@ -21,8 +24,41 @@ from taichisoft.plugin_system.run_options import (
 )
 from taichisoft.terminal_text import printable
 
+ORDER = (
+    *("run", "render", "view", "resume"),  # used every day
+    *("mesh", "study", "recording", "materials", "plugins", "sofa", "doctor"),
+)
+"""Commands in the order of the help; further ones of plug-ins come after them."""
+
+
+class CommandLine(TyperGroup):
+    """All commands of taichisoft."""
+
+    def list_commands(self, ctx: Any) -> list[str]:
+        """Names of the commands in the order of the help."""
+        return sorted(self.commands, key=lambda name: ORDER.index(name) if name in ORDER else len(ORDER))
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> tuple[str | None, Any, list[str]]:
+        """The command that the first word names; otherwise the error names what it may have meant."""
+        if (word := args[0]) not in self.commands:
+            meant = ", ".join(map(repr, nearest(word, [*self.commands, *command_names(self)])))
+            ctx.fail(f"No such command {word!r}." + (f" Did you mean {meant}?" if meant else ""))
+        return super().resolve_command(ctx, args)
+
+
+def nearest(word: str, names: Sequence[str]) -> list[str]:
+    """The commands that a word names apart from their group or a space; otherwise the most similar one.
+
+    For example, "mesh-info" may mean "mesh info", "export" may mean "recording export".
+    """
+    spaced = f" {word.replace('-', ' ')}"
+    named = [name for name in names if f" {name}".endswith(spaced)]
+    return named or difflib.get_close_matches(word, names, 1)
+
+
 application = typer.Typer(
     name="taichisoft",
+    cls=CommandLine,
     help="Soft pneumatic grippers as finite elements with contact and friction, without a desktop.",
     no_args_is_help=True,
     pretty_exceptions_enable=False,
@@ -32,45 +68,45 @@ application = typer.Typer(
 application.add_typer(plugins_command.application, name="plugins")
 
 LONGEST_LINE = 1000
-"""Characters of an error that are shown."""
+"""Largest number of characters of an error message."""
 
 EXIT_FAILED = 1
 EXIT_BAD_INPUT = 2
 EXIT_INTERRUPTED = 130
 
-USAGE_ERROR: Any = typer.BadParameter.__base__  # has no public name; every error of the parser is one
+USAGE_ERROR: Any = typer.BadParameter.__base__  # base of the parser's errors, without a public name
 
 
 def main() -> None:
-    """Run the command line; what is the user's to mend is one line, and the traceback of a plug-in that failed."""
+    """Run the command line; an error is one line, with a traceback only if a plug-in failed."""
     try:
         load_requested(sys.argv[1:])
         for line in plugins.plugin_registry().unknown_blocked():
-            _complain(line)
+            _print_error(line)
         command = with_plugin_commands(application)
-        code = command(prog_name="taichisoft", standalone_mode=False)  # otherwise typer draws boxes round errors
+        code = command(prog_name="taichisoft", standalone_mode=False)  # otherwise typer draws boxes around errors
         sys.exit(code if isinstance(code, int) else 0)
     except USAGE_ERROR as error:
-        if message := error.format_message().rstrip("."):  # empty where help was shown because nothing was asked for
-            _complain(f"{message}; see {error.ctx.command_path} --help" if error.ctx else message)
+        if message := error.format_message().rstrip("."):  # empty if help was shown for lack of arguments
+            _print_error(f"{message}; see {error.ctx.command_path} --help" if error.ctx else message)
         sys.exit(EXIT_BAD_INPUT)
     except (GoalMissed, PluginFailed) as error:
-        _complain(error)
+        _print_error(error)
         sys.exit(EXIT_FAILED)
     except TaichisoftError as error:
-        _complain(error)
+        _print_error(error)
         sys.exit(EXIT_BAD_INPUT)
-    except OSError as error:  # what the system refuses: a name too long, a folder that may not be read
-        _complain(f"{error.filename}: {error.strerror}" if error.filename is not None else str(error))
+    except OSError as error:  # such as a name too long, or an unreadable folder
+        _print_error(f"{error.filename}: {error.strerror}" if error.filename is not None else str(error))
         sys.exit(EXIT_BAD_INPUT)
     except (KeyboardInterrupt, typer.Abort):
         sys.exit(EXIT_INTERRUPTED)
 
 
-def _complain(problem: Exception | str) -> None:
-    """One line, whatever a parser or a plug-in had to say; under it where a plug-in raised what it should not."""
+def _print_error(problem: Exception | str) -> None:
+    """Print an error in one line, and below it the traceback of a failed plug-in."""
     line = printable(" ".join(str(problem).split()))
-    if len(line) > LONGEST_LINE:  # it repeats what was given, such as a name of thousands of characters
+    if len(line) > LONGEST_LINE:  # repeats the input, such as a name of thousands of characters
         line = f"{line[: LONGEST_LINE // 2]} ... {line[-LONGEST_LINE // 2 :]}"
     print(f"taichisoft: {line}", file=sys.stderr)
     if isinstance(problem, TaichisoftError):
@@ -112,10 +148,10 @@ def run_command(
     outputs: OutputsOption = "recording,metrics",
     speed: SpeedOption = None,
     keys: Annotated[Path | None, typer.Option(help="Key log (keys.jsonl) of an earlier run, to repeat it.")] = None,
-    profile: Annotated[bool, typer.Option("--profile", help="Show where the time of a step goes.")] = False,
+    profile: Annotated[bool, typer.Option("--profile", help="Show the times of the phases of a step.")] = False,
 ) -> None:
     """Simulate a scene and write the results to a folder."""
-    from taichisoft.running.command import RunRequest, run_scene  # these start Taichi, which --help need not wait for
+    from taichisoft.running.command import RunRequest, run_scene  # imports Taichi, for which --help need not wait
     from taichisoft.session.key_log import KeyReplay
 
     asked = requested(context, outputs)

@@ -1,31 +1,31 @@
-"""What a user can be told: each error is one line that says what is wrong, where, and what would be valid."""
+"""Errors for users: each message is one line with the problem, its place, and what would be valid."""
 
 import difflib
 from collections.abc import Sequence
 
 
 class TaichisoftError(Exception):
-    """Base of every error that is the user's to mend; the command line prints it without a traceback."""
+    """Base of all errors that a user can correct; the command line prints them without a traceback."""
 
 
 class SceneError(TaichisoftError):
-    """A scene cannot be understood: a wrong key, type, value or selection."""
+    """A scene is not valid: a wrong key, type, value or selection."""
 
 
 class MeshError(TaichisoftError):
-    """A mesh or surface file is missing, unreadable, or not fit to simulate."""
+    """A mesh or surface file is missing, unreadable, or cannot be simulated."""
 
 
 class PluginError(TaichisoftError):
-    """A plug-in cannot be found or loaded, or answered something that is not valid."""
+    """A plug-in cannot be found or loaded, or returned an invalid value."""
 
 
 class PluginFailed(PluginError):
-    """A plug-in raised something that it should not have; its own exception is the cause of this one."""
+    """A plug-in failed; its exception is the cause of this one."""
 
 
 class ControlError(TaichisoftError):
-    """A controller asked for something that the model does not have, or that is not a finite number."""
+    """A controller requested something that the model does not have, or a value that is not finite."""
 
 
 class StateError(TaichisoftError):
@@ -45,13 +45,13 @@ class NotPositiveDefinite(TaichisoftError):
 
 
 class SimulationDiverged(TaichisoftError):
-    """A step gave positions that are not finite, exploding, or inverted beyond repair.
+    """A step diverged: positions are not finite or explode, or too many elements are inverted.
 
     Attributes:
         body: name of the body.
-        step: index of the step that failed; the state before it is kept.
-        cause: text about what was found.
-        advice: text about what to try.
+        step: index of the failed step; the state before it is kept.
+        cause: text about the problem.
+        advice: text about possible corrections.
     """
 
     def __init__(self, body: str, step: int, cause: str, advice: str):
@@ -63,22 +63,22 @@ class SimulationDiverged(TaichisoftError):
 
 
 class ForkedProcess(TaichisoftError):
-    """A process that was forked after the simulator had started tried to compute; it would have waited for ever."""
+    """A process forked after the start of the simulator tried to compute, which would block for ever."""
 
 
 class GoalMissed(TaichisoftError):
-    """The run went to its end, but not to the goal of its scene."""
+    """The run completed, but missed the goal of its scene."""
 
 
 class BeyondLaw(GoalMissed):
-    """The run went to its end, but stretched a body far beyond what its law holds for, or left it inside out."""
+    """The run completed, but stretched a body far beyond the range of its law, or left elements inverted."""
 
 
 class ControllerFailed(GoalMissed):
-    """A controller gave up: it says what it waited for, or what went wrong."""
+    """A controller failed; the message names the condition that it waited for, or the problem."""
 
 
 def nearest(name: str, valid: Sequence[str], what: str) -> str:
-    """The hint that ends an error about a name: the most similar valid one, or all of them."""
+    """Hint at the end of an error about a name: the most similar valid name, or all valid names."""
     near = difflib.get_close_matches(name, valid, n=1)
     return f"did you mean '{near[0]}'?" if near else f"{what}: {', '.join(valid) or 'none'}"

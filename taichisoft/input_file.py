@@ -1,4 +1,4 @@
-"""What a user names to be read: whether the file is there, and the tables of TOML in it."""
+"""Input files: existence, and parsing of TOML."""
 
 import re
 import tomllib
@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 DEEPEST = 50
-"""Tables and lists may be nested so deep: what is done with them calls itself for each of them."""
+"""Largest depth of nested tables and lists, which are processed recursively."""
 LONG_INTEGER = re.compile(r"(?<![\w.])[+-]?\d[\d_]{400,}(?![\w.])")
-"""Python refuses to read integers of thousands of digits, and no number of a scene has hundreds."""
+"""An integer of hundreds of digits; Python refuses to parse thousands, and no number of a scene has that many."""
 
 
 def is_file(path: Path) -> bool:
-    """Whether a file is there that can be looked at; a name that no file can have is none."""
+    """Whether a readable file exists; False for a name that no file can have."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -20,7 +20,7 @@ def is_file(path: Path) -> bool:
 
 
 def is_folder(path: Path) -> bool:
-    """Whether a folder is there that can be looked at; a name that no folder can have is none."""
+    """Whether a readable folder exists; False for a name that no folder can have."""
     try:
         return path.is_dir()
     except (OSError, ValueError):
@@ -28,7 +28,7 @@ def is_folder(path: Path) -> bool:
 
 
 def from_home(path: str | Path) -> Path:
-    """The path with a "~" at its beginning replaced; a home that nobody has is taken as it is written."""
+    """Replace a leading "~" by the home folder; unchanged if the user does not exist."""
     try:
         return Path(path).expanduser()
     except RuntimeError:
@@ -36,10 +36,10 @@ def from_home(path: str | Path) -> Path:
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """The tables of TOML.
+    """Parse TOML to tables.
 
     Raises:
-        ValueError: it is none, or nested too deep to be worked with.
+        ValueError: the text is not TOML, or nested too deep.
     """
     try:
         tables = tomllib.loads(text)
@@ -59,10 +59,10 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """The tables of a TOML file.
+    """Read the tables of a TOML file.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is no TOML, or nested too deep to be worked with.
+        OSError: the file cannot be read.
+        ValueError: the file is not TOML, or nested too deep.
     """
     return parse_toml(path.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""Ctrl and c, or a batch system's SIGTERM, during a run: heeded where nothing is half done."""
+"""Interruption of a run by Ctrl and c or a batch system's SIGTERM, between steps only."""
 
 import signal
 import threading
@@ -9,14 +9,14 @@ from typing import Any
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
 _came: list[int] = []
-"""The signals that were noted and not heeded yet."""
+"""Signals noted but not yet acted upon."""
 
 
 def stop_if_asked() -> None:
-    """Raise KeyboardInterrupt if a signal was noted: called between steps, and within a step between its parts.
+    """Raise KeyboardInterrupt if a signal was noted; called between steps, and between the parts of a step.
 
-    A step puts its new state in place when it is done, so one that ends here has changed nothing. What was noted is for
-    the main thread, as signals are in Python; other threads go on.
+    A step stores its new state at its end, so an interrupted step has changed nothing. As in Python, signals are for
+    the main thread; other threads continue.
     """
     if _came and _is_main_thread():
         raise KeyboardInterrupt
@@ -24,11 +24,10 @@ def stop_if_asked() -> None:
 
 @contextmanager
 def deferred_signals() -> Iterator[Callable[[], None]]:
-    """Note the first signal that comes meanwhile instead of obeying it, for `stop_if_asked`, which is yielded.
+    """Note the first signal within the context instead of raising it; yields `stop_if_asked`, which raises it.
 
-    So the outputs have either the whole of a step or nothing of it. A second signal raises at once: whoever sends
-    it no longer wants to wait. A signal that the process was told to ignore stays ignored, and outside of the main
-    thread nothing is deferred, because Python calls handlers only there.
+    So the outputs contain either all of a step or nothing of it. A second signal raises at once. Ignored signals stay
+    ignored, and outside the main thread nothing is deferred, because Python calls handlers only there.
     """
 
     if not _is_main_thread():
@@ -41,8 +40,8 @@ def deferred_signals() -> Iterator[Callable[[], None]]:
 
     noted_outside = _came.copy()
     _came.clear()
-    heeded = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]
-    before = {number: signal.signal(number, note) for number in heeded}
+    handled = [number for number in SIGNALS if signal.getsignal(number) not in (signal.SIG_IGN, None)]
+    before = {number: signal.signal(number, note) for number in handled}
     try:
         yield stop_if_asked
     finally:

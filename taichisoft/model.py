@@ -1,4 +1,4 @@
-"""What never changes during a run, made from a scene once."""
+"""The model: constant data of a run, made once from a scene."""
 
 import copy
 import dataclasses
@@ -10,14 +10,14 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.bodies.actuators import Actuators
-from taichisoft.bodies.cable_paths import moved_with_base
-from taichisoft.bodies.cables import Cables
-from taichisoft.bodies.cavities import Cavities, CavityVolumes
+from taichisoft.actuators.cables import CABLES, Cables
+from taichisoft.actuators.cavities import CAVITIES, Cavities
+from taichisoft.actuators.lines import moved_with_base
+from taichisoft.actuators.model_actuators import Actuators
 from taichisoft.bodies.elasticity import Elasticity
-from taichisoft.bodies.rigid_body import RigidBody, make_obstacle, make_rigid_body
+from taichisoft.bodies.rigid_body_arrays import RigidBody, make_obstacle, make_rigid_body
 from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.bodies.soft_body import SoftBody, make_soft_body
+from taichisoft.bodies.soft_body_arrays import SoftBody, make_soft_body
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.overlap import refuse_overlap
 from taichisoft.contact.surfaces import ContactSurfaces
@@ -29,7 +29,7 @@ from taichisoft.state import State
 
 
 class Model:
-    """Everything about a scene that never changes during a run: bodies, elements, surfaces, all in read-only arrays.
+    """Constant data of a run in read-only arrays: bodies, elements, surfaces.
 
     Bodies are numbered: soft bodies, then rigid bodies, then obstacles, each in the scene's order.
 
@@ -41,17 +41,15 @@ class Model:
         body_names: names by body number.
         rest_position: rest positions of the soft nodes [mm], shape (node_count, 3).
         elasticity: elements of all soft bodies and the pattern of their matrix; None without soft bodies.
-        material_names: names of the soft bodies' materials, which are those of `scene.young_moduli`.
+        material_names: names of the soft bodies' materials, as in `scene.young_moduli`.
         young_modulus: Young's moduli of the materials at the start of a run [kPa], shape (material_count,).
         element_material: number of the material of each element, shape (element_count,).
         anchored_nodes: indices of the anchored nodes in rising order, shape (anchor_count,).
-        cavities: cavities of all soft bodies; `cavities.names` are their names.
-        cables: cables of all soft bodies; `cables.names` are their names.
-        actuators: coordinates of cavities and cables together.
+        actuators: actuators of all kinds; `actuators.of` gives the part of a kind in arrays of a state.
         surfaces: contact surfaces of all bodies.
         friction: friction coefficients by the numbers of two bodies, shape (body_count, body_count).
         restitution: coefficients of restitution likewise.
-        rolling_friction, spinning_friction: lengths of rolling and spinning friction likewise [mm], 0 of soft bodies.
+        rolling_friction, spinning_friction: lengths of rolling and spinning friction likewise [mm], 0 for soft bodies.
         base_pivot: point about which the base turns [mm], shape (3,).
         rigid_mass: masses of the rigid bodies [kg], shape (rigid_count,).
         rigid_inertia: inertias of the rigid bodies in their own frames [kg mm^2], shape (rigid_count, 3, 3).
@@ -59,15 +57,15 @@ class Model:
     """
 
     def __init__(self, scene: Scene, meshes: Mapping[str, VolumeMesh]):
-        """Lay out the arrays; surfaces that the scene names are read from their files.
+        """Make the arrays; surfaces named in the scene are read from their files.
 
         Args:
             scene: scene to simulate.
-            meshes: meshes of the soft bodies by name, read-only from then on; `taichisoft.make_model` finds them.
+            meshes: meshes of the soft bodies by name, which become read-only; `taichisoft.make_model` loads them.
 
         Raises:
-            MeshError: a surface is not fit to simulate.
-            SceneError: something in the scene does not fit its meshes, or bodies overlap at the start.
+            MeshError: a surface cannot be read, or cannot be simulated.
+            SceneError: the scene does not fit its meshes, or bodies overlap at the start.
         """
         self.scene = scene
         self.material_names = tuple(scene.young_moduli)
@@ -87,9 +85,7 @@ class Model:
         self.element_material = np.concatenate([np.zeros(0, dtype=np.int32), *(body.material for body in soft)])
         held = [body.nodes.start + np.flatnonzero(body.anchored) for body in soft]
         self.anchored_nodes = np.concatenate([*held, np.zeros(0)]).astype(np.int32)
-        self.cavities = Cavities(soft)
-        self.cables = Cables(soft, self.rigid_bodies, self.obstacles)
-        self.actuators = Actuators(self.cavities, self.cables)
+        self.actuators = Actuators(soft, self.rigid_bodies, self.obstacles)
         self.surfaces = ContactSurfaces(soft, self.rigid_bodies, self.obstacles)
         self._refuse_bodies_within_contact_distance()
         self.friction = self._pair_table("friction")
@@ -111,7 +107,7 @@ class Model:
         """The state that the scene describes."""
         bodies = self.rigid_bodies
         velocities = [np.tile(b.settings.velocity, (len(b.rest_position), 1)) for b in self.soft_bodies]
-        cavity_count, cable_count = len(self.cavities.names), len(self.cables.names)
+        actuators, count = self.actuators, len(self.actuators.names)
         return State(
             time=0.0,
             step=0,
@@ -128,17 +124,12 @@ class Model:
             anchor_position=self.rest_position[self.anchored_nodes],
             gravity=self.gravity.copy(),
             young_modulus=self.young_modulus.copy(),
-            cavity_volume_imposed=np.zeros(cavity_count, dtype=bool),
-            cavity_request=np.zeros(cavity_count),
-            cavity_target=np.zeros(cavity_count),
-            cavity_pressure=np.zeros(cavity_count),
-            cavity_volume=CavityVolumes(self.cavities, self.node_count).volumes(self.rest_position),
-            cable_pull_imposed=np.zeros(cable_count, dtype=bool),
-            cable_request=np.zeros(cable_count),
-            cable_target=np.zeros(cable_count),
-            cable_tension=np.zeros(cable_count),
-            cable_tension_loss=np.zeros(len(self.cables.paths.cable) - cable_count),
-            cable_length=self.cables.rest_length.copy(),
+            actuator_imposed=np.zeros(count, dtype=bool),
+            actuator_request=np.zeros(count),
+            actuator_target=np.zeros(count),
+            actuator_effort=np.zeros(count),
+            actuator_value=actuators.rest_value.copy(),
+            actuator_loss=np.zeros(actuators.count - count),
             pull_point=self.cables.rest_pull_point.copy(),
             contact_body_pair=np.zeros((0, 2), dtype=np.int32),
             contact_point=np.zeros((0, 3)),
@@ -148,17 +139,17 @@ class Model:
         )
 
     def varied(self, friction: float | None = None, masses: Mapping[str, float] | None = None) -> "Model":
-        """A model that differs in friction or masses, and shares everything else with this one.
+        """Make a variant with other friction or masses, which shares everything else with this model.
 
-        It is made in well under a millisecond, a simulation of it in some; for many runs of variants one simulation can
-        go from one to the next, see `Simulation.change_model`.
+        A variant takes well under a millisecond, a simulation of it some milliseconds; one simulation can also switch
+        between variants, see `Simulation.change_model`.
 
         Args:
             friction: Coulomb's coefficient [-] of all pairs of bodies but those in the scene's `contact.pairs`.
             masses: masses [kg] by rigid body; a body's inertia changes in proportion.
 
         Raises:
-            SceneError: no rigid body has that name, or a value is not possible.
+            SceneError: no rigid body has this name, or a value is not valid.
         """
         masses = masses or {}
         names = [body.name for body in self.rigid_bodies]
@@ -180,17 +171,17 @@ class Model:
         return other
 
     def placed_pull_points(self, state: State) -> np.ndarray:
-        """Where the cables' pull points are, moved by the base where they move with it [mm], shape (cable_count, 3)."""
+        """Positions of the cables' pull points, moved with the base if attached to it [mm], shape (cable_count, 3)."""
         if not self.cables.pull_point_moves.any():
             return state.pull_point
         moved = moved_with_base(state.pull_point, state, self.base_pivot)
         return np.where(self.cables.pull_point_moves[:, None], moved, state.pull_point)
 
     def check(self, state: State) -> None:
-        """Refuse a state of another model, whose arrays have other sizes or whose time another step.
+        """Refuse a state of another model, with other array shapes or another time step.
 
         Raises:
-            StateError: something differs; or it is not a state, or has a value that is not a finite number.
+            StateError: the state belongs to another model, is not a state, or has a value that is not finite.
         """
         if not isinstance(state, State):
             raise StateError(f"{short_text(state)}: must be a taichisoft.State")
@@ -212,10 +203,24 @@ class Model:
 
     @cached_property
     def _state_shapes(self) -> dict[str, tuple[int, ...]]:
-        """Shapes of the arrays of its states; contacts come and go."""
+        """Shapes of the arrays of a state, except contacts, whose number varies."""
         names = [field.name for field in dataclasses.fields(State) if not field.name.startswith("contact_")]
         initial = self.initial_state()
         return {name: np.shape(getattr(initial, name)) for name in names}
+
+    @property
+    def cavities(self) -> Cavities:
+        """The cavities of all soft bodies; `cavities.names` are their names."""
+        found = self.actuators.sets[CAVITIES.name]
+        assert isinstance(found, Cavities)
+        return found
+
+    @property
+    def cables(self) -> Cables:
+        """The cables of all soft bodies; `cables.names` are their names."""
+        found = self.actuators.sets[CABLES.name]
+        assert isinstance(found, Cables)
+        return found
 
     @property
     def node_count(self) -> int:
@@ -232,7 +237,7 @@ class Model:
         return next(body.name for body in self.soft_bodies if body.nodes.start <= node < body.nodes.stop)
 
     def _refuse_bodies_within_contact_distance(self) -> None:
-        """Raise SceneError where a body is smaller than the distance it is to be kept from others."""
+        """Raise SceneError if a body is smaller than the contact distance."""
         distance = self.scene.contact.contact_distance
         size = np.where(self.surfaces.may_touch.any(axis=1), self.surfaces.body_size, np.inf)
         if distance > size.min():
@@ -242,7 +247,7 @@ class Model:
             )
 
     def _pair_table(self, key: str) -> np.ndarray:
-        """What the scene says of each pair of bodies, shape (body_count, body_count)."""
+        """Values of `key` for each pair of bodies, shape (body_count, body_count)."""
         table = np.full((len(self.body_names), len(self.body_names)), getattr(self.scene.contact, key))
         for pair in self.scene.contact.pairs:
             first, second = (self.body_names.index(name) for name in pair.bodies)
@@ -251,10 +256,10 @@ class Model:
         return table
 
     def _moment_table(self, key: str) -> np.ndarray:
-        """As `_pair_table`, of rigid bodies and obstacles: a moment on a point of a soft body means nothing.
+        """As `_pair_table`, for rigid bodies and obstacles only: a point of a soft body cannot carry a moment.
 
         Raises:
-            SceneError: a pair with a soft body is given a length.
+            SceneError: a pair with a soft body has a length.
         """
         soft = self.body_names[: len(self.soft_bodies)]
         for index, pair in enumerate(self.scene.contact.pairs):
@@ -266,7 +271,7 @@ class Model:
                 )
         table = self._pair_table(key)
         table[: len(soft)] = table[:, : len(soft)] = 0.0
-        table[~self.surfaces.may_touch] = 0.0  # so that nobody pays for what cannot turn
+        table[~self.surfaces.may_touch] = 0.0  # no rows of moments for bodies that cannot touch
         return table
 
     def _find_base_pivot(self) -> np.ndarray:
@@ -295,19 +300,19 @@ def _varied_scene(
     if masses:
         tables = dict(scene.rigid_bodies)
         for name, mass in masses.items():
-            told: dict[str, Any] = {"mass": mass, "density": None}
+            body_changes: dict[str, Any] = {"mass": mass, "density": None}
             if tables[name].inertia is not None:
-                told["inertia"] = tuple(map(tuple, bodies[name].inertia.tolist()))
-            tables[name] = tables[name].model_copy(update=told)
+                body_changes["inertia"] = tuple(map(tuple, bodies[name].inertia.tolist()))
+            tables[name] = tables[name].model_copy(update=body_changes)
         changes["rigid_bodies"] = tables
     return scene.model_copy(update=changes)
 
 
 def _make_read_only(part: Any) -> None:
-    """Make every array in a part of a model read-only: simulations share it, and what was made of it stays true."""
+    """Make every array in a part of a model read-only, because simulations and derived data share it."""
     if isinstance(part, np.ndarray):
         part.setflags(write=False)
-    elif isinstance(part, tuple | Mapping):
+    elif isinstance(part, tuple | list | Mapping):
         for inner in part.values() if isinstance(part, Mapping) else part:
             _make_read_only(inner)
     elif hasattr(part, "__dict__"):

@@ -1,6 +1,6 @@
 """Fixtures for the tests of plug-ins; pytest finds them where taichisoft is installed (`-p no:taichisoft` hides them).
 
-Nothing but pytest is imported until a test asks for one.
+Only pytest is imported until a test requests a fixture.
 """
 
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ TINY_GRIPPER = Path(__file__).parent / "tiny_gripper" / "scene.toml"
 
 @pytest.fixture
 def taichisoft_scene() -> "Scene":
-    """Two soft pads of 36 tetrahedra each and a cube of 1 g between them: half a second of it takes a tenth of one.
+    """Two soft pads of 36 tetrahedra each and a cube of 1 g between them; half a second takes 0.1 s to simulate.
 
     Bodies: "left" and "right", with the cavities "left.cavity" and "right.cavity"; "cube", on the obstacle "floor". At
     7 kPa the pads touch the cube, and with 9 kPa they can lift it (along z).
@@ -30,7 +30,7 @@ def taichisoft_scene() -> "Scene":
 
 @pytest.fixture
 def taichisoft_plugins() -> "Iterator[Registry]":
-    """A registry with the installed plug-ins: what the test loads or registers in addition is gone after it."""
+    """A registry with the installed plug-ins; plug-ins that the test adds are removed after it."""
     from taichisoft.plugin_system.plugins import separate_registry
 
     with separate_registry() as registry:

@@ -1,4 +1,4 @@
-"""What changes during a run, complete: a run continued from a saved state gives the same bits."""
+"""The complete state of a run: a run continued from a saved state is reproduced bit for bit."""
 
 import dataclasses
 from collections.abc import Mapping
@@ -14,7 +14,7 @@ from taichisoft.errors import StateError
 
 @dataclass(frozen=True)
 class State:
-    """The state between two steps, in read-only arrays; `Simulation.step` makes a new one and leaves the old one.
+    """The state between two steps in read-only arrays; `Simulation.step` makes a new state.
 
     Attributes:
         time: simulated time [s].
@@ -27,30 +27,27 @@ class State:
         rigid_angular_velocity: angular velocities of the rigid bodies in world axes [rad/s], shape (rigid_count, 3).
         base_translation: shift of all anchors from their rest positions [mm], shape (3,).
         base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
-        base_request: translation and rotation vector that were asked for, before limits, shape (2, 3).
-        base_velocity: linear [mm/s] and angular velocity [rad/s] that were asked for, 0 if a pose was, shape (2, 3).
-        anchor_position: where the springs hold the anchored nodes, before the base moves them [mm], (anchor_count, 3).
+        base_request: requested translation [mm] and rotation vector [rad], before limits, shape (2, 3).
+        base_velocity: requested linear [mm/s] and angular velocity [rad/s], 0 if a pose was requested, shape (2, 3).
+        anchor_position: positions of the anchors' springs, before the base moves them [mm], (anchor_count, 3).
         gravity: acceleration of gravity [mm/s^2], shape (3,).
         young_modulus: Young's moduli of the materials [kPa], shape (material_count,).
-        cavity_volume_imposed: whether a cavity is driven by volume, else by pressure, shape (cavity_count,).
-        cavity_request: pressure [kPa] or volume growth [mm^3] that was asked for, before limits, (cavity_count,).
-        cavity_target: imposed pressure [kPa] or volume growth [mm^3], shape (cavity_count,).
-        cavity_pressure: pressure in the last step, imposed or found [kPa], shape (cavity_count,).
-        cavity_volume: volumes of the cavities [mm^3], shape (cavity_count,).
-        cable_pull_imposed: whether a cable is driven by how far it is pulled in, else by tension, shape (cable_count,).
-        cable_request: tension [mN] or pull [mm] that was asked for, before limits, shape (cable_count,).
-        cable_target: tension [mN] or pull [mm] that is driven for, shape (cable_count,).
-        cable_tension: tension at the pulled end in the last step [mN], shape (cable_count,).
-        cable_tension_loss: tension lost to friction at each inner point in the last step, negative where the cable is
-            paid out [mN], in the order of the cables with friction, shape (rubbing_point_count,).
-        cable_length: lengths of the cables [mm], shape (cable_count,).
-        pull_point: places of the pull points before the base moved them [mm], shape (cable_count, 3).
+        actuator_imposed: whether an actuator is driven by its coordinate (volume growth, pull), else by its effort
+            (pressure, tension); this and the next four in the order of the model's actuators, (actuator_count,).
+        actuator_request: requested pressure [kPa], tension [mN], volume growth [mm^3] or pull [mm], before limits,
+            shape (actuator_count,).
+        actuator_target: the part of the request within the limits, shape (actuator_count,).
+        actuator_effort: pressure [kPa] or tension [mN] in the last step, imposed or computed, shape (actuator_count,).
+        actuator_value: volume [mm^3] or length [mm], shape (actuator_count,).
+        actuator_loss: tension lost to friction at each inner point in the last step, negative for a cable paid out
+            [mN], in the order of the cables with friction, shape (loss_count,).
+        pull_point: positions of the pull points before the base moved them [mm], shape (cable_count, 3).
         contact_body_pair: numbers of the two bodies of each contact of the last step, shape (contact_count, 2).
-        contact_point: middle of each contact when it was found [mm], shape (contact_count, 3).
+        contact_point: midpoint of each contact at its detection [mm], shape (contact_count, 3).
         contact_normal: unit vector from the first body to the second, shape (contact_count, 3).
         contact_impulse: impulse on the second body [mN s], shape (contact_count, 3).
-        contact_slip: sliding velocity of the second body of each contact on the first, 0 where nothing presses [mm/s],
-            shape (contact_count, 3).
+        contact_slip: sliding velocity of the second body of each contact on the first, 0 if not pressed [mm/s], shape
+            (contact_count, 3).
     """
 
     time: float
@@ -68,17 +65,12 @@ class State:
     anchor_position: np.ndarray
     gravity: np.ndarray
     young_modulus: np.ndarray
-    cavity_volume_imposed: np.ndarray
-    cavity_request: np.ndarray
-    cavity_target: np.ndarray
-    cavity_pressure: np.ndarray
-    cavity_volume: np.ndarray
-    cable_pull_imposed: np.ndarray
-    cable_request: np.ndarray
-    cable_target: np.ndarray
-    cable_tension: np.ndarray
-    cable_tension_loss: np.ndarray
-    cable_length: np.ndarray
+    actuator_imposed: np.ndarray
+    actuator_request: np.ndarray
+    actuator_target: np.ndarray
+    actuator_effort: np.ndarray
+    actuator_value: np.ndarray
+    actuator_loss: np.ndarray
     pull_point: np.ndarray
     contact_body_pair: np.ndarray
     contact_point: np.ndarray
@@ -87,23 +79,23 @@ class State:
     contact_slip: np.ndarray
 
     def __post_init__(self) -> None:
-        """Take over the arrays and make them read-only: what was computed from a state stays true of it."""
+        """Make the arrays read-only, so that data computed from a state stay valid."""
         _make_read_only(vars(self))
 
     def changed(self, **changes: Any) -> "State":
-        """This state with other values of some fields; as `dataclasses.replace`, but fast enough for every step."""
+        """Copy with other values of some fields; as `dataclasses.replace`, but fast enough for every step."""
         state = object.__new__(State)
         vars(state).update(vars(self), **changes)
         _make_read_only(changes)
         return state
 
     def copy(self) -> "State":
-        """A state that shares no array with this one."""
+        """Copy without shared arrays."""
         arrays: dict[str, Any] = {name: value.copy() for name, value in _items(self) if isinstance(value, np.ndarray)}
         return self.changed(**arrays)
 
     def __eq__(self, other: object) -> bool:
-        """Equal bit for bit."""
+        """Whether two states are equal bit for bit."""
         return isinstance(other, State) and all(
             np.shape(value) == np.shape(getattr(other, name))
             and np.asarray(value).tobytes() == np.asarray(getattr(other, name)).tobytes()
@@ -111,7 +103,7 @@ class State:
         )
 
     def problem(self) -> str:
-        """Why nothing can go on from it: a field that is no array of finite numbers; empty where it can."""
+        """First field that is not an array of finite numbers, as part of a message; empty for a valid state."""
         for name, value in _items(self):
             is_array = name not in ("time", "step")
             kind = np.asarray(value).dtype.kind
@@ -132,7 +124,7 @@ class State:
         """Read a state that `save` wrote.
 
         Raises:
-            StateError: the file is missing, damaged, or no state.
+            StateError: the file is missing, damaged, or not a state.
         """
         names = {field.name for field in dataclasses.fields(cls)}
         try:
@@ -142,7 +134,7 @@ class State:
             raise StateError(f"{path}: cannot be read as a state: {error}") from error
         if set(arrays) != names:
             wrong = ", ".join(sorted(set(arrays) ^ names))
-            raise StateError(f"{path}: is no state of this version of taichisoft; it differs in: {wrong}")
+            raise StateError(f"{path}: not a state of this version of taichisoft; it differs in: {wrong}")
         return cls(**{**arrays, "time": float(arrays["time"]), "step": int(arrays["step"])})
 
 

@@ -1,4 +1,4 @@
-"""Text from elsewhere, as a terminal may show it."""
+"""Safe display of external text on a terminal."""
 
 from typing import TYPE_CHECKING
 
@@ -7,20 +7,20 @@ if TYPE_CHECKING:
 
 
 def printable(text: str) -> str:
-    r"""A text in which control characters are written out: "\x1b" for the one with which a terminal is told things.
+    r"""Write control characters of a text as escapes, such as "\x1b" for terminal commands.
 
-    Those that turn the direction of writing are written out as well, since they let one name look like another.
+    Characters that change the direction of writing are escaped too, since they make one name look like another.
     """
     return "".join(one if one.isprintable() or one in "\n\t" else ascii(one)[1:-1] for one in text)
 
 
 def plain(text: object) -> "Text":
-    """A cell, heading or title of a table for rich, which would take a bare "[kPa]" for its own markup."""
-    from rich.text import Text  # takes a moment, which --help need not wait for
+    """Text for a rich table without markup; rich would interpret a bare "[kPa]" as markup."""
+    from rich.text import Text  # imported here, so that --help need not wait
 
     return Text(printable(str(text)))
 
 
 def say(line: object) -> None:
-    """Print a line with a name or a path in it, which need not be one that a terminal should show as it is."""
+    """Print a line that may contain names or paths, with control characters escaped."""
     print(printable(str(line)), flush=True)

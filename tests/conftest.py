@@ -23,7 +23,7 @@ from taichisoft.plugin_system.hookspecs import PROJECT, hookimpl
 
 SHARED = Path(__file__).resolve().parents[1].parent / "shared"
 
-PATIENCE = 300.0
+PATIENCE = 1200.0
 """What a test waits for may take so long [s] on a busy machine; usually it is there at once."""
 
 THOROUGH = 5000

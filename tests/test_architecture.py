@@ -4,8 +4,10 @@ Imports for type checking alone count as well: a reader follows them just the sa
 """
 
 import ast
+import re
 from collections import Counter
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -16,7 +18,7 @@ FORBIDDEN = {
     "taichisoft_controllers",
     "taichisoft_gym",
     "taichisoft_meshing",
-    "taichisoft_plugins",
+    "taichisoft_outputs",
     "taichisoft_sofa",
     "taichisoft_studies",
 } | {
@@ -37,44 +39,51 @@ LAYERS = {
         "building",
         "plugin_system",
         "session",
-        "simulation",
+        "time_stepper",
         "step",
         "solver",
         "control",
         "model",
+        "actuators",
         "contact",
         "bodies",
         "scenes",
         "meshes",
+        "rubber_laws",
         "cholesky",
         "state",
         "checksum",
         "atomic_file",
+        "worker",
         "child_process",
         "interruption",
         "runtime",
         "cache_folder",
         "terminal_text",
+        "expressions",
         "input_file",
         "errors",
     ],
     "taichisoft_benchmarks": [
         "__init__",
+        "__main__",
         "faults",
-        "command",
-        "page",
+        "performance_page",
         "studies",
-        "comparison",
-        "plots",
-        "targets",
+        "regressions",
+        "growth_plots",
+        "figure_targets",
         "runner",
-        "results",
+        "case_results",
         "case_process",
         "measures",
         "peers",
-        "scenes",
+        "case_scenes",
         "cases",
         "machine",
+        "program",
+        "marked_page",
+        "regular_meshes",
         "errors",
     ],
     "taichisoft_controllers": [
@@ -104,7 +113,7 @@ LAYERS = {
         "actuation",
         "channels",
     ],
-    "taichisoft_plugins": [
+    "taichisoft_outputs": [
         "__init__",
         "doctor",
         "materials",
@@ -114,17 +123,17 @@ LAYERS = {
         "paraview",
         "plots",
         "csv_output",
-        "hold_time",
         "metrics",
         "drawing",
         "stress",
         "domain_stress",
-        "rubber_stress",
+        "law_stress",
         "recording",
         "goals",
         "run_figures",
         "slipping",
         "base_motion",
+        "html_template",
         "system_libraries",
     ],
     "taichisoft_sofa": [
@@ -142,20 +151,16 @@ LAYERS = {
     "taichisoft_studies": [
         "__init__",
         "commands",
-        "calibrate",
-        "measured_data",
+        "least_squares",
         "calibration_file",
-        "winner_parts",
-        "optimise",
+        "winners",
+        "trials",
         "objectives",
         "study_page",
         "analysis",
-        "comparison",
-        "mesh_summary",
-        "mesh_plan",
-        "value_texts",
-        "sweep",
-        "progress",
+        "run_comparison",
+        "mesh_variants",
+        "sweep_runs",
         "workers",
         "access",
         "worker_start",
@@ -170,15 +175,14 @@ LAYERS = {
         "run_log",
         "run_folder",
         "curves_output",
-        "observed",
         "run_job",
         "unfinished",
-        "results",
+        "results_table",
         "expressions",
-        "keys",
-        "sampling",
+        "scene_keys",
+        "varied_values",
         "study_file",
-        "extras",
+        "errors",
     ],
     "taichisoft_meshing": [
         "__init__",
@@ -202,7 +206,8 @@ LAYERS = {
 }
 PACKAGES = [
     ENGINE,
-    *(ROOT / folder / f"taichisoft_{folder}" for folder in ("benchmarks", "controllers", "meshing", "plugins")),
+    *(ROOT / folder / f"taichisoft_{folder}" for folder in ("benchmarks", "controllers", "meshing")),
+    ROOT / "plugins/taichisoft_outputs",
     ROOT / "controllers/taichisoft_gym",
     ROOT / "plugins/taichisoft_sofa",
     ROOT / "plugins/taichisoft_studies",
@@ -294,7 +299,68 @@ def test_taichi_stays_in_the_runtime_and_the_kernels(path):
         assert "taichi" not in {name.split(".")[0] for name in imported_names(path)}
 
 
+# Names of Taichi's that are not in its documentation, and modules of it.
+PRIVATE_NAMES = {
+    *("get_runtime", "prog", "_primal", "compiled_kernels", "ensure_compiled", "compile_kernel", "get_device_caps"),
+    *("launch_kernel", "make_launch_context", "set_arg_int", "set_arg_float", "set_arg_external_array_with_shape"),
+}
+
+
+def private_parts(path: Path) -> set[str]:
+    """What a file uses of Taichi's private interface."""
+    imported = {name for name in imported_names(path) if name.startswith(("taichi.lang", "taichi._"))}
+    nodes = [one for one in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(one, ast.Attribute)]
+    of_taichi = {node.attr for node in nodes if isinstance(node.value, ast.Name) and node.value.id in ("ti", "taichi")}
+    hidden = {name for name in of_taichi if name == "lang" or name.startswith("_")}
+    return imported | hidden | ({node.attr for node in nodes} & PRIVATE_NAMES)
+
+
+def test_taichis_private_interface_is_used_in_one_file():
+    folders = [*PACKAGES, ROOT / "tests", ROOT / "docs", ROOT / "examples"]
+    users = {path for folder in folders for path in folder.rglob("*.py") if private_parts(path)}
+    assert users == {ENGINE / "runtime/taichi_private.py"}
+
+
 def test_a_file_of_kernels_has_a_name_of_its_own():
     names = Counter(path.stem for path in ENGINE.rglob("*.py"))
     kernels = [path.stem for path in ENGINE.rglob("*.py") if path.parent.name in ("runtime", "kernels")]
     assert [name for name in kernels if name != "__init__" and names[name] > 1] == []
+
+
+BESIDE = [ROOT / folder for folder in ("benchmarks", "controllers", "meshing", "plugins", "examples")]
+"""Packages that import the engine's public modules: `taichisoft.meshes`, not `taichisoft.meshes.files`."""
+
+
+def inner_imports(path: Path) -> list[str]:
+    """Imports of modules inside a package of the engine."""
+    found = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        names = [node.module or ""] if isinstance(node, ast.ImportFrom) and node.level == 0 else []
+        names += [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+        found += [name for name in names if name.startswith("taichisoft.") and name.count(".") > 1]
+    return found
+
+
+def test_packages_beside_the_engine_import_its_public_modules_alone() -> None:
+    files = [path for folder in BESIDE for path in sorted(folder.rglob("*.py"))]
+    assert len(files) > 200
+    assert {str(path.relative_to(ROOT)): inner for path in files if (inner := inner_imports(path))} == {}
+
+
+@pytest.mark.parametrize("stub", sorted(ENGINE.glob("*/__init__.pyi")), ids=lambda stub: stub.parent.name)
+def test_public_names_are_there_and_used(stub: Path) -> None:
+    """A name with the name of a module would be the module as soon as that is imported."""
+    package = import_module(f"taichisoft.{stub.parent.name}")
+    names = {
+        alias.name
+        for node in ast.walk(ast.parse(stub.read_text()))
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }
+    assert names == set(package.__all__)
+    assert all(getattr(package, name) is not None for name in names)
+    assert not names & {path.stem for path in stub.parent.iterdir()}
+    everything = "".join(
+        path.read_text(encoding="utf-8") for folder in [*BESIDE, ROOT / "docs"] for path in folder.rglob("*.*y")
+    )
+    assert [name for name in sorted(names) if not re.search(rf"\b{name}\b", everything)] == []

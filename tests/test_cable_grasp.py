@@ -10,7 +10,7 @@ from taichisoft.building.run_parts import make_controller
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
-from taichisoft_plugins.metrics import MetricsOutput
+from taichisoft_outputs.metrics import MetricsOutput
 
 GRAVITY = 9810.0
 LIFT, PULL = 40.0, 5.5
@@ -55,7 +55,7 @@ def test_open_fingers_lift_nothing() -> None:
         shift = np.array([0.0, 0.0, min(step, 40.0)])
         simulation.step(Control(base_translation=shift))
     assert np.linalg.norm(simulation.state.rigid_position[0] - start) < 0.1
-    assert not simulation.state.cable_tension.any()
+    assert not simulation.state.actuator_effort.any()
 
 
 def test_a_grasp_by_tension_is_the_same(grasp: tuple[dict[str, Any], Simulation]) -> None:

@@ -267,7 +267,7 @@ def test_the_version_is_shown(command: Command) -> None:
 def test_plugins_are_listed_with_what_they_provide(command: Command) -> None:
     code, output, _ = command("plugins")
     assert code == 0
-    for word in ("controllers", "outputs", "meshing", "taichisoft_plugins", "scripted", "recording"):
+    for word in ("controllers", "outputs", "meshing", "taichisoft_outputs", "scripted", "recording"):
         assert word in output
 
 
@@ -275,6 +275,11 @@ def test_plugins_are_listed_with_what_they_provide(command: Command) -> None:
     ("arguments", "message"),
     [
         (["rn"], "No such command 'rn'. Did you mean 'run'?; see taichisoft --help"),
+        (["mesh-info"], "No such command 'mesh-info'. Did you mean 'mesh info'?; see taichisoft --help"),
+        (["optimise"], "No such command 'optimise'. Did you mean 'study optimise'?; see taichisoft --help"),
+        (["sweep", "a"], "No such command 'sweep'. Did you mean 'mesh sweep', 'study sweep'?; see taichisoft --help"),
+        (["recordin"], "No such command 'recordin'. Did you mean 'recording'?; see taichisoft --help"),
+        (["study", "swep"], "No such command 'swep'. Did you mean 'sweep'?; see taichisoft study --help"),
         (["run"], "Missing argument 'scene'; see taichisoft run --help"),
         (["run", "scene.toml", "--film"], "No such option: --film"),
         (["run", "x", "--duration", "long"], "Invalid value for '--duration': "),
@@ -295,6 +300,15 @@ def test_the_command_alone_shows_its_help(command: Command) -> None:
     code, output, errors = command()
     assert (code, errors) == (2, "")
     assert "--version" in output
+
+
+def test_the_commands_are_on_one_screen_and_the_daily_ones_are_first(command: Command) -> None:
+    shown = command("--help")[1].splitlines()
+    lines = shown[next(number for number, line in enumerate(shown) if "Commands" in line) :]
+    names = [name for line in lines if (name := line.strip("│ ").split(" ")[0]).isalpha() and line[2] != " "]
+    assert names == [*("run", "render", "view", "resume"), *names[4:]]
+    assert names[4:] == ["mesh", "study", "recording", "materials", "plugins", "sofa", "doctor"]
+    assert len(lines) <= 24
 
 
 def test_profile_shows_where_the_time_goes(command: Command) -> None:

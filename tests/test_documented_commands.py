@@ -49,11 +49,10 @@ PAGES = [
 ]
 
 LEFT_OUT = {
-    "taichisoft bench ": "half an hour; tests/benchmarks/test_bench_command.py runs a case",
-    "taichisoft optimise finger-tip-force": "minutes; tests/studies/test_optimise.py optimises something small",
-    "taichisoft calibrate beam.toml": "needs a measured beam; tests/studies/test_calibrate.py makes one up",
-    "taichisoft sweep study.toml -o /shared/study": "needs a cluster; tests/studies/test_sweep.py starts one",
-    "taichisoft doctor": "looks at the machine, which may lack something; tests/plugins/test_doctor.py",
+    "taichisoft study optimise finger-tip-force": "minutes; tests/studies/test_optimise.py optimises something small",
+    "taichisoft study calibrate beam.toml": "needs a measured beam; tests/studies/test_calibrate.py makes one up",
+    "taichisoft study sweep study.toml -o /shared/study": "needs a cluster; tests/studies/test_sweep.py starts one",
+    "taichisoft doctor": "looks at the machine, which may lack something; tests/outputs/test_doctor.py",
 }
 """Beginnings of commands that are only checked for their options, and why."""
 
@@ -173,8 +172,8 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
     from taichisoft.scenes import shipped
     from taichisoft_meshing import mesh_job, mesh_process
-    from taichisoft_plugins.rendering import render, video
-    from taichisoft_plugins.web import output, recording_page
+    from taichisoft_outputs.rendering import render, video
+    from taichisoft_outputs.web import recording_page, web_output
     from taichisoft_studies import workers
 
     shutil.copytree(ROOT / "data", data)
@@ -189,7 +188,7 @@ def make_small(data: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(mesh_job, "mesh_as_asked", mesh_of_a_pad)
     monkeypatch.setattr(mesh_job.MadeMesh, "problems", property(lambda made: []))
     monkeypatch.setattr(workers, "dask_workers", workers_here)
-    monkeypatch.setattr(output.WebOutput, "follow", lambda self, session: None)
+    monkeypatch.setattr(web_output.WebOutput, "follow", lambda self, session: None)
     monkeypatch.setattr(recording_page.RecordingPage, "serve", lambda self: None)
 
 
@@ -215,7 +214,7 @@ def tiny_finger(gripper: str) -> str:
 
 
 def draw_nothing(recording: Path, style: Any, frames: Sequence[int], take: Callable[..., None], stop: Any) -> None:
-    from taichisoft_plugins.recording.reader import read_recording
+    from taichisoft_outputs.recording.reader import read_recording
 
     with read_recording(recording) as opened:
         style.check(opened.scene)

@@ -14,7 +14,7 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
 from taichisoft.command_line import main
 from taichisoft.errors import GoalMissed
-from taichisoft_plugins.metrics import MetricsOutput
+from taichisoft_outputs.metrics import MetricsOutput
 
 GRAVITY = 9810.0
 LIFT = 30.0

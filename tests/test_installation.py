@@ -19,11 +19,10 @@ CHECKOUT = Path(__file__).resolve().parent.parent
 
 FOLDERS = {
     "taichisoft": "taichisoft",
-    "taichisoft_benchmarks": "benchmarks/taichisoft_benchmarks",
     "taichisoft_controllers": "controllers/taichisoft_controllers",
     "taichisoft_gym": "controllers/taichisoft_gym",
     "taichisoft_meshing": "meshing/taichisoft_meshing",
-    "taichisoft_plugins": "plugins/taichisoft_plugins",
+    "taichisoft_outputs": "plugins/taichisoft_outputs",
     "taichisoft_sofa": "plugins/taichisoft_sofa",
     "taichisoft_studies": "plugins/taichisoft_studies",
     "taichisoft/plugin_system/plugin_template": "taichisoft/plugin_system/plugin_template",

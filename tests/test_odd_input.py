@@ -48,9 +48,9 @@ def test_a_scene_that_cannot_be_meant(tmp_path: Path, scene: str, problem: str) 
 @pytest.mark.parametrize(
     "arguments",
     [
-        ["report", ""],
-        ["report", "x" * 5000],
-        ["plot", "x" * 300],
+        ["recording", "report", ""],
+        ["recording", "report", "x" * 5000],
+        ["recording", "plot", "x" * 300],
         ["run", "gripper", "--web", "--web-address", "í:8080"],
         ["run", "gripper", "--set", f"{'a.' * DEEP}a=1"],
         ["run", "x" * 5000],

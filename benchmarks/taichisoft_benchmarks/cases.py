@@ -10,8 +10,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from taichisoft.errors import nearest
 from taichisoft.input_file import read_toml
-from taichisoft.scenes.table import Positive, Table
-from taichisoft.scenes.validation_errors import first_problem
+from taichisoft.scenes import Positive, Table, first_problem
 from taichisoft_benchmarks.errors import BenchmarkError
 
 SHIPPED = Path(__file__).with_name("cases.toml")
@@ -23,14 +22,14 @@ Peer = Literal["mujoco", "mujoco_1000", "drake"]
 
 
 class Case(Table):
-    """The keys that all kinds of cases have."""
+    """The keys of all kinds of cases."""
 
     kind: str
     title: str
     threads: Annotated[int, Field(strict=True, ge=0)] = 0
     """Threads of the engine and of numpy; 0 takes all cores."""
     time_limit: Positive = 1200.0
-    """Longest time that one repetition may take [s]."""
+    """Longest duration of one repetition [s]."""
 
     quick: ClassVar[dict[str, int]] = {}
     """Largest values of keys in a quick look."""
@@ -44,7 +43,7 @@ class Fingers(Table):
     """The mesh of the fingers."""
 
     mesh: str = "tutorial-coarse"
-    """Name of a shipped mesh; --tutorial-meshes replaces those of the tutorial by the tutorial's own."""
+    """Name of a shipped mesh; --tutorial-meshes replaces the shipped meshes of the tutorial by the originals."""
     element_size: Positive | None = None
     """Largest element [mm] of a mesh by the project's own mesher, which takes the place of `mesh`."""
 
@@ -55,7 +54,7 @@ class SceneCase(Case, Fingers):
     scene: str
     """Name of a shipped scene."""
     finger: str
-    """Name of the scene's soft body which is given the mesh; the others are like it."""
+    """Name of the scene's soft body with the mesh; the others are like it."""
     overrides: list[str] = Field(default_factory=list)
     """Changes to the scene, written as for `taichisoft run --set`."""
 
@@ -84,9 +83,9 @@ class StepsCase(Simulated, SceneCase):
     """Time per step of a scene."""
 
     peers: list[Peer] = Field(default_factory=list)
-    """Other programs that do the part of the job that they can, each as a case NAME_PEER."""
+    """Other programs that do a part of the same job, each as a case NAME_PEER."""
     peer_steps: Count | None = None
-    """Number of steps of the other programs, which stop before the base moves; windows that end later are left out."""
+    """Steps of the other programs, which stop before the base moves; windows that end later are left out."""
 
 
 class PeerCase(StepsCase):
@@ -96,7 +95,7 @@ class PeerCase(StepsCase):
 
 
 class PluginsCase(Simulated, SceneCase):
-    """What hooks and the controller's observation add to a step of a scene."""
+    """Time that hooks and the controller's observation add to a step of a scene."""
 
 
 class ContactsCase(Simulated, Case):
@@ -112,7 +111,7 @@ class FingersCase(Simulated, Case, Fingers):
 
 
 class FactorisationCase(SceneCase):
-    """The sparse Cholesky alone, and CHOLMOD and SuperLU on the same matrix in turns with it."""
+    """The sparse Cholesky alone, alternating with CHOLMOD and SuperLU on the same matrix."""
 
     rounds: Count
     quick: ClassVar[dict[str, int]] = {"rounds": 5}
@@ -152,14 +151,14 @@ class RenderingCase(SceneCase):
 
 
 class PairedCase(SceneCase):
-    """A case whose steps run without and with an output in turns."""
+    """A case whose runs alternate between without and with an output."""
 
     steps: Count
     pairs: Count
 
 
 class RecordingCase(PairedCase):
-    """What recording a scene adds to its steps."""
+    """Time that recording adds to the steps of a scene."""
 
     quick: ClassVar[dict[str, int]] = {"steps": QUICK_STEPS, "pairs": 1}
 
@@ -206,7 +205,7 @@ def read_cases(path: Path = SHIPPED) -> list[NamedCase]:
     """All cases of a file, in its order.
 
     Raises:
-        BenchmarkError: the file is missing or no TOML, or something in it is not valid.
+        BenchmarkError: the file cannot be read as TOML, or a key or value is not valid.
     """
     try:
         document = read_toml(path)
@@ -219,7 +218,7 @@ def cases_from_dict(document: dict[str, Any], source: str = "cases") -> list[Nam
     """Cases from plain tables, as TOML gives them; `source` begins every error.
 
     Raises:
-        BenchmarkError: something is not valid, with its key, value and what would be; or two cases have one name.
+        BenchmarkError: a key or value is not valid, or two cases have the same name.
     """
     cases = [case for group, table in document.items() for case in _expand(group, table, source)]
     names = [case.name for case in cases]

@@ -1,4 +1,4 @@
-"""Errors of the benchmarks that a user is told in one line."""
+"""Errors of the benchmarks, each one line."""
 
 from taichisoft.errors import TaichisoftError
 
@@ -8,4 +8,4 @@ class BenchmarkError(TaichisoftError):
 
 
 class PeerMissing(BenchmarkError):
-    """Another program that a case compares with is not installed, or cannot do the case; the case is skipped."""
+    """Another program is not installed or cannot do a case, which is skipped."""

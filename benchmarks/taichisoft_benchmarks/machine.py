@@ -2,9 +2,9 @@
 
     python -m taichisoft_benchmarks.machine
 
-prints JSON with the milliseconds of a dense product and of a sparse factorisation, the two kinds of arithmetic that a
-step is made of; results of different machines compare as ratios to them. `calibrate` runs it in a process of its own on
-one thread of the numerical library: how many threads a case has must not change what it is divided by.
+prints JSON with the milliseconds of a dense product and of a sparse factorisation, the two kinds of arithmetic of a
+step; results of different machines compare as ratios to them. `calibrate` runs it in a process of its own on one
+thread, since the calibration must not depend on the threads of a case.
 """
 
 import json
@@ -26,7 +26,7 @@ ROUNDS = 7
 
 
 def describe_machine() -> dict[str, str]:
-    """Properties that tell machines apart."""
+    """Processor, memory and versions of the system."""
     return {
         "system": f"{platform.system()} {platform.machine()}",
         "processor": _processor(),
@@ -47,7 +47,7 @@ def versions() -> dict[str, str]:
 
 
 def load() -> float:
-    """Mean number of processes that want to run in the last minute; 0 where the system does not tell."""
+    """Mean number of runnable processes in the last minute; 0 if the system does not report it."""
     return round(os.getloadavg()[0], 2) if hasattr(os, "getloadavg") else 0.0
 
 

@@ -1,7 +1,7 @@
 """Runs cases in rounds, each repetition in a process of its own, beside a calibration.
 
-In rounds, all cases once and then all again: a shared machine is slow for minutes at a time, and so a case and the
-other programs that it is compared with meet its moods alike.
+A round runs every case once: a shared machine is slow for minutes at a time, which then affects a case and the other
+programs that it is compared with alike.
 """
 
 import time
@@ -12,20 +12,20 @@ from typing import Any
 
 from taichisoft_benchmarks import machine
 from taichisoft_benchmarks.case_process import measure_in_process
+from taichisoft_benchmarks.case_results import CaseResult, Figure, Results, derive
+from taichisoft_benchmarks.case_scenes import Meshes
 from taichisoft_benchmarks.cases import NamedCase
 from taichisoft_benchmarks.measures.measured import Measured
-from taichisoft_benchmarks.results import CaseResult, Figure, Results, derive
-from taichisoft_benchmarks.scenes import Meshes
 
 
 @dataclass
 class Repetitions:
-    """What the repetitions of a case have given so far.
+    """The repetitions of a case so far.
 
     Attributes:
         measured: of each repetition that could be measured.
         calibration: beside each of them [ms].
-        skipped, problem: why the case ended, as in `Answer`; it is not tried again then.
+        skipped, problem: why the case ended, as in `Answer`; then it is not repeated.
     """
 
     measured: list[Measured] = field(default_factory=list)
@@ -47,7 +47,7 @@ def run_cases(
     on_progress: Callable[[str], None],
     on_result: Callable[[str, CaseResult], None],
 ) -> Results:
-    """Measure all cases; one that fails is part of the results, and the rest go on. Ctrl and c ends the rounds early.
+    """Measure all cases; a case that fails is part of the results, and the others go on. Ctrl+C ends the rounds early.
 
     Args:
         cases: cases in the order of a round.
@@ -55,7 +55,7 @@ def run_cases(
         repeat: number of rounds.
         quick: whether to make few steps.
         on_progress: called with a line before each repetition.
-        on_result: called with the name and the result of each case, when its last repetition is there.
+        on_result: called with the name and the result of each case after its last repetition.
     """
     load = machine.load()
     found = {named.name: Repetitions() for named in cases}
@@ -108,7 +108,7 @@ def _repeat(named: NamedCase, meshes: Meshes, quick: bool, repetitions: Repetiti
 
 
 def _result(named: NamedCase, repetitions: Repetitions) -> CaseResult:
-    """What the repetitions of a case come to; those before a failure do not count."""
+    """The result of a case from its repetitions; none count if one failed."""
     about: dict[str, Any] = {
         "group": named.group,
         "parameter": named.parameter,

@@ -1,52 +1,41 @@
-"""The ways to drive actuators: cavities by pressure, cables by how far they are pulled in or by their tension."""
+"""The ways to drive actuators that scripts and keys know: by pressure, by tension, by how far cables are pulled in."""
 
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.control.observation import Observation
+from pydantic import Field, create_model
+
+from taichisoft.actuators import ACTUATOR_KINDS, CABLES, CAVITIES, ActuatorKind, Drive, kind_of
+from taichisoft.control import Observation
+from taichisoft.scenes import Table
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
 
+PRESSURE, PULL, TENSION = CAVITIES.effort, CABLES.coordinate, CABLES.effort
+DRIVES = tuple(drive for kind in ACTUATOR_KINDS for drive in kind.drives)
+"""The drives of all kinds of actuators; drives of one kind exclude each other for an actuator."""
 
-@dataclass(frozen=True)
-class Drive:
-    """A way to drive the actuators of one kind.
 
-    Attributes:
-        name: what is driven, as keys of scripts and settings call it.
-        unit: its unit.
-        kind: what the actuators are: "cavity" or "cable".
-        rate: key of its rate of change.
-        asked: field of a `Control` that asks for it.
-        observed: field of an `Observation` that has it.
+def driven_by(drive: Drive, model: "Model") -> tuple[str, ...]:
+    """Names of all actuators of a model that can be driven so."""
+    return model.actuators.names_of(kind_of(drive))
+
+
+def table_of_drives(name: str, base: type[Table], field: Callable[[Drive, ActuatorKind], tuple[str, Any, str]]) -> Any:
+    """A table with a key for each drive, None where it is not given.
+
+    Args:
+        name: name of the table.
+        base: table whose keys it has as well.
+        field: gives key, type and meaning for a drive and the kind of actuators that it drives.
     """
-
-    name: str
-    unit: str
-    kind: str
-    rate: str
-    asked: str
-    observed: str
-
-    @property
-    def plural(self) -> str:
-        """The actuators, more than one."""
-        return {"cavity": "cavities", "cable": "cables"}[self.kind]
-
-    def actuators(self, model: "Model") -> tuple[str, ...]:
-        """Names of all actuators of the kind."""
-        names: tuple[str, ...] = getattr(model, self.plural).names
-        return names
-
-    def read(self, observation: Observation, actuator: str) -> float:
-        """What an actuator was driven with in the last step, or what came of it."""
-        value: Any = getattr(observation, self.observed)[actuator]
-        return float(value)
+    fields = [field(drive, kind_of(drive)) for drive in DRIVES]
+    made: dict[str, Any] = {key: (kind | None, Field(None, description=meaning)) for key, kind, meaning in fields}
+    return create_model(name, __base__=base, **made)
 
 
-PRESSURE = Drive("pressure", "kPa", "cavity", "pressure_rate", "pressure", "pressures")
-PULL = Drive("pull", "mm", "cable", "pull_speed", "cable_pull", "cable_pulls")
-TENSION = Drive("tension", "mN", "cable", "tension_rate", "cable_tension", "cable_tensions")
-DRIVES = (PRESSURE, PULL, TENSION)
-"""All of them; the last two exclude each other for a cable."""
+def read_drive(drive: Drive, observation: Observation, actuator: str) -> float:
+    """What an actuator was driven with in the last step, or what came of it."""
+    value: Any = getattr(observation, drive.observed)[actuator]
+    return float(value)

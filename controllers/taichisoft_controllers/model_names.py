@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from taichisoft.errors import SceneError, nearest
 
 if TYPE_CHECKING:
-    from taichisoft.control.observation import Pair
+    from taichisoft.control import Pair
     from taichisoft.model import Model
 
 
@@ -15,7 +15,7 @@ def actuators_called(name: str | None, names: Sequence[str], kind: str) -> list[
     """The actuators of "finger1", or "finger1.cavity" alone, out of the names of all of a kind, "cavity" or "cable".
 
     Raises:
-        SceneError: there are none.
+        SceneError: nothing has that name.
     """
     chosen = [actuator for actuator in names if name is None or name in (actuator, finger_of(actuator))]
     return chosen or called(name, [*dict.fromkeys(map(finger_of, names)), *names], f"finger or {kind}")
@@ -30,10 +30,10 @@ def values_by_actuator(given: float | Mapping[str, float], names: Sequence[str],
     """Values by the names of actuators of a kind, from one for all or from some by finger or actuator.
 
     Raises:
-        SceneError: a name is none of a finger or actuator, an actuator is meant twice, or there are none for a value.
+        SceneError: a name is unknown, an actuator is named twice, or the model has no actuator for a value.
     """
     if not isinstance(given, Mapping):
-        # 0 asks nothing of nobody: a script that is at rest fits every scene.
+        # 0 fits every scene, also without actuators: a script may keep them at rest.
         return dict.fromkeys(actuators_called(None, names, kind) if given else names, given)
     by_actuator: dict[str, float] = {}
     for name, value in given.items():
@@ -48,7 +48,7 @@ def fingers_called(name: str | None, model: "Model") -> list[str]:
     """The soft body of that name, if its bending is observed.
 
     Raises:
-        SceneError: there is none.
+        SceneError: nothing has that name.
     """
     bodies = model.scene.soft_bodies.items()
     return called(name, [finger for finger, body in bodies if body.anchors or body.tip is not None], "finger")
@@ -58,7 +58,7 @@ def object_called(name: str | None, model: "Model") -> str:
     """The rigid body of that name; without a name the goal's object, or the only rigid body.
 
     Raises:
-        SceneError: there is none, or more than one.
+        SceneError: nothing has that name, or several bodies are possible.
     """
     names = [body.name for body in model.rigid_bodies] if name is not None else grasped_objects(model)
     chosen = called(name, names, "rigid body")
@@ -71,7 +71,7 @@ def pairs_called(name: str | None, model: "Model") -> list["Pair"]:
     """The pair of bodies called "finger1|cube", whichever way round; without a name soft bodies with grasped objects.
 
     Raises:
-        SceneError: there is none.
+        SceneError: nothing has that name.
     """
     if name is None:
         objects = grasped_objects(model)
@@ -88,7 +88,7 @@ def grasped_objects(model: "Model") -> list[str]:
     """The goal's object, or all rigid bodies when the scene has no goal.
 
     Raises:
-        SceneError: there are none.
+        SceneError: nothing has that name.
     """
     goal = model.scene.goal
     names = [goal.object] if goal is not None else [body.name for body in model.rigid_bodies]
@@ -99,7 +99,7 @@ def called(name: str | None, names: Sequence[str], what: str) -> list[str]:
     """The `names` that are equal to `name`, or all for None; `what` says in errors what they name.
 
     Raises:
-        SceneError: there are none.
+        SceneError: nothing has that name.
     """
     chosen = [known for known in names if name is None or known == name]
     if chosen:

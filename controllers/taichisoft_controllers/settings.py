@@ -5,8 +5,7 @@ from typing import Any, Self
 from pydantic import ValidationError
 
 from taichisoft.errors import SceneError
-from taichisoft.scenes.table import Table
-from taichisoft.scenes.validation_errors import first_problem
+from taichisoft.scenes import Table, first_problem
 
 
 class ControllerSettings(Table):

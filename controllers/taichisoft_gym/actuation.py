@@ -1,4 +1,4 @@
-"""What an action means: pressures of cavities, pulls of cables, and velocities of the base."""
+"""Actions: pressures of cavities, pulls of cables, and velocities of the base."""
 
 import math
 from dataclasses import dataclass
@@ -6,30 +6,31 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.bodies.rotations import right_of
-from taichisoft.control.control import Control
+from taichisoft.actuators import ACTUATOR_KINDS, CAVITIES, Drive
+from taichisoft.bodies import right_of
+from taichisoft.control import Control, Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym.channels import Channel
 
 AXES = ("right", "front", "up")
-"""Directions of the base, the object and targets, as in pictures: up is against gravity."""
+"""Directions of base, object and targets, as in pictures: up is against gravity."""
 USUAL_PULL = 20.0
 """Longest pull of a cable without a stop [mm]."""
 USUAL_SPEED = 100.0
-"""Highest speed of the base, if the scene's limit is not lower [mm/s]."""
+"""Highest speed of the base, unless the scene's limit is lower [mm/s]."""
 
 
 def scene_axes(scene: Scene) -> np.ndarray:
-    """The unit vectors right, front and up of a scene as rows, shape (3, 3)."""
+    """Unit vectors right, front and up of a scene as rows, shape (3, 3)."""
     right = right_of(scene.up)
     return np.array([right, np.cross(right, scene.up), scene.up])
 
 
 @dataclass(frozen=True)
 class Travel:
-    """How far the base can go from its start [mm], in the directions of AXES, and how fast [mm/s]."""
+    """Range of the base from its start in the directions of AXES [mm], and its speed [mm/s]."""
 
     low: tuple[float, float, float]
     high: tuple[float, float, float]
@@ -37,33 +38,35 @@ class Travel:
 
 
 class Actuation:
-    """Turns actions, of numbers from -1 to 1, into requests.
+    """Converts actions, numbers from -1 to 1, to requests.
 
     Attributes:
-        channels: what the ends -1 and 1 of each number stand for.
+        channels: name, unit, and values at -1 and 1 of each number.
     """
 
     def __init__(self, scene: Scene, pressure: tuple[float, float], travel: Travel | None):
         """Find the actuators.
 
         Args:
-            scene: scene with cavities, cables or both.
+            scene: scene with actuators.
             pressure: lowest and highest pressure [kPa].
-            travel: how far the base can go; None where it stands still.
+            travel: range of the base; None: the base stands still.
 
         Raises:
-            SceneError: there is neither cavity nor cable.
+            SceneError: the scene has neither a cavity nor a cable.
         """
-        bodies = scene.soft_bodies.items()
-        self.cavities = tuple(f"{name}.{cavity}" for name, body in bodies for cavity in body.cavities)
-        cables = {f"{name}.{cable}": told for name, body in bodies for cable, told in body.cables.items()}
-        if not self.cavities and not cables:
+        self._driven = [
+            (kind.drives[0], name, table)
+            for kind in ACTUATOR_KINDS
+            for name, table in scene.actuators(kind.plural).items()
+        ]
+        if not self._driven:
             raise SceneError("an environment needs a soft body with a cavity or a cable; the scene has none")
-        self.cables = tuple(cables)
+        self.cavities = tuple(scene.actuators(CAVITIES.plural))
         self._axes, self._travel = scene_axes(scene), travel
-        channels = [Channel(f"pressure {name}", "kPa", *pressure) for name in self.cavities]
-        channels += [
-            Channel(f"pull {name}", "mm", 0.0, told.highest_pull or USUAL_PULL) for name, told in cables.items()
+        channels = [
+            Channel(f"{drive.name} {name}", drive.unit, *_range(drive, table, pressure))
+            for drive, name, table in self._driven
         ]
         self.actuator_channels = tuple(channels)
         self._moves = [axis for axis in range(3) if travel is not None and travel.low[axis] < travel.high[axis]]
@@ -74,17 +77,27 @@ class Actuation:
         self._low, self._high = (np.array([getattr(one, end) for one in channels]) for end in ("low", "high"))
 
     def control(self, action: np.ndarray, state: State, period: float) -> Control:
-        """What an action asks for during the control period [s] that begins at `state`."""
+        """Request of an action for the control period `period` [s] that begins at `state`."""
         values = self._low + 0.5 * (action + 1.0) * (self._high - self._low)
-        pressed, pulled = len(self.cavities), len(self.cavities) + len(self.cables)
-        asked: dict[str, Any] = {
-            "pressure": dict(zip(self.cavities, values[:pressed].tolist(), strict=True)),
-            "cable_pull": dict(zip(self.cables, values[pressed:pulled].tolist(), strict=True)),
-        }
+        asked: dict[str, Any] = {}
+        for (drive, name, _), value in zip(self._driven, values.tolist(), strict=False):
+            asked.setdefault(drive.asked, {})[name] = value
         if self._travel is not None:
             velocity = np.zeros(3)
-            velocity[self._moves] = values[pulled:]
+            velocity[self._moves] = values[len(self._driven) :]
             place = self._axes @ state.base_translation
             reached = np.clip(place + period * velocity, self._travel.low, self._travel.high)
             asked["base_velocity"] = (reached - place) / period @ self._axes
         return Control(**asked)
+
+    def read(self, seen: Observation) -> list[float]:
+        """What the actuators are driven by in an observation, in the order of `actuator_channels`."""
+        return [getattr(seen, drive.observed)[name] for drive, name, _ in self._driven]
+
+
+def _range(drive: Drive, table: Any, pressure: tuple[float, float]) -> tuple[float, float]:
+    """The given pressures; of other drives from 0 to the highest value that the table of an actuator allows."""
+    if drive is CAVITIES.effort:
+        return pressure
+    usual = USUAL_PULL if drive.relative else drive.furthest
+    return 0.0, getattr(table, f"highest_{drive.name}") or usual

@@ -1,4 +1,4 @@
-"""Carry-v0: a gripper takes an object to another place on the floor and lets go of it."""
+"""Carry-v0: a gripper carries an object to another place on the floor and releases it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.control.observation import Observation
+from taichisoft.control import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym.actuation import USUAL_SPEED, Travel
 from taichisoft_gym.channels import Quantity, symmetric
@@ -33,8 +33,8 @@ class Carry(GripperEnvironment):
 
         Args:
             scene: scene with a gripper and an object, or its name or path.
-            distance: shortest and longest way from the object to its new place [mm], in any horizontal direction.
-            tolerance: distance to that place within which the object has arrived [mm].
+            distance: shortest and longest horizontal distance to the target [mm], in any direction.
+            tolerance: distance to the target within which the object has arrived [mm].
 
         Raises:
             SceneError: the scene or an argument is not valid.
@@ -74,12 +74,12 @@ class Carry(GripperEnvironment):
         arrived = left < self._tolerance
         placed = arrived and way[2] < PLACED and touching == 0.0 and self._speed(seen) < STILL
         failed = self._is_lost(way)
-        told = {
+        info = {
             "is_success": bool(placed) and not failed,
             "distance": left,
             "lift": float(way[2]),
             "touching": touching,
         }
-        # Letting go is worth more than holding once the object has arrived, so that nobody holds it there for ever.
+        # After arrival, releasing is worth more than holding, so that the policy does not hold the object for ever.
         grip = 1.0 - touching if arrived else touching
-        return Judgement(0.2 * grip + 0.8 * progress + float(placed), failed, told)
+        return Judgement(0.2 * grip + 0.8 * progress + float(placed), failed, info)

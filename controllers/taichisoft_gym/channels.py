@@ -1,4 +1,4 @@
-"""What an entry of an action or an observation means: its name, unit and range."""
+"""Channels: name, unit and range of each number of an action or an observation."""
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
@@ -6,17 +6,17 @@ from dataclasses import dataclass
 import numpy as np
 from gymnasium.spaces import Box
 
-from taichisoft.control.observation import Observation
+from taichisoft.control import Observation
 
 
 @dataclass(frozen=True)
 class Channel:
-    """One number.
+    """One number of an action or an observation.
 
     Attributes:
-        name: what it is, such as "pressure finger1.cavity".
-        unit: its unit; "1" for none.
-        low, high: its range; what is measured beyond is told as the end of the range, as sensors do that saturate.
+        name: name, such as "pressure finger1.cavity".
+        unit: unit; "1" for none.
+        low, high: range; values beyond saturate at its ends, as with real sensors.
     """
 
     name: str
@@ -27,11 +27,11 @@ class Channel:
 
 @dataclass(frozen=True)
 class Quantity:
-    """Several channels that are read together.
+    """A group of channels with a common reading.
 
     Attributes:
         channels: the channels.
-        read: gives their values, shape (channel_count,).
+        read: returns the values of an observation, shape (channel_count,).
     """
 
     channels: tuple[Channel, ...]
@@ -50,5 +50,5 @@ def box_of(channels: Sequence[Channel]) -> Box:
 
 
 def saturated(values: np.ndarray, space: Box) -> np.ndarray:
-    """The values as numbers of a space, those beyond its range at the end of it."""
+    """Clip values to the range of a space."""
     return np.clip(values, space.low, space.high).astype(np.float32)

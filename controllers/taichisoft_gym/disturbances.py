@@ -1,7 +1,7 @@
-"""Wrappers that make of exact readings those of real sensors: noise, bias, quantisation, sampling, delay.
+"""Wrappers for disturbances of real sensors: noise, bias, quantisation, sampling, delay.
 
-Each acts on the channels whose names begin with one of those given, and draws from a random generator of its own,
-seeded by `reset`: an episode is the same with it and without.
+Each acts on the channels whose names begin with given texts. Each has its own random generator, seeded by `reset`, so
+that the episode itself is the same with and without it.
 """
 
 import zlib
@@ -22,40 +22,40 @@ Wrapped = gymnasium.Wrapper[Readings, np.ndarray, Readings, np.ndarray]
 
 
 class Disturbance(Wrapped, RecordConstructorArgs):
-    """Base of the wrappers; only `disturb` must be written."""
+    """Base class of the wrappers; only `disturb` is abstract."""
 
-    def __init__(self, env: gymnasium.Env[Readings, np.ndarray], channels: Sequence[str] | None = None, **told: Any):
+    def __init__(self, env: gymnasium.Env[Readings, np.ndarray], channels: Sequence[str] | None = None, **more: Any):
         """Choose the channels.
 
         Args:
-            env: environment whose observations are readings, one for each of its `channels`.
-            channels: beginnings of the names of those that are disturbed, such as "pressure"; None for all.
-            told: arguments of the wrapper.
+            env: environment whose observations are readings, one per entry of its `channels`.
+            channels: beginnings of the names of the disturbed channels, such as "pressure"; None: all.
+            more: further arguments of the wrapper.
 
         Raises:
-            SceneError: no channel has such a name.
+            SceneError: no channel has a name with such a beginning.
         """
-        RecordConstructorArgs.__init__(self, channels=channels, **told)
+        RecordConstructorArgs.__init__(self, channels=channels, **more)
         super().__init__(env)
-        there: tuple[Channel, ...] = env.get_wrapper_attr("channels")
+        all_channels: tuple[Channel, ...] = env.get_wrapper_attr("channels")
         beginnings = tuple(channels) if channels is not None else ("",)
         for beginning in beginnings:
-            if not any(one.name.startswith(beginning) for one in there):
-                names = ", ".join(one.name for one in there)
+            if not any(channel.name.startswith(beginning) for channel in all_channels):
+                names = ", ".join(channel.name for channel in all_channels)
                 raise SceneError(f"channels: no name begins with '{beginning}'; there are: {names}")
-        self.chosen = np.array([one.name.startswith(beginnings) for one in there])
+        self.chosen = np.array([channel.name.startswith(beginnings) for channel in all_channels])
         self.random = np.random.default_rng()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Readings, dict[str, Any]]:
         """Begin an episode."""
-        readings, told = self.env.reset(seed=seed, options=options)
+        readings, info = self.env.reset(seed=seed, options=options)
         if seed is not None:
-            # By its place among the wrappers, two of a kind draw different numbers.
+            # The seed depends on all inner wrappers, so that two wrappers of a kind draw different numbers.
             self.random = np.random.default_rng([seed, zlib.crc32(str(self).encode())])
         self.begin(readings[self.chosen].astype(np.float64))
-        return self._disturbed(readings), told
+        return self._disturbed(readings), info
 
     def step(self, action: np.ndarray) -> tuple[Readings, Any, bool, bool, dict[str, Any]]:
         """Simulate one control period."""
@@ -63,11 +63,11 @@ class Disturbance(Wrapped, RecordConstructorArgs):
         return self._disturbed(readings), *rest  # type: ignore[return-value]
 
     def begin(self, values: np.ndarray) -> None:
-        """An episode begins with these values of the chosen channels."""
+        """Begin an episode with these values of the chosen channels."""
 
     @abstractmethod
     def disturb(self, values: np.ndarray) -> np.ndarray:
-        """What is read of the values of the chosen channels."""
+        """Return the readings for exact values of the chosen channels."""
 
     def _disturbed(self, readings: Readings) -> Readings:
         values = readings.astype(np.float64)
@@ -88,7 +88,7 @@ class Noise(Disturbance):
 
 
 class Bias(Disturbance):
-    """Adds an offset of at most `largest`, in the channels' unit, that each reset draws uniformly for each channel."""
+    """Adds an offset of at most `largest`, in the channels' unit, drawn uniformly for each channel at every reset."""
 
     def __init__(self, env: Any, largest: float, channels: Sequence[str] | None = None):
         super().__init__(env, channels, largest=largest)
@@ -111,24 +111,24 @@ class Quantised(Disturbance):
         self._resolution = resolution
 
     def disturb(self, values: np.ndarray) -> np.ndarray:
-        """Round."""
+        """Round the values."""
         rounded: np.ndarray = self._resolution * np.rint(values / self._resolution)
         return rounded
 
 
 class Sampled(Disturbance):
-    """Reads anew every `every` control periods, and holds what was read until then."""
+    """Updates the readings every `every` control periods, and holds them in between."""
 
     def __init__(self, env: Any, every: int, channels: Sequence[str] | None = None):
         super().__init__(env, channels, every=_whole("every", every, 1))
         self._every = every
 
     def begin(self, values: np.ndarray) -> None:
-        """Begin to count."""
+        """Restart the count of periods."""
         self._count = 0
 
     def disturb(self, values: np.ndarray) -> np.ndarray:
-        """Hold."""
+        """Return the held values, updated when due."""
         if self._count % self._every == 0:
             self._held = values
         self._count += 1
@@ -136,27 +136,27 @@ class Sampled(Disturbance):
 
 
 class Delayed(Disturbance):
-    """Tells what was read `steps` control periods before; until then, what was read first."""
+    """Returns the readings of `steps` control periods before; at first, the first readings."""
 
     def __init__(self, env: Any, steps: int, channels: Sequence[str] | None = None):
         super().__init__(env, channels, steps=_whole("steps", steps, 0))
         self._steps = steps
 
     def begin(self, values: np.ndarray) -> None:
-        """Fill the line with the first values."""
+        """Fill the delay line with the first values."""
         self._line = deque([values] * self._steps)
 
     def disturb(self, values: np.ndarray) -> np.ndarray:
-        """Put the values into the line, and take out those that have waited."""
+        """Append the values to the delay line, and return the oldest."""
         self._line.append(values)
         return self._line.popleft()
 
 
 def _whole(name: str, value: int, least: int) -> int:
-    """A number of control periods.
+    """Check a number of control periods.
 
     Raises:
-        SceneError: it is no whole number, or too small.
+        SceneError: the number is not a whole number, or below `least`.
     """
     if value != int(value) or value < least:
         raise SceneError(f"{name} = {value!r}: must be a whole number of control periods, {least} or more")

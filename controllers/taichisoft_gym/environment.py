@@ -1,4 +1,4 @@
-"""What all environments have in common: a scene, actions, observations, episodes that can be repeated, pictures."""
+"""Base class of all environments: scene, actions, observations, repeatable episodes, pictures."""
 
 import time
 from abc import abstractmethod
@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import gymnasium
 import numpy as np
 
-from taichisoft.building.scene_files import load_scene
-from taichisoft.control.observation import Observation
+from taichisoft.building import load_scene
+from taichisoft.control import Observation
 from taichisoft.errors import SceneError, SimulationDiverged
-from taichisoft.scenes.file import scene_to_toml
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes import Scene, scene_to_toml
 from taichisoft.state import State
 from taichisoft_gym import pressures
 from taichisoft_gym.actuation import Actuation, Travel, scene_axes
@@ -21,29 +20,29 @@ from taichisoft_gym.channels import Channel, Quantity, box_of, saturated
 from taichisoft_gym.randomisation import Randomisation
 from taichisoft_gym.task import Judgement, changed_scene
 
-if TYPE_CHECKING:  # these bring Taichi, which must not start where an environment only tells its spaces
-    from taichisoft.building.simulation import Simulation
+if TYPE_CHECKING:  # these import Taichi, which must not start if only the spaces of an environment are used
+    from taichisoft.building import Simulation
     from taichisoft.model import Model
     from taichisoft_gym.page import Page
     from taichisoft_gym.places import FreePlaces
 
 SETTLING_TIME = 0.3
-"""Time before an episode in which the object comes to rest on the floor, and the fingers hang [s]."""
+"""Time before an episode for the object to settle on the floor and the fingers to hang [s]."""
 MOST_PLACES = 100
-"""How many places of the object are drawn before it is clear that hardly any is free."""
+"""Largest number of places drawn for the object until one is free."""
 
 
 class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
-    """Base of the environments; a task says what is observed and how well it goes.
+    """Base class of the environments; subclasses define observations and reward of a task.
 
-    The simulator starts at the first `reset`, so that a process which only asks for spaces may still fork.
+    The simulator starts at the first `reset`, so that a process that only uses the spaces can still fork.
 
     Attributes:
-        scene: scene that is simulated, with what the arguments change.
-        channels: meaning of each number of an observation.
-        action_channels: what -1 and 1 of each number of an action stand for.
-        simulation: simulation of all episodes; what is drawn anew changes its state and its model.
-        usual_pressure: pressures that -1 and 1 stand for where no argument says it [kPa].
+        scene: simulated scene, with the changes by the arguments.
+        channels: name, unit and range of each number of an observation.
+        action_channels: name, unit, and values at -1 and 1 of each number of an action.
+        simulation: simulation of all episodes; randomisation changes its state and its model.
+        usual_pressure: default pressures of the actions -1 and 1 [kPa].
     """
 
     metadata: ClassVar[dict[str, Any]] = {  # type: ignore[misc]
@@ -68,21 +67,21 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         camera: str | Sequence[Sequence[float]] = "iso",
         size: tuple[int, int] = (640, 480),
     ):
-        """Read the scene. All arguments but the first are those of every environment, beside the task's own.
+        """Read the scene. All arguments but the first are common to all environments.
 
         Args:
-            travel: how far the base can go; None where it stands still.
+            travel: range of the base; None: the base stands still.
             scene: scene, or its name or path.
-            object: keys of the scene's object that differ, such as {"mass": 0.01} or another shape.
-            friction: Coulomb's coefficient [-] instead of the scene's.
-            pressure: pressures that -1 and 1 stand for [kPa], none beyond a limit of the scene or of a cavity; when it
-                is not given, `usual_pressure` as far as these allow.
-            pressure_rate: fastest change of a pressure [kPa/s]; when it is not given 300, or the scene's if lower.
-            noise: standard deviation of what is observed, in parts of each channel's range [-].
-            randomisation: ranges from which every reset draws, see `Randomisation`.
+            object: changed keys of the scene's object, such as {"mass": 0.01} or another shape.
+            friction: Coulomb's coefficient [-]; None: the scene's.
+            pressure: pressures of the actions -1 and 1 [kPa], within the limits of the scene and its cavities; None:
+                `usual_pressure` within these limits.
+            pressure_rate: fastest change of a pressure [kPa/s]; None: 300, or the scene's if lower.
+            noise: standard deviation of the observation, relative to each channel's range [-].
+            randomisation: ranges for the random draws of every reset, see `Randomisation`.
             control_period: time between two actions [s].
             render_mode: "rgb_array", or "human" for a page in the browser.
-            camera: where pictures are taken from, see `Simulation.render`.
+            camera: camera of pictures, see `Simulation.render`.
             size: width and height of pictures [pixels].
 
         Raises:
@@ -98,7 +97,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         self._steps = _whole_steps(control_period, self.scene.time.step)
         self._period = control_period
         self._noise = noise
-        self._randomisation = Randomisation.of(randomisation)
+        self._randomisation = Randomisation.from_mapping(randomisation)
         self._actuation = Actuation(self.scene, between, travel)
         self.action_channels = self._actuation.channels
         self.action_space = gymnasium.spaces.Box(-1.0, 1.0, (len(self.action_channels),), np.float32)
@@ -108,7 +107,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         self.observation_space = self._space
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / control_period))}  # type: ignore[misc]
         self.render_mode, self._camera, self._size = render_mode, camera, size
-        self._model: Model | None = None  # that of `simulation`, before anything is drawn
+        self._model: Model | None = None  # model of `simulation` before randomisation
         self._places: FreePlaces | None = None
         self._page: Page | None = None
         self._shown = 0.0
@@ -119,13 +118,12 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         """Begin an episode.
 
         Args:
-            seed: makes this episode and those after it repeatable to the bit.
-            options: "state", a `taichisoft.State` to begin at instead, which is then not randomised; and those of the
-                task.
+            seed: seed that makes this and all later episodes repeatable bit for bit.
+            options: "state", a `taichisoft.State` to start from without randomisation; and options of the task.
 
         Raises:
-            SceneError: an option is unknown; or hardly any place of the object is free of other bodies.
-            StateError: the state belongs to another model, or has a value that is not a finite number.
+            SceneError: an option is unknown, or no free place was found for the object.
+            StateError: the state belongs to another model, or has a value that is not finite.
         """
         super().reset(seed=seed)
         options = dict(options or {})
@@ -136,20 +134,20 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         if options:
             raise SceneError(f"options: there is no '{next(iter(options))}'; there are: state, {self._options}")
         seen = self.simulation.observe()
-        told = {**self._judge(seen, None).told, "randomised": drawn}
+        info = {**self._judge(seen, None).info, "randomised": drawn}
         self._show()
-        return self._measure(seen), told
+        return self._measure(seen), info
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
         """Simulate one control period.
 
-        An episode is terminated when the task has failed for good, and truncated when the simulation diverges, which
-        says nothing of the task; info has "diverged" then. Numbers of the action beyond -1 and 1 count as these ends,
-        for the motion and for the reward.
+        An episode is terminated when the task has failed irrecoverably, and truncated when the simulation diverges,
+        which is not a failure of the task; info then has "diverged". Actions are clipped to -1 and 1, for the motion
+        and for the reward.
 
         Raises:
             ResetNeeded: no episode has begun.
-            SceneError: the action is not as many finite numbers as `action_space` has.
+            SceneError: the action has another number of entries than `action_space`, or a value that is not finite.
         """
         self._refuse_before_reset()
         asked = self._valid_action(action)
@@ -162,14 +160,14 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
             diverged = str(error)
         seen = self.simulation.observe()
         judged = self._judge(seen, asked)
-        told = {**judged.told, "diverged": diverged} if diverged else dict(judged.told)
+        info = {**judged.info, "diverged": diverged} if diverged else dict(judged.info)
         self._show()
-        return self._measure(seen), float(judged.reward), judged.failed, bool(diverged), told
+        return self._measure(seen), float(judged.reward), judged.failed, bool(diverged), info
 
     def render(self) -> np.ndarray | None:  # type: ignore[override]
-        """The picture of the present state with a mark at the target, shape (height, width, 3), dtype uint8.
+        """Picture of the present state with a mark at the target, shape (height, width, 3), dtype uint8.
 
-        None in a browser.
+        None unless the render mode is "rgb_array".
         """
         if self.render_mode != "rgb_array":
             return None
@@ -181,7 +179,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         size: tuple[int, int],
         marks: Sequence[Sequence[float]] | np.ndarray = (),
     ) -> np.ndarray:
-        """A picture of the present state, as `Simulation.render` describes it.
+        """Picture of the present state; arguments and result as for `Simulation.render`.
 
         Raises:
             ResetNeeded: no episode has begun.
@@ -190,7 +188,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         return self.simulation.render(camera, size, marks=marks)
 
     def close(self) -> None:
-        """End the renderer and the page."""
+        """Close the renderer and the page."""
         if self._model is not None:
             self.simulation.close()
         if self._page is not None:
@@ -213,15 +211,15 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @abstractmethod
     def _observed(self) -> Sequence[Quantity]:
-        """What is observed."""
+        """Observed quantities, in the order of the channels."""
 
     @abstractmethod
     def _begin_task(self, start: State, options: dict[str, Any]) -> None:
-        """Choose what is to be done from a state; takes what it knows out of `options`."""
+        """Choose the task of an episode that starts at `start`; removes the options that it uses from `options`."""
 
     @abstractmethod
     def _judge(self, seen: Observation, action: np.ndarray | None) -> Judgement:
-        """How well it goes after a control period with an action; None at the beginning of an episode."""
+        """Judge the task after a control period with `action`; None at the start of an episode."""
 
     def _refuse_before_reset(self) -> None:
         if self._model is None:
@@ -229,7 +227,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @staticmethod
     def _numbers(value: Any) -> np.ndarray:
-        """An argument as numbers of nobody else's; NaN alone where it is something else."""
+        """Copy an argument to an array of numbers; a single NaN if it cannot be converted."""
         try:
             given = np.asarray(value)
         except ValueError:  # rows of unequal lengths
@@ -237,15 +235,15 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         return given.astype(np.float64) if given.dtype.kind in "iuf" else np.array(np.nan)
 
     def _valid_action(self, action: Any) -> np.ndarray:
-        """An action as numbers from -1 to 1, shape (action_count,), which nobody else changes."""
+        """Copy an action to numbers from -1 to 1, shape (action_count,)."""
         asked = self._numbers(action)
         if asked.shape != self.action_space.shape or not np.isfinite(asked).all():
             raise SceneError(f"action {action!r}: must be {len(self.action_channels)} finite numbers from -1 to 1")
         return np.clip(asked, -1.0, 1.0)
 
     def _begin(self, given: State | None, drawn: dict[str, float]) -> None:
-        """Put the simulation at the start of an episode."""
-        from taichisoft.building.simulation import Simulation
+        """Set the simulation to the start of an episode."""
+        from taichisoft.building import Simulation
         from taichisoft_gym.places import FreePlaces
         from taichisoft_gym.prepared import prepared
 
@@ -261,10 +259,10 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         self.simulation.restore(given if given is not None else self._placed(start, drawn))
 
     def _placed(self, start: State, drawn: dict[str, float]) -> State:
-        """The first state with what was drawn; a place within another body is drawn again.
+        """The first state with the drawn variations; a place within another body is drawn again.
 
         Raises:
-            SceneError: hardly any place is free.
+            SceneError: no free place was found.
         """
         if "modulus" in drawn:
             start = start.changed(young_modulus=drawn["modulus"] * start.young_modulus)
@@ -283,7 +281,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         )
 
     def _shifted(self, start: State, drawn: Mapping[str, float]) -> State:
-        """A state with the object at the place that was drawn."""
+        """A state with the object at the drawn place."""
         places = start.rigid_position.copy()
         index = list(self.scene.rigid_bodies).index(self.object)
         places[index] += drawn["place right"] * self._axes[0] + drawn["place front"] * self._axes[1]
@@ -291,10 +289,10 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
 
     @property
     def object(self) -> str:
-        """Name of the rigid body that the task is about.
+        """Name of the rigid body of the task.
 
         Raises:
-            SceneError: there is none.
+            SceneError: the scene has no rigid body.
         """
         if self.scene.main_object is None:
             raise SceneError("this needs a scene with a rigid body; it has none")
@@ -304,7 +302,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         return next(body.mass for body in model.rigid_bodies if body.name == self.object)
 
     def _marks(self) -> np.ndarray:
-        """Points that `render` marks [mm], shape (mark_count, 3)."""
+        """Points marked by `render` [mm], shape (mark_count, 3)."""
         return np.zeros((0, 3))
 
     def _measure(self, seen: Observation) -> np.ndarray:
@@ -316,7 +314,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         return saturated(values, self._space)
 
     def _show(self) -> None:
-        """Show the state in a browser, at the pace of real time."""
+        """Show the state in a browser, in real time."""
         if self.render_mode != "human":
             return
         if self._page is None:

@@ -6,8 +6,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.control.observation import Observation
-from taichisoft.scenes.scene import Scene
+from taichisoft.control import Observation
+from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym.actuation import AXES, USUAL_SPEED, Travel
 from taichisoft_gym.channels import Channel, Quantity, symmetric
@@ -15,9 +15,9 @@ from taichisoft_gym.environment import SoftRobotEnvironment
 from taichisoft_gym.task import Judgement
 
 LOST = 80.0
-"""Horizontal way of the object beyond what the base can follow, after which it is lost [mm]."""
+"""Horizontal distance of the object beyond the range of the base, after which it is lost [mm]."""
 FALLEN = -20.0
-"""Height over its start below which the object has fallen from where it stood [mm]."""
+"""Height relative to its start below which the object has fallen off its support [mm]."""
 STILL = 10.0
 """Speed below which an object is at rest [mm/s]."""
 STICKING = 1.0
@@ -25,7 +25,7 @@ STICKING = 1.0
 
 
 class GripperEnvironment(SoftRobotEnvironment):
-    """What tasks with a gripper and an object share."""
+    """Base class of tasks with a gripper and an object."""
 
     def _observed(self) -> Sequence[Quantity]:
         self._start = np.zeros(3)
@@ -35,9 +35,7 @@ class GripperEnvironment(SoftRobotEnvironment):
             for axis, low, high in zip(AXES, self._travel.low, self._travel.high, strict=True)
         )
         return [
-            Quantity(
-                self._actuation.actuator_channels, lambda seen: [*seen.pressures.values(), *seen.cable_pulls.values()]
-            ),
+            Quantity(self._actuation.actuator_channels, self._actuation.read),
             Quantity(base, lambda seen: axes @ seen.base_translation),
             Quantity(symmetric("object", "mm", 200.0, AXES), lambda seen: self._way(seen)),
             Quantity(
@@ -54,7 +52,7 @@ class GripperEnvironment(SoftRobotEnvironment):
         self._held_for = 0.0
 
     def _way(self, seen: Observation) -> np.ndarray:
-        """Way of the object since the start [mm], shape (3,), in the directions of AXES."""
+        """Displacement of the object since the start in the directions of AXES [mm], shape (3,)."""
         way: np.ndarray = self._axes @ (seen.object_positions[self.object] - self._start)
         return way
 
@@ -78,8 +76,8 @@ class Grasp(GripperEnvironment):
 
         Args:
             scene: scene with a gripper and an object, or its name or path.
-            lift: height to which the object is lifted [mm].
-            hold: time for which it is held there without slipping [s].
+            lift: height to lift the object to [mm].
+            hold: time to hold the object there without slip [s].
 
         Raises:
             SceneError: the scene or an argument is not valid.
@@ -97,5 +95,5 @@ class Grasp(GripperEnvironment):
         held = way[2] >= self._lift and touching > 0.0 and slip < STICKING and self._speed(seen) < STILL
         self._held_for = self._held_for + self._period if held and action is not None else 0.0
         failed = self._is_lost(way)
-        told = {"is_success": self._held_for >= self._hold and not failed, "lift": float(way[2]), "touching": touching}
-        return Judgement(0.2 * touching + 0.8 * float(np.clip(way[2] / self._lift, 0.0, 1.0)), failed, told)
+        info = {"is_success": self._held_for >= self._hold and not failed, "lift": float(way[2]), "touching": touching}
+        return Judgement(0.2 * touching + 0.8 * float(np.clip(way[2] / self._lift, 0.0, 1.0)), failed, info)

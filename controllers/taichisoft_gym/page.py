@@ -4,30 +4,28 @@ from math import inf
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from taichisoft.building.run_parts import make_output
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
-from taichisoft.plugin_system.hooks import notify
-from taichisoft.session.session import Session
+from taichisoft.building import make_output
+from taichisoft.control import Control, Controller, Observation
+from taichisoft.plugin_system import notify
+from taichisoft.session import Session
 
 if TYPE_CHECKING:
-    from taichisoft.building.simulation import Simulation
+    from taichisoft.building import Simulation
 
 
 class FromOutside(Controller):
-    """Stands for whoever steps the environment."""
+    """Controller without requests, because the user steps the environment."""
 
     def control(self, observation: Observation) -> Control:
-        """Ask for nothing."""
+        """Return an empty request."""
         return Control()
 
 
 class Page:
-    """A page, whose address is printed."""
+    """A page in the browser, whose address is printed."""
 
     def __init__(self, simulation: "Simulation"):
-        """Serve it.
+        """Serve the page.
 
         Raises:
             TaichisoftError: viser is not installed, or the page cannot be served.
@@ -43,7 +41,7 @@ class Page:
         self._output.restart(simulation.state)
 
     def close(self) -> None:
-        """End the page."""
+        """Close the page."""
         self._output.end("closed")
         notify("taichisoft_run_ends", session=self._session, outcome="closed")
         self._folder.cleanup()

@@ -1,24 +1,22 @@
-"""Where the object of a task can stand at the start of an episode: not within another body."""
+"""Places where the object of a task can start: not within another body."""
 
 import numpy as np
 
-from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.contact.detection import ContactDetection
-from taichisoft.contact.moving_surfaces import MovingSurfaces
-from taichisoft.contact.overlap import Overlap, overlaps
+from taichisoft.bodies import matrices_from_quaternions
+from taichisoft.contact import ContactDetection, MovingSurfaces, Overlap, overlaps
 from taichisoft.model import Model
 from taichisoft.state import State
 
 
 class FreePlaces:
-    """Tells whether the object, put elsewhere, would overlap another body and be thrown away."""
+    """Checks whether the object at another place would overlap another body and be thrown away."""
 
     def __init__(self, model: Model, start: State, body: str):
-        """Prepare.
+        """Make the contact detection.
 
         Args:
             model: the bodies.
-            start: state in which the object stands where it belongs; what it rests on there does not count.
+            start: state with the object in its original place; overlaps with its support there do not count.
             body: name of the object.
         """
         self._model, self._body = model, model.body_names.index(body)
@@ -28,7 +26,7 @@ class FreePlaces:
         self._allowed = {found.bodies for found in self._overlaps(start)}
 
     def problem(self, state: State) -> str:
-        """What the object overlaps in a state, in one line; empty where it stands free."""
+        """Overlap of the object in a state, in one line; empty without overlap."""
         return next((found.problem for found in self._overlaps(state)), "")
 
     def _overlaps(self, state: State) -> list[Overlap]:

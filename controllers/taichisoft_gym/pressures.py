@@ -1,26 +1,26 @@
-"""Which pressures an environment's actions ask for: none that the scene would hold back, since that does nothing."""
+"""Pressures of an environment's actions, within the scene's limits, beyond which an action would have no effect."""
 
 import math
 from collections.abc import Iterator
 from typing import Any
 
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes import Scene
 
 USUAL_RATE = 300.0
-"""Fastest change of a pressure where neither the scene nor an argument says one [kPa/s]."""
+"""Default fastest change of a pressure [kPa/s]."""
 
 
 def pressure_range(scene: Scene, asked: Any, usual: tuple[float, float]) -> tuple[float, float]:
-    """Pressures that -1 and 1 stand for [kPa].
+    """Pressures of the actions -1 and 1 [kPa].
 
     Args:
-        scene: scene with limits of its own, and of its cavities.
-        asked: lowest and highest pressure; None for the usual ones as far as the limits allow.
-        usual: lowest and highest pressure where nothing else is asked for.
+        scene: scene, with limits for all and for each cavity.
+        asked: lowest and highest pressure [kPa]; None: `usual` within the limits.
+        usual: default lowest and highest pressure [kPa].
 
     Raises:
-        SceneError: two numbers in order were not given, or a limit lies within them.
+        SceneError: `asked` is not two rising numbers, or exceeds a limit.
     """
     low, high = usual if asked is None else _two_numbers(asked)
     for key, end, limit in _limits(scene):
@@ -37,10 +37,10 @@ def pressure_range(scene: Scene, asked: Any, usual: tuple[float, float]) -> tupl
 
 
 def pressure_rate(scene: Scene, asked: float | None) -> float:
-    """Fastest change of a pressure [kPa/s]: what is asked for; None for the usual one as far as the scene allows.
+    """Fastest change of a pressure [kPa/s]: `asked`, or the default within the scene's limit if None.
 
     Raises:
-        SceneError: it is faster than the scene's own.
+        SceneError: `asked` exceeds the scene's limit.
     """
     limit = math.inf if scene.limits.pressure_rate is None else scene.limits.pressure_rate
     if asked is None:

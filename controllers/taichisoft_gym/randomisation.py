@@ -1,4 +1,4 @@
-"""What differs from episode to episode: friction, masses, stiffness, the object's place."""
+"""Randomisation of episodes: friction, masses, stiffness, place of the object."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
@@ -13,14 +13,14 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True)
 class Randomisation:
-    """Ranges from which every reset draws, uniformly; what is None or 0 stays as the scene says.
+    """Ranges for uniform draws at every reset; None or 0: the scene's value.
 
     Attributes:
         friction: lowest and highest coefficient of friction [-].
-        mass: lowest and highest mass of the object, in parts of the scene's [-].
-        modulus: lowest and highest Young's modulus of all soft bodies together, in parts of the scene's [-].
-        place: how far the object may stand from its place in each horizontal direction [mm]; places within another
-            body are drawn again.
+        mass: lowest and highest mass of the object, relative to the scene's [-].
+        modulus: lowest and highest Young's modulus of all soft bodies, relative to the scene's [-].
+        place: largest shift of the object in each horizontal direction [mm]; places within another body are drawn
+            again.
     """
 
     friction: Range | None = None
@@ -29,25 +29,25 @@ class Randomisation:
     place: float = 0.0
 
     @classmethod
-    def of(cls, told: "Randomisation | Mapping[str, Any] | None") -> Self:
-        """Ranges from a mapping with the same keys.
+    def from_mapping(cls, ranges: "Randomisation | Mapping[str, Any] | None") -> Self:
+        """Make the ranges from a mapping with the same keys; None: no randomisation.
 
         Raises:
-            SceneError: a key is unknown, or a range is not one.
+            SceneError: a key is unknown, or a range is not valid.
         """
-        if isinstance(told, cls):
-            return told
+        if isinstance(ranges, cls):
+            return ranges
         names = [field.name for field in fields(cls)]
-        unknown = next((name for name in told or () if name not in names), None)  # type: ignore[union-attr]
+        unknown = next((name for name in ranges or () if name not in names), None)  # type: ignore[union-attr]
         if unknown is not None:
             raise SceneError(f"randomisation: there is no '{unknown}'; {nearest(unknown, names, 'there are')}")
-        return cls(**dict(told or {}))  # type: ignore[arg-type]
+        return cls(**dict(ranges or {}))  # type: ignore[arg-type]
 
     def __post_init__(self) -> None:
         """Check the ranges.
 
         Raises:
-            SceneError: one is none.
+            SceneError: a range is not valid.
         """
         for name, range_ in (("friction", self.friction), ("mass", self.mass), ("modulus", self.modulus)):
             if range_ is not None and not _is_range(range_, zero_is_valid=name == "friction"):
@@ -58,13 +58,13 @@ class Randomisation:
             raise SceneError(f"randomisation['place'] = {self.place!r}: must be a distance [mm], not negative")
 
     def draw(self, random: np.random.Generator) -> dict[str, float]:
-        """A value for each range that is given; "place right" and "place front" [mm] for the place."""
+        """Draw a value for each given range; "place right" and "place front" [mm] for the place."""
         ranges = {"friction": self.friction, "mass": self.mass, "modulus": self.modulus}
         drawn = {name: random.uniform(*between) for name, between in ranges.items() if between is not None}
         return drawn | self.draw_place(random)
 
     def draw_place(self, random: np.random.Generator) -> dict[str, float]:
-        """A place of the object; nothing where it stays in its own."""
+        """Draw a place of the object; empty if the place is not randomised."""
         if not self.place:
             return {}
         return {f"place {axis}": random.uniform(-self.place, self.place) for axis in ("right", "front")}

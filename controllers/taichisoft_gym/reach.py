@@ -1,4 +1,4 @@
-"""Reach-v0: a fingertip goes to a target and stays there."""
+"""Reach-v0: a fingertip moves to a target and stays there."""
 
 from collections.abc import Sequence
 from functools import lru_cache
@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.control.observation import Observation
+from taichisoft.control import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym.actuation import AXES, Actuation
 from taichisoft_gym.channels import Quantity, symmetric
@@ -17,11 +17,11 @@ from taichisoft_gym.environment import SETTLING_TIME, SoftRobotEnvironment
 from taichisoft_gym.task import Judgement
 
 LARGEST = 0.8
-"""Targets are where the tip rests under actions up to this part of the range, so that a stiffer finger reaches them."""
+"""Targets are rest positions of the tip up to this share of the range, so that a stiffer finger reaches them."""
 ALONG_ONE, AT_RANDOM = 17, 48
-"""Number of actuations at which the tip is measured: along the range of a single actuator, or at random of several."""
+"""Number of actuations at which the tip is measured: along the range of one actuator, or random for several."""
 REST = 0.3
-"""Time in which a tip comes to rest at the next actuation [s]."""
+"""Settling time of the tip at each actuation [s]."""
 
 
 class Reach(SoftRobotEnvironment):
@@ -39,9 +39,9 @@ class Reach(SoftRobotEnvironment):
         """Make the environment; `common` are the arguments of `SoftRobotEnvironment`.
 
         Args:
-            scene: scene, or its name or path, whose first finger reaches.
-            pressure: pressures that -1 and 1 stand for [kPa]; when it is not given 0 to 60 as far as the scene allows.
-            tolerance: distance to the target within which it is reached [mm].
+            scene: scene, or its name or path; its first finger reaches.
+            pressure: pressures of the actions -1 and 1 [kPa]; None: 0 to 60 within the scene's limits.
+            tolerance: distance within which the target is reached [mm].
 
         Raises:
             SceneError: the scene or an argument is not valid.
@@ -54,7 +54,7 @@ class Reach(SoftRobotEnvironment):
         """Name of the finger that reaches: the first with anchors.
 
         Raises:
-            SceneError: there is none.
+            SceneError: no soft body has anchors.
         """
         if self.fingers:
             return self.fingers[0]
@@ -64,9 +64,7 @@ class Reach(SoftRobotEnvironment):
         self._target = np.zeros(3)
         finger, axes = self.finger, self._axes
         return [
-            Quantity(
-                self._actuation.actuator_channels, lambda seen: [*seen.pressures.values(), *seen.cable_pulls.values()]
-            ),
+            Quantity(self._actuation.actuator_channels, self._actuation.read),
             Quantity(symmetric("tip", "mm", 200.0, AXES), lambda seen: axes @ seen.tip_positions[finger]),
             Quantity(symmetric("tip velocity", "mm/s", 1000.0, AXES), lambda seen: axes @ seen.tip_velocities[finger]),
             Quantity(
@@ -100,20 +98,20 @@ class Reach(SoftRobotEnvironment):
         if action is not None and self._last_action is not None:
             change = float(np.abs(action - self._last_action).mean())
         self._last_action = action
-        told = {"is_success": distance < self._tolerance, "distance": distance, "target": self._target.copy()}
-        return Judgement(-0.1 * distance - 0.1 * change, False, told)
+        info = {"is_success": distance < self._tolerance, "distance": distance, "target": self._target.copy()}
+        return Judgement(-0.1 * distance - 0.1 * change, False, info)
 
 
 @lru_cache(maxsize=8)
 def tip_places(scene: str, finger: str, low: float, high: float) -> np.ndarray:
-    """Where the tip rests under actuations from the lowest to LARGEST of the range [mm], shape (count, 3).
+    """Rest positions of the tip for actuations from the lowest to LARGEST of the range [mm], shape (count, 3).
 
     Args:
         scene: the scene as TOML.
         finger: name of the finger.
-        low, high: range of the first actuator, which the cache is told by.
+        low, high: range of the first actuator, as a key of the cache.
     """
-    from taichisoft.building.simulation import Simulation
+    from taichisoft.building import Simulation
     from taichisoft_gym.prepared import prepared
 
     model, start = prepared(scene, SETTLING_TIME)

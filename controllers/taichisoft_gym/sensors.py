@@ -12,21 +12,21 @@ from taichisoft_gym.channels import Channel, Quantity, box_of, saturated
 
 
 class Sensor(gymnasium.ObservationWrapper[np.ndarray, np.ndarray, np.ndarray], RecordConstructorArgs):
-    """Base of the wrappers that add channels to the readings.
+    """Base class of the wrappers that add channels to the readings.
 
     Attributes:
-        channels: meaning of each number of an observation, the new ones last.
+        channels: name, unit and range of each number of an observation, the new ones last.
     """
 
-    def __init__(self, env: gymnasium.Env[np.ndarray, np.ndarray], quantity: Quantity, **told: Any):
-        RecordConstructorArgs.__init__(self, **told)
+    def __init__(self, env: gymnasium.Env[np.ndarray, np.ndarray], quantity: Quantity, **arguments: Any):
+        RecordConstructorArgs.__init__(self, **arguments)
         super().__init__(env)
         self._quantity, self._space = quantity, box_of(quantity.channels)
         self.channels: tuple[Channel, ...] = (*env.get_wrapper_attr("channels"), *quantity.channels)
         self.observation_space = box_of(self.channels)
 
     def observation(self, observation: np.ndarray) -> np.ndarray:
-        """The readings with those of the sensor."""
+        """Append the sensor's values to the readings."""
         values = np.asarray(self._quantity.read(self.get_wrapper_attr("simulation").observe()), np.float64)
         return np.concatenate([observation, saturated(values, self._space)])
 
@@ -51,7 +51,7 @@ class Bending(Sensor):
 
 
 class Flows(Sensor):
-    """Adds the flow of air into each cavity [mm^3/s], up to `highest` in and out."""
+    """Adds the flow of air into each cavity [mm^3/s], from -`highest` to `highest`."""
 
     def __init__(self, env: Any, highest: float = 200e3):
         cavities = env.get_wrapper_attr("cavities")
@@ -63,7 +63,7 @@ class Flows(Sensor):
 class Camera(gymnasium.ObservationWrapper[dict[str, np.ndarray], np.ndarray, np.ndarray], RecordConstructorArgs):
     """Makes observations dictionaries of "readings" and "picture": (height, width, 3), dtype uint8.
 
-    It is the outermost of the sensors, since the others want readings alone.
+    It must be the outermost sensor, since the others need plain readings.
     """
 
     def __init__(self, env: Any, camera: str | Sequence[Sequence[float]] = "iso", size: tuple[int, int] = (160, 120)):
@@ -71,7 +71,7 @@ class Camera(gymnasium.ObservationWrapper[dict[str, np.ndarray], np.ndarray, np.
 
         Args:
             env: environment whose observations are readings.
-            camera: where it stands, see `Simulation.render`.
+            camera: camera, see `Simulation.render`.
             size: width and height [pixels].
         """
         RecordConstructorArgs.__init__(self, camera=camera, size=size)
@@ -81,5 +81,5 @@ class Camera(gymnasium.ObservationWrapper[dict[str, np.ndarray], np.ndarray, np.
         self.observation_space = Dict({"readings": env.observation_space, "picture": picture})  # type: ignore[assignment]
 
     def observation(self, observation: np.ndarray) -> dict[str, np.ndarray]:
-        """The readings with a picture."""
+        """Readings and picture."""
         return {"readings": observation, "picture": self.get_wrapper_attr("picture")(self._camera, self._size)}

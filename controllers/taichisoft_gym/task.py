@@ -1,28 +1,26 @@
-"""What tasks share: how well it goes, and the scene with what an environment's arguments change."""
+"""Judgement of a task, and the scene with the changes by an environment's arguments."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 from taichisoft.errors import SceneError
-from taichisoft.scenes.file import scene_from_dict
-from taichisoft.scenes.rigid_body import RigidBody
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes import RigidBody, Scene, scene_from_dict
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """How well a task goes.
+    """Status of a task.
 
     Attributes:
         reward: reward of a control period.
-        failed: whether nothing can mend it.
-        told: what `info` says, "is_success" among it.
+        failed: whether the task has failed irrecoverably.
+        info: entries of `info`, including "is_success".
     """
 
     reward: float
     failed: bool
-    told: Mapping[str, Any] = field(default_factory=dict)
+    info: Mapping[str, Any] = field(default_factory=dict)
 
 
 def changed_scene(
@@ -36,14 +34,14 @@ def changed_scene(
 
     Args:
         scene: the scene.
-        object: keys of `[rigid_bodies.NAME]`, which take the place of those of the scene's object; a shape or surface
-            replaces the one that it has.
-        friction: Coulomb's coefficient [-]; the scene's where it is None.
+        object: keys of `[rigid_bodies.NAME]` that replace keys of the scene's object; a shape or surface replaces the
+            present one.
+        friction: Coulomb's coefficient [-]; None: the scene's.
         pressure: lowest and highest pressure [kPa].
         pressure_rate: fastest change of a pressure [kPa/s].
 
     Raises:
-        SceneError: one of these is not valid.
+        SceneError: an argument is not valid.
     """
     tables = scene.model_dump(mode="json", exclude_none=True)
     tables["limits"] |= {
@@ -55,13 +53,13 @@ def changed_scene(
         tables["contact"]["friction"] = friction
     if object is not None:
         if scene.main_object is None:
-            raise SceneError("object: the scene has no rigid body whose place it could take")
+            raise SceneError("object: the scene has no rigid body to change")
         bodies = tables["rigid_bodies"]
         bodies[scene.main_object] = _changed_body(bodies[scene.main_object], object)
     return scene_from_dict(tables, "scene of the environment")
 
 
-def _changed_body(table: Mapping[str, Any], told: Mapping[str, Any]) -> dict[str, Any]:
-    """The table of a body with other keys; one of several that exclude each other takes the place of the others."""
-    replaced = {key for keys in RigidBody.alternatives if set(keys) & told.keys() for key in keys}
-    return {**{key: value for key, value in table.items() if key not in replaced}, **told}
+def _changed_body(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+    """Table of a body with changed keys; a key removes all keys that exclude it."""
+    replaced = {key for keys in RigidBody.alternatives if set(keys) & changes.keys() for key in keys}
+    return {**{key: value for key, value in table.items() if key not in replaced}, **changes}

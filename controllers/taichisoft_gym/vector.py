@@ -1,4 +1,4 @@
-"""Environments side by side, each in a process of its own with one thread: what `gymnasium.make_vec` makes."""
+"""Vector environments for `gymnasium.make_vec`, each environment in its own process with one thread."""
 
 from functools import partial
 from typing import Any
@@ -8,21 +8,21 @@ from gymnasium.vector import AsyncVectorEnv
 
 
 def grasp(num_envs: int = 1, **arguments: Any) -> AsyncVectorEnv:
-    """Several of Grasp-v0."""
-    return _side_by_side("Grasp", num_envs, arguments)
+    """Make several Grasp-v0."""
+    return _make_vector("Grasp", num_envs, arguments)
 
 
 def reach(num_envs: int = 1, **arguments: Any) -> AsyncVectorEnv:
-    """Several of Reach-v0."""
-    return _side_by_side("Reach", num_envs, arguments)
+    """Make several Reach-v0."""
+    return _make_vector("Reach", num_envs, arguments)
 
 
 def carry(num_envs: int = 1, **arguments: Any) -> AsyncVectorEnv:
-    """Several of Carry-v0."""
-    return _side_by_side("Carry", num_envs, arguments)
+    """Make several Carry-v0."""
+    return _make_vector("Carry", num_envs, arguments)
 
 
-def _side_by_side(name: str, count: int, arguments: dict[str, Any]) -> AsyncVectorEnv:
-    # Processes that are started anew: forked ones of a process that has simulated could not.
+def _make_vector(name: str, count: int, arguments: dict[str, Any]) -> AsyncVectorEnv:
+    # Spawned processes: a process forked from one that has simulated cannot simulate.
     make = partial(gymnasium.make, f"taichisoft_gym:taichisoft/{name}-v0", **arguments)
     return AsyncVectorEnv([make] * count, context="spawn")

@@ -9,14 +9,18 @@ from typing import Any
 
 from pydantic import model_validator
 
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system.geometry import Geometry
-from taichisoft.plugin_system.hookspecs import hookimpl
-from taichisoft.scenes.table import Positive, Table
-from taichisoft_meshing.bodies.meshed_body import meshed_body, shells_of_solid, with_base
-from taichisoft_meshing.bodies.size_growth import set_sizes
-from taichisoft_meshing.bodies.tables import Base, FittedSizes
-from taichisoft_meshing.geometry_file import checked
+from taichisoft.meshes import VolumeMesh
+from taichisoft.plugin_system import Geometry, hookimpl
+from taichisoft.scenes import Positive, Table
+from taichisoft_meshing import (
+    Base,
+    FittedSizes,
+    checked,
+    meshed_body,
+    set_sizes,
+    shells_of_solid,
+    with_base,
+)
 from taichisoft_meshing.gmsh_session import gmsh_session
 
 

@@ -3,21 +3,39 @@
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from taichisoft.plugin_system.hookspecs import hookimpl
+import lazy_loader
+
+from taichisoft.plugin_system import hookimpl
 
 if TYPE_CHECKING:
     import typer
 
-    from taichisoft.meshes.volume_mesh import VolumeMesh
-    from taichisoft.plugin_system.geometry import Geometry
+    from taichisoft.meshes import VolumeMesh
+    from taichisoft.plugin_system import Geometry
+    from taichisoft_meshing.bodies.meshed_body import meshed_body, shells_of_solid, with_base
+    from taichisoft_meshing.bodies.size_growth import set_sizes
+    from taichisoft_meshing.bodies.tables import Base, FittedSizes
+    from taichisoft_meshing.geometry_file import checked
+
+__all__ = ["Base", "FittedSizes", "checked", "meshed_body", "set_sizes", "shells_of_solid", "with_base"]
+# Names for geometries of one's own, such as data/plugins/tube.py.
+__getattr__, *_ = lazy_loader.attach(
+    __name__,
+    submod_attrs={
+        "bodies.meshed_body": ["meshed_body", "shells_of_solid", "with_base"],
+        "bodies.size_growth": ["set_sizes"],
+        "bodies.tables": ["Base", "FittedSizes"],
+        "geometry_file": ["checked"],
+    },
+)
 
 
 @hookimpl
 def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
     """The built-in kinds of bodies."""
-    from taichisoft_meshing.bodies.kinds import StepBody, SurfacesBody
-    from taichisoft_meshing.finger.kind import PneunetFinger
-    from taichisoft_meshing.tendon_finger.kind import TendonFinger
+    from taichisoft_meshing.bodies.file_bodies import StepBody, SurfacesBody
+    from taichisoft_meshing.finger.pneunet_finger import PneunetFinger
+    from taichisoft_meshing.tendon_finger import TendonFinger
 
     return {
         "pneunet_finger": PneunetFinger,
@@ -37,13 +55,15 @@ def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft mesh`, `mesh-info`, `mesh-cache` and `mould`."""
+    """Add `taichisoft mesh`, `mesh info`, `mesh cache` and `mesh mould`."""
+    from taichisoft.plugin_system import group_with_default
     from taichisoft_meshing.commands.mesh import mesh
     from taichisoft_meshing.commands.mesh_info import mesh_info
     from taichisoft_meshing.commands.mould import mould
     from taichisoft_meshing.mesh_cache import mesh_cache
 
-    application.command("mesh")(mesh)
-    application.command("mesh-info")(mesh_info)
-    application.command("mesh-cache")(mesh_cache)
-    application.command("mould")(mould)
+    group = group_with_default(mesh)
+    group.command("info")(mesh_info)
+    group.command("cache")(mesh_cache)
+    group.command("mould")(mould)
+    application.add_typer(group, name="mesh")

@@ -6,9 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.meshes.second_order import with_middle_nodes
-from taichisoft.meshes.ten_nodes import SIDES, least_volumes
-from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
+from taichisoft.meshes import SIDES, VolumeMesh, least_volumes, tetrahedron_volumes, with_middle_nodes
 from taichisoft_meshing.gmsh_session import GmshFailure
 
 SIX_NODES, TEN_NODES = 9, 11  # gmsh's numbers for triangles and tetrahedra with nodes in the middles of their sides
@@ -61,8 +59,8 @@ def curved_sides(gmsh: Any, nodes: np.ndarray, elements: np.ndarray) -> CurvedSi
 
 
 def with_curved_sides(mesh: VolumeMesh, sides: CurvedSides) -> VolumeMesh:
-    """The mesh with ten-node tetrahedra, as `bent` gives it; a warning says how many sides stay straight."""
-    curved, straight_count = bent(mesh, sides)
+    """The mesh with ten-node tetrahedra, as `curve_sides` gives it; a warning says how many sides stay straight."""
+    curved, straight_count = curve_sides(mesh, sides)
     if straight_count:
         warnings.warn(
             f"{mesh.source}: {straight_count} sides stay straight where curved ones would turn elements over; "
@@ -72,13 +70,13 @@ def with_curved_sides(mesh: VolumeMesh, sides: CurvedSides) -> VolumeMesh:
     return curved
 
 
-def bent(mesh: VolumeMesh, sides: CurvedSides) -> tuple[VolumeMesh, int]:
+def curve_sides(mesh: VolumeMesh, sides: CurvedSides) -> tuple[VolumeMesh, int]:
     """Ten-node tetrahedra, the middles of whose sides lie on the surfaces where these are curved.
 
     The sides of an element stay straight that would else be turned over, or nearly so.
 
     Args:
-        mesh: of linear tetrahedra; their sides on the surfaces are those of `sides`.
+        mesh: of linear tetrahedra; their sides on the surfaces are the sides in `sides`.
         sides: from `curved_sides`.
 
     Returns:

@@ -1,19 +1,19 @@
 """Geometry files: TOML whose `kind` says which plug-in knows what it describes."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
 from taichisoft.errors import MeshError, PluginError, nearest
 from taichisoft.input_file import read_toml
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system import hooks
-from taichisoft.plugin_system.failure import failures_of
-from taichisoft.plugin_system.geometry import Geometry
-from taichisoft.scenes.validation_errors import first_problem
-from taichisoft_meshing.quality.limits import QUALITY, QualityLimits
+from taichisoft.meshes import VolumeMesh
+from taichisoft.plugin_system import Geometry, failures_of, provided
+from taichisoft.scenes import first_problem
+from taichisoft_meshing.quality.quality_limits import QUALITY, QualityLimits
 
 DEFAULT_KIND = "pneunet_finger"
 # [mm] Sums of decimal fractions may miss by rounding.
@@ -77,7 +77,7 @@ def find_kind(kind: Any, path: Path) -> Callable[..., Geometry]:
     Raises:
         MeshError: no plug-in knows the kind.
     """
-    kinds = hooks.provided("geometry kind")
+    kinds = provided("geometry kind")
     if not isinstance(kind, str) or kind not in kinds:
         raise MeshError(f"{path}: kind = {kind!r}: unknown; {nearest(str(kind), sorted(kinds), 'there are')}")
     return kinds[kind]
@@ -102,6 +102,49 @@ def checked(table: type[AnyTable], tables: Mapping[str, Any], file: Path) -> Any
         return table.model_validate(dict(tables))
     except ValidationError as error:
         raise MeshError(f"{file}: {first_problem(error, table)}") from error
+
+
+@dataclass(frozen=True)
+class CheckedGeometry(Geometry):
+    """A geometry that the tables of a file describe, checked as soon as it is made.
+
+    Attributes:
+        tables: tables of the geometry file, as TOML gives them.
+        file: path of the geometry file; errors begin with it, and names of files in the tables are relative to it.
+        table_type: pydantic model of the tables.
+
+    Raises:
+        MeshError: something in the tables is not valid.
+    """
+
+    tables: Mapping[str, Any]
+    file: Path
+    table_type: ClassVar[type[BaseModel]]
+
+    def __post_init__(self) -> None:
+        _ = self.table
+
+    @cached_property
+    def table(self) -> Any:
+        """The tables, checked: an instance of `table_type`."""
+        return checked(self.table_type, self.tables, self.file)
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """The tables, with the defaults of what they leave open."""
+        return self.table.model_dump(mode="json", exclude_none=True)  # type: ignore[no-any-return]
+
+    def sized(self, size: float | None) -> Any:
+        """The tables with `size` [mm] as `mesh.largest`, and `mesh.smallest` scaled with it; unchanged for None.
+
+        Raises:
+            MeshError: the size is not valid.
+        """
+        if size is None:
+            return self.table
+        smallest = size * self.table.mesh.smallest / self.table.mesh.largest
+        sizes = {**self.tables.get("mesh", {}), "largest": size, "smallest": smallest}
+        return checked(self.table_type, {**self.tables, "mesh": sizes}, self.file)
 
 
 def mesh_geometry(geometry: Geometry, size: float | None, path: Path) -> VolumeMesh:

@@ -32,15 +32,15 @@ class GmshFailure(Exception):
 def gmsh_session(body: str) -> Iterator[Any]:
     """The module gmsh, initialised to use its own optimiser and Netgen's; its whole state ends with the session.
 
-    It runs on one thread, because several number the nodes as they come, and reads no configuration of the user:
-    the same calls give the same mesh, node for node. What gmsh says goes to a file if it fails, else nowhere.
+    gmsh runs on one thread, because several threads number the nodes in a random order, and reads no configuration of
+    the user: the same calls give the same mesh, node for node. Its messages are kept in a file only if it fails.
 
     Args:
         body: name of what is meshed in errors, for example "this finger" or "body.step".
 
     Raises:
         MeshError: gmsh cannot be loaded, is already in use in this process, or fails. A failure inside the session,
-            gmsh's or a GmshFailure, is told in one line that names the file with gmsh's log.
+            gmsh's or a GmshFailure, becomes one line that names the file with gmsh's log.
     """
     try:
         import gmsh
@@ -89,7 +89,7 @@ def first_success(body: str, ways: Sequence[Way], make: Callable[[Any, Way], Mad
             except Exception as error:
                 if type(error) not in (Exception, GmshFailure, MeshError) or number == len(ways):
                     raise
-    raise ValueError("there is no way to try")
+    raise ValueError("ways is empty; give at least one")
 
 
 def tetrahedra(gmsh: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -113,7 +113,7 @@ def tetrahedra(gmsh: Any) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 
 def obey_size_fields(gmsh: Any) -> None:
-    """Let the smallest of all size fields made so far decide everywhere; a distance is no size."""
+    """Let the smallest of all size fields made so far decide everywhere; a distance is not a size."""
     field = gmsh.model.mesh.field
     smallest = field.add("Min")
     field.setNumbers(smallest, "FieldsList", [tag for tag in field.list() if field.getType(tag) != "Distance"])
@@ -129,7 +129,7 @@ def gmsh_version() -> str:
 
 
 def _keep_broken_pipes_an_error() -> None:
-    """Undo what gmsh's start does behind Python's back: from then on the signal of a broken pipe would end the process.
+    """Undo a side effect of gmsh's start, after which the signal of a broken pipe would end the process.
 
     Python ignores that signal and raises BrokenPipeError instead; in threads it cannot set it itself.
     """

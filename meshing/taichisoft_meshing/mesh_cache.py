@@ -14,7 +14,7 @@ from taichisoft.errors import MeshError, TaichisoftError
 from taichisoft.terminal_text import say
 
 if TYPE_CHECKING:
-    from taichisoft.meshes.volume_mesh import VolumeMesh
+    from taichisoft.meshes import VolumeMesh
 
 FOLDER_VARIABLE = "TAICHISOFT_CACHE"
 
@@ -28,20 +28,20 @@ def cache_folder() -> Path:
 def kept_mesh(path: Path | None) -> "VolumeMesh | None":
     """Read the mesh that was kept at a path.
 
-    None when there is none, or, with a warning, none that can be read or that is as it was written.
+    None if it is absent, or, with a warning, if it cannot be read or has changed.
     """
-    from taichisoft.meshes.files import read_volume_mesh
+    from taichisoft.meshes import read_volume_mesh
 
     if path is None or not path.is_file():
         return None
     if not is_as_kept(path):
-        if checksum_file(path).exists():  # else somebody is just writing it, or was stopped at that
-            warnings.warn(f"{path}: is not as it was written, by its checksum; it is made anew", stacklevel=3)
+        if checksum_file(path).exists():  # otherwise another process is writing it, or was stopped while it did
+            warnings.warn(f"{path}: has changed since it was written, by its checksum; it is made again", stacklevel=3)
         return None
     try:
         return read_volume_mesh(path)
     except MeshError as error:
-        warnings.warn(f"{error}; it is made anew", stacklevel=3)
+        warnings.warn(f"{error}; it is made again", stacklevel=3)
         return None
 
 
@@ -63,7 +63,7 @@ def keep_mesh(mesh: "VolumeMesh", path: Path | None) -> "VolumeMesh":
         except (OSError, TaichisoftError) as error:
             why = error.strerror if isinstance(error, OSError) and error.strerror else error
             warnings.warn(
-                f"the mesh cannot be kept in {path.parent} ({why}) and is made anew every time; "
+                f"the mesh cannot be kept in {path.parent} ({why}) and is made again every time; "
                 f"{FOLDER_VARIABLE} can name another folder",
                 stacklevel=3,
             )
@@ -72,14 +72,14 @@ def keep_mesh(mesh: "VolumeMesh", path: Path | None) -> "VolumeMesh":
 
 
 def _through_file(mesh: "VolumeMesh", path: Path) -> "VolumeMesh":
-    from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
+    from taichisoft.meshes import read_volume_mesh, write_volume_mesh
 
     write_volume_mesh(mesh, path)
     return read_volume_mesh(path)
 
 
 def mesh_cache(
-    clear: Annotated[bool, typer.Option("--clear", help="Delete them all; scenes make anew what they need.")] = False,
+    clear: Annotated[bool, typer.Option("--clear", help="Delete them all; scenes make again what they need.")] = False,
 ) -> None:
     """Show where the meshes that scenes asked for are kept, and how large they are."""
     folder = cache_folder()

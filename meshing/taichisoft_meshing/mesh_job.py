@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.errors import MeshError, nearest
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system.geometry import Geometry
+from taichisoft.meshes import VolumeMesh
+from taichisoft.plugin_system import Geometry
 from taichisoft_meshing.fingerprint import fingerprint
 from taichisoft_meshing.geometry_file import find_kind, make_geometry, mesh_geometry, quality_limits
-from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits, summary
 from taichisoft_meshing.quality.mesh_quality import MeshQuality, measure
+from taichisoft_meshing.quality.quality_limits import QualityLimits, cautions, faults, missed_limits, summary
 from taichisoft_meshing.size_search import size_for_nodes
 
 
@@ -111,7 +111,7 @@ def mesh_as_asked(
         nodes: approximate number of nodes, instead of `size`.
 
     Raises:
-        MeshError: there is no such preset, the number of nodes is not reached, or the mesh is not fit to simulate.
+        MeshError: the preset does not exist, the number of nodes is not reached, or the mesh is not fit to simulate.
         PluginError: the plug-in of its kind failed.
     """
     if nodes is not None:

@@ -1,20 +1,13 @@
 """Meshing in a process of its own: gmsh may crash on a broken file, or never come to an end, and nothing else does."""
 
 import logging
-import pickle
-import subprocess
-import sys
 import time
 import warnings
-from collections.abc import Callable
-from pathlib import Path
-from tempfile import TemporaryDirectory
+from collections.abc import Callable, Sequence
 
-from taichisoft.child_process import PYTHON, end_with_parent, how_it_ended, lifeline
-from taichisoft.errors import MeshError, PluginError, TaichisoftError
-from taichisoft.plugin_system.commands import FILE_OPTION, load_requested
-from taichisoft.plugin_system.hooks import provided_by_plugin
-from taichisoft.plugin_system.plugins import plugin_registry
+from taichisoft.errors import MeshError
+from taichisoft.plugin_system import FILE_OPTION, load_requested, plugin_registry, provided_by_plugin
+from taichisoft.worker import WorkerLost, WorkerSlow, call_apart
 from taichisoft_meshing.mesh_job import MadeMesh, MeshJob, make_mesh
 
 LOGGER = logging.getLogger("taichisoft.meshing")
@@ -45,19 +38,32 @@ def make_mesh_apart(
         return make_mesh(job, stage)
     stage("meshing")
     files = [origin.place for origin in plugin_registry().origins.values() if origin.kind == "file"]
-    with TemporaryDirectory(prefix="taichisoft-mesh-") as folder:
-        asked, answer = Path(folder) / "job", Path(folder) / "answer"
-        asked.write_bytes(pickle.dumps(job))
-        arguments = [str(asked), str(answer), *(word for file in files for word in (FILE_OPTION, file))]
-        problem = _run([*PYTHON, "-m", "taichisoft_meshing.mesh_process", *arguments], job.file, time_limit)
-        if problem:
-            lost = ChildProcessError(problem)
-            raise MeshError(f"{job.file}: the process that meshes it ended without a mesh: {problem}") from lost
-        made = pickle.loads(answer.read_bytes())
-    if isinstance(made, TaichisoftError):
-        raise made
-    assert isinstance(made, MadeMesh)
+    started = time.monotonic()
+
+    def say_so() -> None:
+        LOGGER.info("meshing %s: %.0f s so far", job.file, time.monotonic() - started)
+
+    try:
+        made: MadeMesh = call_apart(
+            "taichisoft_meshing.mesh_process:make_mesh_here",
+            job,
+            files,
+            time_limit=time_limit,
+            meanwhile=say_so,
+            every=BETWEEN_LINES,
+        )
+    except WorkerLost as lost:
+        slow = isinstance(lost, WorkerSlow)
+        problem = f"it took more than {time_limit:g} s; take larger elements" if slow else lost
+        raise MeshError(f"{job.file}: the process that meshes it ended without a mesh: {problem}") from lost
     return made
+
+
+def make_mesh_here(job: MeshJob, files: Sequence[str]) -> MadeMesh:
+    """What the process does: it loads the plug-ins of `files` and makes the mesh, with warnings as its remarks."""
+    warnings.simplefilter("ignore")
+    load_requested([word for file in files for word in (FILE_OPTION, file)])
+    return make_mesh(job)
 
 
 def _known_elsewhere(job: MeshJob) -> bool:
@@ -67,37 +73,3 @@ def _known_elsewhere(job: MeshJob) -> bool:
             origin = plugin_registry().origins[plugin]
             return origin.kind == "file" or bool(origin.distribution)
     return False
-
-
-def _run(command: list[str], file: Path, time_limit: float) -> str:
-    """Wait for a process, and say now and then that it goes on; one line when it did not end well."""
-    started = time.monotonic()
-    with lifeline() as stdin:
-        child = subprocess.Popen(command, stdin=stdin, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
-        try:
-            while True:
-                spent = time.monotonic() - started
-                if spent >= time_limit:
-                    return f"it took more than {time_limit:g} s; take larger elements"
-                try:
-                    _, errors = child.communicate(timeout=min(BETWEEN_LINES, time_limit - spent))
-                    return how_it_ended(child.returncode, errors)
-                except subprocess.TimeoutExpired:
-                    LOGGER.info("meshing %s: %.0f s so far", file, time.monotonic() - started)
-        finally:
-            child.kill()
-            child.communicate()
-
-
-def _answer(job: MeshJob) -> MadeMesh | TaichisoftError:
-    try:
-        load_requested(sys.argv[3:])
-        return make_mesh(job)
-    except (MeshError, PluginError) as error:
-        return type(error)(str(error))  # without its traceback, which cannot be sent
-
-
-if __name__ == "__main__":
-    end_with_parent()  # whoever is killed with a mesh half made leaves no process that goes on for an hour
-    warnings.simplefilter("ignore")  # they come with the mesh, as its remarks
-    Path(sys.argv[2]).write_bytes(pickle.dumps(_answer(pickle.loads(Path(sys.argv[1]).read_bytes()))))

@@ -11,11 +11,11 @@ import numpy as np
 import taichisoft
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.meshes import VolumeMesh
 from taichisoft_meshing.gmsh_session import gmsh_version
 from taichisoft_meshing.mesh_job import MadeMesh, MeshJob
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
-from taichisoft_meshing.quality.surfaces import SurfaceQuality
+from taichisoft_meshing.quality.mesh_surfaces import SurfaceQuality
 
 
 def mesh_record(made: MadeMesh, files: Iterable[Path]) -> dict[str, Any]:
@@ -97,7 +97,7 @@ def write_record(record: Mapping[str, Any], path: Path) -> None:
 
 
 def _hash_of_inputs(job: MeshJob) -> str | None:
-    """The hash that the cache of scenes' meshes uses; None where a plug-in has no source that could be part of it."""
+    """The hash that the cache of scenes' meshes uses; None for a plug-in without source."""
     try:
         return job.fingerprint()
     except OSError:
@@ -113,5 +113,5 @@ def _spread(values: np.ndarray) -> dict[str, float]:
 
 
 def _rounded(value: float, digits: int = 6) -> float:
-    """Round to significant digits: the last ones depend on the machine's arithmetic, and say nothing."""
+    """Round to significant digits: the last ones depend on the machine's arithmetic."""
     return float(f"{value:.{digits}g}")

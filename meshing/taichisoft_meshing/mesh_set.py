@@ -12,19 +12,17 @@ from typing import Any
 from taichisoft.atomic_file import partial_path
 from taichisoft.errors import MeshError
 from taichisoft.interruption import deferred_signals
-from taichisoft.meshes.file_kind import require_suffix
-from taichisoft.meshes.files import VOLUME_SUFFIXES, write_volume_mesh
-from taichisoft.meshes.surface_files import write_stl
+from taichisoft.meshes import VOLUME_SUFFIXES, require_suffix, write_stl, write_volume_mesh
 from taichisoft_meshing.mesh_job import MadeMesh
 from taichisoft_meshing.mesh_record import mesh_record, write_record
-from taichisoft_meshing.quality.picture import draw_report
+from taichisoft_meshing.quality.report_picture import draw_report
 
 RECORD = "mesh.json"
 PICTURE = "mesh-report.png"
 
 
 def is_file(output: Path) -> bool:
-    """Whether an output is one file: its name ends like one (.msh), not like a number (wall-1.5), and is no folder's.
+    """Whether an output is one file: its name ends like one (.msh), not like a number (wall-1.5), and no folder has it.
 
     Raises:
         MeshError: the name ends like that of another kind of file.
@@ -36,10 +34,10 @@ def is_file(output: Path) -> bool:
 
 
 def prepare(output: Path) -> None:
-    """Make the folder of an output before the work begins, so that one that cannot be written is told at once.
+    """Make the folder of an output before the work begins, so that an error about it comes at once.
 
     Raises:
-        MeshError: the folder cannot be made, nobody may write to it, or a file stands where a folder is to be.
+        MeshError: the folder cannot be made, is not writable, or is a file.
     """
     if not is_file(output) and output.exists() and not output.is_dir():
         raise MeshError(f"--output {output}: is a file; a folder, or a file ({', '.join(VOLUME_SUFFIXES)}) is needed")
@@ -51,7 +49,7 @@ def prepare_folder(folder: Path, output: Path | None = None) -> None:
     """Make a folder unless it is there; errors call it `output`, which the user named.
 
     Raises:
-        MeshError: the folder cannot be made, or nobody may write to it.
+        MeshError: the folder cannot be made, or is not writable.
     """
     output = folder if output is None else output
     try:
@@ -133,7 +131,7 @@ def move_set(partial: Path, folder: Path) -> None:
 
 @contextmanager
 def _alone_in(folder: Path) -> Iterator[None]:
-    """Wait until nobody else has a folder, and have it meanwhile; where it cannot be locked, wait for nothing.
+    """Hold the lock of a folder; where a file system has no locks, go on without.
 
     The lock is the operating system's on the folder itself: it leaves no file, and ends with the process.
     """
@@ -152,7 +150,7 @@ def _alone_in(folder: Path) -> Iterator[None]:
 
 
 def _recorded_files(record: Path) -> set[str]:
-    """Names of the files that a record lists; none where there is no record of this program."""
+    """Names of the files that a record lists; empty without a valid record."""
     try:
         content: Any = json.loads(record.read_text(encoding="utf-8"))
         names = set(content["files_sha256"])

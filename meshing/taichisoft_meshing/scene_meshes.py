@@ -8,7 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.meshes import VolumeMesh
 from taichisoft_meshing.geometry_file import read_tables
 from taichisoft_meshing.mesh_cache import cache_folder, keep_mesh, kept_mesh
 from taichisoft_meshing.mesh_job import MeshJob, require_fit
@@ -32,7 +32,7 @@ def mesh_for_scene(
         size: length of the largest element [mm].
         preset: name of one of the geometry's sizes.
         nodes: approximate number of nodes.
-        set: tables that are laid over those of the file.
+        set: tables that replace the file's, key by key.
 
     Raises:
         MeshError: the file, the request or the mesh is not valid.
@@ -42,7 +42,7 @@ def mesh_for_scene(
     possible = {"size": size, "preset": preset, "nodes": nodes}
     asked: dict[str, Any] = {key: value for key, value in possible.items() if value is not None}
     wish = "".join(f", {key} {value}" for key, value in asked.items())
-    job = MeshJob(kind, laid_over(tables, set or {}), file, asked)
+    job = MeshJob(kind, merge_tables(tables, set or {}), file, asked)
     path = _cache_path(job)
     mesh = kept_mesh(path)
     if mesh is not None:
@@ -59,12 +59,12 @@ def mesh_for_scene(
     return replace(mesh, source=str(file))
 
 
-def laid_over(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
+def merge_tables(tables: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """The tables with all values of `changes` in their places, in tables within tables, too."""
     merged = dict(tables)
     for key, value in changes.items():
         below = merged.get(key)
-        merged[key] = laid_over(below, value) if isinstance(below, Mapping) and isinstance(value, Mapping) else value
+        merged[key] = merge_tables(below, value) if isinstance(below, Mapping) and isinstance(value, Mapping) else value
     return merged
 
 
@@ -73,5 +73,5 @@ def _cache_path(job: MeshJob) -> Path | None:
     try:
         return cache_folder() / f"{job.file.stem}-{job.fingerprint()[:DIGITS]}.msh"
     except OSError as error:
-        warnings.warn(f"{job.file}: the mesh is made anew every time: {error}", stacklevel=3)
+        warnings.warn(f"{job.file}: the mesh is made again every time: {error}", stacklevel=3)
         return None

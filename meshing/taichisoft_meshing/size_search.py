@@ -1,12 +1,11 @@
 """The element size for a number of nodes, and an estimate of the number of elements for a size."""
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.plugin_system.geometry import Geometry
+from taichisoft.meshes import VolumeMesh
+from taichisoft.plugin_system import Geometry
 from taichisoft_meshing.quality.tetrahedra import edge_lengths
 
 WITHIN = 0.15
@@ -19,10 +18,10 @@ MOST_MESHES = 8
 """Number of meshes after which a search ends."""
 
 DIMENSION = 2.4
-"""Nodes go like size ** -DIMENSION: between those of a surface (2) and of a volume (3)."""
+"""Nodes go like size ** -DIMENSION: between a surface (2) and a volume (3)."""
 
 FARTHEST = 4.0
-"""Largest ratio of the next size to one that was tried: nothing is known of sizes farther away [-]."""
+"""Largest ratio of the next size to one that was tried, beyond which the estimate is worth nothing [-]."""
 
 GROWTH = 0.5
 """Growth of the element size with the distance from the cavities [-]."""
@@ -59,7 +58,7 @@ def refuse_too_many(count: float, key: str, size: float, power: int = 3) -> None
         count: estimate of their number, which goes like size ** -power.
         key: key of the size.
         size: length of elements [mm].
-        power: 3 of elements that fill a body, 2 of those at surfaces.
+        power: 3 for elements that fill a body, 2 for elements at surfaces.
     """
     if count > MOST_ELEMENTS:
         least = size * (count / MOST_ELEMENTS) ** (1 / power)
@@ -70,16 +69,16 @@ def refuse_too_many(count: float, key: str, size: float, power: int = 3) -> None
 
 
 def refuse_nodes(nodes: int, key: str) -> None:
-    """Raise MeshError for a number of nodes that no mesh has, or none that is ever simulated; `key` begins it."""
+    """Raise MeshError, which begins with `key`, for fewer nodes than a tetrahedron has or more than MOST_NODES."""
     if not 4 <= nodes <= MOST_NODES:
-        raise MeshError(f"{key}: must lie between 4, those of one tetrahedron, and {MOST_NODES}")
+        raise MeshError(f"{key}: must lie between 4, a single tetrahedron, and {MOST_NODES}")
 
 
 def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
     """Search for the size whose mesh has a number of nodes, within 15 %.
 
-    The number is no smooth function of the size, so the best of a few meshes is taken; the same description and number
-    give the same mesh.
+    The number does not depend smoothly on the size, so the best of a few meshes is taken; the same description and
+    number give the same mesh.
 
     Returns:
         The size [mm], and the mesh.
@@ -88,20 +87,30 @@ def size_for_nodes(geometry: Geometry, nodes: int) -> tuple[float, VolumeMesh]:
         MeshError: no size that was tried gives so many nodes, or the body cannot be meshed.
     """
     refuse_nodes(nodes, f"nodes = {nodes}")
-    search = _Search(nodes)
+    counts: dict[float, float] = {}  # 0 where the size is too large for the body, infinite where it is too small
+    meshes: dict[float, VolumeMesh] = {}
+    refusals: list[MeshError] = []
     size: float | None = _first_size(geometry)
-    while size is not None and len(search.counts) < MOST_MESHES and search.miss > NEAR_ENOUGH:
-        search.add(size, geometry)
-        size = search.next_size()
-    if search.best is None:
-        raise search.refusals[0]
-    if search.miss > WITHIN:
-        why = "".join(f"; {error}" for error in search.refusals[-1:])
+    while size is not None and len(counts) < MOST_MESHES:
+        try:
+            meshes[size] = geometry.mesh(size).check()
+            counts[size] = len(meshes[size].nodes)
+            if abs(counts[size] / nodes - 1) <= NEAR_ENOUGH:
+                break
+        except MeshError as error:
+            refusals.append(error)
+            counts[size] = math.inf if meshes and size < min(meshes) else 0
+        size = _next_size(counts, nodes)
+    if not meshes:
+        raise refusals[0]
+    best = min(meshes, key=lambda size: abs(counts[size] / nodes - 1))
+    if abs(counts[best] / nodes - 1) > WITHIN:
+        why = "".join(f"; {error}" for error in refusals[-1:])
         raise MeshError(
             f"nodes = {nodes}: no size was found that gives as many within {WITHIN:.0%}; the nearest mesh has "
-            f"{len(search.best.nodes)}, with largest elements of {search.best_size:.4g} mm{why}"
+            f"{len(meshes[best].nodes)}, with largest elements of {best:.4g} mm{why}"
         )
-    return search.best_size, search.best
+    return best, meshes[best]
 
 
 def _first_size(geometry: Geometry) -> float:
@@ -113,50 +122,17 @@ def _first_size(geometry: Geometry) -> float:
     return float(edge_lengths(mesh.nodes, mesh.elements).max())
 
 
-@dataclass
-class _Search:
-    """The sizes that were tried, and what they gave.
-
-    Attributes:
-        target: number of nodes wanted.
-        counts: number of nodes by size [mm]; 0 where the size is too large for the body, infinite where too small.
-        refusals: errors of the sizes that are too large or too small.
-        best: mesh with the number of nodes nearest to the target; its size is `best_size` [mm].
-        miss: error of its number of nodes, as a share of the target [-].
-    """
-
-    target: int
-    counts: dict[float, float] = field(default_factory=dict)
-    refusals: list[MeshError] = field(default_factory=list)
-    best: VolumeMesh | None = None
-    best_size: float = math.nan
-    miss: float = math.inf
-
-    def add(self, size: float, geometry: Geometry) -> None:
-        """Mesh the geometry at a size [mm], and note what came of it."""
-        try:
-            mesh = geometry.mesh(size).check()
-        except MeshError as error:
-            self.refusals.append(error)
-            meshed = [known for known, count in self.counts.items() if 0 < count < math.inf]
-            self.counts[size] = math.inf if meshed and size < min(meshed) else 0
-            return
-        self.counts[size] = len(mesh.nodes)
-        miss = abs(len(mesh.nodes) / self.target - 1)
-        if miss < self.miss:
-            self.best, self.best_size, self.miss = mesh, size, miss
-
-    def next_size(self) -> float | None:
-        """The size to try next [mm]; None when it lies between two nearly equal sizes."""
-        few = min((size for size, count in self.counts.items() if count <= self.target), default=None)
-        many = max((size for size, count in self.counts.items() if count > self.target), default=None)
-        if few is None or many is None:
-            known = few or many or 0.0
-            step = (self.counts[known] / self.target) ** (1 / DIMENSION)
-            return known * min(max(step, 1 / FARTHEST), FARTHEST)
-        if few <= many * 1.001:  # also where more nodes came with a larger size
-            return None
-        if self.counts[few] == 0 or self.counts[many] == math.inf:
-            return math.sqrt(few * many)
-        part = math.log(self.counts[many] / self.target) / math.log(self.counts[many] / self.counts[few])
-        return many * (few / many) ** min(max(part, 0.1), 0.9)
+def _next_size(counts: Mapping[float, float], target: int) -> float | None:
+    """The size to try next [mm], from the numbers of nodes by size; None between two nearly equal sizes."""
+    few = min((size for size, count in counts.items() if count <= target), default=None)
+    many = max((size for size, count in counts.items() if count > target), default=None)
+    if few is None or many is None:
+        known = few or many or 0.0
+        step = (counts[known] / target) ** (1 / DIMENSION)
+        return known * min(max(step, 1 / FARTHEST), FARTHEST)
+    if few <= many * 1.001:  # also where more nodes came with a larger size
+        return None
+    if counts[few] == 0 or counts[many] == math.inf:
+        return math.sqrt(few * many)
+    part = math.log(counts[many] / target) / math.log(counts[many] / counts[few])
+    return many * (few / many) ** min(max(part, 0.1), 0.9)

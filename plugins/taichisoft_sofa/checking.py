@@ -1,4 +1,4 @@
-"""What becomes of a scene, without a run: what is understood of it, and whether its model can be built."""
+"""Check of a scene without a run: understood components, and construction of the model."""
 
 import contextlib
 import io
@@ -16,13 +16,13 @@ from taichisoft_sofa.tree.loading import load_tree
 
 @dataclass
 class Checked:
-    """What was found of a scene, in lines.
+    """Results of a check, as lines of text.
 
     Attributes:
-        problems: why it cannot be run; none where it can.
-        remarks: what is to be known of it: files in Python 2, departures from SOFA, warnings of the model.
-        said: what the scene itself printed.
-        counts: number of components of each type, by what becomes of them.
+        problems: reasons why the scene cannot be run; empty if it can.
+        remarks: files in Python 2, departures from SOFA, warnings of the model.
+        said: lines printed by the scene.
+        counts: number of components of each type, by "understood" and "without effect".
     """
 
     problems: list[str] = field(default_factory=list)
@@ -32,7 +32,7 @@ class Checked:
 
 
 def checked(scene: Path, python_path: str, exact: bool) -> Checked:
-    """Load a scene, translate it, and build its model and controllers as a run does before its first step."""
+    """Load and translate a scene, and build its model and controllers as a run does before its first step."""
     found = Checked()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", UserWarning)
@@ -53,8 +53,7 @@ def checked(scene: Path, python_path: str, exact: bool) -> Checked:
 
 
 def _build(scene: Path, translation: Translation, python_path: str, exact: bool, found: Checked) -> None:
-    from taichisoft.building.scene_files import scene_from_dict
-    from taichisoft.building.simulation import make_model
+    from taichisoft.building import make_model, scene_from_dict
     from taichisoft_sofa.controller.controller import SofaController
 
     tables = with_files_in(kept_files(translation, scene.stem), translation.tables)
@@ -66,7 +65,7 @@ def _build(scene: Path, translation: Translation, python_path: str, exact: bool,
 
 @contextlib.contextmanager
 def _kept(said: list[str]) -> Iterator[None]:
-    """Keep what a scene prints, once each: it need not be what a terminal should show as it is."""
+    """Collect the distinct lines that a scene prints, since they may be unsafe for a terminal."""
     printed = io.StringIO()
     try:
         with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):

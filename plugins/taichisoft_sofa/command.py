@@ -10,15 +10,13 @@ from taichisoft.terminal_text import say
 if TYPE_CHECKING:
     from taichisoft_sofa.translation.parts import Translation
 
-sofa = typer.Typer(
-    help="Scenes of SOFA: what of them is understood, and native scenes made of them.", no_args_is_help=True
-)
+sofa = typer.Typer(help="Check scenes of SOFA, and convert them to native scenes.", no_args_is_help=True)
 
 PythonPath = Annotated[
     str,
     typer.Option("--python-path", metavar="DIRS", help="Folders of libraries that scenes import, as in PYTHONPATH."),
 ]
-Exact = Annotated[bool, typer.Option("--sofa-exact", help="Keep SOFA's reading where the usual one departs from it.")]
+Exact = Annotated[bool, typer.Option("--sofa-exact", help="Follow SOFA exactly where the default departs from it.")]
 EXIT_REFUSED = 1
 
 
@@ -28,9 +26,9 @@ def check(
     python_path: PythonPath = "",
     sofa_exact: Exact = False,
 ) -> None:
-    """List what is understood of scenes, what has no effect, what is done otherwise, and what is refused.
+    """List the components of scenes that are understood, have no effect, depart from SOFA, or are refused.
 
-    What can be run has a model: it is built, as a run does before its first step.
+    The model of a scene that can be run is built, as before the first step of a run.
     """
     from taichisoft_sofa.checking import checked
 
@@ -53,7 +51,7 @@ def check(
 
 
 def _line(text: str) -> None:
-    """One line, whatever a scene or its files put into it."""
+    """Print one line, even if a scene put line breaks into it."""
     say(" ".join(text.rstrip().splitlines()))
 
 
@@ -66,7 +64,7 @@ def convert(
     python_path: PythonPath = "",
     sofa_exact: Exact = False,
 ) -> None:
-    """Write a native scene with its meshes; the scene's own controllers stay behind."""
+    """Write a native scene with its meshes, without the scene's own controllers."""
     import tomli_w
 
     from taichisoft.atomic_file import atomic_file, named_os_errors
@@ -74,7 +72,7 @@ def convert(
     from taichisoft_sofa.reader import with_files_in
 
     if output.suffix.lower() != ".toml":
-        raise SceneError(f"--output {output}: '{output.suffix}' is no kind of native scene; valid: .toml")
+        raise SceneError(f"--output {output}: '{output.suffix}' is not a kind of native scene; valid: .toml")
     translation = _translated(scene, python_path, sofa_exact)
     if translation.refused:
         raise SceneError(f"{translation.refused[0]}; taichisoft sofa check {scene} lists all")

@@ -1,4 +1,4 @@
-"""Reading SOFA's Python scenes as native ones: the hook of `taichisoft run scene.py`."""
+"""Reader of SOFA's Python scenes for `taichisoft run scene.py`."""
 
 import logging
 import os
@@ -19,20 +19,20 @@ from taichisoft_sofa.tree.loading import load_tree
 LOGGER = logging.getLogger("taichisoft.sofa")
 CONTROLLER = "sofa"
 CACHE_VARIABLE = "TAICHISOFT_CACHE"
-DIGITS = 16  # of the hash, in the name of a folder of meshes
+DIGITS = 16  # digits of the hash in the name of a folder of meshes
 FILE_KEYS = ("mesh", "surface", "file")
 
 
 def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False) -> dict[str, Any]:
-    """The tables of the native scene that a SOFA scene becomes; its meshes go to the user's cache folder.
+    """Translate a SOFA scene to the tables of a native scene, with meshes in the user's cache folder.
 
     Args:
-        path: the scene, a program that runs with the rights of who reads it.
-        python_path: folders of libraries that it imports, separated as in PYTHONPATH.
-        sofa_exact: whether to keep SOFA's reading where the usual one departs from it.
+        path: the scene, a program that runs with the rights of the user.
+        python_path: folders of libraries that the scene imports, separated as in PYTHONPATH.
+        sofa_exact: whether to follow SOFA exactly where the default departs from it.
 
     Raises:
-        SceneError: the scene cannot be read, or has something that cannot be translated.
+        SceneError: the scene cannot be read or translated.
         MeshError: the meshes cannot be written.
     """
     folders = split_path(python_path)
@@ -58,10 +58,10 @@ def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False) -> d
 
 
 def split_path(folders: str) -> list[Path]:
-    """The folders of a text as PYTHONPATH has them.
+    """Split a text of folders in the format of PYTHONPATH.
 
     Raises:
-        SceneError: one does not exist.
+        SceneError: a folder does not exist.
     """
     found = [Path(folder).expanduser() for folder in folders.split(os.pathsep) if folder]
     for folder in found:
@@ -71,33 +71,33 @@ def split_path(folders: str) -> list[Path]:
 
 
 def kept_files(translation: Translation, name: str) -> Path:
-    """The folder with the files of a translation, whose name has a hash of them.
+    """Folder with the files of a translation, named by a hash of their content.
 
-    They are written unless they are there, and anew, with a warning, where one is not as it was written.
+    Missing files are written; changed files are written again, with a warning.
 
     Raises:
-        TaichisoftError: they cannot be written.
+        TaichisoftError: the files cannot be written.
     """
     own = os.environ.get(CACHE_VARIABLE)
     cache = (Path(own).expanduser() if own else cache_folder()) / "sofa"
     folder = cache / f"{name}-{translation.files.fingerprint()[:DIGITS]}"
     changed = [file for file in translation.files.names if not is_as_kept(folder / file)]
     if changed:
-        # A file without a checksum is being written by another process, or that was stopped at it.
-        for file in (one for one in changed if checksum_file(folder / one).exists()):
-            warnings.warn(f"{folder / file}: is not as it was written, by its checksum; it is made anew", stacklevel=2)
+        # A file without a checksum is incomplete: another process writes it, or was stopped while writing.
+        for file in (name for name in changed if checksum_file(folder / name).exists()):
+            warnings.warn(f"{folder / file}: does not match its checksum; it is written again", stacklevel=2)
         with named_os_errors(f"{cache} ({CACHE_VARIABLE} can name another folder)"):
             folder.mkdir(parents=True, exist_ok=True)
             with tempfile.TemporaryDirectory(dir=cache, prefix=".partial-") as partial:
                 translation.files.write(Path(partial))
-                for file in changed:  # one by one: another process may read the others, or write the same
+                for file in changed:  # one by one, since other processes may read or write the same files
                     (Path(partial) / file).replace(folder / file)
                     keep_checksum(folder / file)
     return folder
 
 
 def with_files_in(folder: Path, tables: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables with absolute paths of the files that they name."""
+    """Make the paths of files in the tables absolute."""
 
     def located(value: Any, key: str = "") -> Any:
         if isinstance(value, Mapping):

@@ -1,4 +1,4 @@
-"""Which points and cells lie in the boxes and spheres of SOFA's ROI engines."""
+"""Points and cells inside the boxes and spheres of SOFA's ROI engines."""
 
 from collections.abc import Callable
 
@@ -6,11 +6,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 Inside = Callable[[np.ndarray], np.ndarray]
-"""Says of points (count, 3) which ones lie in a region."""
+"""Predicate: which of the points [mm], shape (count, 3), lie in a region, shape (count,)."""
 
 
 def in_boxes(boxes: ArrayLike) -> Inside:
-    """Boxes of six numbers, two opposite corners; the faces belong to them, to the last bit."""
+    """Make the predicate of boxes of six numbers, two opposite corners; includes their faces, to the last bit."""
     corners = np.asarray(boxes, dtype=np.float64).reshape(-1, 2, 3)
     lower, upper = corners.min(axis=1), corners.max(axis=1)
 
@@ -22,9 +22,9 @@ def in_boxes(boxes: ArrayLike) -> Inside:
 
 
 def in_oriented_boxes(boxes: ArrayLike) -> Inside:
-    """Boxes of ten numbers: three corners of a rectangle in turn, and the depth by which it extends to both sides.
+    """Make the predicate of boxes of ten numbers: three consecutive corners of a rectangle, and a depth.
 
-    The first and third corner are opposite; the depth counts along the rectangle's normal, half of it on each side.
+    The first and third corners are opposite; half of the depth is on each side of the rectangle.
     """
     rows = np.asarray(boxes, dtype=np.float64).reshape(-1, 10)
 
@@ -45,7 +45,7 @@ def in_oriented_boxes(boxes: ArrayLike) -> Inside:
 
 
 def in_spheres(centres: ArrayLike, radii: ArrayLike) -> Inside:
-    """Spheres with their surfaces; one radius stands for all."""
+    """Make the predicate of spheres, including their surfaces; a single radius holds for all."""
     middle = np.asarray(centres, dtype=np.float64).reshape(-1, 3)
     reach = np.broadcast_to(np.asarray(radii, dtype=np.float64).reshape(-1), len(middle))
 
@@ -57,7 +57,7 @@ def in_spheres(centres: ArrayLike, radii: ArrayLike) -> Inside:
 
 
 def cells_inside(points: np.ndarray, cells: np.ndarray, inside: Inside, strict: bool) -> np.ndarray:
-    """Indices of the cells all of whose corners lie in the region, or, if not strict, whose mean of corners does."""
+    """Indices of the cells with all corners in the region, or, if not `strict`, with their mean corner in it."""
     if not len(cells):
         return np.zeros(0, dtype=np.int64)
     if strict:

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING
 
-from taichisoft.plugin_system.hookspecs import hookimpl
+from taichisoft.plugin_system import hookimpl
 
 if TYPE_CHECKING:
     import typer
@@ -10,17 +10,20 @@ if TYPE_CHECKING:
 
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
-    """Add `taichisoft sweep`, `mesh-sweep`, `optimise`, `calibrate`, `compare` and `study`."""
+    """Add `taichisoft study` and what is below it, and `taichisoft mesh sweep`."""
+    import typer
+
     from taichisoft_studies.commands.calibrate import calibrate
     from taichisoft_studies.commands.compare import compare
     from taichisoft_studies.commands.mesh_sweep import mesh_sweep
     from taichisoft_studies.commands.optimise import optimise
-    from taichisoft_studies.commands.report import study
+    from taichisoft_studies.commands.study_report import report
     from taichisoft_studies.commands.sweep import sweep
 
-    application.command("sweep")(sweep)
-    application.command("mesh-sweep")(mesh_sweep)
-    application.command("optimise")(optimise)
-    application.command("calibrate")(calibrate)
-    application.command("compare")(compare)
+    study = typer.Typer(help="Study many runs: sweep, optimise, calibrate, compare, report.", no_args_is_help=True)
+    for command in (sweep, optimise, calibrate, compare, report):
+        study.command()(command)
+    mesh = typer.Typer()
+    mesh.command("sweep")(mesh_sweep)
     application.add_typer(study, name="study")
+    application.add_typer(mesh, name="mesh")

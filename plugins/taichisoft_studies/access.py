@@ -1,4 +1,4 @@
-"""Who may reach the workers of a study: its credentials, Dask's dashboard, and what to warn of.
+"""Access to the workers of a study: credentials, Dask's dashboard, and warnings.
 
 Whoever may speak to a Dask scheduler, or to one of its workers, can have any code run. So clusters that a study starts
 speak TLS alone, with a key that is made for them, and ends with them; see docs/studies.md for others.
@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from taichisoft.atomic_file import named_os_errors
-from taichisoft_studies.extras import StudyError
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.study_file import Cluster
 
 ENCRYPTED = ("tls", "wss")
@@ -41,7 +41,7 @@ def credentials_in_files(folder: Path) -> Iterator[Any]:
     from distributed.security import Security
 
     class SecurityOfJobs(Security):  # type: ignore[misc]  # Dask has no types
-        """What scheduler and client have is in memory; workers are told of the files, as words of a shell."""
+        """Scheduler and client use the credentials in memory; workers get the files, quoted for a shell."""
 
         files: dict[str, Path]
 
@@ -65,7 +65,7 @@ def credentials_in_files(folder: Path) -> Iterator[Any]:
 
 
 def cautions(cluster: Cluster) -> list[str]:
-    """What others can do to a study whose runs are made there, one line each."""
+    """Warnings about what others can do to a study on these workers, one line each."""
     found = []
     if not _is_loopback(cluster.dashboard_host):
         found.append(

@@ -1,18 +1,18 @@
-"""What a table of runs says: the effect of each parameter on a figure, and the best runs."""
+"""The analysis of a table of runs: the effect of each parameter on a figure, and the best runs."""
 
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
-from taichisoft_studies.extras import StudyError
-from taichisoft_studies.results import FIXED
+from taichisoft_studies.errors import StudyError
+from taichisoft_studies.results_table import FIXED
 from taichisoft_studies.run_folder import COMPLETED
 
 MOST_FIGURES = 12
-"""Figures that are looked at where nobody names any: a run has many that vary with the last digits only."""
+"""Number of figures without --metric: a run has many that vary in the last digits only."""
 HEADLINES = ("final_tip_positions_mm", "final_bending_angles_degrees", "final_normal_forces_mN", "object_", "largest_")
-"""What people look for; these figures come first."""
+"""Beginnings of the names of figures that come first."""
 
 
 @dataclass(frozen=True)
@@ -24,7 +24,7 @@ class Effect:
         correlation: Spearman's rank correlation, from -1 to 1; NaN for values that have no order.
         share: of the figure's variance, that between the groups of equal or similar values of the parameter (the
             correlation ratio, eta squared), from 0 to 1.
-        p_value: of the rank correlation; NaN where there is none.
+        p_value: of the rank correlation, or NaN.
     """
 
     parameter: str
@@ -41,10 +41,10 @@ def parameter_columns(table: Any) -> list[str]:
 
 
 def figure_columns(table: Any, wanted: list[str] | None) -> list[str]:
-    """The columns of figures: those that are wanted, or the first ones of numbers that vary.
+    """The columns of the named figures, or the first columns of numbers that vary.
 
     Raises:
-        StudyError: there is no such figure.
+        StudyError: a figure is unknown.
     """
     metrics = [column for column in table.columns if column.startswith("metrics.")]
     if wanted is not None:

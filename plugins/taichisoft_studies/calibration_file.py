@@ -1,10 +1,17 @@
-"""What the file of a calibration says: parameters to be found, and measured curves that a run is to repeat."""
+"""The file of a calibration: parameters to find, and the measured curves that a run must repeat."""
 
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Annotated, Self
 
+import numpy as np
 from pydantic import Field, model_validator
 
-from taichisoft.scenes.table import Number, Positive, Table
+from taichisoft.scenes import Number, Positive, Table
+from taichisoft_studies.errors import StudyError
+from taichisoft_studies.expressions import Expression
 from taichisoft_studies.study_file import Count, Study
 
 
@@ -30,7 +37,7 @@ class Parameter(Table):
 
 
 class Curve(Table):
-    """A measured quantity, and what it is in a run."""
+    """A measured quantity, and its expression in a run."""
 
     column: str
     """Column of the data, or an expression of columns ("(a + b) / 2", `columns["Tip-1_z_mm"]`)."""
@@ -76,3 +83,52 @@ class Calibration(Study):
     """Step of the finite differences, as a share of the range between low and high."""
     most_steps: Count = 20
     """Most evaluations of the fit; each takes a run for each experiment, and two more for each parameter."""
+
+
+@dataclass(frozen=True)
+class Measurement:
+    """The data of an experiment.
+
+    Attributes:
+        over: what the curves are drawn over, shape (row_count,).
+        curves: measured quantities, shape (curve_count, row_count), relative ones less their first value.
+        scales: what differences are divided by, shape (curve_count,).
+    """
+
+    over: np.ndarray
+    curves: np.ndarray
+    scales: np.ndarray
+
+
+def read_measurement(experiment: Experiment, file: Path, key: str) -> Measurement:
+    """Read the rows of an experiment; `key` is its place in the study, which begins errors.
+
+    Raises:
+        StudyError: the file cannot be read, a column is missing, or fewer than two rows are left.
+    """
+    rows = _rows(file)
+    over_of = Expression(experiment.over_column, f"{key}.over_column")
+    columns = [Expression(one.column, f"{key}.curves.{index}.column") for index, one in enumerate(experiment.curves)]
+    over = np.array([over_of(row) + experiment.shift for row in rows])
+    low, high = (-math.inf if experiment.first is None else experiment.first), experiment.last
+    kept = (over >= low) & (over <= (math.inf if high is None else high))
+    if kept.sum() < 2:
+        raise StudyError(f"{file}: {kept.sum()} rows lie between {key}.first and last; two are needed")
+    values = np.array([[column(row) for row, keep in zip(rows, kept, strict=True) if keep] for column in columns])
+    for index, curve in enumerate(experiment.curves):
+        if curve.relative:
+            values[index] -= values[index, 0]
+    spread = values.std(axis=1)
+    scales = [curve.scale or float(one) for curve, one in zip(experiment.curves, spread, strict=True)]
+    if not all(scales):
+        raise StudyError(f"{file}: {key}.curves.{scales.index(0.0)} is constant; give it a scale")
+    return Measurement(over[kept], values, np.array(scales))
+
+
+def _rows(file: Path) -> list[dict[str, object]]:
+    try:
+        with file.open(encoding="utf-8-sig", newline="") as opened:
+            rows = [{name.strip(): float(cell) for name, cell in row.items()} for row in csv.DictReader(opened)]
+    except (OSError, ValueError, TypeError, AttributeError) as error:
+        raise StudyError(f"{file}: not readable as CSV with a header and numbers: {error}") from error
+    return [{**row, "columns": row} for row in rows]

@@ -1,21 +1,35 @@
-"""What a study notes of every step of a run: the values of expressions, for comparison with measured curves."""
+"""The curves of a run: expressions of what a controller sees, evaluated after every step."""
 
 from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichisoft.atomic_file import atomic_file
-from taichisoft.session.output import Output
+from taichisoft.control import Observation
+from taichisoft.session import Output
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.expressions import Expression
-from taichisoft_studies.extras import StudyError
-from taichisoft_studies.observed import observed_values
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
     from taichisoft.state import State
-    from taichisoft.step.report import StepReport
+    from taichisoft.step import StepReport
+
+
+def observed_values(observation: Observation) -> dict[str, Any]:
+    """The observation's attributes by name; `normal_forces["finger|cube"]` is that of a pair."""
+    values = {one.name: getattr(observation, one.name) for one in fields(observation) if one.name != "state"}
+    return {name: _named_pairs(value) for name, value in values.items()}
+
+
+def _named_pairs(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return {"|".join(key) if isinstance(key, tuple) else key: one for key, one in value.items()}
+    return value
+
 
 CURVES = "curves.npz"
 

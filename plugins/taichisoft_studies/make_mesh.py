@@ -17,7 +17,7 @@ class MeshRun:
 
     Attributes:
         name: name of its folder, and of the files in it.
-        folder: absolute path of the folder that holds those of all variants.
+        folder: absolute path of the folder that holds the folders of all variants.
         geometry: the attributes of `taichisoft_meshing.mesh_job.MeshJob`, the file as text.
         force: whether a mesh that misses a limit is written all the same.
         plugins: paths of the plug-ins that it needs.

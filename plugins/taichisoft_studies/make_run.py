@@ -1,4 +1,4 @@
-"""Makes one run in a folder: the scene, its controller and outputs, and what became of it."""
+"""Makes one run in a folder: the scene, its controller and outputs, and its status."""
 
 import errno
 import json
@@ -52,13 +52,13 @@ SHORTAGES = (
     errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS,
     errno.EIO, errno.ESTALE, errno.ENOMEM, errno.EMFILE, errno.ENFILE,
 )  # fmt: skip
-"""What the operating system refuses because of the machine's state, not because of the run."""
+"""Errors of the machine's state, such as a full disk, not of the run."""
 
 
 def make_run(
     job: RunJob, logged_in: Callable[[Path], AbstractContextManager[object]] = lambda path: nullcontext()
 ) -> dict[str, Any]:
-    """Make a run, unless somebody has made it meanwhile, and return its record.
+    """Make a run, unless another process has finished it, and return its record.
 
     Args:
         job: the run.
@@ -103,7 +103,7 @@ def _is_of_the_machine(error: BaseException | None) -> bool:
 def _run(job: RunJob, folder: Path) -> tuple[str, str]:
     """Status and message of the run."""
     random.seed(job.seed)
-    np.random.seed(job.seed)  # what plug-ins draw from is for them to choose
+    np.random.seed(job.seed)  # plug-ins may draw from either
     try:
         _simulate(job, folder)
     except Pruned as pruned:
@@ -115,10 +115,9 @@ def _run(job: RunJob, folder: Path) -> tuple[str, str]:
 
 
 def _simulate(job: RunJob, folder: Path) -> None:
-    from taichisoft.building.run_parts import make_controller, make_output
-    from taichisoft.building.simulation import Simulation
-    from taichisoft.running.loop import run
-    from taichisoft.scenes.file import scene_from_toml
+    from taichisoft.building import Simulation, make_controller, make_output
+    from taichisoft.running import run
+    from taichisoft.scenes import scene_from_toml
     from taichisoft_studies.curves_output import CurvesOutput
 
     (folder / "scene.toml").write_text(job.scene, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The figures of a run that an optimiser wants: expressions of its metrics, or functions of a plug-in."""
+"""The objectives and constraints of a run: expressions of its metrics, or functions of a plug-in."""
 
 import importlib.util
 import math
@@ -6,8 +6,8 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.expressions import Expression
-from taichisoft_studies.extras import StudyError
 from taichisoft_studies.optimisation_file import Optimisation, is_function
 
 Figure = Callable[[Mapping[str, Any], Path], float]

@@ -1,4 +1,4 @@
-"""What the file of an optimisation says: variables, objectives, constraints, and how to search."""
+"""The tables of an optimisation's file: variables, objectives, constraints, and the search."""
 
 from collections.abc import Mapping
 from typing import Annotated, Any, ClassVar, Literal, Self
@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal, Self
 from pydantic import Field, model_validator
 
 from taichisoft.errors import nearest
-from taichisoft.scenes.table import KeySets, NotNegative, Positive, Table
+from taichisoft.scenes import KeySets, NotNegative, Positive, Table
 from taichisoft_studies.study_file import MOST, Count, Range, Study, Values, check_values
 
 
@@ -26,12 +26,12 @@ class Objective(Table):
 
     @property
     def direction(self) -> str:
-        """Optuna's word for what is wanted."""
+        """Optuna's name of the direction."""
         return "maximize" if self.maximise is not None else "minimize"
 
 
 class Pruning(Table):
-    """Runs end early whose objective is worse than the median of the others at the same time of theirs."""
+    """Runs end early whose objective is worse than the median of the others at the same simulated time."""
 
     every: Positive
     """Simulated time from one look to the next [s]."""
@@ -47,13 +47,13 @@ class Optimisation(Study):
     variables: dict[str, Values]
     """Values by key: bounds (low, high; log, integer), or a list to choose from."""
     objectives: dict[str, Objective]
-    """What is wanted, by a name of your own; with several, the result is the set of compromises (Pareto front)."""
+    """Objectives by a name of your own; with several, the result is the set of compromises (Pareto front)."""
     constraints: dict[str, str] = Field(default={})
     """Comparisons that the result must satisfy ("rest_volumes_mm3['finger'] <= 40000"), by a name of your own."""
     start: dict[str, Any] = Field(default={})
-    """Values of the first trial by key, such as those of a design that is known."""
+    """Values of the first trial by key, such as a known design."""
     trials: Annotated[int, Field(strict=True, ge=1, le=MOST)] = 60
-    """Number of runs, those before a continuation included."""
+    """Number of runs, including the runs before a continuation."""
     sampler: Literal["tpe", "cmaes", "nsga2", "gp"] = "tpe"
     """Tree-structured Parzen estimator, CMA-ES, NSGA-II, or a Gaussian process (needs PyTorch)."""
     pruning: Pruning | None = None
@@ -72,9 +72,11 @@ class Optimisation(Study):
                 raise ValueError(f"variables.{key}.count has no effect here; remove it")
         unknown = next((key for key in self.start if key not in self.variables), None)
         if unknown is not None:
-            raise ValueError(f"start.{unknown} is no variable; {nearest(unknown, list(self.variables), 'there are')}")
+            raise ValueError(
+                f"start.{unknown} is not a variable; {nearest(unknown, list(self.variables), 'there are')}"
+            )
         if not self.objectives:
-            raise ValueError("objectives has no key; name what is wanted")
+            raise ValueError("objectives has no key; at least one is needed")
         many = len(self.objectives) > 1
         if self.pruning is not None and many:
             raise ValueError("pruning needs a single objective")

@@ -6,7 +6,9 @@ from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from taichisoft_studies.extras import StudyError, require
+import numpy as np
+
+from taichisoft_studies.errors import StudyError, require
 from taichisoft_studies.optimisation_file import Optimisation
 from taichisoft_studies.run_folder import ERROR
 from taichisoft_studies.study_file import Range, Values
@@ -22,12 +24,12 @@ AGAIN = "again"
 
 
 def open_study(study: Optimisation, folder: Path) -> Any:
-    """Optuna's study, made where there is none yet.
+    """Optuna's study, created if the folder has none.
 
     Raises:
         StudyError: Optuna or what a sampler needs is not installed, or the folder has a study with other objectives.
     """
-    require("taichisoft optimise", "optuna")
+    require("taichisoft study optimise", "optuna")
     require(f"sampler = '{study.sampler}'", *{"cmaes": ["cmaes"], "gp": ["torch"]}.get(study.sampler, []))
     import optuna
 
@@ -46,7 +48,7 @@ def open_study(study: Optimisation, folder: Path) -> Any:
 
 
 def open_trial(settings: Mapping[str, Any]) -> Any:
-    """The trial of a run, in the process that makes the run; `settings` are those of `pruning.PruningOutput`."""
+    """The trial of a run, in the process that makes the run; `settings` as for `pruning.PruningOutput`."""
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)
@@ -60,7 +62,7 @@ def suggest(trial: Any, variables: Mapping[str, Values]) -> dict[str, Any]:
     return {key: _suggested(trial, key, values) for key, values in variables.items()}
 
 
-def own(trial: Any) -> None:
+def claim_trial(trial: Any) -> None:
     """Note that this process makes the trial."""
     trial.set_user_attr(OWNER, owner())
 
@@ -94,7 +96,7 @@ def take_over_errors(study: Any) -> int:
 
 
 def counted(study: Any) -> list[Any]:
-    """The trials that have ended or are being made, without those that were lost or are made again."""
+    """The trials that have ended or are being made, without lost trials and trials that are made again."""
     from optuna.trial import TrialState
 
     again = study.user_attrs.get(AGAIN, [])
@@ -105,25 +107,19 @@ def counted(study: Any) -> list[Any]:
     ]
 
 
+def is_feasible(trial: Any) -> bool:
+    """Whether a trial has completed and satisfies all constraints."""
+    return trial.values is not None and all(value <= 0.0 for value in trial.user_attrs.get(VIOLATIONS, ()))
+
+
 def best_trials(study: Any, count: int) -> list[Any]:
     """The best trials that satisfy all constraints: of one objective in order, of several the Pareto front."""
     from optuna.study import StudyDirection
-    from optuna.trial import TrialState
 
-    ended = study.get_trials(deepcopy=False, states=(TrialState.COMPLETE,))
-    feasible = [trial for trial in ended if all(value <= 0.0 for value in trial.user_attrs.get(VIOLATIONS, ()))]
     signs = [-1.0 if one == StudyDirection.MAXIMIZE else 1.0 for one in study.directions]
-    costs = {trial.number: [sign * v for sign, v in zip(signs, trial.values, strict=True)] for trial in feasible}
-    front = [
-        trial
-        for trial in feasible
-        if len(signs) == 1 or not any(_dominates(other, costs[trial.number]) for other in costs.values())
-    ]
-    return sorted(front, key=lambda trial: (costs[trial.number], trial.number))[:count]
-
-
-def _dominates(one: list[float], other: list[float]) -> bool:
-    return one != other and all(a <= b for a, b in zip(one, other, strict=True))
+    found = filter(is_feasible, study.trials if len(signs) == 1 else study.best_trials)
+    by_cost = sorted(found, key=lambda trial: ([*np.multiply(signs, trial.values)], trial.number))
+    return by_cost[:count]
 
 
 def _session(made: Any) -> int:
@@ -167,5 +163,5 @@ def _suggested(trial: Any, key: str, values: Values) -> Any:
 
 
 def _stored(values: Values, value: Any) -> Any:
-    """A value as Optuna keeps it: choices as text, since lists are none of its own."""
+    """A value as Optuna keeps it: choices as text, since Optuna stores no lists."""
     return value if isinstance(values, Range) else repr(value)

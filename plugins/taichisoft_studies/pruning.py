@@ -4,22 +4,22 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from taichisoft.errors import ControllerFailed
-from taichisoft.session.output import Output
+from taichisoft.session import Output
 from taichisoft_studies.expressions import Expression
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
     from taichisoft.state import State
-    from taichisoft.step.report import StepReport
-    from taichisoft_plugins.metrics import MetricsOutput
+    from taichisoft.step import StepReport
+    from taichisoft_outputs.metrics import MetricsOutput
 
 
 class Pruned(ControllerFailed):
-    """A run was ended because others were better at the same time of theirs."""
+    """A run was ended because others were better at the same simulated time."""
 
 
 class PruningOutput(Output):
-    """Tells the optimiser the objective from time to time, and ends the run when it says so."""
+    """Reports the objective to the optimiser periodically, and ends the run when it is pruned."""
 
     def __init__(self, metrics: "MetricsOutput", parameters: Mapping[str, Any], settings: Mapping[str, Any]):
         """Prepare.

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft.atomic_file import atomic_file, named_os_errors
-from taichisoft_studies.extras import StudyError
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.run_job import RunJob
 from taichisoft_studies.unfinished import abandoned, partial_folder, remove_abandoned
 
@@ -19,7 +19,7 @@ COMPLETED, PRUNED, BEYOND_LAW, ERROR = "completed", "pruned", "beyond the law", 
 
 
 def read_record(folder: Path) -> dict[str, Any] | None:
-    """What `run.json` of a folder says; None where there is none, or not a whole one.
+    """The content of `run.json` in a folder; None if it is missing or incomplete.
 
     Keys: "run", "parameters", "seed", "version", "outputs", "status" ("completed" or a reason such as "diverged"),
     "message" (one line, empty where it completed), "metrics".
@@ -32,9 +32,9 @@ def read_record(folder: Path) -> dict[str, Any] | None:
 
 
 def finished(job: RunJob) -> dict[str, Any] | None:
-    """The record of a job that needs not be done again: it has ended, with all outputs that are wanted now.
+    """The record of a job that has ended with all outputs that it needs now, or None.
 
-    One that ended with an error has not: that was no result, but a full disk, or a fault that may be gone by now.
+    A run that ended with an error counts as not made: the disk may have been full, or the fault may be gone by now.
     """
     record = read_record(job.place)
     if record is not None and record["status"] == PRUNED and job.pruning is None:  # now it is to go to its end
@@ -48,7 +48,7 @@ def finished(job: RunJob) -> dict[str, Any] | None:
 def new_folder(job: RunJob) -> Iterator[Path]:
     """Give a folder to make a run in, which gets the run's name when its record has been written, or else vanishes.
 
-    Where another process was faster, its folder stays. One that lacks an output which is wanted now stays until then.
+    If another process was faster, its folder stays. A folder that lacks an output stays until it is replaced.
 
     Raises:
         StudyError: it cannot be written.
@@ -67,7 +67,7 @@ def new_folder(job: RunJob) -> Iterator[Path]:
 
 
 def write_record(job: RunJob, folder: Path, status: str, message: str, metrics: Mapping[str, Any]) -> dict[str, Any]:
-    """Write `run.json`, and return what it says.
+    """Write `run.json`, and return its content.
 
     Raises:
         StudyError: it cannot be written.

@@ -8,10 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import taichisoft
-from taichisoft.scenes.file import scene_to_toml
-from taichisoft.scenes.scene import Scene
-from taichisoft.scenes.table import Table
-from taichisoft_studies.extras import StudyError
+from taichisoft.scenes import Scene, Table, scene_to_toml
+from taichisoft_studies.errors import StudyError
 
 DIGITS = 16
 """Digits of the hash in a folder's name."""
@@ -23,17 +21,17 @@ class RunJob:
 
     Attributes:
         name: name of its folder: the hash of all that decides its results.
-        folder: absolute path of the folder that holds those of all runs.
+        folder: absolute path of the folder that holds the folders of all runs.
         scene: resolved scene as TOML.
         source: name of the scene, which begins errors.
         parameters: values by key that distinguish it from other runs of the study.
         duration: simulated time [s]; None for the scene's.
         outputs: names of the outputs that watch it.
         plugins: paths of the plug-ins that it needs.
-        seed: what Python's and numpy's random numbers begin with.
+        seed: seed of Python's and numpy's random numbers.
         time_limit: longest time that it may take [s].
-        watch: what is noted of every step, text of an expression by name; None where nothing is.
-        pruning: what decides whether it goes on, see `pruning.py`; None where it goes to its end.
+        watch: quantities recorded at every step, text of an expression by name; or None.
+        pruning: settings of pruning, see `pruning.py`; None: no pruning.
     """
 
     name: str
@@ -110,7 +108,7 @@ def _by_contents(value: Any) -> Any:
 
 
 def _file_digest(path: Path) -> str:
-    """A digest of a file, and of those beside it that it names where it is a geometry file."""
+    """A digest of a file; for a geometry file, also of the files that it names."""
     try:
         whole = hashlib.sha256(path.read_bytes())
         if path.suffix.lower() == ".toml":

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from taichisoft.running.messages import PROJECT_LOGGER
+from taichisoft.running import PROJECT_LOGGER
 
 
 @contextmanager

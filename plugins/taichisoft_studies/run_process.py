@@ -1,80 +1,56 @@
-"""The process that makes runs one after the other: it takes jobs from standard input, a line each, and answers them.
+"""What the process beside a worker does: it makes runs and meshes, one after the other.
 
-It ends with the process that started it: where standard input closes, even in the middle of a run, nobody waits for it.
 What a run prints, in Python or in C, goes to the run's log.
 """
 
 import io
-import json
-import os
-import queue
-import signal
 import sys
-import threading
 import traceback
+from collections.abc import Sequence
 from typing import Any
 
 from taichisoft.errors import TaichisoftError
+from taichisoft.worker import Link
 from taichisoft_studies.run_job import RunJob
 
-READY = "ready"
 RUN, MESH = "run", "mesh"
 
 
-def main(with_engine: bool, plugins: list[str]) -> None:
-    """Load what runs need, say that it is ready, and make them."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever started us decides
-    answers = os.fdopen(os.dup(1), "w", encoding="utf-8", buffering=1)
-    os.dup2(2, 1)
+def make_runs(link: Link) -> None:
+    """Load what runs need, say that it is loaded, and make them.
+
+    The first message is paths of plug-ins, and whether runs are simulated; each further one is RUN or MESH and the job
+    as JSON, answered by the run's record or the mesh's outcome, or by {"error": ...}.
+    """
     assert isinstance(sys.stdout, io.TextIOWrapper)
     sys.stdout.reconfigure(line_buffering=True)  # a killed run keeps all its lines
-    jobs: queue.Queue[str] = queue.Queue()
-    threading.Thread(target=_take_jobs, args=(jobs,), daemon=True).start()
-    answers.write(_line(_loaded(with_engine, plugins)))
+    _load(*link.receive())
+    link.send("ready")
     while True:
-        job = json.loads(jobs.get())
-        answers.write(_line(_answer(job)))
+        link.send(_answer(*link.receive()))
 
 
-def _loaded(with_engine: bool, plugins: list[str]) -> dict[str, Any]:
-    try:
-        if with_engine:
-            import taichisoft.building.simulation  # noqa: F401  # starts Taichi
-        from taichisoft.plugin_system.plugins import load_plugin, plugin_registry
+def _load(plugins: Sequence[str], with_engine: bool) -> None:
+    if with_engine:
+        from taichisoft.building import Simulation  # noqa: F401  # starts Taichi
+    from taichisoft.plugin_system import load_plugin, plugin_registry
 
-        plugin_registry()
-        for plugin in plugins:
-            load_plugin(plugin)
-    except Exception as error:
-        return {"error": " ".join(str(error).split())}
-    return {READY: True}
+    plugin_registry()
+    for plugin in plugins:
+        load_plugin(plugin)
 
 
-def _take_jobs(jobs: "queue.Queue[str]") -> None:
-    for line in sys.stdin:
-        jobs.put(line)
-    os._exit(1)
-
-
-def _answer(request: dict[str, Any]) -> dict[str, Any]:
+def _answer(kind: str, job: str) -> dict[str, Any]:
     from taichisoft_studies.make_mesh import MeshRun, make_variant
     from taichisoft_studies.make_run import make_run
     from taichisoft_studies.run_log import printed_to
 
     try:
-        if request["kind"] == MESH:
-            return make_variant(MeshRun.from_json(request["job"]))
-        return make_run(RunJob.from_json(request["job"]), printed_to)
+        if kind == MESH:
+            return make_variant(MeshRun.from_json(job))
+        return make_run(RunJob.from_json(job), printed_to)
     except TaichisoftError as error:
         return {"error": " ".join(str(error).split())}
     except Exception as error:
         traceback.print_exc()
         return {"error": f"{type(error).__name__}: {' '.join(str(error).split())}"}
-
-
-def _line(answer: dict[str, Any]) -> str:
-    return json.dumps(answer) + "\n"
-
-
-if __name__ == "__main__":
-    main(sys.argv[1] == "1", sys.argv[2:])

@@ -1,4 +1,4 @@
-"""What a study's file says, checked as a scene is: unknown keys and wrong values are errors that name the key."""
+"""The tables of a study's file, checked as a scene is: unknown keys and wrong values are errors that name the key."""
 
 import tomllib
 from collections.abc import Mapping
@@ -7,10 +7,8 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import Discriminator, Field, Tag, ValidationError, model_validator
 
-from taichisoft.scenes.shipped import find_file
-from taichisoft.scenes.table import Number, Positive, Table
-from taichisoft.scenes.validation_errors import first_problem
-from taichisoft_studies.extras import StudyError
+from taichisoft.scenes import Number, Positive, Table, find_file, first_problem
+from taichisoft_studies.errors import StudyError
 
 Count = Annotated[int, Field(strict=True, ge=1)]
 Whole = Annotated[int, Field(strict=True, ge=0)]
@@ -94,7 +92,7 @@ class Cluster(Table):
 
 
 class Study(Table):
-    """What studies of all kinds have in common: the run that is made many times."""
+    """Keys of all kinds of studies: the run that is made many times."""
 
     scene: str
     """Scene file, or the name of a shipped scene."""
@@ -138,7 +136,7 @@ class Sweep(Study):
         check_values(self.vary, "vary")
         for key, values in self.vary.items():
             if self.sample is None and isinstance(values, Range) and values.count is None:
-                raise ValueError(f"vary.{key}: a grid needs count; or give [sample] a count")
+                raise ValueError(f"vary.{key}: a range needs count, unless there is a table [sample]")
         return self
 
 
@@ -152,14 +150,14 @@ def check_values(varied: Mapping[str, Values], table: str) -> None:
                 raise ValueError(f"{table}.{key}: has no values")
             twice = next((value for index, value in enumerate(values) if value in values[:index]), None)
             if twice is not None:
-                raise ValueError(f"{table}.{key}: the value {twice!r} is there twice")
+                raise ValueError(f"{table}.{key}: the value {twice!r} is given twice")
 
 
 def find_study(name: str | Path) -> Path:
     """The path of a study's file, given by path or as the name of a shipped one.
 
     Raises:
-        StudyError: there is none.
+        StudyError: the file does not exist.
     """
     return find_file(name, "studies", (".toml",), error=StudyError)
 
@@ -168,7 +166,7 @@ def read_tables(path: Path) -> dict[str, Any]:
     """The tables of a study's file; scene and plug-ins that lie beside it become absolute paths.
 
     Raises:
-        StudyError: it is no TOML.
+        StudyError: the file is not valid TOML.
     """
     try:
         tables = tomllib.loads(path.read_text(encoding="utf-8"))

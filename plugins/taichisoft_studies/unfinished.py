@@ -1,4 +1,4 @@
-"""Work that a process has begun and not ended: whose it is, and whether that process is gone."""
+"""Work that a process has begun and not ended: its owner, and whether that process has ended."""
 
 import os
 import shutil
@@ -11,7 +11,7 @@ CLOCKS = 60.0
 
 
 def owner() -> str:
-    """This process among those of all machines, "HOST-PID"."""
+    """Identity of this process on all machines, "HOST-PID"."""
     return f"{socket.gethostname()}-{os.getpid()}"
 
 
@@ -35,7 +35,7 @@ def partial_folder(folder: Path, name: str) -> Path:
 
 
 def abandoned(folder: Path, name: str, time_limit: float) -> list[Path]:
-    """Folders of unfinished attempts at `name` that nobody works on any more.
+    """Folders of unfinished attempts at `name` whose process has ended.
 
     Another machine, or another process of this one, may be making the same: its folder is left alone. That of another
     machine is abandoned when nothing was added to it for longer than an attempt may take, `time_limit` [s].

@@ -1,9 +1,11 @@
 """What a Dask worker does for a study: it has the process beside it make a run, and notes how that ended."""
 
+import signal
 from typing import Any
 
+from taichisoft.worker import WorkerLost, WorkerSlow
 from taichisoft_studies.make_mesh import MeshRun, mesh_failure
-from taichisoft_studies.run_child import ChildLost, ChildTimeout, child_with
+from taichisoft_studies.run_child import child_with
 from taichisoft_studies.run_folder import record_loss
 from taichisoft_studies.run_job import RunJob
 from taichisoft_studies.run_process import MESH, RUN
@@ -17,9 +19,9 @@ def do_run(text: str) -> dict[str, Any]:
     job = RunJob.from_json(text)
     try:
         return _ask(job, RUN, text)
-    except ChildTimeout:
+    except WorkerSlow:
         return record_loss(job, "timeout", f"not done within {job.time_limit:g} s")
-    except ChildLost as lost:
+    except WorkerLost as lost:
         return record_loss(job, "process lost", str(lost))
 
 
@@ -28,9 +30,9 @@ def do_mesh(text: str) -> dict[str, Any]:
     run = MeshRun.from_json(text)
     try:
         return _ask(run, MESH, text)
-    except ChildTimeout:
+    except WorkerSlow:
         return mesh_failure(run, f"not meshed within {run.time_limit:g} s")
-    except ChildLost as lost:
+    except WorkerLost as lost:
         return mesh_failure(run, f"its process ended without a mesh ({lost})")
 
 
@@ -38,14 +40,15 @@ def _ask(job: RunJob | MeshRun, kind: str, text: str) -> dict[str, Any]:
     """The answer of the process beside this worker; when it is killed, a new one is asked.
 
     Raises:
-        ChildTimeout: the job took too long.
-        ChildLost: the process crashed, or was killed too often.
+        WorkerSlow: the job took too long.
+        WorkerLost: the process crashed, or was killed too often.
     """
     kills = 0
     while True:
         try:
-            return child_with(job.plugins, kind == RUN).ask(kind, text, job.time_limit)
-        except ChildLost as lost:
-            kills += lost.killed
-            if not lost.killed or kills == KILLS:
+            answer: dict[str, Any] = child_with(job.plugins, kind == RUN).ask((kind, text), job.time_limit)
+            return answer
+        except WorkerLost as lost:
+            kills += 1
+            if lost.signal not in (signal.SIGKILL, signal.SIGTERM) or kills == KILLS:
                 raise

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from uuid import uuid4
 
 from taichisoft_studies.access import credentials_in_files, own_credentials
-from taichisoft_studies.extras import StudyError, require
+from taichisoft_studies.errors import StudyError, require
 from taichisoft_studies.study_file import DASHBOARD, Cluster
 
 LOST = "worker lost"
@@ -91,7 +91,7 @@ def dask_workers(cluster: Cluster, tasks: int, folder: Path) -> Iterator[DaskWor
     import dask
     from distributed import Client
 
-    for name in ("distributed", "tornado.application", "asyncio"):  # what is lost is counted and told by us
+    for name in ("distributed", "tornado.application", "asyncio"):  # what is lost is counted and reported by us
         logging.getLogger(name).setLevel(logging.CRITICAL)
     settings = {
         "distributed.scheduler.allowed-failures": cluster.retries,
@@ -160,12 +160,12 @@ def local_cluster(count: int, dashboard: str = DASHBOARD) -> Any:
 
 
 @contextmanager
-def slurm_cluster(told: Mapping[str, Any], folder: Path, dashboard: str = DASHBOARD) -> Iterator[tuple[Any, int]]:
+def slurm_cluster(slurm: Mapping[str, Any], folder: Path, dashboard: str = DASHBOARD) -> Iterator[tuple[Any, int]]:
     """A cluster of SLURM without any job yet, and the number of workers that each of its jobs has.
 
     Args:
-        told: arguments of `dask_jobqueue.SLURMCluster`.
-        folder: where its credentials lie, see `credentials_in_files`, unless `told` has a "shared_temp_directory".
+        slurm: arguments of `dask_jobqueue.SLURMCluster`.
+        folder: where its credentials lie, see `credentials_in_files`, unless `slurm` has a "shared_temp_directory".
         dashboard: host and port of the dashboard.
 
     Raises:
@@ -173,22 +173,22 @@ def slurm_cluster(told: Mapping[str, Any], folder: Path, dashboard: str = DASHBO
     """
     from dask_jobqueue import SLURMCluster
 
-    options = told.get("scheduler_options", {})
-    decided = {"security", "protocol"} & {*told, *options}
+    options = slurm.get("scheduler_options", {})
+    decided = {"security", "protocol"} & {*slurm, *options}
     if decided:
         raise StudyError(f"cluster.slurm.{min(decided)}: leave it out; a study has TLS, with credentials of its own")
     if "dashboard_address" in options:
         raise StudyError("cluster.slurm.scheduler_options.dashboard_address: is called cluster.dashboard here")
-    shared = Path(os.path.expandvars(told.get("shared_temp_directory", folder))).expanduser()
+    shared = Path(os.path.expandvars(slurm.get("shared_temp_directory", folder))).expanduser()
     with credentials_in_files(shared) as security:
         arguments = {
             "cores": 1,
             "processes": 1,
             "memory": "2GB",
-            **told,
+            **slurm,
             "security": security,
             "scheduler_options": {**options, "dashboard_address": dashboard},
-            "worker_extra_args": [*CLOSED_PAGE, *told.get("worker_extra_args", [])],
+            "worker_extra_args": [*CLOSED_PAGE, *slurm.get("worker_extra_args", [])],
         }
         try:
             with _told_in_one_line():

@@ -6,8 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
+from taichisoft.bodies.body_geometry import Poses
 from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_degrees
-from taichisoft.bodies.surfaces import Poses
 from taichisoft.scenes.scene import Scene
 
 
@@ -27,7 +27,7 @@ class SoftAxes:
     """The axes of a soft body's mesh file, turned as the body has turned on the whole, at the mean of its nodes.
 
     Attributes:
-        nodes: where its nodes stand among those of all soft bodies.
+        nodes: where its nodes stand among the nodes of all soft bodies.
         rest_position: its placed nodes [mm], shape (node_count, 3).
         placement: rotation that placed it, shape (3, 3).
     """

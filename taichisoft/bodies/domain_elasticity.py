@@ -8,26 +8,26 @@ import numpy as np
 
 from taichisoft.bodies.domain_groups import along_curve, group_domains
 from taichisoft.bodies.domains import IntegrationDomains
+from taichisoft.bodies.elastic_laws import ElasticLaws
 from taichisoft.bodies.hooke_parts import find_blocks, find_parts
 from taichisoft.bodies.kernels import domain_deformation as kernels
 from taichisoft.bodies.kernels import hooke_domains, rubber_domains
 from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAMBDA, MU
-from taichisoft.bodies.laws import ElasticLaws
 from taichisoft.runtime.taichi_start import THREADS
 from taichisoft.runtime.waiting import COUNTERS
 
 if TYPE_CHECKING:
-    from taichisoft.bodies.soft_body import SoftBody
+    from taichisoft.bodies.soft_body_arrays import SoftBody
 
 
 class DomainElasticity:
-    """Integration domains with their materials; they never change.
+    """Integration domains with their materials, which never change.
 
     Attributes:
         domains: nodes and elements numbered as in the whole model.
-        data: what the kernels read of them.
-        hooke, rubber: those under Hooke's law and under other laws, once `find_blocks` was called; None without any.
+        data: the arrays that the kernels read.
+        hooke, rubber: domains under Hooke's law and under other laws, set by `find_blocks`; None without any.
     """
 
     hooke: "HookeDomains | None" = None
@@ -37,7 +37,7 @@ class DomainElasticity:
         """Lay out the arrays.
 
         Args:
-            bodies: all bodies; those without domains are passed over.
+            bodies: all bodies; bodies without domains are skipped.
             lag: h + b [s] of each element of all bodies, shape (element_count,).
             factor: of the stiffness in A, likewise.
             step: time step h [s].
@@ -59,7 +59,7 @@ class DomainElasticity:
         return self.domains.node[row], self.domains.node[column]
 
     def find_blocks(self, block_pairs: np.ndarray, rest_position: np.ndarray) -> None:
-        """Find what adds to which block.
+        """Find which domains add to which block.
 
         Args:
             block_pairs: the two nodes (row, column) of each block of the system matrix, shape (block_count, 2).
@@ -67,11 +67,11 @@ class DomainElasticity:
         """
         hooke = self.data.law == HOOKE
         if hooke.any():
-            some = self.domains.of(np.flatnonzero(hooke))
+            some = self.domains.select(np.flatnonzero(hooke))
             self.hooke = HookeDomains(some, _data(some, *self._arrays), block_pairs)
         if not hooke.all():
-            some = self.domains.of(np.flatnonzero(~hooke))
-            some = some.of(along_curve(some.centres(rest_position)))
+            some = self.domains.select(np.flatnonzero(~hooke))
+            some = some.select(along_curve(some.centres(rest_position)))
             self.rubber = RubberDomains(some, _data(some, *self._arrays), block_pairs)
 
 
@@ -79,14 +79,14 @@ class HookeDomains:
     """Domains under Hooke's law.
 
     Attributes:
-        data: what the kernels read of them.
+        data: the arrays that the kernels read.
         element: one element of each domain, shape (domain_count,).
-        block: numbers of the blocks that they add to, shape (count,).
-        parts: what makes up each of these.
+        block: numbers of the blocks that the domains add to, shape (count,).
+        parts: entries of domains that add to each of these blocks.
     """
 
     def __init__(self, domains: IntegrationDomains, data: kernels.Domains, block_pairs: np.ndarray):
-        """Find the parts of the blocks of these two nodes (row, column), shape (block_count, 2)."""
+        """Find the parts of the blocks, whose two nodes (row, column) are `block_pairs`, shape (block_count, 2)."""
         self.data, self.element = data, domains.element
         row, column = domains.node_pairs()
         block = find_blocks(block_pairs, domains.node[row], domains.node[column])
@@ -104,9 +104,9 @@ class RubberDomains:
     """Domains under other laws.
 
     Attributes:
-        data: what the kernels read of them.
+        data: the arrays that the kernels read.
         element: one element of each domain, shape (domain_count,).
-        groups, copies: how their sums are made.
+        groups, copies: the layout of their sums.
     """
 
     def __init__(self, domains: IntegrationDomains, data: kernels.Domains, block_pairs: np.ndarray):
@@ -126,13 +126,13 @@ class DomainSystem:
         force: np.ndarray,
         blocks: np.ndarray,
     ):
-        """Make room.
+        """Allocate the work space.
 
         Args:
             elasticity: the model's domains.
             position, velocity: of the nodes [mm] and [mm/s], which the caller fills, shape (node_count, 3).
-            force: to which `add` adds the nodal forces [mN], shape (node_count, 3).
-            blocks: to which it adds the stiffness, shape (block_count, 3, 3).
+            force: `add` adds the nodal forces to it [mN], shape (node_count, 3).
+            blocks: `add` adds the stiffness to them, shape (block_count, 3, 3).
         """
         self._hooke, self._rubber = elasticity.hooke, elasticity.rubber
         self._movement = kernels.Movement(position, velocity)
@@ -158,7 +158,7 @@ class DomainSystem:
             )
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
-        """Make each element so many times as stiff as in the model, shape (element_count,)."""
+        """Multiply the stiffness of each element in the model by `factor`, shape (element_count,)."""
         if self._hooke is not None:
             np.multiply(self._hooke.data.modulus, factor[self._hooke.element, None], out=self._hooke_data.modulus)
         if self._rubber is not None:
@@ -181,7 +181,7 @@ class DomainSystem:
 
 
 def aligned(count: int, width: int) -> np.ndarray:
-    """Rows of zeros that do not straddle lines of the cache, shape (count, width)."""
+    """Rows of zeros that do not straddle cache lines, shape (count, width)."""
     entries = np.zeros(count * width + 8)
     skip = -entries.ctypes.data % 64 // 8
     return entries[skip : skip + count * width].reshape(count, width)
@@ -190,9 +190,9 @@ def aligned(count: int, width: int) -> np.ndarray:
 def _data(
     domains: IntegrationDomains, laws: ElasticLaws, lag: np.ndarray, factor: np.ndarray, step: float
 ) -> kernels.Domains:
-    """What the kernels read; laws, lag and factor are those of all elements."""
+    """The arrays that the kernels read, from laws, lag and factor of all elements."""
     element = domains.element
-    own_laws = laws.of(element)
+    own_laws = laws.select(element)
     return kernels.Domains(
         start=domains.start,
         node=domains.node.astype(np.int32),
@@ -200,7 +200,7 @@ def _data(
         volume=domains.volume,
         law=own_laws.kind,
         modulus=own_laws.modulus,
-        exponent=own_laws.exponent,
+        pure_number=own_laws.pure_number,
         lag=lag[element],
         factor=factor[element],
         undamped=step / np.maximum(lag[element], step),
@@ -212,6 +212,6 @@ def _own_moduli(data: kernels.Domains) -> kernels.Domains:
 
 
 def _undamped(data: kernels.Domains) -> kernels.Domains:
-    """The same without damping, and with the same array of moduli."""
+    """The same domains without damping; they share the array of moduli."""
     lag, factor = data.undamped * data.lag, data.undamped * data.factor
     return data._replace(lag=lag, factor=factor, undamped=np.ones_like(lag))

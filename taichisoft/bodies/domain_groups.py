@@ -1,4 +1,4 @@
-"""How the sums over integration domains are laid out: groups of neighbouring domains, and what each adds to.
+"""The layout of sums over integration domains: groups of neighbouring domains, and the blocks that each adds to.
 
 A domain of many nodes adds to as many blocks as it has pairs of them. Each group keeps its own copies of the blocks,
 few enough to stay in the cache while its domains add to them; the copies are summed afterwards. Groups do not depend on
@@ -23,7 +23,7 @@ def group_domains(domains: IntegrationDomains, block_pairs: np.ndarray) -> tuple
     Args:
         domains: in an order in which neighbours follow each other.
         block_pairs: the two nodes (row, column) of each block of the matrix, shape (block_count, 2); of two blocks that
-            are each other's transpose one is there.
+            are each other's transpose one is stored.
     """
     domain_count, entry_count = len(domains.start) - 1, len(domains.node)
     group = np.arange(domain_count, dtype=np.int64) // DOMAINS_A_GROUP

@@ -1,18 +1,10 @@
-"""Integration domains: the pieces of a body that have one deformation gradient each.
-
-An element has one at each of its quadrature points. Smoothed tetrahedra have two sets (Liu and Nguyen-Thoi 2010,
-Smoothed Finite Element Methods): one around every edge, for the energy of shape, and one around every node, for that of
-volume. The first bend as they should, where a tetrahedron on its own is too stiff; the second keep volume without
-locking, since there are fewer of them than motions of the nodes.
-"""
+"""Integration domains: the pieces of a body that have one deformation gradient each, such as the quadrature points of
+elements. `element_kinds.py` has the domains of each kind of element."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-
-from taichisoft.bodies.elements import linear_tetrahedra, quadratic_tetrahedra
-from taichisoft.meshes.ten_nodes import SIDES
 
 
 @dataclass(frozen=True)
@@ -20,11 +12,11 @@ class IntegrationDomains:
     """Domains of variable size; an entry is a node of a domain.
 
     Attributes:
-        start: where each domain's entries begin, shape (domain_count + 1,).
+        start: the first entry of each domain, shape (domain_count + 1,).
         node: of each entry, shape (entry_count,).
         gradient: g of each entry at rest [1/mm], so that F = sum x_a g_a^T, shape (entry_count, 3).
         volume: for which the energies of shape and of volume count [mm^3], shape (domain_count, 2).
-        element: one element of each domain, which has its material, shape (domain_count,).
+        element: one element of each domain, for its material, shape (domain_count,).
     """
 
     start: np.ndarray
@@ -35,7 +27,7 @@ class IntegrationDomains:
 
     @classmethod
     def joined(cls, parts: Sequence["IntegrationDomains"]) -> "IntegrationDomains":
-        """Several sets of domains, whose nodes and elements are numbered alike, one after the other."""
+        """Several sets of domains one after the other; they share the numbering of nodes and elements."""
         first_entry = np.cumsum([0, *(len(part.node) for part in parts)])
         starts = [part.start[:-1] + first for part, first in zip(parts, first_entry[:-1], strict=True)]
         return cls(
@@ -46,8 +38,8 @@ class IntegrationDomains:
             element=np.concatenate([part.element for part in parts]),
         )
 
-    def of(self, numbers: np.ndarray) -> "IntegrationDomains":
-        """The domains of these numbers, in this order."""
+    def select(self, numbers: np.ndarray) -> "IntegrationDomains":
+        """The domains with these numbers, in this order."""
         sizes = np.diff(self.start)[numbers]
         start = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int32)
         entries = np.arange(start[-1]) + np.repeat(self.start[numbers] - start[:-1], sizes)
@@ -79,15 +71,14 @@ class IntegrationDomains:
         return row, np.repeat(np.repeat(self.start[:-1], size), size_of_entry) + within
 
 
-def quadrature_domains(nodes: np.ndarray, elements: np.ndarray) -> IntegrationDomains:
-    """The quadrature points of linear or quadratic tetrahedra.
+def quadrature_domains(elements: np.ndarray, gradient: np.ndarray, volume: np.ndarray) -> IntegrationDomains:
+    """The quadrature points of elements.
 
     Args:
-        nodes: at rest [mm], shape (node_count, 3).
-        elements: node indices, shape (element_count, 4) or (element_count, 10).
+        elements: node indices, shape (element_count, nodes_per_element).
+        gradient: of the shape functions at rest [1/mm], shape (element_count, point_count, nodes_per_element, 3).
+        volume: that each quadrature point stands for [mm^3], shape (element_count, point_count).
     """
-    make = quadratic_tetrahedra if elements.shape[1] == 10 else linear_tetrahedra
-    gradient, volume = make(nodes, elements)
     element_count, point_count, nodes_per_element, _ = gradient.shape
     return IntegrationDomains(
         start=np.arange(element_count * point_count + 1, dtype=np.int32) * np.int32(nodes_per_element),
@@ -95,81 +86,4 @@ def quadrature_domains(nodes: np.ndarray, elements: np.ndarray) -> IntegrationDo
         gradient=gradient.reshape(-1, 3),
         volume=np.repeat(volume.reshape(-1, 1), 2, axis=1),
         element=np.repeat(np.arange(element_count), point_count),
-    )
-
-
-def smoothed_domains(nodes: np.ndarray, elements: np.ndarray, material: np.ndarray) -> IntegrationDomains:
-    """Domains around the edges, for shape, and around the nodes, for volume, of linear tetrahedra.
-
-    A domain around an edge has a sixth of each element at it, one around a node a quarter, and none has two materials.
-
-    Args:
-        nodes: at rest [mm], shape (node_count, 3).
-        elements: node indices, shape (element_count, 4).
-        material: number of the material of each element, shape (element_count,).
-    """
-    edges, corners = _edges_and_corners(elements, len(nodes))
-    around_edges = _smoothed(nodes, elements, material, edges, np.array([1.0, 0.0]))
-    around_nodes = _smoothed(nodes, elements, material, corners, np.array([0.0, 1.0]))
-    return IntegrationDomains.joined([around_edges, around_nodes])
-
-
-def domains_of_elements(elements: np.ndarray, node_count: int, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Which of the domains of `smoothed_domains` each element is a part of.
-
-    Args:
-        elements, material: as in `smoothed_domains`.
-        node_count: number of the nodes.
-
-    Returns:
-        Numbers of the domains around its edges, shape (element_count, 6), and around its nodes, (element_count, 4).
-    """
-    edges, nodes = (_numbered(owners, material)[1] for owners in _edges_and_corners(elements, node_count))
-    return edges, nodes + edges.max() + 1
-
-
-def _edges_and_corners(elements: np.ndarray, node_count: int) -> tuple[np.ndarray, np.ndarray]:
-    """A number of each edge of each element, shape (element_count, 6), and of each corner, (element_count, 4)."""
-    edges = np.sort(elements[:, SIDES], axis=2).astype(np.int64) @ [node_count, 1]
-    return edges, elements.astype(np.int64)
-
-
-def _numbered(owners: np.ndarray, material: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Number what shares an owner and a material: where each number occurs first in the flat list, and the numbers in
-    the shape of `owners`."""
-    keys = np.column_stack([owners.reshape(-1), np.repeat(material, owners.shape[1])])
-    _, first, domain = np.unique(keys, axis=0, return_index=True, return_inverse=True)
-    return first, domain.reshape(owners.shape)
-
-
-def _smoothed(
-    nodes: np.ndarray, elements: np.ndarray, material: np.ndarray, owners: np.ndarray, counts_for: np.ndarray
-) -> IntegrationDomains:
-    """Domains of the elements that share an owner, each giving equal parts to all of its own.
-
-    Args:
-        nodes, elements, material: as in `smoothed_domains`.
-        owners: numbers of the owners of each element, shape (element_count, owners_per_element).
-        counts_for: shares of a domain's volume for the energies of shape and of volume, shape (2,).
-    """
-    gradient, volume = linear_tetrahedra(nodes, elements)
-    owners_per_element = owners.shape[1]
-    first, domain = _numbered(owners, material)
-    domain = domain.reshape(-1)
-    element = np.repeat(np.arange(len(elements)), owners_per_element)
-    part = volume[element, 0] / owners_per_element
-    domain_volume = np.bincount(domain, part)
-    # Each part brings the gradients of its element's four nodes, which are added up for each node of the domain.
-    share = (part / domain_volume[domain])[:, None, None] * gradient[element, 0]
-    entry_keys, entry = np.unique(
-        (domain[:, None] * len(nodes) + elements[element].astype(np.int64)).reshape(-1), return_inverse=True
-    )
-    entry, share = entry.reshape(-1), share.reshape(-1, 3)
-    domain_of_entry, node = np.divmod(entry_keys, len(nodes))
-    return IntegrationDomains(
-        start=np.searchsorted(domain_of_entry, np.arange(len(domain_volume) + 1)).astype(np.int32),
-        node=node.astype(np.int32),
-        gradient=np.column_stack([np.bincount(entry, share[:, d], len(entry_keys)) for d in range(3)]),
-        volume=domain_volume[:, None] * counts_for,
-        element=element[first],
     )

@@ -6,12 +6,13 @@ import numpy as np
 import scipy.sparse as sparse
 
 from taichisoft.bodies.domain_elasticity import DomainElasticity, DomainSystem, aligned
-from taichisoft.bodies.elements import edge_frames, linear_tetrahedra
 from taichisoft.bodies.hooke_parts import find_blocks, find_parts
 from taichisoft.bodies.kernels import linear_tetrahedra as kernels
 from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.bodies.kernels.principal_stretches import HOOKE
-from taichisoft.bodies.soft_body import SoftBody
+from taichisoft.bodies.rotations import edge_frames
+from taichisoft.bodies.shape_functions import linear_tetrahedra
+from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.cholesky.solver import Cholesky
 from taichisoft.cholesky.symbolic import SymbolicFactor
 from taichisoft.runtime.waiting import COUNTERS
@@ -24,7 +25,7 @@ class Elasticity:
     In first order dynamics A = h M + h^2 K: mass is a drag, so M v = f - h K v, here times h. A times a velocity is an
     impulse as before, so that contacts and actuators need not know the difference.
 
-    Linear tetrahedra under Hooke's law have a short way of their own; all other elements are integration domains.
+    Linear tetrahedra under Hooke's law have a kernel of their own; all other elements are integration domains.
 
     Attributes:
         elements: corners of all elements, shape (element_count, 4).
@@ -36,7 +37,7 @@ class Elasticity:
         volume: of their quadrature points [mm^3], shape (linear_count, point_count).
         node_mass: [kg], shape (node_count,).
         node_rayleigh_mass: Rayleigh's factor a [1/s], shape (node_count,).
-        node_lag: h + b [s]: forces are those of positions so far ahead along the velocities; 0 in first order dynamics,
+        node_lag: h + b [s]: forces are taken at positions so far ahead along the velocities; 0 in first order dynamics,
             where there are no velocities before the step; shape (node_count,).
         node_lead: how far ahead along the velocities a node's body is turned before it is linearised [s]: h under laws
             of rubber, else 0; shape (node_count,).
@@ -44,10 +45,10 @@ class Elasticity:
         anchor_stiffness: along x, y and z [mN/mm], shape (node_count, 3).
         anchor_lag: as node_lag, of the anchors' springs [s]: h, or h + b where a body's anchors are damped; shape
             (node_count,).
-        diagonal: what A has beside the stiffness of the elements: masses with their damping, and anchors [kg], shape
+        diagonal: the rest of A beside the stiffness of the elements: masses with their damping, and anchors [kg], shape
             (node_count, 3).
         symbolic: the pattern of A and of its factor.
-        element_data, block_parts: what the kernels read of the linear elements.
+        element_data, block_parts: the arrays that the kernels read of the linear elements.
         domains: integration domains of all others; None without any.
     """
 
@@ -94,7 +95,7 @@ class Elasticity:
             self.domains.find_blocks(self.symbolic.block_pairs, self.rest_position)
 
     def _pattern(self) -> sparse.csr_matrix:
-        """Which nodes share an element or a domain."""
+        """The pattern of A: nodes that share an element or a domain."""
         elements, node_count = self.linear_elements, len(self.rest_position)
         nodes_per_element = elements.shape[1]
         row, column = (
@@ -143,7 +144,7 @@ class ElasticSystem:
     """
 
     def __init__(self, elasticity: Elasticity):
-        """Make room."""
+        """Allocate the work space."""
         self._elasticity = elasticity
         data, node_count = elasticity.element_data, len(elasticity.rest_position)
         self._elements = data._replace(force_modulus=data.force_modulus.copy(), root=data.root.copy())
@@ -163,10 +164,10 @@ class ElasticSystem:
             self._domains = DomainSystem(elasticity.domains, *moving, self.solver.blocks)
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
-        """Make each element so many times as stiff as it is in the model, its Poisson's ratio unchanged.
+        """Multiply the stiffness of each element in the model by a factor; Poisson's ratios are unchanged.
 
         Args:
-            factor: of each element [-], shape (element_count,); with 1 everywhere the bits are those of the model.
+            factor: of each element [-], shape (element_count,); 1 everywhere restores the model bit for bit.
         """
         if self._domains is not None:
             self._domains.scale_stiffness(factor)
@@ -175,7 +176,7 @@ class ElasticSystem:
         np.multiply(model.root, np.sqrt(factor), out=self._elements.root)
 
     def leave_out_damping(self) -> None:
-        """Get ready for `assemble(damped=False)`, with the stiffnesses of now."""
+        """Prepare `assemble(damped=False)` with the present stiffnesses."""
         np.multiply(self._elements.root, np.sqrt(self._elasticity.undamped), out=self._undamped_elements.root)
 
     def assemble(self, damped: bool = True) -> None:

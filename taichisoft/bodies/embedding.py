@@ -9,7 +9,7 @@ Embedding = Literal["deepest", "grid"]
 """Which elements are looked at for a point: all, or those near it."""
 
 POINTS_AT_A_TIME = 64
-# A point on the boundary counts as inside, whatever the round-off of its barycentric weights.
+# A point on the boundary counts as inside: tolerance for the round-off of its barycentric weights.
 ON_BOUNDARY = 1e-9
 
 
@@ -74,8 +74,8 @@ class _Tetrahedra:
 class _Grid:
     """Cubic cells from the origin on, as wide as the mean edge is long, with the elements whose boxes meet each.
 
-    A point is compared with the elements of its own cell; with those of the cells around it, too, if the best measure
-    exceeds half the width of a cell, although it may be a squared length; with all if its own cell has none.
+    A point is compared with the elements of its own cell; with the elements of the cells around it, too, if the best
+    measure exceeds half the width of a cell, although it may be a squared length; with all if its own cell has none.
     """
 
     def __init__(self, nodes: np.ndarray, elements: np.ndarray, tetrahedra: _Tetrahedra):

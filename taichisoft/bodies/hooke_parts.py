@@ -1,4 +1,4 @@
-"""Which nodes of which domains make up the blocks of the system matrix under Hooke's law."""
+"""The blocks of the system matrix under Hooke's law: which entries of which domains add to each."""
 
 import numpy as np
 

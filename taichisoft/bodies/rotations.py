@@ -1,6 +1,6 @@
 """Rotations that place bodies, and directions, with the conventions of scenes and states.
 
-SciPy refuses read-only arrays, such as those of a state: it gets copies.
+SciPy refuses read-only arrays, such as the arrays of a state: it gets copies.
 """
 
 import numpy as np
@@ -59,3 +59,11 @@ def turn_towards(start: np.ndarray, end: np.ndarray, furthest: float) -> np.ndar
     way = (Rotation.from_rotvec(end.copy()) * Rotation.from_rotvec(start.copy()).inv()).as_rotvec()
     angle = float(np.linalg.norm(way))
     return end if angle <= furthest else compose_rotation_vectors(furthest / angle * way, start)
+
+
+def edge_frames(along: np.ndarray, across: np.ndarray) -> np.ndarray:
+    """Frames (count, 3, 3): first column along one edge, third normal to it and another; edges of shape (count, 3)."""
+    first = along / np.linalg.norm(along, axis=1, keepdims=True)
+    third = np.cross(first, across)
+    third /= np.linalg.norm(third, axis=1, keepdims=True)
+    return np.ascontiguousarray(np.stack([first, np.cross(third, first), third], axis=2))

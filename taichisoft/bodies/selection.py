@@ -9,7 +9,7 @@ from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.soft_body import Anchor, NodeSelection, Selection
 from taichisoft.scenes.table import Vector
 
-# A node on the face of a box belongs to it, whatever the last digit of its coordinate in the file [mm].
+# A node on the face of a box belongs to it: tolerance for the last digit of a coordinate in a file [mm].
 BOX_TOLERANCE = 1e-9
 
 

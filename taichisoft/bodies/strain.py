@@ -1,10 +1,10 @@
-"""How far elements are stretched: the largest principal stretch, from where their corners are."""
+"""The largest principal stretch of elements, from the positions of their corners."""
 
 import math
 
 import numpy as np
 
-from taichisoft.bodies.elements import linear_tetrahedra
+from taichisoft.bodies.shape_functions import linear_tetrahedra
 from taichisoft.meshes.ten_nodes import linear_parts
 from taichisoft.scenes.soft_body import SoftBody
 
@@ -12,7 +12,7 @@ HOOKE_STRETCH = 1.2
 """Stretch up to which Hooke's law does for rubber: pulled to it, its force lies 19 % above the neo-Hookean one of equal
 moduli, E (l - 1) against E (l - l^-2) / 3, and 71 % at a stretch of 2."""
 MOST = 0.99
-"""Share of a body's elements: how far these are stretched hardly depends on the few at corners and clamps, whose
+"""Share of a body's elements: their stretch hardly depends on the few elements at corners and clamps, whose
 stretch grows with every finer mesh."""
 
 
@@ -25,7 +25,7 @@ class Stretches:
     """
 
     def __init__(self, rest_position: np.ndarray, elements: np.ndarray):
-        """Compute what does not change.
+        """Compute gradients and volumes at rest.
 
         Args:
             rest_position: nodes [mm], shape (node_count, 3).

@@ -1,1 +1,5 @@
-"""From names to things, through plug-ins: scenes from files, meshes of bodies, controllers."""
+"""Construction of scenes, meshes, controllers and outputs by name, through plug-ins."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""The settings of a controller, checked against the arguments of what makes it before anything is run."""
+"""Validation of a controller's settings against the arguments of its factory, before a run."""
 
 import dataclasses
 import functools
@@ -20,11 +20,11 @@ NAMED = (inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY
 
 
 def checked_arguments(factory: Callable[..., Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The arguments with which to call what makes a controller.
+    """Validate settings, and return the arguments for the factory of a controller.
 
-    The settings are its arguments by name, or the fields of its only argument where that is annotated with a dataclass
-    or a pydantic model. Each must be of the annotated type, as TOML and JSON write it: a list for a tuple, text for a
-    path, but no text for a number. Without an annotation a default that is a number asks for one.
+    The settings are the factory's arguments by name, or the fields of its only argument if that is annotated with a
+    dataclass or a pydantic model. Each must be of the annotated type, as TOML and JSON write it: a list for a tuple,
+    text for a path, but not text for a number. Without an annotation, a numeric default requires a number.
 
     Raises:
         SceneError: a key is unknown or missing, or a value is of another type.
@@ -45,7 +45,7 @@ def checked_arguments(factory: Callable[..., Any], settings: Mapping[str, Any]) 
 
 
 def _checked_fields(kind: Any, settings: Mapping[str, Any]) -> Any:
-    """An object of a dataclass or a pydantic model with these fields."""
+    """Make an object of a dataclass or a pydantic model with these fields."""
     if dataclasses.is_dataclass(kind):
         _refuse_unknown(settings, [field.name for field in dataclasses.fields(kind) if field.init])
     elif kind.model_config.get("extra") != "allow":
@@ -56,11 +56,11 @@ def _checked_fields(kind: Any, settings: Mapping[str, Any]) -> Any:
 def _checked_argument(name: str, kind: Any, value: Any) -> Any:
     key = f"{PREFIX}.{name}"
     kinds = get_args(kind) if get_origin(kind) in (Union, types.UnionType) else ()
-    if type(None) in kinds and value is not None:  # so that the error says what a value must be
+    if type(None) in kinds and value is not None:  # the error then names the required type
         kind = functools.reduce(operator.or_, (one for one in kinds if one is not type(None)))
     try:
         adapter = pydantic.TypeAdapter(kind)
-    except (pydantic.PydanticSchemaGenerationError, pydantic.PydanticUserError):  # not a type of data
+    except (pydantic.PydanticSchemaGenerationError, pydantic.PydanticUserError):  # not a data type
         return value
     try:
         return _checked(adapter, key, value)
@@ -78,7 +78,7 @@ def _refuse_unknown(settings: Mapping[str, Any], valid: list[str]) -> None:
 
 
 def _kind(argument: inspect.Parameter, factory: Callable[..., Any]) -> Any:
-    """The type of an argument; Any where nothing says it, or where its names are those of a type checker alone."""
+    """Type of an argument; Any without an annotation, or if only type checkers can resolve it."""
     if argument.annotation is argument.empty:
         is_number = isinstance(argument.default, int | float) and not isinstance(argument.default, bool)
         return NUMBER if is_number else Any
@@ -93,10 +93,10 @@ def _kind(argument: inspect.Parameter, factory: Callable[..., Any]) -> Any:
 
 
 def _checked(adapter: "pydantic.TypeAdapter[Any]", key: str, value: Any) -> Any:
-    """A value as an object of the adapter's type.
+    """Convert a value to the adapter's type.
 
     Raises:
-        SceneError: it is of another type.
+        SceneError: the value is of another type.
     """
     try:
         return adapter.validate_python(value, strict=True)
@@ -106,7 +106,7 @@ def _checked(adapter: "pydantic.TypeAdapter[Any]", key: str, value: Any) -> Any:
         return adapter.validate_json(pydantic_core.to_json(value, inf_nan_mode="constants"), strict=True)
     except pydantic.ValidationError as error:
         problem = error
-    except pydantic_core.PydanticSerializationError:  # an object that files do not have
+    except pydantic_core.PydanticSerializationError:  # an object that cannot be in a file
         pass
     raise SceneError(first_problem(problem, pydantic.BaseModel, key)) from problem
 

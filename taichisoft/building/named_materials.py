@@ -7,14 +7,14 @@ from taichisoft.plugin_system.hooks import provided
 
 
 def fill_in_materials(document: dict[str, Any]) -> None:
-    """Replace names of plug-ins' materials, in soft bodies and their regions, by the materials; other names stay.
+    """Replace names of plug-ins' materials in soft bodies and regions by the materials; other names stay.
 
     Raises:
-        PluginError: two plug-ins claim one name, or one gave something that is not valid.
+        PluginError: two plug-ins provide the same name, or a material is not valid.
     """
     named = [table for table in _tables(document) if isinstance(table.get("material"), str)]
     if not named:
-        return  # no plug-in is asked for nothing
+        return  # without names, no plug-in is loaded
     materials = provided("material")
     for table in named:
         if table["material"] in materials:
@@ -22,7 +22,7 @@ def fill_in_materials(document: dict[str, Any]) -> None:
 
 
 def _tables(document: dict[str, Any]) -> Iterator[dict[str, Any]]:
-    """Soft bodies and regions; what is no table is refused later, with its place."""
+    """Tables of soft bodies and regions; values that are not tables are refused later, with their keys."""
     bodies = document.get("soft_bodies")
     for body in bodies.values() if isinstance(bodies, dict) else ():
         if isinstance(body, dict):

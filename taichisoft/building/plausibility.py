@@ -1,4 +1,4 @@
-"""Numbers of a scene that no soft robot has: mostly a unit is mixed up; some orders of magnitude on they are absurd."""
+"""Checks for implausible numbers in a scene: mostly mistaken units; far outside the range they are errors."""
 
 import logging
 import math
@@ -22,20 +22,20 @@ from taichisoft.scenes.soft_body import SoftBody
 LOGGER = logging.getLogger("taichisoft.building")
 
 MOST_THIN = 0.05
-"""Share of a cavity's area behind which one element may lie without a word."""
+"""Share of a cavity's area with a wall of one element, up to which no warning is given [-]."""
 
 ABSURD = 1e9
-"""Factor beyond the plausible range at which a number is refused: that far no unit of anybody's leads."""
+"""Factor beyond the plausible range at which a number is refused: no mistaken unit leads that far."""
 
 
 @dataclass(frozen=True)
 class Plausible:
-    """The range that a quantity has in soft robots.
+    """Range of a quantity in soft robots.
 
     Attributes:
-        unit: its unit in scenes.
-        lowest, highest: bounds that are still plausible.
-        mistaken: factors from other units of the quantity to ours, by the name of the unit.
+        unit: unit in scenes.
+        lowest, highest: bounds of the plausible range.
+        mistaken: factors from other units to `unit`, by the name of the unit.
     """
 
     unit: str
@@ -45,7 +45,7 @@ class Plausible:
 
 
 MODULUS = Plausible("kPa", 0.5, 1e7, {"MPa": 1e3, "GPa": 1e6, "Pa": 1e-3})
-"""From the softest gels to stiff plastics; what matters of stiffer parts is that they are stiff."""
+"""From the softest gels to stiff plastics; for stiffer parts the value does not matter."""
 SOFT_DENSITY = Plausible("kg/mm^3", 1e-8, 2e-5, {"g/cm^3": 1e-6, "kg/m^3": 1e-9, "g/mm^3": 1e-3})
 """From foams to metals."""
 DENSITY = Plausible("kg/mm^3", 1e-9, 2.3e-5, {"g/cm^3": 1e-6, "kg/m^3": 1e-9, "g/mm^3": 1e-3})
@@ -55,11 +55,11 @@ TIME_STEP = Plausible("s", 1e-7, 0.5, {"ms": 1e-3, "us": 1e-6})
 DURATION = Plausible("s", 1e-6, 1e6, {"ms": 1e-3})
 GRAVITY = Plausible("mm/s^2", 50.0, 1e6, {"m/s^2": 1e3})
 MASS_FACTOR = {"g": 1e-3, "mg": 1e-6}
-"""Kilograms in units that masses are mistakenly given in."""
+"""Kilograms per unit in which masses are mistakenly given."""
 
 
 def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
-    """Warn of what no soft robot has, with the unit that was probably meant, and of meshes of several pieces.
+    """Warn of implausible numbers, with the unit that was probably meant, and of meshes of several pieces.
 
     Raises:
         SceneError: a number is absurd.
@@ -87,7 +87,7 @@ def check_plausibility(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
 
 
 def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
-    """Say once of each shipped mesh that its walls are one element thick, as meshing says it of other ones."""
+    """Log once for each shipped mesh that its walls are one element thick, as meshing does for other meshes."""
     said, shipped = set(), data_folder() / "meshes"
     for name, body in scene.soft_bodies.items():
         mesh = meshes[name]
@@ -105,10 +105,10 @@ def _cavity_groups(body: SoftBody) -> list[str]:
 
 
 def say_region_volumes(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
-    """Say what part of a body each box of a region has caught: on a coarse mesh it may be far from the box's own.
+    """Log the volume of the elements in each box of a region: on a coarse mesh it may differ much from the box's.
 
     Raises:
-        SceneError: a box has caught nothing.
+        SceneError: a box contains no element.
     """
     said = set()
     for name, body in scene.soft_bodies.items():
@@ -132,7 +132,7 @@ def say_region_volumes(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
 
 
 def check_rigid_plausibility(model: Model) -> None:
-    """The same for rigid bodies, whose masses and surfaces are computed.
+    """Check rigid bodies likewise, whose masses and surfaces are computed.
 
     Raises:
         SceneError: a number is absurd.
@@ -154,7 +154,7 @@ def _check(key: str, value: float, plausible: Plausible) -> None:
     low, high = plausible.lowest, plausible.highest
     if low <= value <= high:
         return
-    meant = "; ".join(_meant(value, plausible))
+    meant = "; ".join(_suggest_unit(value, plausible))
     line = f"{key} = {value:g} {plausible.unit}: soft robots have {low:g} to {high:g}{'; ' if meant else ''}{meant}"
     if not low / ABSURD <= value <= high * ABSURD:
         raise SceneError(line)
@@ -162,7 +162,7 @@ def _check(key: str, value: float, plausible: Plausible) -> None:
 
 
 def _check_mass(key: str, mass: float, volume: float, density: Plausible) -> None:
-    """A mass is judged by the density that it makes."""
+    """Check a mass by the resulting density."""
     if density.lowest <= mass / volume <= density.highest:
         return
     line = (
@@ -178,8 +178,8 @@ def _check_mass(key: str, mass: float, volume: float, density: Plausible) -> Non
     _warn(line)
 
 
-def _meant(value: float, plausible: Plausible) -> Iterator[str]:
-    """The value in the first unit in which it would be plausible."""
+def _suggest_unit(value: float, plausible: Plausible) -> Iterator[str]:
+    """Suggest the first unit in which the value would be plausible."""
     for unit, factor in plausible.mistaken.items():
         if plausible.lowest <= value * factor <= plausible.highest:
             yield f"{value:g} {unit} are {value * factor:g} {plausible.unit}"
@@ -187,7 +187,7 @@ def _meant(value: float, plausible: Plausible) -> Iterator[str]:
 
 
 def _piece_count(cells: np.ndarray) -> int:
-    """Number of parts of a mesh that have no node in common; `cells` are node indices, shape (count, nodes)."""
+    """Number of connected parts of a mesh; `cells` are node indices, shape (count, nodes)."""
     pairs = cells[:, [[0, k] for k in range(1, cells.shape[1])]].reshape(-1, 2)
     labels = trimesh.graph.connected_component_labels(pairs)  # type: ignore[no-untyped-call]
     return len(np.unique(labels[np.unique(cells)]))

@@ -1,4 +1,4 @@
-"""Making the controller and the outputs of a run, which plug-ins provide by name."""
+"""Construction of the controller and the outputs of a run, which plug-ins provide by name."""
 
 from pathlib import Path
 from typing import Any
@@ -20,8 +20,8 @@ def make_controller(scene: Scene) -> Controller:
         scene: scene with a `[controller]`.
 
     Raises:
-        SceneError: there is none, or its settings are wrong.
-        PluginError: no plug-in provides it, or it cannot be made.
+        SceneError: the scene has no controller, or its settings are not valid.
+        PluginError: no plug-in provides the controller, or it cannot be made.
     """
     if scene.controller is None:
         raise SceneError("there is no [controller]; name one with --controller")
@@ -36,8 +36,8 @@ def make_output(name: str, folder: str | Path, **settings: Any) -> Output:
     """Make an output by its name, such as "recording".
 
     Args:
-        name: name under which a plug-in provides it.
-        folder: folder into which it may write, the output folder of the run.
+        name: name under which a plug-in provides the output.
+        folder: output folder of the run, into which the output may write.
         settings: further arguments of the output.
 
     Raises:

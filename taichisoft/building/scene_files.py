@@ -26,20 +26,20 @@ def load_scene(
     reader_settings: Mapping[str, Any] | None = None,
     goal: str | None = None,
 ) -> Scene:
-    """Read a scene by path or by the name of a shipped one; files that it names become absolute paths.
+    """Read a scene by path or by the name of a shipped scene; relative file names in it become absolute paths.
 
-    It is TOML unless a plug-in reads files of its suffix.
+    The file is TOML unless a plug-in reads files with its suffix.
 
     Args:
         name: path or name.
-        overrides: "key.key=value" with TOML values, applied before anything is inherited or checked.
-        controller: name of a controller to take instead of the scene's own, whose settings are then dropped.
+        overrides: "key.key=value" with TOML values, applied before inheritance and validation.
+        controller: name of a controller that replaces the scene's own and its settings.
         reader_settings: arguments of the plug-in's reader of this format, by name.
-        goal: kind of goal to take instead of the scene's own, or "none".
+        goal: kind of goal that replaces the scene's own, or "none".
 
     Raises:
-        SceneError: the file is missing or cannot be read, or something in it or in the settings is not valid.
-        PluginError: the plug-in that reads its format failed.
+        SceneError: the file is missing or cannot be read, or the scene or a setting is not valid.
+        PluginError: the plug-in that reads the format failed.
     """
     if isinstance(overrides, str) or not isinstance(overrides, Sequence):
         raise SceneError(f'overrides = {overrides!r}: must be a list of texts, such as ["contact.friction=0.3"]')
@@ -47,23 +47,23 @@ def load_scene(
     document = _read_tables(path, reader_settings or {})
     change_scene(document, overrides, controller, goal)
     fill_in_materials(document)
-    source = " with --set ".join([str(path), *overrides])  # the error may be in either
+    source = " with --set ".join([str(path), *overrides])  # the error may be in the file or in an override
     return scene_tables.scene_from_dict(document, source, folder=path.parent)
 
 
 def scene_from_dict(document: Mapping[str, Any], source: str = "scene", folder: Path | None = None) -> Scene:
-    """Make a scene from plain tables, as TOML gives them; materials of plug-ins may be named, as in `load_scene`.
+    """Make a scene from plain tables, as parsed from TOML; it may name materials of plug-ins, as in `load_scene`.
 
     Args:
-        document: tables of the scene by key; files that it names become absolute paths.
-        source: name of the document, which begins every error.
-        folder: folder in which the files are looked for first; the current one when it is not given.
+        document: tables of the scene by key; relative file names in it become absolute paths.
+        source: name of the document, with which every error message begins.
+        folder: folder in which files are searched first; None: the current folder.
 
     Raises:
-        SceneError: something is not valid, with its key, value and what would be.
-        PluginError: two plug-ins claim one name of a material, or one gave something that is not valid.
+        SceneError: a value is not valid; the message has the key, the value and the valid values.
+        PluginError: two plug-ins provide the same material, or a material is not valid.
     """
-    tables = copy.deepcopy(dict(document))  # it stays the caller's
+    tables = copy.deepcopy(dict(document))  # the caller's document is not changed
     fill_in_materials(tables)
     return scene_tables.scene_from_dict(tables, source, folder)
 
@@ -72,14 +72,14 @@ def _find_scene(name: str | Path) -> Path:
     try:
         return find_file(name, "scenes", (TOML,), error=SceneError)
     except SceneError:
-        suffixes = list(_scene_readers())  # asked for only now: a TOML file needs no plug-in
+        suffixes = list(_scene_readers())  # loaded only now: a TOML file needs no plug-in
         if not suffixes:
             raise
         return find_file(name, "scenes", (TOML, *suffixes), error=SceneError)
 
 
 def _read_tables(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The tables of a scene: through a plug-in that reads files of its suffix, otherwise it must be TOML."""
+    """Read the tables of a scene by a plug-in for the file's suffix, or else as TOML."""
     suffix = path.suffix.lower()
     reader = _scene_readers().get(suffix) if suffix != TOML else None
     _check_settings(path, reader, settings)
@@ -91,17 +91,17 @@ def _read_tables(path: Path, settings: Mapping[str, Any]) -> dict[str, Any]:
     with failures_of(f"{path}: scene reader '{suffix}' failed"):
         tables = reader(path, **settings)
     if not isinstance(tables, Mapping):
-        raise PluginError(f"{path}: scene reader '{suffix}' gave {tables!r}; must be a mapping of tables")
-    return copy.deepcopy(dict(tables))  # overrides change them
+        raise PluginError(f"{path}: scene reader '{suffix}' returned {tables!r}; must be a mapping of tables")
+    return copy.deepcopy(dict(tables))  # overrides change the tables
 
 
 def _check_settings(path: Path, reader: Callable[..., Any] | None, settings: Mapping[str, Any]) -> None:
-    """Refuse settings that the reader does not heed; TOML has none."""
+    """Refuse settings that the reader does not have; TOML has none."""
     valid = list(inspect.signature(reader).parameters)[1:] if reader is not None else []
     for name in settings:
         if name not in valid:
             raise SceneError(
-                f"{path}: there is no effect of {name} on a {path.suffix} scene; {nearest(name, valid, 'settings')}"
+                f"{path}: {name} has no effect on a {path.suffix} scene; {nearest(name, valid, 'settings')}"
             )
 
 

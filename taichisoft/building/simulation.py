@@ -1,4 +1,4 @@
-"""From a scene to a simulation: its meshes are read from files, or made of a geometry by the plug-in that knows how."""
+"""Construction of a simulation from a scene: meshes are read from files, or made by plug-ins from geometries."""
 
 import inspect
 import warnings
@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from taichisoft import simulation
 from taichisoft.building.plausibility import (
     check_plausibility,
     check_rigid_plausibility,
@@ -24,19 +23,20 @@ from taichisoft.plugin_system.hooks import find, provided
 from taichisoft.plugin_system.renderer import Renderer
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.soft_body import BodyMesh
+from taichisoft.time_stepper import TimeStepper
 
 HIGHEST_RATIO = 0.45
 """Poisson's ratio above which linear tetrahedra lock: a finger bends 21.8 mm at 0.3, 6.7 at 0.49, 2.0 at 0.499."""
 
 
-class Simulation(simulation.Simulation):
-    """A simulation of a scene, or of a model already made."""
+class Simulation(TimeStepper):
+    """A simulation of a scene, or of an existing model."""
 
     def __init__(self, scene: Scene | Model):
-        """Begin at the state that the scene describes.
+        """Start at the state that the scene describes.
 
         Args:
-            scene: scene, whose model is made, or model that another simulation may share.
+            scene: scene, of which the model is made, or a model, which other simulations may share.
 
         Raises:
             TaichisoftError: see `make_model`.
@@ -54,19 +54,19 @@ class Simulation(simulation.Simulation):
     ) -> np.ndarray:
         """Draw the present state: red, green and blue, shape (height, width, 3), dtype uint8.
 
-        The first picture of a camera and size takes some seconds, in which its renderer starts; it then stays ready
-        until `close`, or until the simulation is deleted.
+        The first picture of a camera and size takes some seconds, in which the renderer starts; the renderer then stays
+        ready until `close`, or until the simulation is deleted.
 
         Args:
-            camera: "iso", "front" or "top", which stands still and sees the scene's start with room around it;
-                "follow:BODY", which moves with a body; or two points [mm], that of the eye and one that it looks at.
+            camera: "iso", "front" or "top", a fixed camera with a view of the whole initial scene; "follow:BODY", which
+                moves with a body; or two points [mm]: the eye and a point at which it looks.
             size: width and height of the picture [pixels].
-            renderer: name of what draws; another than "open3d" comes with a plug-in.
-            marks: points that get a mark, such as where something should go [mm], shape (mark_count, 3).
+            renderer: name of the renderer; plug-ins provide others than "open3d".
+            marks: points to mark, such as targets [mm], shape (mark_count, 3).
 
         Raises:
-            PluginError: no renderer has that name.
-            TaichisoftError: the camera or the size is not possible, or drawing is not on this machine.
+            PluginError: no renderer has this name.
+            TaichisoftError: the camera or the size is not valid, or this machine cannot draw.
         """
         place = camera if isinstance(camera, str) else tuple(tuple(map(float, point)) for point in camera)
         key = (renderer, place, *size)
@@ -75,7 +75,7 @@ class Simulation(simulation.Simulation):
         return self._renderers[key].picture(self.state, np.asarray(marks, np.float64).reshape(-1, 3))
 
     def close(self) -> None:
-        """End the renderers; a later `render` starts them again."""
+        """Stop the renderers; a later `render` starts them again."""
         _close_all(self._renderers)
 
 
@@ -88,11 +88,11 @@ def make_model(scene: Scene) -> Model:
     """Make the model of a scene, with the meshes that it names.
 
     Args:
-        scene: what `load_scene` or `scene_from_dict` gave.
+        scene: result of `load_scene` or `scene_from_dict`.
 
     Raises:
-        MeshError: a file is not fit to simulate.
-        SceneError: something in the scene does not fit its meshes, or bodies overlap at the start.
+        MeshError: a mesh or surface cannot be read, or cannot be simulated.
+        SceneError: the scene does not fit its meshes, or bodies overlap at the start.
         PluginError: the plug-in that makes a mesh failed.
     """
     _warn_of_locking(scene)
@@ -106,7 +106,7 @@ def make_model(scene: Scene) -> Model:
 
 
 def _warn_of_locking(scene: Scene) -> None:
-    """Say which linear elements resist bending because they cannot keep their volumes and bend."""
+    """Warn of linear elements that lock in bending because they are nearly incompressible."""
     for name, body in scene.soft_bodies.items():
         ratios = [body.poisson_ratio, *(one.poisson_ratio for one in body.regions if one.poisson_ratio is not None)]
         if body.element == "linear" and max(ratios) > HIGHEST_RATIO:
@@ -118,11 +118,11 @@ def _warn_of_locking(scene: Scene) -> None:
 
 
 def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:
-    """Read or make the mesh of each soft body, by its name; bodies with the same one share it.
+    """Read or make the mesh of each soft body, by body name; bodies with the same source share a mesh.
 
     Raises:
-        MeshError: a mesh file is not fit to simulate.
-        SceneError: a mesh cannot be made as the scene asks for it; begins with the key.
+        MeshError: a mesh file cannot be read, or cannot be simulated.
+        SceneError: a mesh cannot be made as the scene describes it; the message begins with the key.
         PluginError: the plug-in that makes a mesh failed.
     """
     loaded: dict[str, VolumeMesh] = {}
@@ -136,7 +136,7 @@ def load_meshes(scene: Scene) -> dict[str, VolumeMesh]:
 
 
 def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
-    """Read or make one mesh; `key` is its place in the scene.
+    """Read or make one mesh; `key` is the key of the mesh in the scene.
 
     Raises:
         MeshError, SceneError, PluginError: see `load_meshes`.
@@ -156,14 +156,14 @@ def load_mesh(source: BodyMesh, key: str) -> VolumeMesh:
     except MeshError as error:
         raise SceneError(f"{key}: {error}") from error
     if not isinstance(mesh, VolumeMesh):
-        raise PluginError(f"{key}: mesh maker '{suffix}' gave {mesh!r}; must be a VolumeMesh")
+        raise PluginError(f"{key}: mesh maker '{suffix}' returned {mesh!r}; must be a VolumeMesh")
     return mesh.check()
 
 
 def _refuse_keys(source: BodyMesh, valid: Container[str], key: str) -> None:
-    """Refuse keys that nobody heeds."""
+    """Refuse keys without effect."""
     ignored = [name for name in source.request if name not in valid]
     if ignored:
         raise SceneError(
-            f"{key}: there is no effect of {', '.join(ignored)} on {source.file}; remove it, or name a geometry (.toml)"
+            f"{key}: {', '.join(ignored)} has no effect on {source.file}; remove it, or name a geometry (.toml)"
         )

@@ -4,7 +4,7 @@ import heapq
 
 import numpy as np
 
-# Branches a thread, at most: then one more gains nothing that its start would not take.
+# Branches per thread, at most: one more gains less than its start costs.
 MOST_BRANCHES = 16
 
 
@@ -49,7 +49,7 @@ def share_out_branches(parent: np.ndarray, entries: np.ndarray, threads: int) ->
 
 
 def _time(branches: list[tuple[float, int]], above: float, threads: int) -> float:
-    """Entries that are read one after the other."""
+    """Number of entries that are read one after the other."""
     busy = [0.0] * threads
     for negative_size, _ in sorted(branches):
         heapq.heapreplace(busy, busy[0] - negative_size)

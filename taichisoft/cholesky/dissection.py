@@ -11,15 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy.sparse as sparse
+import scipy.sparse.linalg as sparse_linalg
 from scipy.sparse import csgraph
-
-from taichisoft.cholesky.minimum_degree import minimum_degree
 
 # Parts of fewer nodes are not cut any further.
 LEAF = 200
 # Share of a part's nodes that is held to each side of the cut.
 HELD = 0.25
-# The directions in which a part is cut, of all that are looked at.
+# Number of directions in which a part is cut, of all that are considered.
 TRIED = 3
 UNLIMITED = 2**20
 
@@ -124,7 +123,7 @@ def _cuts(part: sparse.csr_matrix, key: np.ndarray) -> list[Cut]:
 
 
 def _reached(network: sparse.csr_matrix, start: int) -> np.ndarray:
-    """Which points a way leads to."""
+    """Points of a network that can be reached from `start`."""
     reached = np.zeros(network.shape[0], dtype=bool)
     reached[csgraph.breadth_first_order(network, start, return_predecessors=False)] = True
     return reached
@@ -150,3 +149,15 @@ def _order_leaf(graph: sparse.csr_matrix, nodes: np.ndarray) -> np.ndarray:
     joined = sparse.block_diag([sparse.csr_matrix((len(nodes), len(nodes))), np.ones((len(around), len(around)))])
     order = minimum_degree((graph[both][:, both] + joined + sparse.identity(len(both))).tocsr())
     return nodes[order[order < len(nodes)]]
+
+
+def minimum_degree(adjacency: sparse.csr_matrix) -> np.ndarray:
+    """Fill-reducing order by SuperLU's multiple minimum degree, from a diagonally dominant matrix of the pattern."""
+    node_count = adjacency.shape[0]
+    matrix = sparse.csc_matrix(adjacency, dtype=float)
+    matrix.data[:] = -1.0
+    matrix = (matrix + sparse.identity(node_count) * (node_count + 2.0)).tocsc()
+    factor = sparse_linalg.splu(
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
+    return np.argsort(factor.perm_c)

@@ -20,7 +20,7 @@ LARGEST_INDEX = 2**31 - 1
 
 @dataclass(frozen=True)
 class Layout:
-    """Where everything stands.
+    """The layout of all fronts.
 
     Attributes:
         fronts: what the kernels read.
@@ -34,7 +34,7 @@ class Layout:
 
 
 def lay_out(adjacency: sparse.csr_matrix, supernodes: Supernodes) -> Layout:
-    """Give every part of every front its place.
+    """Assign every part of every front its place in memory.
 
     Raises:
         MeshError: there are more numbers than the kernels can count.

@@ -1,14 +1,13 @@
-"""The order in which nodes are eliminated, chosen for each body by the time that its factorisation is to take."""
+"""The order in which nodes are eliminated, chosen for each body by the predicted time of its factorisation."""
 
 import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse import csgraph
 
-from taichisoft.cholesky.dissection import LEAF, nested_dissection
-from taichisoft.cholesky.minimum_degree import minimum_degree
+from taichisoft.cholesky.dissection import LEAF, minimum_degree, nested_dissection
 from taichisoft.cholesky.supernodes import Supernodes, group_columns
 
-# For how many threads an order is chosen: not for those at hand, since the last bits depend on the order.
+# Number of threads for which an order is chosen: not that of the run, since the last bits depend on the order.
 THREADS = 2
 
 

@@ -17,7 +17,7 @@ from taichisoft.runtime.taichi_start import THREADS
 from taichisoft.runtime.tiles import TILE
 from taichisoft.runtime.waiting import COUNTERS
 
-# Non-zeros: less than some 0.5 ms of work is not worth waking threads.
+# Non-zeros of a factor below which a single thread works: less than some 0.5 ms is not worth waking the others.
 SMALL_FACTOR = 300_000
 NO_MULTIPLIERS = np.zeros(0)
 
@@ -33,7 +33,7 @@ class Cholesky:
     """
 
     def __init__(self, symbolic: SymbolicFactor):
-        """Make room for a matrix and its factor."""
+        """Allocate the matrix and its factor."""
         self.symbolic = symbolic
         self.blocks = np.zeros((len(symbolic.block_pairs), 3, 3))
         tiles = _allocate(symbolic.size)
@@ -77,15 +77,15 @@ class Cholesky:
         factor.done.fill(0)
         factor.taken.fill(0)
         factor.failed_column[0] = none
-        _give(self._begun, right_hand_side)
+        _set_rhs(self._begun, right_hand_side)
         factorise(self.symbolic.fronts, self.blocks, factor, self._begun, THREADS, 1)
         if factor.failed_column[0] < none:
             node = int(self.symbolic.order[factor.failed_column[0] // 3])
             raise NotPositiveDefinite(f"the system matrix is not positive definite at node {node}", node)
 
     def leave_out_right_hand_side(self) -> None:
-        """Go on as if the right-hand side b had been 0."""
-        _give(self._begun, 0.0)
+        """Replace the right-hand side b by 0."""
+        _set_rhs(self._begun, 0.0)
 
     def complete(self, columns: SparseColumns, multipliers: np.ndarray, count: int) -> np.ndarray:
         """A^-1 (b + J^T lambda), shape (node_count, 3), with the right-hand side that was factorised with.
@@ -103,7 +103,7 @@ class Cholesky:
 
     def solve(self, right_hand_side: np.ndarray) -> np.ndarray:
         """Solve A x = c with the last factorisation, c and x of shape (node_count, 3), beside what was begun."""
-        _give(self._whole, right_hand_side)
+        _set_rhs(self._whole, right_hand_side)
         forward(self.symbolic.fronts, self.factor, self._whole, self._workers, 1)
         return self._substitute_back(self._whole, self._no_columns, NO_MULTIPLIERS, 0)
 
@@ -117,7 +117,7 @@ class Cholesky:
         return substitution.found.copy()
 
 
-def _give(substitution: Substitution, right_hand_side: np.ndarray | float) -> None:
+def _set_rhs(substitution: Substitution, right_hand_side: np.ndarray | float) -> None:
     """Begin with a right-hand side. Zeros of the factor's padding meet any entry of L^-1 b, so all must be numbers."""
     substitution.given[:] = right_hand_side
     substitution.forward.fill(0.0)

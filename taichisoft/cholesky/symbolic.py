@@ -1,4 +1,4 @@
-"""What a sparse Cholesky factorisation needs to know of a matrix's pattern, found once."""
+"""The symbolic factorisation: what a sparse Cholesky factorisation needs of a matrix's pattern, computed once."""
 
 import numpy as np
 import scipy.sparse as sparse

@@ -18,8 +18,8 @@ PIECE_WORK = 2.0e5
 LARGEST_PIECE_COUNT = 6
 # Ends a range of rows or columns of tiles that goes to the end of a front.
 ALL = 2**20
-# Times that were fitted to those of single tasks, which they predict to 10 % [ns]: a multiplication and addition in the
-# columns of a front and in its update matrix, an entry that a child adds or that is filled in, a front, a task.
+# Times that were fitted to the times of single tasks, which they predict to 10 % [ns]: a multiplication and addition in
+# the columns of a front and in its update matrix, an entry that a child adds or that is filled in, a front, a task.
 IN_PANEL, IN_UPDATE, ADDED, FILLED, PER_FRONT, PER_TASK = 0.059, 0.039, 1.2, 0.52, 2200.0, 1900.0
 # How much longer than the longest task a thread waits: tasks may take twice the time when programs on other cores use
 # the memory. A patience is at most some seconds.
@@ -28,7 +28,7 @@ LONGER, LARGEST_PATIENCE = 3.0, 2**28
 
 @dataclass(frozen=True)
 class FrontSizes:
-    """What there is to do on each front; counts scalars, shape (supernode_count,) each.
+    """The work on each front; counts of scalars, shape (supernode_count,) each.
 
     Attributes:
         parent: front that takes over the update matrix, -1 for a root.

@@ -1,1 +1,5 @@
-"""Where surfaces come near each other."""
+"""Contact detection between the surfaces of bodies."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,4 +1,4 @@
-"""Trees over the triangles of every surface, built once; only their boxes follow the moving vertices."""
+"""Bounding volume trees over the triangles of every surface: built once, then only their boxes are updated."""
 
 import numpy as np
 
@@ -15,7 +15,7 @@ def build(
     vertex_is_feature: np.ndarray,
     edge_is_feature: np.ndarray,
 ) -> Trees:
-    """Trees for surfaces at these positions [mm]; see ContactSurfaces for the arrays."""
+    """Build the trees of surfaces with vertices at `position` [mm]; see `ContactSurfaces` for the arrays."""
     centroid = position[topology.triangles].mean(axis=1)
     root = [0]
     escape: list[int] = []
@@ -24,8 +24,8 @@ def build(
         _grow(np.arange(start, stop), centroid, escape, owned)
         root.append(len(escape))
     leaf_of_triangle = np.empty(len(topology.triangles), dtype=np.int64)
-    for node, some in enumerate(owned):
-        leaf_of_triangle[some] = node
+    for node, triangles in enumerate(owned):
+        leaf_of_triangle[triangles] = node
     node_count = len(escape)
     corner = np.unique(np.column_stack([np.repeat(leaf_of_triangle, 3), topology.triangles.ravel()]), axis=0)
     vertex, edge = np.flatnonzero(vertex_is_feature), np.flatnonzero(edge_is_feature)
@@ -40,22 +40,22 @@ def build(
 
 
 def most_leaves(trees: Trees) -> int:
-    """Leaves of the surface that has most of them: a full binary tree has one more leaf than inner nodes."""
+    """Largest number of leaves of a surface: a full binary tree has one more leaf than inner nodes."""
     return int(np.diff(trees.root).max(initial=0) + 1) // 2
 
 
-def _grow(some: np.ndarray, centroid: np.ndarray, escape: list[int], owned: list[np.ndarray]) -> None:
-    """Append the subtree over some triangles, halved at the median of the longest extent of their centroids."""
+def _grow(triangles: np.ndarray, centroid: np.ndarray, escape: list[int], owned: list[np.ndarray]) -> None:
+    """Append the subtree over `triangles`, halved at the median of the longest extent of their centroids."""
     node = len(escape)
     escape.append(-1)
-    if len(some) <= LEAF_TRIANGLES:
-        owned.append(some)
+    if len(triangles) <= LEAF_TRIANGLES:
+        owned.append(triangles)
     else:
-        owned.append(some[:0])
-        axis = int(np.ptp(centroid[some], axis=0).argmax())
-        ordered = some[np.argsort(centroid[some, axis], kind="stable")]
+        owned.append(triangles[:0])
+        axis = int(np.ptp(centroid[triangles], axis=0).argmax())
+        ordered = triangles[np.argsort(centroid[triangles, axis], kind="stable")]
         # A whole number of full leaves on the first side: all leaves but one are full.
-        half = -(-len(some) // (2 * LEAF_TRIANGLES)) * LEAF_TRIANGLES
+        half = -(-len(triangles) // (2 * LEAF_TRIANGLES)) * LEAF_TRIANGLES
         _grow(ordered[:half], centroid, escape, owned)
         _grow(ordered[half:], centroid, escape, owned)
     escape[node] = len(escape)

@@ -12,20 +12,20 @@ from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.contact.surfaces import ContactSurfaces
 
 FIRST_CAPACITY = 1024
-# Parts of a body that are nearer to each other at rest than this many contact distances do not touch each other.
+# Parts of a body closer to each other at rest than this number of contact distances do not touch each other.
 NEIGHBOURHOOD = 2.0
 
 
 class ContactDetection:
-    """Finds the contacts of a set of surfaces; the work space of one simulation."""
+    """Finds the contacts of a set of surfaces; holds the work space of one simulation."""
 
     def __init__(self, surfaces: ContactSurfaces, moving: MovingSurfaces, contact_distance: float | None = None):
-        """Prepare for surfaces and where they are, now and when `find` is called.
+        """Allocate the work space.
 
         Args:
-            surfaces: the surfaces.
-            moving: where they are.
-            contact_distance: distance that surfaces are kept apart [mm]; no surface touches itself where it is None.
+            surfaces: surfaces, round shapes and planes.
+            moving: their current positions, read by every call of `find`.
+            contact_distance: distance that surfaces are kept apart [mm]; None: no self-contact.
         """
         self._surfaces = surfaces
         self._touching_itself: SelfTouching | None = None
@@ -52,13 +52,15 @@ class ContactDetection:
         )
 
     def find(self, reach: float | np.ndarray, depth: float) -> Contacts:
-        """All locally closest pairs nearer than `reach` [mm], and those slipped through by up to `depth` [mm].
+        """Find all locally closest pairs of points on two surfaces.
 
-        The reach may be that of each pair of bodies, shape (body_count, body_count); one below 0 leaves a pair out.
+        Contacts of vertices with triangles come first, then edges, planes, self-contacts and round shapes, each in the
+        order of the surfaces' arrays. The next call overwrites the result.
 
-        Vertices with triangles come first, then edges, then planes, then what surfaces have with themselves and round
-        shapes with others, each in the order of the surfaces' arrays. The result is in arrays that the next call uses
-        again.
+        Args:
+            reach: largest distance of a pair [mm], one for all or one for each two bodies, shape
+                (body_count, body_count); negative: this pair of bodies is skipped.
+            depth: largest penetration of a pair [mm].
         """
         self._reach[:] = reach
         if self._is_needed:

@@ -1,21 +1,21 @@
-"""Which vertices and edges may touch: everything of soft surfaces, of others only what is not inside a flat face."""
+"""Contact features: all vertices and edges of soft surfaces, on other surfaces those not inside a flat face."""
 
 import numpy as np
 
 from taichisoft.contact.kernels.surface_vertices import Carriers, Surfaces
 from taichisoft.runtime.taichi_start import SOFT
 
-# On a body that keeps its shape, faces whose normals differ by less than this from the first one's make one plane
-# facet [rad]; edges inside a facet touch nothing that the facet does not.
+# On an undeformable body, faces whose normals differ by less than this angle from the first face's normal form one
+# plane facet [rad]; an edge inside a facet touches nothing that the facet does not touch.
 FLAT_ANGLE = 0.02
 
 
-# Where the faces around a vertex differ by less than this from their mean, the vertex stands for a round surface [rad].
+# A vertex represents a round surface if the normals of its faces differ by less than this angle from their mean [rad].
 ROUND_ANGLE = 0.05
 
 
 def find_round_vertices(topology: Surfaces, carriers: Carriers) -> np.ndarray:
-    """Whether each vertex of a surface that keeps its shape stands for a round one, shape (vertex_count,)."""
+    """Whether each vertex of an undeformable surface represents a round surface, shape (vertex_count,)."""
     corners = carriers.local[topology.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
@@ -33,7 +33,7 @@ def find_round_vertices(topology: Surfaces, carriers: Carriers) -> np.ndarray:
 def find_features(topology: Surfaces, carriers: Carriers, is_smooth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Whether each vertex and each edge may touch other surfaces, shapes (vertex_count,) and (edge_count,).
 
-    Vertices of surfaces that stand for smooth ones are none, `is_smooth`, shape (vertex_count,), nor are their edges.
+    Vertices of smooth surfaces, `is_smooth`, shape (vertex_count,), and their edges are not features.
     """
     edges, edge_triangles, position = topology.edges, topology.edge_triangles, carriers.local
     facet = _find_facets(topology, carriers)[edge_triangles]
@@ -41,7 +41,7 @@ def find_features(topology: Surfaces, carriers: Carriers, is_smooth: np.ndarray)
     is_edge &= ~is_smooth[edges[:, 0]]
     # A corner joins edges of at least two directions.
     along = position[edges[:, 1]] - position[edges[:, 0]]
-    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)  # one of no length has no direction
+    along /= np.maximum(np.linalg.norm(along, axis=1, keepdims=True), 1e-300)  # edges of length 0
     spread = np.zeros((len(position), 3, 3))
     for end in (0, 1):
         np.add.at(spread, edges[is_edge, end], along[is_edge, :, None] * along[is_edge, None, :])
@@ -50,14 +50,14 @@ def find_features(topology: Surfaces, carriers: Carriers, is_smooth: np.ndarray)
 
 
 def _find_facets(topology: Surfaces, carriers: Carriers) -> np.ndarray:
-    """Number of the plane facet that each triangle of a surface that keeps its shape belongs to.
+    """Number of the plane facet of each triangle of an undeformable surface, -1 on soft ones, (triangle_count,).
 
-    A facet grows over neighbours whose normal is that of its first triangle to FLAT_ANGLE: compared with the
-    neighbour's instead, a finely triangulated ball would be one facet without an edge.
+    A facet grows over neighbours whose normals differ from the normal of its first triangle by less than FLAT_ANGLE.
+    With the neighbour's normal instead, a finely triangulated ball would be one facet without an edge.
     """
     corners = carriers.local[topology.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)  # one of no area has no neighbour
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)  # triangles of area 0
     facet = np.full(len(corners), -1)
     keeps_shape = carriers.owner[topology.triangles[:, 0]] != SOFT
     neighbours: list[list[int]] = [[] for _ in corners]

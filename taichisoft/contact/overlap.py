@@ -1,4 +1,4 @@
-"""Bodies that overlap at the start would be thrown apart: a scene that has such bodies is refused."""
+"""Check for bodies that overlap at the start, which the first step would throw apart."""
 
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
@@ -13,11 +13,11 @@ from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.errors import SceneError
 from taichisoft.meshes.edge_crossings import boxes_meet, common_points, pairs_of_meeting_boxes
 
-# Surfaces are shrunk by this share of the scene's extent before they are cut with each other: bodies that merely
-# touch stay apart then, however round-off falls.
+# Surfaces are shrunk by this fraction of the scene's extent before they are intersected, so that bodies that merely
+# touch do not overlap by round-off.
 SHRINKING = 1e-6
-# One surface of each pair is shifted too, by less than the shrinking gains: of bodies with faces or edges in the
-# same place, such as one body placed twice, no edge would properly go through a triangle otherwise.
+# One surface of each pair is also shifted, by less than the shrinking: otherwise no edge would properly go through a
+# triangle of bodies with coincident faces or edges, such as one body placed twice.
 SHIFT = 0.25 * np.array([0.62, -0.48, 0.57])
 
 
@@ -25,9 +25,9 @@ class Overlap(NamedTuple):
     """Two bodies that overlap.
 
     Attributes:
-        bodies: their numbers, the lower one first; twice the same where surfaces of one body overlap.
-        problem: which, how and where, in one line.
-        advice: what to do about it.
+        bodies: their numbers, the lower one first; twice the same number if surfaces of one body overlap.
+        problem: the bodies, the depth and the place, in one line.
+        advice: possible corrections.
     """
 
     bodies: tuple[int, int]
@@ -36,13 +36,13 @@ class Overlap(NamedTuple):
 
 
 def refuse_overlap(surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str]) -> None:
-    """Check the surfaces where they are now.
+    """Refuse a scene with overlapping bodies.
 
     Raises:
-        SceneError: two bodies overlap, with their names and the place.
+        SceneError: two bodies overlap; the message has their names and the place.
     """
-    for found in overlaps(surfaces, moving, ContactDetection(surfaces, moving), body_names):
-        raise SceneError(f"{found.problem}; {found.advice}")
+    for overlap in overlaps(surfaces, moving, ContactDetection(surfaces, moving), body_names):
+        raise SceneError(f"{overlap.problem}; {overlap.advice}")
 
 
 def overlaps(
@@ -52,14 +52,14 @@ def overlaps(
     body_names: Sequence[str],
     body: int | None = None,
 ) -> Iterator[Overlap]:
-    """Bodies that overlap where the surfaces are now: points inside others, the deepest first, then crossed surfaces.
+    """Find bodies that overlap: points inside other bodies, the deepest first, then crossed surfaces.
 
     Args:
         surfaces: all surfaces.
-        moving: where they are.
-        detection: finds contacts of these surfaces.
+        moving: their current positions.
+        detection: contact detection of these surfaces.
         body_names: names by body number.
-        body: number of the one whose overlaps are of interest; None for all.
+        body: number of a body to check against all others; None: check all bodies.
     """
     yield from _points_inside(surfaces, moving, detection, body_names, body)
     yield from _crossed_surfaces(surfaces, moving, body_names, body)
@@ -77,14 +77,14 @@ def _points_inside(
     largest = float(np.linalg.norm(extents, axis=1).max())
     reach = np.zeros((len(body_names), len(body_names)))
     if body is not None:
-        reach -= 1.0  # leaves a pair out
+        reach -= 1.0  # skips a pair
         reach[body] = reach[:, body] = 0.0
     pairs = detection.find(reach, depth=largest).trimmed()
-    told = set()
+    reported = set()
     for pair in np.argsort(pairs.distance, kind="stable")[: np.count_nonzero(pairs.distance < 0.0)].tolist():
         first, second = sorted(pairs.bodies[pair].tolist())
-        if (first, second) not in told:
-            told.add((first, second))
+        if (first, second) not in reported:
+            reported.add((first, second))
             how = f"by {-pairs.distance[pair]:.3g} mm at {np.round(pairs.points[pair, 0], 2).tolist()} mm"
             yield _overlap(first, second, body_names, f" {how}")
 
@@ -92,7 +92,7 @@ def _points_inside(
 def _crossed_surfaces(
     surfaces: ContactSurfaces, moving: MovingSurfaces, body_names: Sequence[str], body: int | None
 ) -> Iterator[Overlap]:
-    """Crossed bars overlap although no vertex of one is inside the other: their edges go through triangles."""
+    """Find surfaces with an edge through a triangle of the other, such as crossed bars without vertices inside."""
     topology, position = surfaces.topology, moving.moved.position
     if not len(topology.triangles):
         return
@@ -122,7 +122,7 @@ def _crossed_surfaces(
             place = _first_crossing(shrunk[edges[second]], shifted[triangles[first]])
         if place is not None:
             yield _crossing(place, topology.body[first], topology.body[second], body_names)
-    # A round shape whose ends lie outside goes through a surface with its axis, or meets an edge or vertex of it.
+    # The axis of a round shape with both ends outside goes through a surface, or meets an edge or vertex of it.
     half = shapes.half_length[:, None] * there.axis
     axes = np.stack([there.centre - half, there.centre + half], axis=1)
     for shape, surface in with_shapes:
@@ -137,19 +137,19 @@ def _crossing(place: np.ndarray, first: int, second: int, body_names: Sequence[s
 
 
 def _overlap(first: int, second: int, body_names: Sequence[str], how: str) -> Overlap:
-    what, advice = _named(body_names[first], body_names[second])
+    what, advice = _describe_pair(body_names[first], body_names[second])
     return Overlap((int(first), int(second)), f"{what} overlap at the start{how}", advice)
 
 
-def _named(first: str, second: str) -> tuple[str, str]:
-    """What overlaps, and what to do about it."""
+def _describe_pair(first: str, second: str) -> tuple[str, str]:
+    """Subject and advice of the message."""
     if first == second:
         return f"collision surfaces of '{first}'", "give them a group in common, or move one of them away"
     return f"bodies '{first}' and '{second}'", "move one of them away"
 
 
 def _vertex_normals(triangles: np.ndarray, position: np.ndarray) -> np.ndarray:
-    """Mean of the normals of the triangles at each vertex, of length one, shape (vertex_count, 3)."""
+    """Unit vector of the mean triangle normal at each vertex, shape (vertex_count, 3)."""
     a, b, c = np.moveaxis(position[triangles], 1, 0)
     area_vector = np.cross(b - a, c - a)
     face_normal = area_vector / _lengths(area_vector)
@@ -160,13 +160,13 @@ def _vertex_normals(triangles: np.ndarray, position: np.ndarray) -> np.ndarray:
 
 
 def _lengths(vectors: np.ndarray) -> np.ndarray:
-    """Lengths of vectors to divide by, shape (count, 1): 1 for those of no length."""
+    """Lengths of vectors as divisors, shape (count, 1): 1 for vectors of length 0."""
     lengths = np.linalg.norm(vectors, axis=1, keepdims=True)
     return np.where(lengths > 0.0, lengths, 1.0)
 
 
 def _first_crossing(edges: np.ndarray, triangles: np.ndarray) -> np.ndarray | None:
-    """Find a point where an edge goes through a triangle [mm], shape (3,); None where no edge does.
+    """Find a point where an edge goes through a triangle [mm], shape (3,), or None.
 
     Args:
         edges: ends [mm], shape (edge_count, 2, 3).

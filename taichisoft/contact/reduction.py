@@ -1,10 +1,10 @@
-"""Which contacts of the last step go on, and which others take part first: few and well-spread ones."""
+"""Choice of few and well-spread contacts: those that continue from the last step, and the worst of the others."""
 
 import numpy as np
 
+from taichisoft.contact.contact_table import ContactTable
 from taichisoft.contact.kernels import contact_reduction as kernels
-from taichisoft.contact.kernels.contact_reduction import ADDED, BEFORE, Choice, LastContacts
-from taichisoft.contact.kernels.contacts import Contacts
+from taichisoft.contact.kernels.contact_reduction import ADDED, LastContacts
 from taichisoft.state import State
 
 SHARE_OF_BODY = 0.2
@@ -12,35 +12,20 @@ FIRST_CAPACITY = 256
 
 
 class ContactReduction:
-    """Chooses contacts; the work space of one simulation.
-
-    Attributes:
-        choice: which contacts take part, in arrays with room for more.
-        impulse: of each contact in the last step, 0 where it is new [mN s], shape (capacity, 3).
-    """
+    """Chooses the contacts of a table that take part; holds the work space of one simulation."""
 
     def __init__(self, body_size: np.ndarray, spacing: float, contact_distance: float):
-        """Prepare for bodies of these sizes.
+        """Allocate the work space.
 
         Args:
-            body_size: smallest extent of each body [mm], infinite for those that do not count, shape (body_count,).
-            spacing: distance within which only one contact is added at a time [mm]. It is at most a share of the
+            body_size: smallest extent of each body [mm], infinite for bodies without a size, shape (body_count,).
+            spacing: distance within which only one contact is added at a time [mm], limited to a fraction of the
                 smaller body, which would tip over a missing contact.
             contact_distance: distance that surfaces are kept apart [mm].
         """
         self._radius = max(spacing, contact_distance)
         self._spacing = np.minimum(spacing, SHARE_OF_BODY * np.minimum(body_size[:, None], body_size))
-        self._make_room(0)
         self._make_room_for_last(FIRST_CAPACITY)
-
-    def _make_room(self, capacity: int) -> None:
-        self.choice = Choice(
-            status=np.zeros(capacity, dtype=np.int32),
-            wanted=np.zeros(capacity, dtype=np.int32),
-            gap=np.zeros(capacity),
-            count=np.zeros(2, dtype=np.int32),
-        )
-        self.impulse = np.zeros((capacity, 3))
 
     def _make_room_for_last(self, capacity: int) -> None:
         self._last = LastContacts(
@@ -51,38 +36,30 @@ class ContactReduction:
             impulse=np.zeros((capacity, 3)),
         )
 
-    @property
-    def taking_part(self) -> np.ndarray:
-        """Whether each contact does, shape (contact_count,)."""
-        taking_part: np.ndarray = self.choice.status[: self._contacts.count[0]] >= BEFORE
-        return taking_part
-
-    def begin(self, contacts: Contacts, state: State) -> None:
-        """Let those contacts take part that pushed in the step that led to `state`; the others not yet."""
-        self._contacts = contacts
-        if len(contacts.distance) > len(self.impulse):
-            self._make_room(len(contacts.distance))
+    def begin(self, table: ContactTable, state: State) -> None:
+        """Choose only the contacts that pushed in the step that led to `state`, with their impulses."""
         self._remember(state)
-        kernels.continue_contacts(contacts, self._last, self._radius, self.choice, self.impulse)
+        kernels.continue_contacts(table.found, self._last, self._radius, table.choice, table.impulse)
 
-    def add(self, wanted: np.ndarray, gap: np.ndarray, beside: bool) -> bool:
-        """Let the worst of the wanted contacts take part, one of each neighbourhood; was there any?
+    def add(self, table: ContactTable, wanted: np.ndarray, gap: np.ndarray, beside: bool) -> bool:
+        """Add the worst wanted contact of each neighbourhood; returns whether any was added.
 
         Args:
-            wanted: whether each contact is, shape (contact_count,).
-            gap: at the end of the step [mm]: the least is the worst, shape (contact_count,).
-            beside: whether also those in the neighbourhood of one that takes part already.
+            table: all contacts.
+            wanted: whether each contact should take part, shape (contact_count,).
+            gap: gap at the end of the step [mm]; the smallest is the worst, shape (contact_count,).
+            beside: whether a contact may be added in the neighbourhood of one that takes part already.
         """
-        self.choice.wanted[: len(wanted)], self.choice.gap[: len(gap)] = wanted, gap
-        return self.add_wanted(beside)
+        table.choice.wanted[: len(wanted)], table.choice.gap[: len(gap)] = wanted, gap
+        return self.add_wanted(table, beside)
 
-    def add_wanted(self, beside: bool) -> bool:
-        """As `add`, for what `choice` says is wanted."""
-        kernels.choose_worst(self._contacts, self._spacing, 0 if beside else 1, self.choice)
-        return bool(self.choice.count[ADDED])
+    def add_wanted(self, table: ContactTable, beside: bool) -> bool:
+        """Call `add` for the contacts marked as wanted in the table."""
+        kernels.choose_worst(table.found, self._spacing, 0 if beside else 1, table.choice)
+        return bool(table.choice.count[ADDED])
 
     def _remember(self, state: State) -> None:
-        """Copy the contacts of the last step into arrays that stay in place."""
+        """Copy the contacts of the last step into reused arrays."""
         count = len(state.contact_impulse)
         if count > len(self._last.point):
             self._make_room_for_last(2 * count)

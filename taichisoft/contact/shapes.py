@@ -1,33 +1,33 @@
-"""The round shapes that can touch, of all bodies in one set of arrays."""
+"""The round shapes of all bodies in one set of arrays."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.bodies.rigid_body import Obstacle, RigidBody
-from taichisoft.bodies.shapes import RoundShape
+from taichisoft.bodies.closed_form_shapes import RoundShape
+from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
 from taichisoft.contact.kernels.round_shapes import SURFACE_PAIR_COLUMNS, MovedShapes, Shapes
 from taichisoft.contact.kernels.shape_distance import FACING
 from taichisoft.runtime.taichi_start import STATIC
 from taichisoft.state import State
 
-# A load leans to one side when it goes through an end farther from the axis than this share of the radius.
+# A load leans to one side if it goes through an end farther from the axis than this fraction of the radius.
 CLEAR_LEAN = 0.5
 
 
 @dataclass(frozen=True)
 class RoundPart:
-    """One shape before it is put together with the others.
+    """One shape before it is joined with the others.
 
     Attributes:
         body: number of its body.
-        owner: rigid body that carries it, or STATIC.
-        shape: what it is.
-        centre, turn: where it is: in the axes of its rigid body, from the centre of mass, or in the world, shapes (3,)
-            [mm] and (3, 3).
-        groups: parts that have one in common do not touch each other.
-        collides: whether it touches any other.
+        owner: number of the rigid body that carries the shape, or STATIC.
+        shape: kind and dimensions.
+        centre, turn: position and rotation, on a rigid body in body axes from the centre of mass, else in the world,
+            shapes (3,) [mm] and (3, 3).
+        groups: parts with a common group do not touch each other.
+        collides: False: touches no other part.
     """
 
     body: int
@@ -40,7 +40,7 @@ class RoundPart:
 
 
 def round_parts(first_body: int, rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]) -> list[RoundPart]:
-    """The rigid bodies and obstacles that have a round shape; `first_body` is the number of the first of them all."""
+    """Round shapes of the rigid bodies and obstacles; `first_body` is the number of the first rigid body."""
     parts = []
     for index, body in enumerate(rigid):
         if body.shape is not None:
@@ -60,7 +60,7 @@ def round_parts(first_body: int, rigid: Sequence[RigidBody], obstacles: Sequence
 def join_shapes(
     parts: Sequence[RoundPart], surface_pairs: Sequence[tuple[int, int, bool]], shape_pairs: Sequence[tuple[int, int]]
 ) -> Shapes:
-    """Shapes in one set of arrays.
+    """Join shapes in one set of arrays.
 
     Args:
         parts: the shapes.
@@ -85,16 +85,16 @@ def join_shapes(
 
 
 def moved_shapes(shapes: Shapes) -> MovedShapes:
-    """Arrays for where the shapes are: those of obstacles in their places, others as if their bodies had not moved."""
+    """Arrays of current positions: shapes of obstacles in place, other shapes in body axes."""
     lean = np.repeat(shapes.local_side[:, None], 2, axis=1)
     return MovedShapes(shapes.local_centre.copy(), shapes.local_axis.copy(), shapes.local_side.copy(), lean)
 
 
 def update_lean(shapes: Shapes, there: MovedShapes, state: State) -> None:
-    """Let the rims of cylinders be divided from where the load went through in the step that led to `state`.
+    """Align the division of cylinder rims with the load in the step that led to `state`.
 
-    On the edge of tipping it goes through one point of the rim, which must then be a contact. A load near the middle
-    has no direction: there the division is fixed on the cylinder.
+    On the edge of tipping the load goes through one point of the rim, which must then be a contact. A load near the
+    middle has no clear direction: then the division is fixed on the cylinder.
     """
     pressing = np.abs((state.contact_impulse * state.contact_normal).sum(axis=1))
     for shape in np.flatnonzero(shapes.flat).tolist():
@@ -112,6 +112,6 @@ def update_lean(shapes: Shapes, there: MovedShapes, state: State) -> None:
 
 
 def boxes(shapes: Shapes, there: MovedShapes) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corners [mm] of boxes around the shapes, each (shape_count, 3)."""
+    """Lower and upper corners of the bounding boxes of shapes [mm], each (shape_count, 3)."""
     extent = shapes.half_length[:, None] * np.abs(there.axis) + shapes.radius[:, None]
     return there.centre - extent, there.centre + extent

@@ -1,4 +1,4 @@
-"""The triangulated surfaces that contact takes as curved."""
+"""The triangulated surfaces that contact treats as curved."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ def find_smooth(
     vertex_range: np.ndarray,
     triangle_range: np.ndarray,
 ) -> SmoothSurfaces:
-    """Normals of the surfaces that are `smooth`, and what these can touch; see ContactSurfaces for the ranges."""
+    """Vertex normals and contact pairs of the `smooth` surfaces; see `ContactSurfaces` for the ranges."""
     normal = np.zeros_like(carriers.local)
     is_smooth = np.zeros(len(normal), dtype=np.int32)
     numbers = [surface for surface, curved in enumerate(smooth) if curved]

@@ -1,12 +1,12 @@
-"""The surfaces that can touch, of all bodies in one set of arrays, with the neighbourhoods of their features."""
+"""The contact surfaces of all bodies in one set of arrays, with the adjacency of their features."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.bodies.rigid_body import Obstacle, RigidBody
-from taichisoft.bodies.soft_body import SoftBody
+from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
+from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.contact import bounding_volumes
 from taichisoft.contact.features import find_features, find_round_vertices
 from taichisoft.contact.kernels.round_shapes import SHAPE, SURFACE, Shapes
@@ -16,26 +16,26 @@ from taichisoft.contact.smooth import find_smooth
 from taichisoft.meshes.surface import stacked
 from taichisoft.runtime.taichi_start import SOFT, STATIC
 
-# A ball with ten thousand vertices that rolls sinks by the tolerance at each vertex that it passes, and gains the
-# energy: 2 % in a second with 1e-4 mm, 0.4 % with 1e-5 mm. Where soft faces lie on each other, contacts for less than
-# 1e-4 mm are so many and alike that the solver takes thousands of sweeps.
+# A rolling ball with ten thousand vertices sinks by the tolerance at each vertex that it passes, and gains the energy:
+# 2 % in a second with 1e-4 mm, 0.4 % with 1e-5 mm. Soft faces that lie on each other have so many similar contacts
+# within less than 1e-4 mm that the solver takes thousands of sweeps.
 RIGID_GAP_TOLERANCE, SOFT_GAP_TOLERANCE = 1e-5, 1e-4  # [mm]
 
 
 @dataclass(frozen=True)
 class _Part:
-    """One surface before it is put together with the others.
+    """One surface before it is joined with the others.
 
     Attributes:
         body: number of its body.
-        owner: rigid body that carries it, or SOFT, or STATIC.
+        owner: number of the rigid body that carries the surface, or SOFT, or STATIC.
         vertices: positions at rest [mm], shape (vertex_count, 3).
         triangles: vertex indices, shape (triangle_count, 3).
-        nodes, weights: soft nodes that carry each vertex, shape (vertex_count, nodes_per_vertex).
-        groups: parts that have one in common do not touch each other.
-        collides: whether it touches any other.
-        touches_itself: whether parts of it touch each other.
-        smooth: whether it stands for a curved surface.
+        nodes, weights: soft nodes that carry each vertex and their weights, shape (vertex_count, nodes_per_vertex).
+        groups: parts with a common group do not touch each other.
+        collides: False: touches no other part.
+        touches_itself: whether the surface has contacts with itself.
+        smooth: whether the triangles represent a curved surface.
     """
 
     body: int
@@ -51,29 +51,29 @@ class _Part:
 
 
 class ContactSurfaces:
-    """Vertices, edges and triangles of every body's surface, round shapes, and planes; nothing of it changes.
+    """Vertices, edges and triangles of every body's surface, round shapes and planes; constant during a run.
 
     Attributes:
-        topology: triangles, edges and vertices, and which lie around each other.
-        carriers: what the vertices follow.
+        topology: triangles, edges and vertices, with their adjacency.
+        carriers: the bodies and nodes that carry the vertices.
         planes: the half-spaces.
-        shapes: the round shapes, whose bodies have no surface here.
-        smooth: the surfaces that stand for curved ones.
+        shapes: the round shapes; their bodies have no triangulated surface.
+        smooth: the surfaces treated as curved.
         trees: trees over the triangles.
-        touching_itself: surfaces whose parts touch each other, shape (count,).
-        vertex_range, triangle_range, edge_range: where each surface's features stand, shape (surface_count, 2).
-        vertex_is_feature, edge_is_feature: whether it may touch other surfaces (flat ones of rigid bodies do not).
-        vertex_is_round: 1 for a vertex that stands for a round surface, else 0.
-        body_size: smallest extent of each body that can move at the start [mm], infinite for others, by body number.
+        touching_itself: numbers of the surfaces with self-contact, shape (count,).
+        vertex_range, triangle_range, edge_range: first and last + 1 of each surface's features, (surface_count, 2).
+        vertex_is_feature, edge_is_feature: whether it may touch other surfaces, see `find_features`.
+        vertex_is_round: 1 for a vertex that represents a round surface, else 0.
+        body_size: smallest initial extent of each body that can move [mm], infinite for others, shape (body_count,).
         may_touch: whether two bodies can touch, shape (body_count, body_count).
-        may_pass_through: whether one could be beyond the other after a step; nothing is beyond a plane.
-        gap_tolerance: by how much less than the contact distance two bodies may be apart without being overlapped, and
-            what a contact may be left out for [mm], shape (body_count, body_count).
-        node_count, rigid_count: numbers of soft nodes and of rigid bodies that carry the vertices.
+        may_pass_through: whether one body could be beyond the other after a step; nothing is beyond a plane.
+        gap_tolerance: tolerated intrusion of two bodies into the contact distance, up to which a contact may be left
+            out [mm], shape (body_count, body_count).
+        node_count, rigid_count: numbers of soft nodes and of rigid bodies.
     """
 
     def __init__(self, soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]):
-        """Put the surfaces together; bodies are numbered in this order."""
+        """Join the surfaces; bodies are numbered in the order of the arguments."""
         parts, rounds = _parts(soft, rigid, obstacles), round_parts(len(soft), rigid, obstacles)
         self.shapes = _join_shapes(rounds, parts)
         self.node_count, self.rigid_count = sum(body.nodes.stop - body.nodes.start for body in soft), len(rigid)
@@ -128,11 +128,11 @@ class ContactSurfaces:
 
     @property
     def count(self) -> int:
-        """Number of surfaces, planes not counted."""
+        """Number of surfaces, without planes."""
         return len(self.topology.body)
 
     def _body_pairs(self) -> np.ndarray:
-        """Numbers of two bodies whose surfaces or shapes can touch, planes not counted, shape (count, 2)."""
+        """Numbers of two bodies with surfaces or shapes that can touch, without planes, shape (count, 2)."""
         surface, shape = self.topology.body, self.shapes.body
         shape_of, surface_of = self.shapes.surface_pairs[:, SHAPE], self.shapes.surface_pairs[:, SURFACE]
         pairs = [
@@ -146,11 +146,11 @@ class ContactSurfaces:
 def _parts(soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]) -> list[_Part]:
     parts: list[_Part] = []
     for number, body in enumerate(soft):
-        for one in body.collision_surfaces:
-            surface, vertices = one.surface, one.surface.positions(body.rest_position)
+        for collision in body.collision_surfaces:
+            surface, vertices = collision.surface, collision.surface.positions(body.rest_position)
             nodes = surface.nodes + body.nodes.start
             collides, itself = body.settings.collides, body.settings.collides and body.settings.self_contact
-            carried = nodes, surface.weights, one.groups, collides
+            carried = nodes, surface.weights, collision.groups, collides
             part = _Part(number, SOFT, vertices, surface.triangles, *carried, touches_itself=itself)
             parts.append(part)
     others: list[RigidBody | Obstacle] = [*rigid, *obstacles]
@@ -211,9 +211,9 @@ def _join(parts: Sequence[_Part]) -> Surfaces:
 def _join_shapes(rounds: Sequence[RoundPart], parts: Sequence[_Part]) -> Shapes:
     surface_pairs = [
         (number, surface, part.owner == SOFT)
-        for number, one in enumerate(rounds)
+        for number, shape in enumerate(rounds)
         for surface, part in enumerate(parts)
-        if _may_touch(one, part) and (_moves(one) or _moves(part))
+        if _may_touch(shape, part) and (_moves(shape) or _moves(part))
     ]
     shape_pairs = [
         (first, second)
@@ -233,7 +233,7 @@ def _may_touch(one: _Part | RoundPart, other: _Part | RoundPart) -> bool:
 
 
 def _find_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Edges, the edge opposite to each triangle's corner, and the triangles at each edge."""
+    """Find the edges, the edge opposite to each triangle's corner, and the triangles at each edge."""
     opposite = triangles[:, [[1, 2], [2, 0], [0, 1]]].reshape(-1, 2)
     edges, of_corner = np.unique(np.sort(opposite, axis=1), axis=0, return_inverse=True)
     of_corner = of_corner.reshape(-1)
@@ -247,7 +247,7 @@ def _find_edges(triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def _incidence(table: np.ndarray, vertex_count: int) -> tuple[np.ndarray, np.ndarray]:
-    """For each vertex the flat positions in `table` where it stands: start of each list, and the lists."""
+    """Flat indices into `table` at which each vertex occurs: start of each vertex's list, and the lists."""
     by_vertex = np.argsort(table.reshape(-1), kind="stable")
     start = np.searchsorted(table.reshape(-1)[by_vertex], np.arange(vertex_count + 1))
     return start.astype(np.int32), by_vertex.astype(np.int32)

@@ -42,7 +42,7 @@ class Controller(ABC):
     Attributes:
         interactive: whether a person steers: such a run keeps to real time and goes on until somebody ends it, unless
             the user says otherwise.
-        bindings: effect of each key that the controller heeds, by key, for the help that `?` shows.
+        bindings: effect of each key that the controller uses, by key, for the help that `?` shows.
         sliders: numbers that a person may set, by name, for displays that can show sliders; one that was moved comes
             to `key` as a `KeyEvent` with that name and its `value`.
         status: text about the controller for displays, such as which finger is selected.
@@ -54,7 +54,7 @@ class Controller(ABC):
     status: str = ""
 
     def reset(self, model: "Model") -> None:
-        """Prepare for a run: called before the first step, and again when a user starts the run anew."""
+        """Prepare for a run: called before the first step, and again when a user starts the run again."""
 
     def key(self, event: KeyEvent) -> None:
         """Heed a key that the run does not use itself; called before `control`."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from taichisoft.bodies.rotations import rotation_from_vector
-from taichisoft.bodies.soft_body import SoftBody
+from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.control.kernels.tip_motion import observe_tips
 from taichisoft.errors import SceneError
 from taichisoft.state import State

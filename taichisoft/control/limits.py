@@ -4,46 +4,47 @@ import math
 
 import numpy as np
 
+from taichisoft.actuators.kind import Drive
+from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.bodies.rotations import turn_towards
 from taichisoft.model import Model
 from taichisoft.scenes.scene import Limits
 from taichisoft.state import State
 
 
-def limit_cavities(model: Model, state: State, volume_imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
-    """Pressures [kPa] and growths [mm^3] within the cavities' own ranges, pressures not too far from the last ones."""
-    limits, cavities = model.scene.limits, model.cavities
-    lowest = -math.inf if limits.lowest_pressure is None else limits.lowest_pressure
-    highest = math.inf if limits.highest_pressure is None else limits.highest_pressure
-    furthest = math.inf if limits.pressure_rate is None else limits.pressure_rate * model.scene.time.step
-    target = []
-    # Python's own numbers: numpy takes longer to look at arrays of so few.
-    for cavity, (value, by_volume) in enumerate(zip(request.tolist(), volume_imposed.tolist(), strict=True)):
-        low, high = (cavities.growth_range if by_volume else cavities.pressure_range)[cavity].tolist()
-        allowed = min(max(value, low), high)
-        if not by_volume:
-            # A cavity that was driven by its volume goes on from the pressure which that took.
-            of_last = state.cavity_pressure if state.cavity_volume_imposed[cavity] else state.cavity_target
-            last = float(of_last[cavity])
-            allowed = min(max(allowed, lowest), highest)
-            allowed = min(max(allowed, last - furthest), last + furthest)
-        target.append(allowed)
-    return np.array(target)
+def limit_actuators(model: Model, state: State, imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
+    """Targets of all actuators within their own ranges and the scene's, and not too far from the last ones.
+
+    Args:
+        model, state: the model, and its state before what is asked for now.
+        imposed: whether each actuator is asked for its coordinate, else for its effort, shape (actuator_count,).
+        request: efforts [kPa] or [mN] and coordinates [mm^3] or [mm] that are asked for, shape (actuator_count,).
+    """
+    actuators, targets = model.actuators, []
+    ranges = actuators.effort_range, actuators.coordinate_range
+    for kind in ACTUATOR_KINDS:
+        place = actuators.place(kind)
+        reaches = [_reach(model, drive) for drive in (kind.effort, kind.coordinate)]
+        # Python's own numbers: numpy takes longer to look at arrays of so few.
+        for number in range(place.start, place.stop):
+            by_coordinate = bool(imposed[number])
+            low, high = ranges[by_coordinate][number].tolist()
+            lowest, highest, furthest = reaches[by_coordinate]
+            last = state.actuator_target[number]
+            if by_coordinate != state.actuator_imposed[number]:  # it goes on from where the other way has led
+                last = (actuators.own_coordinates(state) if by_coordinate else state.actuator_effort)[number]
+            allowed = min(max(min(max(float(request[number]), low), high), lowest), highest)
+            targets.append(min(max(allowed, float(last) - furthest), float(last) + furthest))
+    return np.array(targets, dtype=np.float64)
 
 
-def limit_cables(model: Model, state: State, pull_imposed: np.ndarray, request: np.ndarray) -> np.ndarray:
-    """Tensions [mN] and pulls [mm] within the cables' own ranges and not too far from the last ones."""
-    limits, time_step, cables = model.scene.limits, model.scene.time.step, model.cables
-    lowest, highest = np.where(pull_imposed, cables.pull_range.T, cables.tension_range.T)
-    allowed = np.clip(request, lowest, highest)
-    tension_rate = math.inf if limits.tension_rate is None else limits.tension_rate
-    pull_speed = math.inf if limits.pull_speed is None else limits.pull_speed
-    # A cable that was driven in the other way goes on from where that has led.
-    pulls = cables.pulls(state.cable_length, state.cable_tension, state.cable_tension_loss)
-    last = np.where(pull_imposed, pulls, state.cable_tension)
-    last = np.where(pull_imposed == state.cable_pull_imposed, state.cable_target, last)
-    furthest = np.where(pull_imposed, pull_speed, tension_rate) * time_step
-    return np.clip(allowed, last - furthest, last + furthest)
+def _reach(model: Model, drive: Drive) -> tuple[float, float, float]:
+    """Lowest and highest value in the scene's limits, and its largest change in a step."""
+    limits = model.scene.limits
+    low, high = getattr(limits, f"lowest_{drive.name}", None), getattr(limits, f"highest_{drive.name}", None)
+    rate = getattr(limits, drive.rate) if drive.rate else None
+    furthest = math.inf if rate is None else rate * model.scene.time.step
+    return -math.inf if low is None else low, math.inf if high is None else high, furthest
 
 
 def limit_base(limits: Limits, time_step: float, state: State, request: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -61,16 +62,10 @@ def limit_base(limits: Limits, time_step: float, state: State, request: np.ndarr
 
 
 def clipped(model: Model, state: State) -> tuple[str, ...]:
-    """What of the last request was held back: names of cavities and cables, "base_translation", "base_rotation"."""
-    names = [
-        name
-        for actuators, requests, targets in (
-            (model.cavities.names, state.cavity_request, state.cavity_target),
-            (model.cables.names, state.cable_request, state.cable_target),
-        )
-        for name, request, target in zip(actuators, requests.tolist(), targets.tolist(), strict=True)
-        if request != target
-    ]
+    """What of the last request was held back: names of actuators, "base_translation", "base_rotation"."""
+    requests, targets = state.actuator_request.tolist(), state.actuator_target.tolist()
+    held_back = zip(model.actuators.names, requests, targets, strict=True)
+    names = [name for name, request, target in held_back if request != target]
     if (state.base_request[0] != state.base_translation).any():
         names.append("base_translation")
     if (state.base_request[1] != state.base_rotation).any():

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.bodies.cavities import CavityVolumes
+from taichisoft.actuators.kind import Measured
+from taichisoft.actuators.kinds import ACTUATOR_KINDS
+from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.fingertips import Fingertips
 from taichisoft.control.limits import clipped
@@ -43,7 +45,7 @@ class Observer:
             SceneError: a tip cannot show a rotation.
         """
         self._model = model
-        self._volumes = CavityVolumes(model.cavities, model.node_count)
+        self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._fingertips = Fingertips(model.soft_bodies)
         self._object_names = tuple(body.name for body in model.rigid_bodies)
         self._working = Lock()
@@ -58,19 +60,12 @@ class Observer:
 
     def _work_out(self, state: State) -> Observation:
         model, tips, contacts = self._model, self._fingertips, summarise_contacts(self._model, state)
-        cavities, cables = model.cavities, model.cables
-        pulls = cables.pulls(state.cable_length, state.cable_tension, state.cable_tension_loss)
         tip_positions, tip_velocities, bending_angles = tips.observe(state)
         return Observation(
             time=state.time,
             step=state.step,
             control_period=model.control_period,
-            pressures=_numbers(cavities.names, state.cavity_pressure),
-            volumes=_numbers(cavities.names, state.cavity_volume),
-            flows=_numbers(cavities.names, self._volumes.flows(state.position, state.velocity)),
-            cable_tensions=_numbers(cables.names, state.cable_tension),
-            cable_lengths=_numbers(cables.names, state.cable_length),
-            cable_pulls=_numbers(cables.names, pulls),
+            **self._actuators(state),
             tip_positions=_by_name(tips.names, tip_positions),
             tip_velocities=_by_name(tips.names, tip_velocities),
             bending_angles=_numbers(tips.names, bending_angles),
@@ -89,6 +84,32 @@ class Observer:
             clipped=clipped(model, state),
             state=state,
         )
+
+    def _actuators(self, state: State) -> dict[str, Any]:
+        """The fields of an observation that say how actuators are."""
+        actuators = self._model.actuators
+        coordinates, found = actuators.own_coordinates(state), {}
+        for kind in ACTUATOR_KINDS:
+            names = actuators.names_of(kind)
+            figures: list[tuple[Measured, np.ndarray]] = [
+                (kind.effort, state.actuator_effort),
+                (kind.coordinate, coordinates),
+                (kind.value, state.actuator_value),
+            ]
+            if kind.rate is not None:
+                figures.append((kind.rate, self._rates(state) if names else coordinates))
+            for figure, values in figures:
+                if figure.observed:
+                    found[figure.observed] = _numbers(names, actuators.of(kind, values))
+        return found
+
+    def _rates(self, state: State) -> np.ndarray:
+        """Rates of all actuators' values [mm^3/s] or [mm/s], shape (actuator_count,)."""
+        model, actuators = self._model, self._model.actuators
+        self._geometry.update(state, model.placed_pull_points(state))
+        rigid_velocity = np.hstack([state.rigid_velocity, state.rigid_angular_velocity])
+        rates = self._geometry.rates(state.velocity, rigid_velocity)
+        return actuators.sign * rates[actuators.first_coordinate[:-1]]
 
 
 def _copied(seen: Observation) -> Observation:

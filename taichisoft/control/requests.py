@@ -7,12 +7,18 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.actuators.kind import ActuatorKind
+from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.bodies.rotations import compose_rotation_vectors
 from taichisoft.control.control import Control
-from taichisoft.control.limits import limit_base, limit_cables, limit_cavities
+from taichisoft.control.limits import limit_actuators, limit_base
 from taichisoft.errors import ControlError, nearest
 from taichisoft.model import Model
 from taichisoft.state import State
+
+DRIVES = tuple(drive.asked for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
+MAPPINGS = (*DRIVES, "pull_points", "anchor_positions", "young_modulus", "signals")
+"""Keys of a control that ask for actuators, and all that have dictionaries by name."""
 
 
 def apply_control(model: Model, state: State, control: Control) -> State:
@@ -20,29 +26,20 @@ def apply_control(model: Model, state: State, control: Control) -> State:
 
     Raises:
         ControlError: no `Control`, an unknown cavity, cable, soft body or material, something driven in two ways, a
-            value that is no finite number, or a Young's modulus that is not positive.
+            value that is not a finite number, or a Young's modulus that is not positive.
     """
     if not isinstance(control, Control):
         raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
-    for key in (
-        "pressure",
-        "volume_growth",
-        "cable_tension",
-        "cable_pull",
-        "pull_points",
-        "anchor_positions",
-        "young_modulus",
-        "signals",
-    ):
+    for key in MAPPINGS:
         given = getattr(control, key)
         if type(given) is not dict and not isinstance(given, Mapping):  # which takes several times as long to find out
             raise ControlError(f"control.{key}: must be a dictionary by name, not {type(given).__name__}")
     for name, value in control.signals.items():
         if not isinstance(value, Real) or isinstance(value, bool):
             raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
-    changes = _cavity_requests(model, state, control)
-    if model.cables.names or control.cable_tension or control.cable_pull or control.pull_points:
-        changes |= _cable_requests(model, state, control)
+    changes = _actuator_requests(model, state, control)
+    if control.pull_points:
+        changes["pull_point"] = _pull_point(model, state, control)
     if _base_moves(state, control):
         changes |= _base_requests(model, state, control)
     if control.anchor_positions:
@@ -92,63 +89,43 @@ def _base_requests(model: Model, state: State, control: Control) -> dict[str, np
     }
 
 
-def _cavity_requests(model: Model, state: State, control: Control) -> dict[str, Any]:
-    """What the cavities are asked for, and how much of it the limits allow."""
-    names, asked = model.cavities.names, {"pressure": control.pressure, "volume_growth": control.volume_growth}
-    imposed, request = _drive("cavity", names, asked, state.cavity_volume_imposed, state.cavity_request)
-    return {
-        "cavity_volume_imposed": imposed,
-        "cavity_request": request,
-        "cavity_target": limit_cavities(model, state, imposed, request),
-    }
-
-
-def _cable_requests(model: Model, state: State, control: Control) -> dict[str, Any]:
-    """What the cables are asked for, and how much of it the limits allow."""
-    names, asked = model.cables.names, {"cable_tension": control.cable_tension, "cable_pull": control.cable_pull}
-    imposed, request = _drive("cable", names, asked, state.cable_pull_imposed, state.cable_request)
-    changes = {
-        "cable_pull_imposed": imposed,
-        "cable_request": request,
-        "cable_target": limit_cables(model, state, imposed, request),
-    }
-    if control.pull_points:
-        changes["pull_point"] = pull_point = state.pull_point.copy()
-        for name, place in control.pull_points.items():
-            cable = _index(name, names, "cable", "pull_points")
-            if not model.cables.has_pull_point[cable]:
-                raise ControlError(f"control.pull_points['{name}']: this cable has none; give it one in the scene")
-            pull_point[cable] = _finite(place, f"control.pull_points['{name}']", (3,))
-    return changes
+def _actuator_requests(model: Model, state: State, control: Control) -> dict[str, Any]:
+    """What the actuators are asked for, and how much of it the limits allow."""
+    imposed, request = state.actuator_imposed, state.actuator_request
+    if any(getattr(control, key) for key in DRIVES):
+        imposed, request = imposed.copy(), request.copy()
+        for kind in ACTUATOR_KINDS:
+            place = model.actuators.place(kind)
+            _drive(kind, model.actuators.names_of(kind), control, imposed[place], request[place])
+    target = limit_actuators(model, state, imposed, request)
+    return {"actuator_imposed": imposed, "actuator_request": request, "actuator_target": target}
 
 
 def _drive(
-    kind: str,
-    names: tuple[str, ...],
-    asked: Mapping[str, Mapping[str, float]],
-    imposed: np.ndarray,
-    request: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
-    """Whether each actuator is driven by its coordinate, else by its effort, and the values asked for.
-
-    Args:
-        kind: "cavity" or "cable".
-        names: of all actuators of the kind.
-        asked: what the control asks for: efforts, then coordinates, each by the key of the control.
-        imposed, request: what was asked for so far.
-    """
-    (first, efforts), (second, coordinates) = asked.items()
+    kind: ActuatorKind, names: tuple[str, ...], control: Control, imposed: np.ndarray, request: np.ndarray
+) -> None:
+    """Fill in whether each actuator of a kind is driven by its coordinate, else by its effort, and the value."""
+    efforts, coordinates = (getattr(control, drive.asked) for drive in (kind.effort, kind.coordinate))
     both = sorted(efforts.keys() & coordinates.keys())
     if both:
-        words = " and a ".join(key.removeprefix("cable_").replace("_", " ") for key in (first, second))
-        raise ControlError(f"control: {kind} '{both[0]}' is given a {words}; give one of them")
-    imposed, request = imposed.copy(), request.copy()
-    for key, wishes, by_coordinate in ((first, efforts, False), (second, coordinates, True)):
+        words = f"{kind.effort.words} and a {kind.coordinate.words}"
+        raise ControlError(f"control: {kind.name} '{both[0]}' is given a {words}; give one of them")
+    for drive, wishes in ((kind.effort, efforts), (kind.coordinate, coordinates)):
         for name, value in wishes.items():
-            index = _index(name, names, kind, key)
-            imposed[index] = by_coordinate
-            request[index] = _finite(value, f"control.{key}['{name}']", ())
-    return imposed, request
+            index = _index(name, names, kind.name, drive.asked)
+            imposed[index] = drive is kind.coordinate
+            request[index] = _finite(value, f"control.{drive.asked}['{name}']", ())
+
+
+def _pull_point(model: Model, state: State, control: Control) -> np.ndarray:
+    """Places of all cables' pull points [mm], (cable_count, 3), with those that are asked for."""
+    pull_point, cables = state.pull_point.copy(), model.cables
+    for name, place in control.pull_points.items():
+        cable = _index(name, cables.names, "cable", "pull_points")
+        if not cables.has_pull_point[cable]:
+            raise ControlError(f"control.pull_points['{name}']: this cable has none; give it one in the scene")
+        pull_point[cable] = _finite(place, f"control.pull_points['{name}']", (3,))
+    return pull_point
 
 
 def _anchor_position(model: Model, state: State, control: Control) -> np.ndarray:

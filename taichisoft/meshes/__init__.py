@@ -1,1 +1,5 @@
 """Files of meshes and surfaces, read and written."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

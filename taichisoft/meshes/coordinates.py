@@ -1,11 +1,11 @@
-"""Coordinates that can be computed with: finite, and not so large that products of lengths have no number."""
+"""Limits of coordinates: finite, and not so large that products of lengths overflow."""
 
 import numpy as np
 
 from taichisoft.errors import MeshError
 
 LARGEST = 1e9
-"""Largest coordinate [mm], a thousand kilometres: beyond 1e38 mm the quality of an element has no number any more."""
+"""Largest coordinate [mm], a thousand kilometres: beyond 1e38 mm the quality of an element overflows."""
 
 
 def refuse_coordinates(points: np.ndarray, source: object, what: str) -> None:

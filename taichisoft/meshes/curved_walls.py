@@ -1,4 +1,4 @@
-"""The walls of cavities in ten-node tetrahedra: triangles of six nodes, whose sides bend with the elements."""
+"""The walls of cavities in ten-node tetrahedra: triangles of six nodes, whose curved sides follow the elements."""
 
 from collections.abc import Sequence
 
@@ -37,7 +37,7 @@ HALF_SIDE = np.array([3 / 8, 3 / 4, -1 / 8])
 
 
 def curved_walls(triangles: np.ndarray, elements: np.ndarray) -> MappedSurface:
-    """A closed surface that follows the bent sides of ten-node tetrahedra, and is as closed.
+    """A closed surface that follows the curved sides of ten-node tetrahedra; closed where `triangles` are.
 
     Four triangles that are a side of a tetrahedron, or look like one, become the six-node triangle that they stand for.
     Another one, as in a lid that a mesh has over a hole, becomes a six-node triangle of its own: a side of it that is
@@ -73,7 +73,7 @@ def enclosed_volume_of_walls(vertices: np.ndarray, triangles: np.ndarray) -> flo
 
 
 def _corners(middles: tuple[int, ...], ends: dict[int, list[int]]) -> tuple[int, ...] | None:
-    """The corners 0, 1, 2 of a triangle with these nodes in the middles of its sides 01, 12, 20, if they are such."""
+    """The corners 0, 1, 2 of a triangle whose sides 01, 12, 20 have these middle nodes, or None."""
     sides = [set(ends.get(node, ())) for node in middles]
     shared = [sides[k - 1] & sides[k] for k in range(3)]
     if any(len(one) != 1 for one in shared):

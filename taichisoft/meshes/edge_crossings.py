@@ -100,7 +100,7 @@ def _inside(points: np.ndarray, triangles: np.ndarray, normals: np.ndarray) -> n
 
 
 def _near_each_other(lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
-    """Order boxes so that those of similar size stand together, and among them those that are near each other."""
+    """Order boxes so that boxes of similar size stand together, and among these boxes that are near each other."""
     sizes = (upper - lower).max(axis=1)
     octave = np.frexp(sizes / (sizes.max() or 1.0))[1]  # also defined for edges of no length
     centres = (lower + upper) / 2

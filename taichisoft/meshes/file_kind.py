@@ -8,10 +8,10 @@ from taichisoft.input_file import is_file
 
 
 def require_suffix(path: str | Path, what: str, suffixes: Sequence[str]) -> Path:
-    """The path, when its suffix is one of those.
+    """The path, if its suffix is one of `suffixes`.
 
     Raises:
-        MeshError: it is not; the message says what kind of file is meant and lists them.
+        MeshError: the suffix is another one; the message names the kind of file and the valid suffixes.
     """
     path = Path(path)
     if path.suffix.lower() not in suffixes:
@@ -20,10 +20,10 @@ def require_suffix(path: str | Path, what: str, suffixes: Sequence[str]) -> Path
 
 
 def existing_file(path: str | Path, what: str, suffixes: Sequence[str]) -> Path:
-    """The path, when a file of one of those suffixes is there, and something is in it.
+    """The path, if a file with one of `suffixes` exists and is not empty.
 
     Raises:
-        MeshError: it is not; the message says what kind of file is meant.
+        MeshError: the file does not exist, is empty or has another suffix; the message names the kind of file.
     """
     path = require_suffix(path, what, suffixes)
     if not is_file(path):
@@ -34,7 +34,7 @@ def existing_file(path: str | Path, what: str, suffixes: Sequence[str]) -> Path:
 
 
 def unreadable(path: Path, error: BaseException) -> MeshError:
-    """One line about what a parser stumbled over."""
+    """One line about the error of a parser."""
     why = " ".join(str(error).split()) or "broken, or another kind of file"
     if "gmsh:physical" in why:  # meshio's limit: MSH 4.0 with all elements saved, only some of them in a group
         why = "some elements are in no physical group; save it from gmsh without 'Save all elements', or as MSH 4.1"

@@ -18,7 +18,7 @@ def read_volume_mesh(path: str | Path) -> VolumeMesh:
 
     Nodes and tetrahedra keep the file's order, in MSH 4.1 that of their numbers, but ten nodes of a tetrahedron come in
     VTK's order; positions are in [mm]. Named groups of triangles (the physical groups of MSH, cell data called
-    "group:NAME" in VTK and VTU) become the mesh's surface groups, with four triangles for one of six nodes; those of
+    "group:NAME" in VTK and VTU) become the mesh's surface groups, with four triangles for one of six nodes; groups of
     tetrahedra become its element groups; the file's points, lines and other triangles are ignored. No tetrahedron is
     ever turned round, because the corotational frames depend on the order of its nodes: an inverted one is an error.
 
@@ -32,7 +32,7 @@ def read_volume_mesh(path: str | Path) -> VolumeMesh:
 
 
 def read_unchecked_mesh(path: str | Path) -> VolumeMesh:
-    """Read a mesh as `read_volume_mesh` does, but leave it to the caller to see whether it is fit to simulate.
+    """Read a mesh as `read_volume_mesh` does, without checking that it is fit to simulate.
 
     Raises:
         MeshError: the file is missing, unreadable or of another kind, or has other cells than tetrahedra.
@@ -40,7 +40,7 @@ def read_unchecked_mesh(path: str | Path) -> VolumeMesh:
     path = existing_file(path, "volume mesh", VOLUME_SUFFIXES)
     try:
         content = read_msh41(path) if path.suffix.lower() == ".msh" and is_msh41(path) else read_with_meshio(path)
-    # The parsers raise whatever a broken file makes them stumble over, up to SystemExit.
+    # For a broken file the parsers raise exceptions of any kind, up to SystemExit.
     except (Exception, SystemExit) as error:
         raise unreadable(path, error) from error
     return content.mesh(str(path))

@@ -20,7 +20,7 @@ def read_with_meshio(path: Path) -> MeshContent:
     """Read a file in its own order.
 
     Raises:
-        Exception: whatever meshio's parsers stumble over in a broken file, up to SystemExit.
+        Exception: any that meshio's parsers raise for a broken file, up to SystemExit.
     """
     import meshio
 
@@ -75,7 +75,7 @@ def _flagged_groups(content: Any, cell_type: str) -> tuple[np.ndarray, dict[str,
 
 
 def _one_of(content: Any, linear: str, quadratic: str) -> str:
-    """The type of which the file has cells; ValueError where it has both."""
+    """The one of two types that the file has cells of; ValueError if it has both."""
     found = [cell_type for cell_type in (linear, quadratic) if _blocks(content, cell_type)]
     if len(found) == 2:
         raise ValueError(f"it has cells of the types {linear} and {quadratic}; mesh again with one order of elements")
@@ -114,7 +114,7 @@ def _merge_repetitions(
 
 
 def _refuse_truncated(path: Path) -> None:
-    """Sections of MSH close with $End...; meshio only warns when the file stops before."""
+    """Refuse a truncated MSH file: it does not end with $End..., and meshio only warns."""
     with path.open("rb") as file:
         file.seek(max(path.stat().st_size - 200, 0))
         if not file.read().rstrip().rpartition(b"\n")[2].startswith(b"$End"):
@@ -122,7 +122,7 @@ def _refuse_truncated(path: Path) -> None:
 
 
 def _refuse_lost_cells(path: Path, read: int) -> None:
-    """meshio leaves out, without a word, the last cells of a legacy VTK file that stops in their types."""
+    """Refuse a truncated file: meshio silently drops the last cells of a legacy VTK file that stops in their types."""
     announced = re.search(rb"^CELL_TYPES\s+(\d+)\s", path.read_bytes(), re.MULTILINE)
     if announced and int(announced[1]) != read:
         raise ValueError(f"it says that it has {announced[1].decode()} cells, but only {read} are there")

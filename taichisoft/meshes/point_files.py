@@ -16,7 +16,7 @@ def read_points(path: str | Path) -> np.ndarray:
     A .json file is a list of [x, y, z]; a .csv file has a line with x, y, z for each point, after `#` a comment.
 
     Raises:
-        MeshError: the file cannot be read, or is no list of points with three finite coordinates.
+        MeshError: the file cannot be read, or is not a list of points with three finite coordinates.
     """
     path = Path(path)
     try:

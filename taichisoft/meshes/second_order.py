@@ -7,7 +7,7 @@ from taichisoft.meshes.volume_mesh import VolumeMesh, four_triangles
 
 
 def with_middle_nodes(mesh: VolumeMesh) -> VolumeMesh:
-    """The mesh with straight-sided ten-node tetrahedra, its own nodes first; one that has them already as it is.
+    """The mesh with straight-sided ten-node tetrahedra, its own nodes first; a mesh that has them is returned as it is.
 
     Each triangle of a surface becomes four; of one with sides that no tetrahedron has, only the others are halved.
     """

@@ -36,7 +36,7 @@ def read_surface(path: str | Path) -> tuple[np.ndarray, np.ndarray]:
             raise ValueError("no faces")
         vertices = np.array(surface.vertices, dtype=np.float64)
         triangles = np.array(surface.faces, dtype=np.int64)
-    except Exception as error:  # trimesh's parsers raise whatever a broken file makes them stumble over
+    except Exception as error:  # trimesh's parsers raise exceptions of any kind for a broken file
         raise unreadable(path, error) from error
     if len(triangles) == 0:
         raise MeshError(f"{path}: has no faces; a surface of triangles is needed")
@@ -72,7 +72,7 @@ def write_stl(vertices: np.ndarray, triangles: np.ndarray, path: Path) -> None:
 
 
 def _refuse_truncated_ply(content: bytes) -> None:
-    """trimesh leaves out, without a word, what is missing at the end of a PLY file in text."""
+    """Refuse a truncated PLY file in text: trimesh silently drops the missing end."""
     head, _, body = content.partition(b"end_header")
     if b"format ascii" in head:
         announced = sum(map(int, re.findall(rb"^element\s+\S+\s+(\d+)", head, re.MULTILINE)))

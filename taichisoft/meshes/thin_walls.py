@@ -1,4 +1,4 @@
-"""Walls of one element between a cavity and the outside, and what to think of them."""
+"""Walls of one element between a cavity and the outside, which are too stiff."""
 
 import numpy as np
 

@@ -126,7 +126,7 @@ def boundary_triangles(elements: np.ndarray) -> np.ndarray:
 
 
 def four_triangles(six_nodes: np.ndarray) -> np.ndarray:
-    """Each six-node triangle as four of three nodes: (4 count, 3); its middles are those of the sides 01, 12, 20."""
+    """Each six-node triangle as four of three nodes: (4 count, 3); nodes 3 to 5 are the middles of 01, 12, 20."""
     return six_nodes[:, [[0, 3, 5], [3, 1, 4], [5, 4, 2], [3, 4, 5]]].reshape(-1, 3)
 
 

@@ -1,11 +1,11 @@
-"""What plug-ins add to the command line, and the options that load plug-ins, which every command takes."""
+"""Commands of plug-ins, groups of commands, and the options that load plug-ins, which every command takes."""
 
-import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from taichisoft.errors import PluginError
 from taichisoft.plugin_system import plugins
@@ -35,34 +35,72 @@ def load_requested(arguments: Sequence[str]) -> None:
                 LOADERS[option](path)
 
 
+class GroupWithDefault(TyperGroup):
+    """A group that runs its callback where the first word after its name is not one of its commands."""
+
+    allow_extra_args = False
+    allow_interspersed_args = True
+
+    def make_context(self, info_name: str | None, args: list[str], parent: Any = None, **extra: Any) -> Any:
+        """Let the parser of a command of the group, or of the default command, read the words after the name."""
+        before = _leading_loaders(args)
+        name = next(iter(args[before:]), None)
+        if name is None or name not in self.commands:
+            return super().make_context(info_name, args, parent, **extra)
+        rest = [*args[:before], *args[before + 1 :]]
+        return self.commands[name].make_context(f"{info_name} {name}", rest, parent, **extra)
+
+    def collect_usage_pieces(self, ctx: Any) -> list[str]:
+        """Arguments of the default command, or the name of a command."""
+        *default, command = super().collect_usage_pieces(ctx)
+        return [*default, f"| {command}"]
+
+
+def _leading_loaders(arguments: Sequence[str]) -> int:
+    """Number of words at the beginning of arguments that load plug-ins."""
+    count = 0
+    while arguments[count:] and arguments[count].partition("=")[0] in LOADERS:
+        count += 1 if "=" in arguments[count] else 2
+    return count
+
+
+def group_with_default(default: Callable[..., Any]) -> typer.Typer:
+    """Make a group of commands with a default, as in `taichisoft mesh FILE` and `taichisoft mesh info FILE`.
+
+    The default command runs where the first word is not the name of a command of the group. A file called `info` can be
+    given as `./info`.
+
+    Args:
+        default: function of the default command, whose arguments and options are declared as for Typer.
+    """
+    group = typer.Typer(cls=GroupWithDefault)
+    group.callback(invoke_without_command=True)(default)
+    return group
+
+
 def with_plugin_commands(application: typer.Typer) -> Any:
-    """A parser with an application's commands and those of all plug-ins; each takes the options that load plug-ins.
+    """A parser with the commands of an application and of all plug-ins; each takes the options that load plug-ins.
+
+    Groups of one name become one group, so that a plug-in can add `taichisoft mesh sweep` to another's `mesh`.
 
     Raises:
         PluginError: a plug-in could not add its commands, or two claim one name.
     """
-    whole = copy.copy(application)
-    whole.registered_commands = [*application.registered_commands]
-    whole.registered_groups = [*application.registered_groups]
-    claimed = dict.fromkeys(command_names(application), "taichisoft itself")
-    registry = plugins.plugin_registry()
+    whole: Any = typer.main.get_group(application)
+    owners = {typed: "taichisoft itself" for typed, _ in _below(whole)}
     for plugin, added in commands_by_plugin():
-        for name in command_names(added):
-            if name in claimed:
-                both = f"{claimed[name]} and {registry.described(plugin)}"
-                raise PluginError(f"two plug-ins, {both}, both add the command '{name}'")
-            claimed[name] = registry.described(plugin)
-        whole.registered_commands += added.registered_commands
-        whole.registered_groups += added.registered_groups
-    command: Any = typer.main.get_command(whole)
-    for below in command.commands.values():
-        add_run_options(below)
-    _add_options(command, parsed_options(_loading_options))
-    return command
+        owner, names = plugins.plugin_registry().described(plugin), list(_below(added))
+        _merge(whole, added, owner, owners)
+        owners |= {typed: owner for typed, command in names if typed not in owners or _runs(command)}
+    loading = parsed_options(_loading_options)
+    for command in (whole, *(command for _, command in _below(whole))):
+        add_run_options(command)
+        command.params = [*command.params, *loading]
+    return whole
 
 
-def commands_by_plugin() -> Iterator[tuple[str, typer.Typer]]:
-    """Name of each plug-in that adds commands, and an application that has them.
+def commands_by_plugin() -> Iterator[tuple[str, Any]]:
+    """Name of each plug-in that adds commands, and a group that has them.
 
     Raises:
         PluginError: a plug-in could not.
@@ -70,18 +108,49 @@ def commands_by_plugin() -> Iterator[tuple[str, typer.Typer]]:
     hook = "taichisoft_commands"
     for implementation in implementations(hook):
         added = typer.Typer()
-        added.callback()(lambda: None)  # without it Typer would make a single command no command of its own
         name = implementation.plugin_name
         try:
             ask(hook, implementation, application=added)
         except PluginError as error:  # which would stand in the way of every command
             raise type(error)(f"{error}; {DISABLE}={name} leaves it out") from error.__cause__
-        yield name, added
+        yield name, typer.main.get_group(added)
 
 
-def command_names(application: typer.Typer) -> list[str]:
-    """The commands and groups of an application as they are typed."""
-    return list(getattr(typer.main.get_command(application), "commands", {}))
+def command_names(group: Any) -> list[str]:
+    """The commands of a group and of the groups in it as they are typed, such as "run" and "mesh info"."""
+    return [typed for typed, command in _below(group) if _runs(command)]
+
+
+def _below(group: Any, prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Every command and group below a group, with what is typed for it."""
+    for name, command in group.commands.items():
+        yield f"{prefix}{name}", command
+        if isinstance(command, TyperGroup):
+            yield from _below(command, f"{prefix}{name} ")
+
+
+def _runs(command: Any) -> bool:
+    """Whether a command does something by itself: a group does where it has a default."""
+    return not isinstance(command, TyperGroup) or command.invoke_without_command
+
+
+def _merge(group: Any, added: Any, owner: str, owners: Mapping[str, str], prefix: str = "") -> None:
+    """Put the commands that a plug-in adds, the owner, into a group whose commands have the owners given.
+
+    Raises:
+        PluginError: a command, or a default of a group, is there already.
+    """
+    for name, command in added.commands.items():
+        typed, present = f"{prefix}{name}", group.commands.setdefault(name, command)
+        if present is command:
+            continue
+        groups = isinstance(present, TyperGroup) and isinstance(command, TyperGroup)
+        if not groups or (_runs(present) and _runs(command)):
+            raise PluginError(f"two plug-ins, {owners[typed]} and {owner}, both add the command '{typed}'")
+        _merge(present, command, owner, owners, f"{typed} ")
+        if (_runs(command), bool(command.help)) > (_runs(present), bool(present.help)):
+            command.commands = present.commands
+            group.commands[name] = command
 
 
 def _loading_options(
@@ -107,10 +176,3 @@ def _loading_options(
     ] = None,
 ) -> None:
     """Options whose values `load_requested` has used when the parser sees them."""
-
-
-def _add_options(command: Any, options: list[Any]) -> None:
-    """Add options to a command and to all below it."""
-    command.params = [*command.params, *options]
-    for below in getattr(command, "commands", {}).values():
-        _add_options(below, options)

@@ -1,4 +1,4 @@
-"""What is said when a plug-in raises something that it should not: one line, and the plug-in's own traceback."""
+"""Errors of plug-ins: one line, and the plug-in's own traceback."""
 
 import importlib
 import traceback
@@ -9,7 +9,7 @@ from types import TracebackType
 
 from taichisoft.errors import PluginError, PluginFailed, TaichisoftError
 
-# Frames of these lead to a plug-in, and say nothing about it.
+# Frames of these files lead to a plug-in, and are left out of its traceback.
 OUTSIDE = (str(Path(__file__).parents[1]), str(Path(importlib.__file__).parent), "<frozen importlib")
 
 
@@ -23,10 +23,9 @@ def plugin_failure(what: str, error: BaseException) -> PluginError:
 
 @contextmanager
 def failures_of(what: str) -> Iterator[None]:
-    """Turn what a plug-in raises unexpectedly into a `PluginFailed` that begins with `what`.
+    """Turn unexpected exceptions of a plug-in into a `PluginFailed` that begins with `what`.
 
-    So sys.exit() in a plug-in does not end a run behind the back of its outputs. Only an interruption from outside,
-    Ctrl and c, is not the plug-in's.
+    sys.exit() in a plug-in is one, too, so that a run ends with complete outputs; Ctrl and c passes.
     """
     try:
         yield
@@ -37,7 +36,7 @@ def failures_of(what: str) -> Iterator[None]:
 
 
 def plugin_traceback(error: TaichisoftError) -> str:
-    """The traceback of what a plug-in raised, from where it was entered on; empty when no plug-in raised anything."""
+    """The traceback of an exception of a plug-in, from its entry on, or empty."""
     cause = error.__cause__
     if not isinstance(error, PluginError) or cause is None:
         return ""
@@ -57,7 +56,7 @@ def _place(error: BaseException) -> str:
 
 
 def _own_part(error: BaseException) -> TracebackType | None:
-    """The traceback without the frames that lead to the plug-in; None when there are no others.
+    """The traceback without the frames that lead to the plug-in; or None.
 
     The first frame is that of the function which called the plug-in and caught the error, under `failures_of` if it did
     so through that.

@@ -1,4 +1,4 @@
-"""What can be meshed: the base class of every geometry, behind `taichisoft mesh`."""
+"""The base class of every geometry that `taichisoft mesh` meshes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping

@@ -28,6 +28,12 @@ KINDS = {
 }
 """The kinds of things that a plug-in can provide by name, and the hook that provides each."""
 
+NEEDED: Mapping[str, tuple[Any, str]] = {
+    "run option": (RunOption, "a RunOption"),
+    "material": (Mapping, "a mapping with the keys of a material's file"),
+}
+"""Type of what a plug-in provides, and its name in errors, of the kinds that are not made by a class or function."""
+
 
 def find(kind: str, name: str) -> Callable[..., Any]:
     """Find what a plug-in provides under `name`; `kind` is one of `KINDS`.
@@ -77,12 +83,9 @@ def provided_by_plugin(kind: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
                 raise PluginError(f"{gave} the name {name!r}; must be text")
             if kind == "run option" and not (name.startswith("--") and len(name) > 2):
                 raise PluginError(f"{gave} the name {name!r}; must begin with --")
-            if kind == "run option" and not isinstance(thing, RunOption):
-                raise PluginError(f"{gave} {thing!r} as '{name}'; must be a RunOption")
-            if kind == "material" and not isinstance(thing, Mapping):
-                raise PluginError(f"{gave} {thing!r} as '{name}'; must be a mapping with the keys of a material's file")
-            if kind not in ("run option", "material") and not callable(thing):
-                raise PluginError(f"{gave} {thing!r} as '{name}'; must be a class or a function")
+            right, what = NEEDED.get(kind, (Callable, "a class or a function"))
+            if not isinstance(thing, right):
+                raise PluginError(f"{gave} {thing!r} as '{name}'; must be {what}")
         yield plugin, by_name
 
 
@@ -90,7 +93,7 @@ def notify(hook: str, **arguments: Any) -> None:
     """Call a life-cycle hook of every plug-in that implements it; costs next to nothing when none does.
 
     Raises:
-        PluginError: an implementation failed; those after it are not called.
+        PluginError: an implementation failed; later ones are not called.
         GoalMissed: an implementation says that the run has missed its goal.
     """
     if getattr(plugin_registry().hook, hook).get_hookimpls():
@@ -102,7 +105,7 @@ def answers(hook: str, **arguments: Any) -> Iterator[tuple[str, Any]]:
     """Name and answer of each plug-in that implements a hook: called one by one, so that an error has a name.
 
     Raises:
-        PluginError: an implementation failed; those after it are not called.
+        PluginError: an implementation failed; later ones are not called.
         GoalMissed: an implementation says that the run has missed its goal.
     """
     for implementation in implementations(hook):
@@ -110,7 +113,7 @@ def answers(hook: str, **arguments: Any) -> Iterator[tuple[str, Any]]:
 
 
 def implementations(hook: str) -> list[HookImpl]:
-    """The implementations of a hook in the order of loading, but for those marked with tryfirst or trylast."""
+    """The implementations of a hook in the order of loading, except where marked with tryfirst or trylast."""
     found = getattr(plugin_registry().hook, hook).get_hookimpls()
     return sorted(found, key=lambda one: (not one.tryfirst, one.trylast))
 

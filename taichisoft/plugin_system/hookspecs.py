@@ -42,7 +42,7 @@ class RunOption:
             is a flag that brings the output.
         type: type of the value: str, int, float, bool (for a flag that is a setting) or pathlib.Path.
         metavar: name of the value in the help.
-        controller: name of the controller where the command line names none and the scene's own heeds no keys; None for
+        controller: name of the controller if the command line names none and the scene's own ignores keys; None for
             the scene's own in any case.
     """
 
@@ -93,7 +93,7 @@ def taichisoft_geometry_kinds() -> "Mapping[str, Callable[[Mapping[str, Any], Pa
 
 @hookspec
 def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":  # type: ignore[empty-body]
-    """Makers of meshes for scenes, by the suffix (".toml") of files that are no meshes; called when a model needs one.
+    """Makers of meshes for scenes, by the suffix (".toml") of files that are not meshes; called when a model needs one.
 
     Each value makes a mesh of the file whose path it is given first. Its other arguments are the keys that
     `soft_bodies.NAME.mesh` of a scene may have beside `file`. What it logs to a logger below "taichisoft" is shown by
@@ -134,7 +134,8 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     """Add sub-commands to the command line; called once when `taichisoft` starts, also for `--help`.
 
     Args:
-        application: an empty one, whose commands and groups become those of `taichisoft`.
+        application: an empty one, whose commands and groups are added to `taichisoft`. A group of the same name that
+            another plug-in adds has the commands of both.
     """
 
 

@@ -1,4 +1,4 @@
-"""The project that a new plug-in begins with: a controller, a test, and all that it takes to install and publish it."""
+"""The project of a new plug-in: a controller, a test, and all that installing and publishing it needs."""
 
 import importlib.util
 import keyword
@@ -15,7 +15,7 @@ from taichisoft.plugin_system.plugins import plugin_registry
 
 TEMPLATES = Path(__file__).parent / "plugin_template"
 
-# What becomes of each template; the names of files are templates, too.
+# The file that each template makes; the names of files are templates, too.
 FILES = {
     "pyproject.toml.template": "pyproject.toml",
     "README.md.template": "README.md",
@@ -29,7 +29,7 @@ def write_project(name: str, folder: Path | None = None) -> Path:
 
     Args:
         name: also of the distribution: letters, digits, "-", "_" and ".".
-        folder: new or empty; `name` in the current folder when it is not given.
+        folder: new or empty; by default `name` in the current folder.
 
     Returns:
         The folder.
@@ -38,9 +38,9 @@ def write_project(name: str, folder: Path | None = None) -> Path:
         PluginError: the name is not valid or taken, or the folder has something in it or cannot be written.
     """
     module = check_name(name)
-    folder = folder if folder is not None else Path(name)
+    folder = folder or Path(name)
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise PluginError(f"{folder}: exists already; choose another with --output")
+        raise PluginError(f"{folder}: exists already; choose another name")
     values = {"name": name, "module": module, "taichisoft_version": __version__}
     for template, path in FILES.items():
         text = (TEMPLATES / template).read_text(encoding="utf-8")

@@ -22,7 +22,7 @@ _loaded: Registry | None = None
 
 
 def plugin_registry() -> Registry:
-    """The plug-ins of this process; those of installed distributions are loaded at the first call.
+    """The plug-ins of this process; plug-ins of installed distributions are loaded at the first call.
 
     Raises:
         PluginError: a plug-in cannot be imported, two have one name, or one implements a hook that does not exist.
@@ -57,7 +57,7 @@ def load_plugin(path: str | Path) -> None:
         path: Python file or folder; the plug-in is called like it, without the suffix.
 
     Raises:
-        PluginError: it is no Python file, cannot be imported or registered, or its name is taken.
+        PluginError: the path is not a Python file, or cannot be imported or registered, or its name is taken.
     """
     path = from_home(path).resolve()
     code = path / PACKAGE_FILE if is_folder(path) else path
@@ -78,10 +78,10 @@ def load_plugins_folder(folder: str | Path) -> None:
     """Load every file and package of a folder as a plug-in, as `--plugins-dir` does.
 
     Args:
-        folder: loaded in the order of names, without those that begin with "_" or ".", tests, and what marks no hook.
+        folder: loaded in the order of names, without those that begin with "_" or ".", tests, and files without hooks.
 
     Raises:
-        PluginError: there is no such folder, nothing is in it, or something in it is not valid.
+        PluginError: the folder is missing or empty, or a plug-in in it is not valid.
     """
     place = from_home(folder)
     if not is_folder(place):
@@ -121,7 +121,7 @@ def unregister_plugin(name: str) -> None:
         name: what `register_plugin` returned, or the name of a file.
 
     Raises:
-        PluginError: there is none of that name.
+        PluginError: no plug-in has that name.
     """
     plugin_registry().remove(name)
 

@@ -1,4 +1,4 @@
-"""The registry of plug-ins: pluggy's, which also knows where each one came from and what is wrong with it."""
+"""The registry of plug-ins: pluggy's, with origins and checks."""
 
 import inspect
 import os
@@ -22,7 +22,7 @@ class Origin:
     Attributes:
         kind: an installed distribution, a file, or code that registered an object.
         place: module, path, or file and line of the code.
-        version: version of the distribution, or the plug-in's `__version__`; empty when there is none.
+        version: version of the distribution, or the plug-in's `__version__`; or empty.
         distribution: name of the distribution; empty for other kinds.
     """
 
@@ -42,8 +42,8 @@ class Registry(pluggy.PluginManager):
 
     Attributes:
         origins: source of each plug-in, by name, in the order of loading.
-        blocked: names of plug-ins that are not wanted.
-        left_out: names of those that would have been loaded otherwise.
+        blocked: names of plug-ins to leave out.
+        left_out: names of blocked plug-ins that were found.
         traced: whether every call of a hook is printed.
     """
 
@@ -53,7 +53,7 @@ class Registry(pluggy.PluginManager):
         self.origins: dict[str, Origin] = {}
         self.blocked = [name.strip() for name in environment.get(DISABLE, "").split(",") if name.strip()]
         self.left_out: set[str] = set()
-        self._told: set[str] = set()
+        self._reported: set[str] = set()
         self.traced = environment.get(TRACE, "0") not in ("", "0")
 
     def add(self, name: str, origin: Origin, load: Callable[[], Any]) -> None:
@@ -82,10 +82,10 @@ class Registry(pluggy.PluginManager):
         self.origins[name] = replace(origin, version=version)
 
     def remove(self, name: str) -> None:
-        """Forget a plug-in; one that is blocked was never there.
+        """Forget a plug-in; blocked ones are ignored.
 
         Raises:
-            PluginError: there is none of that name.
+            PluginError: no plug-in has that name.
         """
         if name in self.left_out:
             return
@@ -95,10 +95,10 @@ class Registry(pluggy.PluginManager):
         del self.origins[name]
 
     def unknown_blocked(self) -> list[str]:
-        """One line for every blocked name that no plug-in has; each name is told once."""
+        """One line for every blocked name that no plug-in has; each name is reported once."""
         known = [*self.origins, *self.left_out]
-        unknown = [name for name in self.blocked if name not in {*self.left_out, *self._told}]
-        self._told.update(unknown)
+        unknown = [name for name in self.blocked if name not in {*self.left_out, *self._reported}]
+        self._reported.update(unknown)
         return [
             f"{DISABLE} names '{name}', which no plug-in is called; {nearest(name, known, 'there are')}"
             for name in unknown
@@ -126,7 +126,7 @@ def _check_hooks(registry: Registry, plugin: Any) -> None:
         if name not in names and options.get("optionalhook"):
             continue  # of another version of taichisoft, says its author
         if name not in names:
-            raise ValueError(f"{name}() is no hook; {nearest(name, names, 'there are')}")
+            raise ValueError(f"{name}() is not a hook; {nearest(name, names, 'there are')}")
         if options.get("wrapper") or options.get("hookwrapper"):
             raise ValueError(f"{name}() wraps the hooks of other plug-ins, which is not supported")
         known = list(inspect.signature(getattr(hookspecs, name)).parameters)

@@ -1,4 +1,4 @@
-"""What draws the states of a model: the base class of every renderer, behind `Simulation.render`."""
+"""The base class of every renderer, behind `Simulation.render`."""
 
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING

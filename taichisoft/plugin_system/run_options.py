@@ -33,7 +33,7 @@ SpeedOption = Annotated[
 _taking: set[Callable[..., Any]] = set()
 """Functions of the commands that make a run."""
 _reading: set[Callable[..., Any]] = set()
-"""Functions of those that read the scene of their run."""
+"""Functions of the commands that read the scene of their run."""
 
 
 @dataclass(frozen=True)

@@ -1,1 +1,5 @@
-"""Making a run: the loop around the step, its pace and keys, and what the command line shows of it."""
+"""The run of a simulation: loop around the step, pace, keys, and display on the command line."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

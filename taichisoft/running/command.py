@@ -1,4 +1,4 @@
-"""What `taichisoft run` does: scene, controller, outputs, session, and what is shown of them."""
+"""The command `taichisoft run`: scene, controller, outputs, session, and their display."""
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -34,16 +34,16 @@ EXIT_INTERRUPTED = 130
 
 @dataclass(frozen=True)
 class RunRequest:
-    """Everything that the command line asks of a run, beside its scene.
+    """Options of a run on the command line, beside the scene.
 
     Attributes:
         folder: folder for the results.
         outputs: settings of each output by its name.
-        duration: simulated time [s]; None for the usual one.
-        speed: simulated over wall-clock time; None for the usual one.
-        replay: keys of an earlier run; None where keys come from the user.
-        profile: whether to show where the time of a step goes.
-        steering: name of the controller for an output with which a user steers, such as a page; None without one.
+        duration: simulated time [s]; None: the default.
+        speed: simulated over wall-clock time [-]; None: the default.
+        replay: keys of an earlier run; None: keys from the user.
+        profile: whether to show the times of the phases of a step.
+        steering: name of the controller for an output by which a user steers, such as a page, or None.
     """
 
     folder: Path
@@ -63,17 +63,17 @@ def run_scene(
     reader_settings: Mapping[str, Any] | None = None,
     goal: str | None = None,
 ) -> None:
-    """Run a scene by path or by the name of a shipped one; `load_scene` describes all but `request`.
+    """Run a scene by path or by the name of a shipped scene; `load_scene` describes all arguments but `request`.
 
-    Where the user steers and names no controller, the scene's own goes on if it heeds keys.
+    If the user steers and names no controller, the scene's own is kept if it responds to keys.
 
     Raises:
-        TaichisoftError: anything that is the user's to mend.
+        TaichisoftError: an error that the user can correct.
         typer.Exit: the run was interrupted.
     """
     with warnings_printed_to(rich.get_console()), logged_to(rich.get_console()):
         scene = load_scene(name, overrides, controller, reader_settings, goal)
-        if request.steering is not None and controller is None and not _heeds_keys(scene):
+        if request.steering is not None and controller is None and not _responds_to_keys(scene):
             scene = load_scene(name, overrides, request.steering, reader_settings, goal)
     run_simulation(name, scene, lambda: Simulation(scene), request)
 
@@ -85,24 +85,24 @@ def run_simulation(
     request: RunRequest,
     usual_duration: Callable[[], float] | None = None,
 ) -> None:
-    """Run what `make_simulation` gives, from its present state, into a folder.
+    """Run a simulation from its present state, with results in a folder.
 
     Args:
-        name: text that begins errors of the scene and of what is made from it.
-        scene: names the controller.
-        make_simulation: called when everything that is cheap to check has been checked.
+        name: text with which errors of the scene and its parts begin.
+        scene: scene with the controller.
+        make_simulation: makes the simulation; called after all cheap checks.
         request: folder, outputs, duration and so on.
-        usual_duration: gives the duration of a run for which the user names none and which nobody steers [s]; the
-            scene's when it is not given.
+        usual_duration: returns the duration of a run that is not steered and for which the user names none [s]; None:
+            the scene's.
 
     Raises:
-        TaichisoftError: anything that is the user's to mend.
+        TaichisoftError: an error that the user can correct.
         typer.Exit: the run was interrupted.
     """
     duration, speed, folder = request.duration, request.speed, request.folder
     if speed is not None and not 0.0 < speed < math.inf:
         raise TaichisoftError(f"--speed {speed:g}: must be a positive, finite number; 1 is real time")
-    console = rich.get_console()  # an output that takes long at the end shows its progress there too
+    console = rich.get_console()  # an output that takes long at the end also shows its progress there
     with warnings_printed_to(console), locked_folder(folder):
         with _errors_in(name):
             controller = make_controller(scene)
@@ -113,7 +113,7 @@ def run_simulation(
             speed = 1.0 if speed is None else speed
         if duration is None and usual_duration is not None:
             duration = usual_duration()
-        # Before the model is prepared, which takes long: a misspelt name or a wrong setting is said at once.
+        # Before the model, which takes long to prepare, so that a misspelt name or a wrong setting is reported at once.
         outputs = [make_output(output, folder, **settings) for output, settings in request.outputs.items()]
         status = "preparing the model; the first time on a machine Taichi compiles its kernels"
         with console.status(status), logged_to(console), _errors_in(name):
@@ -128,12 +128,12 @@ def run_simulation(
         raise typer.Exit(EXIT_INTERRUPTED)
 
 
-def _heeds_keys(scene: Scene) -> bool:
+def _responds_to_keys(scene: Scene) -> bool:
     return scene.controller is not None and bool(make_controller(scene).bindings)
 
 
 def _run(session: Session, console: Console, folder: Path, title: str, profile: bool) -> str:
-    """Run with a display; whatever happens, what the outputs have to say is shown."""
+    """Run with a display; the summaries of the outputs are shown however the run ends."""
     times: Profile | None = None
     measured: AbstractContextManager[Profile | None] = profiled(session.simulation) if profile else nullcontext()
     try:
@@ -150,23 +150,23 @@ def _run(session: Session, console: Console, folder: Path, title: str, profile: 
 
 
 def _display(session: Session, console: Console, title: str) -> AbstractContextManager[Callable[[StepReport], None]]:
-    """The display of a run, called after every step: state and keys where somebody steers, else how far the run is."""
+    """Display of a run, called after every step: state and keys of an interactive run, else a progress bar."""
     if session.controller.interactive and not session.replaying:
         return live_status(console, session)
     return progress_bar(console, session, title)
 
 
 def _load_kernels(simulation: Simulation) -> None:
-    """Make a step and take it back: the first one takes seconds, in which a run at a speed would fall behind."""
+    """Make a step and undo it: the first step takes seconds, by which a run at a set speed would fall behind."""
     state = simulation.state
-    with suppress(TaichisoftError):  # the run itself will say so, with its outputs
+    with suppress(TaichisoftError):  # the run itself reports the error, with its outputs
         simulation.step()
     simulation.restore(state)
 
 
 @contextmanager
 def _errors_in(scene: str) -> Iterator[None]:
-    """Begin the errors of what is made from a scene with its name."""
+    """Prefix errors of the parts made from a scene with the scene's name."""
     try:
         yield
     except SceneError as error:

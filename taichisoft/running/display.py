@@ -1,4 +1,4 @@
-"""What `taichisoft run` shows beside its messages: progress, and the closing tables."""
+"""Progress bar and closing tables of `taichisoft run`."""
 
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -22,7 +22,7 @@ from taichisoft.terminal_text import plain, printable
 
 @contextmanager
 def progress_bar(console: Console, session: Session, title: str) -> Iterator[Callable[[StepReport], None]]:
-    """A bar that a run fills; what is yielded is called after every step."""
+    """Show a progress bar; yields the function to call after every step."""
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -40,7 +40,7 @@ def progress_bar(console: Console, session: Session, title: str) -> Iterator[Cal
 
 
 def warn_if_slow(console: Console, session: Session) -> None:
-    """Say so when a run could not keep up with the speed that it should have had."""
+    """Warn if a run was slower than its set speed."""
     pace = session.pace
     if pace.speed is not None and pace.mean_real_time_factor < KEEPING_UP * pace.speed:
         print_warning(
@@ -51,7 +51,7 @@ def warn_if_slow(console: Console, session: Session) -> None:
 
 
 def print_profile(console: Console, profile: Profile) -> None:
-    """Phases of a step, in its order."""
+    """Print the table of the phases of a step, in their order."""
     medians = profile.medians()
     whole = medians[TOTAL][0]
     table = Table("phase of a step", title=f"median times of {len(profile.seconds[TOTAL])} steps")
@@ -63,7 +63,7 @@ def print_profile(console: Console, profile: Profile) -> None:
 
 
 def print_summary(console: Console, parts: Sequence[Controller | Output], folder: Path) -> bool:
-    """The closing table, and whether all parts gave their rows; one that cannot must not hide how the run ended."""
+    """Print the closing table; returns False if a part failed, which must not hide the outcome of the run."""
     table = Table(show_header=False)
     complete = True
     for part in parts:

@@ -1,4 +1,4 @@
-"""One run at a time in a folder: two would write into the same files."""
+"""Lock for one run at a time in a folder, since two would write to the same files."""
 
 import os
 import socket
@@ -14,18 +14,18 @@ FILE_NAME = ".running"
 
 
 class FolderTaken(TaichisoftError):
-    """Another run is going on in the folder."""
+    """Another run is in progress in the folder."""
 
 
 @contextmanager
 def locked_folder(folder: Path) -> Iterator[None]:
-    """Keep a folder, which is made if it is not there, for this run; one that stays empty goes again.
+    """Lock a folder for this run; a missing folder is made, and removed again if it stays empty.
 
-    The lock is the operating system's on a file in the folder, so it ends with the process, however that ends. On NFS
-    it holds between machines, if the server grants locks; where a file system has none, a warning says so.
+    The lock is a file lock of the operating system, so it ends with the process, however the process ends. On NFS it
+    holds between machines if the server grants locks; on a file system without locks there is a warning.
 
     Raises:
-        FolderTaken: another run has it.
+        FolderTaken: another run has the lock.
         TaichisoftError: the folder cannot be made.
     """
     path = folder / FILE_NAME
@@ -38,13 +38,13 @@ def locked_folder(folder: Path) -> Iterator[None]:
     finally:
         path.unlink(missing_ok=True)
         os.close(file)
-        with suppress(OSError):  # what has files stays
+        with suppress(OSError):  # a folder with files stays
             for one in made:
                 one.rmdir()
 
 
 def _locked(path: Path, folder: Path) -> int:
-    """The open, locked file of the path; one that its run has just removed is no lock any more, and made anew."""
+    """Open and lock the file; a file that another run has just removed is no longer a lock and is made again."""
     import fcntl
 
     while True:

@@ -1,4 +1,4 @@
-"""What a run does with the keys that were pressed: its own ones, and those for the controller."""
+"""Handling of the keys of a run: keys of the run itself, and keys for the controller."""
 
 from collections.abc import Callable, Iterator
 
@@ -7,25 +7,25 @@ from taichisoft.plugin_system.hooks import notify
 from taichisoft.session.key_log import FILE_NAME, KeyLog
 from taichisoft.session.session import BINDINGS, Session
 
-# They change when steps are made, not which: a replay goes on without them.
+# Keys that change when steps are made, but not which steps; a replay ignores them.
 WAITING_KEYS = ("space", "s")
 
 
 class KeyHandling:
-    """Takes the keys of a session between two steps, and writes its key log."""
+    """Handles the keys of a session between two steps, and writes its key log."""
 
-    def __init__(self, session: Session, tell_controller: Callable[[KeyEvent], None], start_anew: Callable[[], None]):
-        """Begin; the log of an interactive run is there from the start, that of another with its first key.
+    def __init__(self, session: Session, pass_to_controller: Callable[[KeyEvent], None], restart: Callable[[], None]):
+        """Prepare; the key log of an interactive run is made at once, other logs with the first key.
 
         Raises:
             KeyLogError: the log cannot be written.
         """
         self._session = session
-        self._tell_controller = tell_controller
+        self._pass_to_controller = pass_to_controller
         self._actions: dict[str, Callable[[], None]] = {
-            "space": self._pause_or_go_on,
+            "space": self._toggle_pause,
             "s": self._make_single_step,
-            "r": start_anew,
+            "r": restart,
             "p": lambda: notify("taichisoft_picture_wanted", session=session),
             "?": self._show_help,
             "escape": session.stop,
@@ -35,15 +35,15 @@ class KeyHandling:
         if session.controller.interactive:
             self._open_log()
 
-    def take(self) -> None:
-        """Heed the keys that came since the last call."""
+    def handle_keys(self) -> None:
+        """Handle the keys since the last call."""
         for event in self._new_events():
             self._session.recent_keys.append(event)
             action = self._actions.get(event.key) if event.value is None else None
             if action is not None:
                 action()
             else:
-                self._tell_controller(event)
+                self._pass_to_controller(event)
 
     def end(self) -> None:
         """Close the log with the number of steps made."""
@@ -51,7 +51,7 @@ class KeyHandling:
             self._log.end(self._session.steps_made)
 
     def _new_events(self) -> Iterator[KeyEvent]:
-        """Keys in their order; those that a replay takes from its log are written again, those beside it are not."""
+        """Keys in their order; keys of a replayed log are written again, keys pressed during a replay are not."""
         session = self._session
         pressed = session.keys.take()
         if session.replay is None:
@@ -75,7 +75,7 @@ class KeyHandling:
         if self._session.folder is not None:
             self._log = KeyLog(self._session.folder / FILE_NAME)
 
-    def _pause_or_go_on(self) -> None:
+    def _toggle_pause(self) -> None:
         self._session.paused = not self._session.paused
 
     def _make_single_step(self) -> None:

@@ -1,4 +1,4 @@
-"""How an interactive run goes, while it goes: time, speed, pressures, the object, the last keys."""
+"""Status display of an interactive run: time, speed, pressures, object, last keys."""
 
 import contextlib
 import time
@@ -16,19 +16,17 @@ from taichisoft.step.report import StepReport
 from taichisoft.terminal_text import plain, printable
 
 REFRESHES = 8
-"""How often the status is redrawn in a second of wall-clock time."""
+"""Redraws of the status per second of wall-clock time."""
 SECONDS_BETWEEN_LINES = 5.0
-"""Wall-clock time between two lines [s], where lines cannot be drawn over."""
+"""Wall-clock time between two lines [s], on consoles that cannot redraw lines."""
 
 
 @contextlib.contextmanager
 def live_status(console: Console, session: Session) -> Iterator[Callable[[StepReport], None]]:
-    """Show a run on the console: redrawn in place, or as a line now and then where that is not possible.
+    """Show a run on the console, redrawn in place or else as occasional lines; yields the function to call after steps.
 
-    What is yielded is called after every step.
-
-    It is redrawn by a thread of its own, so a pause shows at once and a step costs nothing. It ends quietly when the
-    terminal is gone: that must not end the run's outputs.
+    A separate thread redraws the status, so that a pause shows at once and steps are not delayed. The display ends
+    silently when the terminal is closed, which must not stop the outputs of the run.
     """
     status = LiveStatus(console, session)
     if not console.is_terminal or console.is_dumb_terminal:
@@ -57,7 +55,7 @@ class LiveStatus:
         self._object = self._scene.main_object
 
     def update(self, report: StepReport) -> None:
-        """A step was made: where nothing is redrawn, print a line when the last one is old enough."""
+        """Note a step; on consoles without redrawing, print a line if the last line is old enough."""
         if self._console.is_terminal and not self._console.is_dumb_terminal:
             return
         if self._session.shows_help and not self._help_was_shown:
@@ -67,7 +65,7 @@ class LiveStatus:
             self.print_line()
 
     def print_line(self) -> None:
-        """The state of the run in one line."""
+        """Print the state of the run in one line."""
         self._last_line = time.monotonic()
         parts = [self._clock(), self._pressures()]
         if self._object is not None:
@@ -76,7 +74,7 @@ class LiveStatus:
             print_line(self._console, "; ".join(parts))
 
     def picture(self) -> RenderableType:
-        """The state of the run as a few lines of constant height, and the keys if somebody asked for them."""
+        """The state of the run in a constant number of lines, and the help of the keys if requested."""
         rows = Table.grid(padding=(0, 2))
         rows.add_column(style="cyan", no_wrap=True)
         rows.add_column(no_wrap=True, overflow="ellipsis")
@@ -100,7 +98,7 @@ class LiveStatus:
         return text if pace.keeps_up else f"{text}, cannot keep up with {pace.speed:g} x"
 
     def _pressures(self) -> str:
-        """One figure where they agree to what is shown."""
+        """Pressures; a single value if all agree to the shown digits."""
         pressures = self._session.simulation.observe().pressures
         shown = {name: f"{value:.1f} kPa" for name, value in pressures.items()}
         if len(set(shown.values())) > 1:

@@ -5,6 +5,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
+from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.errors import ControlError, GoalMissed, PluginError
@@ -16,7 +17,6 @@ from taichisoft.running.strain_watch import StrainWatch
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
 from taichisoft.session.output import Output
 from taichisoft.session.session import Session
-from taichisoft.simulation import Simulation
 from taichisoft.step.report import StepReport
 
 COMPLETED = "completed"
@@ -25,7 +25,7 @@ INTERRUPTED = "interrupted"
 
 Answer = TypeVar("Answer")
 
-# Signals are heeded, and keys of a paused run taken, at least so often [s].
+# Longest time between two checks for signals and, in a paused run, for keys [s].
 LONGEST_WAIT = 0.05
 
 
@@ -39,33 +39,33 @@ def run(
     """Drive a simulation from its present state and show every step to the outputs.
 
     Args:
-        simulation: what is simulated; stays usable after the run, at its last good state.
-        controller: asked before every step, or every `controller.period` of the scene.
-        outputs: shown every step, and always ended, whatever happens.
-        duration: simulated time [s]; the scene's when it is not given, infinite for a run that somebody else ends.
+        simulation: the simulation; stays usable after the run, at its last valid state.
+        controller: called before every step, or every `controller.period` of the scene.
+        outputs: record every step, and are always ended, whatever happens.
+        duration: simulated time [s]; None: the scene's; infinite: until a key or `Session.stop` ends the run.
         on_step: called after every step, for a progress display.
 
     Returns:
-        "completed"; "stopped" when somebody ended the run by a key or by `Session.stop`; "interrupted" after Ctrl and c
+        "completed"; "stopped" by a key or by `Session.stop`; "interrupted" by Ctrl and c
         or SIGTERM.
 
     Raises:
-        PluginError: the controller is no `Controller`, or an output no `Output`; or one of them, or a hook, failed.
-        ControlError: the controller asked for something impossible.
+        PluginError: the controller is not a `Controller`, an output is not an `Output`, or a plug-in failed.
+        ControlError: the controller requested something impossible.
         SimulationDiverged: a step failed.
-        GoalMissed: the controller gave up, or an output says that the run has missed the goal of its scene.
-        BeyondLaw: the run was made to its end, but far beyond what the law of a body holds for.
-        TaichisoftError: the duration is not positive, or an output could not do its job; what was computed before
-            any of these errors is with the outputs.
+        GoalMissed: the controller failed, or the run missed the goal of its scene according to an output.
+        BeyondLaw: the run completed, but stretched a body far beyond the range of its law.
+        TaichisoftError: the duration is not positive, or an output failed to write; the outputs keep the results
+            computed before any of these errors.
     """
     return run_session(Session(simulation, controller, outputs, duration), on_step)
 
 
 def run_session(session: Session, on_step: Callable[[StepReport], None] | None = None) -> str:
-    """Run a session as `run` does, until the time is over or somebody ends it.
+    """Run a session as `run` does, until its duration is over or it is stopped.
 
     Raises:
-        TaichisoftError: as of `run`.
+        TaichisoftError: as for `run`.
     """
     begun: list[Output] = []
     errors: list[BaseException] = []
@@ -95,18 +95,18 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
 
 
 def _advance(session: Session, on_step: Callable[[StepReport], None] | None) -> str:
-    """Make the steps; returns how they ended."""
+    """Make the steps; returns the outcome."""
     controller = session.controller
     strain_watch = StrainWatch(session.simulation.model)
     key_handling = KeyHandling(
-        session, lambda event: _call(controller, controller.key, event), lambda: _start_anew(session, strain_watch)
+        session, lambda event: _call(controller, controller.key, event), lambda: _restart(session, strain_watch)
     )
     warned: set[Callable[..., None]] = set()
     session.pace.restart()
     try:
         while True:
             stop_if_asked()
-            key_handling.take()
+            key_handling.handle_keys()
             if session.stops or session.finished:
                 strain_watch.judge(session.simulation.state, session.simulation.report)
                 return STOPPED if session.stops else COMPLETED
@@ -145,7 +145,7 @@ def _step(session: Session) -> StepReport:
 
 
 def _next_control(session: Session) -> Control:
-    """What the controller asks for; nothing new within its period."""
+    """The controller's request; an empty one within its period."""
     simulation, controller, scene = session.simulation, session.controller, session.simulation.model.scene
     if simulation.state.step % scene.steps_per_control:
         return Control()
@@ -159,13 +159,13 @@ def _next_control(session: Session) -> Control:
         ) from error
     if asked is None:
         raise ControlError(
-            f"controller {_name(controller)} at step {simulation.state.step}: control() gave None; it must return a "
-            "taichisoft.Control, and Control() asks for nothing new: has it no return?"
+            f"controller {_name(controller)} at step {simulation.state.step}: control() returned None; must return a "
+            "taichisoft.Control; Control() requests nothing new: is a return missing?"
         )
     return asked
 
 
-def _start_anew(session: Session, strain_watch: StrainWatch) -> None:
+def _restart(session: Session, strain_watch: StrainWatch) -> None:
     strain_watch.restart()
     session.simulation.restore(session.first_state)
     _call(session.controller, session.controller.reset, session.simulation.model)
@@ -183,7 +183,7 @@ def _wait_for_pace(session: Session) -> None:
 
 
 def _warn_once(session: Session, report: StepReport, warned: set[Callable[..., None]]) -> None:
-    """Say what is wrong with a step, unless the same was wrong with an earlier one."""
+    """Warn of each problem of a step, unless it has occurred in an earlier step."""
     time = session.simulation.model.scene.time
     newton_failed = report.newton_residual is not None and not report.newton_residual <= time.newton_tolerance
     wrong = {
@@ -209,7 +209,7 @@ def _warn_not_converged(session: Session, report: StepReport) -> None:
 
 def _warn_newton_not_converged(session: Session, report: StepReport) -> None:
     warnings.warn(
-        f"step {report.step}: after {report.linearisations} linearisations another one would move a node by "
+        f"step {report.step}: after {report.linearisations} linearisations another would move a node by "
         f"{report.newton_residual:.2g} mm, more than time.newton_tolerance = "
         f"{session.simulation.model.scene.time.newton_tolerance:g}; later steps are counted, not reported",
         stacklevel=6,
@@ -218,8 +218,8 @@ def _warn_newton_not_converged(session: Session, report: StepReport) -> None:
 
 def _warn_of_inverted_elements(session: Session, report: StepReport) -> None:
     warnings.warn(
-        f"step {report.step}: {report.inverted_elements} elements are turned inside out; a smaller time.step, or "
-        "time.newton = 20, or a finer mesh may keep them from it; metrics.json has the most and those at the end",
+        f"step {report.step}: {report.inverted_elements} elements are inverted; a smaller time.step, or "
+        "time.newton = 20, or a finer mesh may prevent it; metrics.json has the largest number and the last",
         stacklevel=6,
     )
 
@@ -229,12 +229,12 @@ def _warn_of_overlap(session: Session, report: StepReport) -> None:
     assert report.deepest is not None
     first, second = report.deepest
     if report.step == 0:
-        cause = "they start so; move one of them away"
+        cause = "they overlap at the start; move one of them away"
     elif not report.converged:
         cause = "the contact solver has not converged; take a smaller time.step"
     else:
         cause = (
-            f"what pushes them into each other moved too far in a step of {scene.time.step:g} s; take a smaller "
+            f"a body moved too far in a step of {scene.time.step:g} s; take a smaller "
             "time.step, or a larger contact.contact_distance"
         )
     depth = report.max_penetration - scene.contact.contact_distance
@@ -246,7 +246,7 @@ def _warn_of_overlap(session: Session, report: StepReport) -> None:
 
 
 def _call(part: Controller | Output, method: Callable[..., Answer], *arguments: Any) -> Answer:
-    """Call a method of a controller or output; what it raises unexpectedly is reported with its name."""
+    """Call a method of a controller or output; unexpected exceptions become errors with its name."""
     kind = "controller" if isinstance(part, Controller) else "output"
     with failures_of(f"{kind} {_name(part)} failed in {method.__name__}()"):
         return method(*arguments)
@@ -257,14 +257,13 @@ def _name(part: Controller | Output) -> str:
 
 
 def _end_all(outputs: Sequence[Output], outcome: str) -> list[BaseException]:
-    """End every output, also when one fails or is interrupted; an output that could not do its job matters more than a
-    missed goal."""
+    """End every output, even if one fails or is interrupted; failures of outputs come before missed goals."""
     problems = [problem for output in outputs for problem in _problems(_call, output, output.end, outcome)]
     return sorted(problems, key=lambda problem: isinstance(problem, GoalMissed))
 
 
 def _problems(function: Callable[..., Any], *arguments: Any, **named: Any) -> list[BaseException]:
-    """Call, and return what it raises instead of raising it: what comes after it is done in any case."""
+    """Call a function, and return its exceptions instead of raising them."""
     try:
         function(*arguments, **named)
     except BaseException as error:

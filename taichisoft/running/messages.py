@@ -1,4 +1,4 @@
-"""Warnings and messages of a log on a console, each one line; this starts no Taichi."""
+"""Warnings and log messages on a console, one line each; does not import Taichi."""
 
 import logging
 import warnings
@@ -14,18 +14,18 @@ PROJECT_LOGGER = "taichisoft"
 
 
 def print_line(console: Console, line: str) -> None:
-    """One line, without markup."""
+    """Print one line, without markup."""
     console.print(plain(line), soft_wrap=True)
 
 
 def print_warning(console: Console, message: str) -> None:
-    """One line, without markup."""
+    """Print a warning in one line, without markup."""
     console.print(Text.assemble(("warning: ", "yellow"), printable(message)), soft_wrap=True)
 
 
 @contextmanager
 def warnings_printed_to(console: Console) -> Iterator[None]:
-    """Print Python's warnings in this way, as long as it lasts."""
+    """Print Python's warnings by `print_warning` within the context."""
     with warnings.catch_warnings():
         warnings.showwarning = lambda message, *_, **__: print_warning(console, str(message))
         yield
@@ -33,7 +33,7 @@ def warnings_printed_to(console: Console) -> Iterator[None]:
 
 @contextmanager
 def logged_to(console: Console) -> Iterator[None]:
-    """Print each message of the logger "taichisoft" and those below it as one line, as long as it lasts."""
+    """Print messages of the logger "taichisoft" and its children, one line each, within the context."""
     logger, handler = logging.getLogger(PROJECT_LOGGER), _ConsoleHandler(console)
     level_before = logger.level
     logger.addHandler(handler)

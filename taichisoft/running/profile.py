@@ -1,4 +1,4 @@
-"""Where the time of a step goes. Nothing is measured, and nothing costs, unless a simulation is being profiled."""
+"""Profile of the phases of a step. Without profiling nothing is measured, at no cost."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.runtime.launch import timed_launches
-from taichisoft.simulation import Simulation
+from taichisoft.runtime.taichi_private import timed_launches
+from taichisoft.time_stepper import TimeStepper
 
 REST = "rest"
 TOTAL = "step"
@@ -17,11 +17,11 @@ TOTAL = "step"
 
 @dataclass
 class Profile:
-    """Times of the phases of every step that was profiled.
+    """Times of the phases of all profiled steps.
 
     Attributes:
         seconds: times of all steps [s], by phase; `TOTAL` is the whole step.
-        in_python: parts of these times that were not spent in kernels [s].
+        in_python: parts of these times outside kernels [s].
     """
 
     seconds: dict[str, list[float]] = field(default_factory=dict)
@@ -36,8 +36,8 @@ class Profile:
 
 
 @contextmanager
-def profiled(simulation: Simulation) -> Iterator[Profile]:
-    """Measure the steps that are made within it."""
+def profiled(simulation: TimeStepper) -> Iterator[Profile]:
+    """Measure the steps within the context."""
     phases = _phases(simulation)
     profile, clock = Profile(), _Clock(list(phases))
     watched = [(owner, method, phase) for phase, calls in phases.items() for owner, method in calls]
@@ -49,29 +49,29 @@ def profiled(simulation: Simulation) -> Iterator[Profile]:
             yield profile
     finally:
         for owner, method, _ in watched:
-            delattr(owner, method)  # what is left is the class's own
+            delattr(owner, method)  # restores the class's method
         del simulation.step
 
 
-def _phases(simulation: Simulation) -> dict[str, list[tuple[Any, str]]]:
-    """The methods that make up each phase, without what they call of other phases."""
-    constraints, soft = simulation._constraints, simulation._soft
+def _phases(simulation: TimeStepper) -> dict[str, list[tuple[Any, str]]]:
+    """Methods of each phase; nested calls of methods of other phases count there."""
+    constraints, soft = simulation._constraint_solver, simulation._soft
     soft_phases: dict[str, list[tuple[Any, str]]] = {}
     if soft is not None:
         soft_phases = {
-            "actuators": [(simulation, "_begin_actuators")],
+            "actuators": [(simulation, "_request")],
             "rotations and assembly": [(soft.system, "assemble")],
             "factorisation": [(soft.system.solver, "factorise")],
         }
     return {
         **soft_phases,
         "loads": [(simulation, "_begin_motion")],
-        "contact detection": [(simulation, "_find_contacts")],
+        "contact detection": [(simulation._prediction, "find")],
         "compliance": [(constraints, "_build_rows"), (constraints, "_assemble_compliance")],
         "Gauss-Seidel": [(constraints, "_find_impulses")],
         "active set": [(constraints, "solve")],
         "back substitution": [(constraints, "_complete")],
-        "impulses and integration": [(constraints, "_apply_impulses"), (simulation, "_integrate")],
+        "impulses and integration": [(constraints, "_velocities_after"), (simulation, "_integrate")],
         "check": [(simulation._divergence_check, "check")],
     }
 
@@ -81,16 +81,16 @@ class _Clock:
 
     def __init__(self, phases: list[str]) -> None:
         self._phases = phases
-        self._spent: dict[str, list[float]] = {}  # by phase: seconds, of these in kernels
-        self._running: list[list[float]] = []  # of each call under way: seconds and kernel seconds of what it calls
+        self._spent: dict[str, list[float]] = {}  # by phase: seconds, and seconds in kernels
+        self._running: list[list[float]] = []  # per active call: seconds and kernel seconds of nested calls
 
     def add_launch(self, seconds: float) -> None:
-        """A kernel ran for so long."""
+        """Add the time of a kernel launch [s]."""
         if self._running:
             self._running[-1][1] += seconds
 
     def watch(self, method: Callable[..., Any], phase: str) -> Callable[..., Any]:
-        """The method, with its time added to a phase."""
+        """Wrap a method so that its time is added to a phase."""
 
         def timed(*arguments: Any, **named: Any) -> Any:
             nested = [0.0, 0.0]
@@ -110,11 +110,11 @@ class _Clock:
         return timed
 
     def watch_step(self, step: Callable[..., Any], profile: Profile) -> Callable[..., Any]:
-        """A step whose phases go to the profile when it is done; one that fails is left out."""
+        """Wrap a step so that its phases are added to the profile; failed steps are omitted."""
         timed = self.watch(step, REST)
 
         def profiled_step(*arguments: Any, **named: Any) -> Any:
-            self._spent = {phase: [0.0, 0.0] for phase in self._phases}  # also of those that this step does without
+            self._spent = {phase: [0.0, 0.0] for phase in self._phases}  # including phases that this step skips
             report = timed(*arguments, **named)
             rest = self._spent.pop(REST)
             self._spent |= {REST: rest, TOTAL: np.sum([*self._spent.values(), rest], axis=0).tolist()}

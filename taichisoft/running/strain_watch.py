@@ -1,4 +1,4 @@
-"""Says when a body is stretched beyond what its law is good for, and in the end whether the run can be trusted."""
+"""Checks for stretches beyond the range of a body's law, during a run and at its end."""
 
 import numpy as np
 
@@ -9,20 +9,20 @@ from taichisoft.state import State
 from taichisoft.step.report import StepReport
 
 EVERY = 20
-"""Steps from one look to the next: a look takes about as long as a step without contact."""
+"""Steps between two checks: a check takes about as long as a step without contact."""
 FAR_BEYOND = 2.0
-"""A run in which 1 % of a body's elements are stretched by more than so many times what its law holds for is beyond
-the law. Rubber at 2.4 has 0.53 of the force of Hooke's law; shipped scenes come to 1.57 under it, and to 1.40 of a
-fitted law's 3."""
+"""A run is beyond a law if 1 % of a body's elements are stretched by more than this multiple of the law's range. At a
+stretch of 2.4 rubber has 0.53 of the force of Hooke's law; shipped scenes reach 1.57 under Hooke's law, and 1.40 under
+a fitted law with range 3."""
 FARTHEST_BEYOND = 4.0
-"""The same for a single element: at a sharp corner one may be stretched more than twice as far as all others."""
+"""The multiple for a single element: at a sharp corner it may be stretched more than twice as far as all others."""
 
 
 class StrainWatch:
-    """Looks at the stretches of all soft bodies now and then, and keeps the largest since the run began."""
+    """Measures the stretches of all soft bodies at intervals, and keeps the largest of the run."""
 
     def __init__(self, model: Model):
-        """Prepare; costs nothing without soft bodies."""
+        """Allocate; without soft bodies there is nothing to do."""
         self._bodies = model.soft_bodies
         self._stretches = [Stretches(body.rest_position, body.elements) for body in self._bodies]
         self._ranges = [valid_stretch(body.settings) for body in self._bodies]
@@ -30,14 +30,14 @@ class StrainWatch:
         self.restart()
 
     def restart(self) -> None:
-        """Forget all stretches: the run starts anew."""
+        """Reset the largest stretches when the run restarts."""
         self._found = [(1.0, 1.0) for _ in self._bodies]
 
     def complaint(self, state: State) -> str | None:
-        """The line to show, where this is the first state beyond the range; None else."""
+        """Warning for the first state with a body beyond the range of its law, else None."""
         if state.step % EVERY:
             return None
-        lines = [self._look(number, state) for number in range(len(self._bodies))]
+        lines = [self._measure_stretches(number, state) for number in range(len(self._bodies))]
         line = next((line for line in lines if line is not None), None)
         if line is None or not self._waiting:
             return None
@@ -45,29 +45,29 @@ class StrainWatch:
         return line
 
     def judge(self, state: State, report: StepReport | None) -> None:
-        """Look at the last state of a run, and refuse the run where it was far beyond a law.
+        """Check the last state of a run, and refuse the run if a body was stretched far beyond its law.
 
         Raises:
-            BeyondLaw: 1 % of a body's elements were stretched by more than `FAR_BEYOND` times what its law holds for,
-                one by more than `FARTHEST_BEYOND` times, or elements are inside out at the end.
+            BeyondLaw: 1 % of a body's elements were stretched by more than `FAR_BEYOND` times the range of its law, one
+                by more than `FARTHEST_BEYOND` times, or elements are inverted at the end.
         """
         for number, body in enumerate(self._bodies):
-            self._look(number, state)
+            self._measure_stretches(number, state)
             (largest, most), (limit, law) = self._found[number], self._ranges[number]
             if largest > FARTHEST_BEYOND * limit or most > FAR_BEYOND * limit:
                 raise BeyondLaw(
                     f"beyond the law: '{body.name}' was stretched {largest:.2f}-fold, 1 % of its elements at least "
-                    f"{most:.2f}-fold, where {law} holds up to {limit:g}: what came out is not what rubber does; "
+                    f"{most:.2f}-fold, where {law} holds up to {limit:g}: the result is not physical; "
                     "try a lower pressure or thicker walls"
                 )
         if report is not None and report.inverted_elements:
             raise BeyondLaw(
-                f"beyond the law: {report.inverted_elements} elements are inside out at the end: what came out is not "
-                "what a body does; try a smaller time.step, time.newton = 20, a lower pressure, or a finer mesh"
+                f"beyond the law: {report.inverted_elements} elements are inverted at the end: the result is not "
+                "physical; try a smaller time.step, time.newton = 20, a lower pressure, or a finer mesh"
             )
 
-    def _look(self, number: int, state: State) -> str | None:
-        """Keep the stretches of a body; a line where one is beyond the range of its law."""
+    def _measure_stretches(self, number: int, state: State) -> str | None:
+        """Update the largest stretches of a body; returns a warning if one is beyond the range of its law."""
         body, stretches = self._bodies[number], self._stretches[number]
         position = state.position[body.nodes]
         found = stretches.largest(position)
@@ -80,6 +80,6 @@ class StrainWatch:
         x, y, z = position[stretches.tetrahedra[int(np.argmax(found))]].mean(axis=0)
         return (
             f"'{body.name}' is stretched {largest:.2f}-fold at ({x:.1f}, {y:.1f}, {z:.1f}) mm at "
-            f"{state.time:.2f} s, and {law} holds up to {limit:g}: beyond it, forces are not those of rubber; "
+            f"{state.time:.2f} s, and {law} holds up to {limit:g}: beyond it, forces are not realistic; "
             "metrics.json has the largest stretch of the run"
         )

@@ -1,4 +1,4 @@
-"""A limit on how long somebody else's code may take."""
+"""Time limit for calls of plug-in code."""
 
 import signal
 import threading
@@ -10,10 +10,10 @@ Answer = TypeVar("Answer")
 
 
 class TimeLimitExceeded(Exception):
-    """A call took too long.
+    """A call exceeded its time limit.
 
     Attributes:
-        seconds: time until it returned or was stopped [s].
+        seconds: time until the call returned or was interrupted [s].
     """
 
     def __init__(self, seconds: float):
@@ -22,17 +22,17 @@ class TimeLimitExceeded(Exception):
 
 
 class _Alarm(KeyboardInterrupt):
-    """An interruption, not an Exception: the code that is interrupted must not take it for one of its own."""
+    """An interruption, not an Exception, so that the interrupted code does not catch it as its own."""
 
 
 def call_within(limit: float | None, function: Callable[..., Answer], *arguments: Any) -> Answer:
-    """Call a function that may take `limit` seconds, and return its result.
+    """Call a function with a time limit [s], and return its result.
 
-    Where the system has interval timers, and in the main thread, a call that never returns is interrupted, too;
-    elsewhere its time is seen when it returns.
+    In the main thread of a system with interval timers, a call that never returns is interrupted; otherwise the time is
+    checked after the call.
 
     Raises:
-        TimeLimitExceeded: it took longer.
+        TimeLimitExceeded: the call took longer.
     """
     if limit is None:
         return function(*arguments)
@@ -56,7 +56,7 @@ def _call_with_alarm(limit: float, function: Callable[..., Answer], *arguments: 
             return function(*arguments)
         finally:
             signal.setitimer(signal.ITIMER_REAL, 0.0)
-    except _Alarm:  # it may come as late as while it is switched off
+    except _Alarm:  # may arrive while the timer is being cancelled
         raise TimeLimitExceeded(time.perf_counter() - started) from None
     finally:
         signal.signal(signal.SIGALRM, before)

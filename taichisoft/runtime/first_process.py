@@ -37,15 +37,15 @@ _compiled = False
 
 
 def _done(threads: int) -> Path:
-    """The file that is there when kernels of this version, for a number of threads, have been left."""
+    """The file that marks complete kernels of this version, for a number of threads."""
     engine = Path(__file__).parents[1]
-    sources = sorted([*engine.glob("runtime/*.py"), *engine.glob("*/kernels/*.py")])
+    sources = sorted([*engine.glob("runtime/*.py"), *engine.glob("*/kernels/*.py"), engine / "rubber_laws.py"])
     digest = hashlib.sha256(b"".join(source.read_bytes() for source in sources)).hexdigest()
     return kernel_folder() / f"compiled-{digest[:16]}-{threads}"
 
 
 def wait_for_kernels(threads: int) -> None:
-    """Return when kernels are there, or this process is the one to compile them."""
+    """Return when compiled kernels exist, or when this process is the one to compile them."""
     global _first
     if find_spec("fcntl") is None:  # Windows: everybody compiles
         return
@@ -85,7 +85,7 @@ def is_first() -> bool:
 
 
 def must_hand_over() -> bool:
-    """Asked by the first before every launch: whether its kernels are complete, and others wait for them."""
+    """Whether the kernels of the first process are complete and others wait for them; called before every launch."""
     global _launches, _looks
     _launches += 1
     if _launches < LAUNCHES:
@@ -99,7 +99,7 @@ def must_hand_over() -> bool:
 
 
 def resign() -> None:
-    """Be first no longer."""
+    """Release the lock; another process can be first then."""
     global _first
     if _first is not None:
         _first.close()
@@ -107,7 +107,7 @@ def resign() -> None:
 
 
 def left_kernels(threads: int) -> None:
-    """Taichi has ended, and with it the kernels of this process are there."""
+    """Record that Taichi has ended and has written the kernels of this process."""
     if _compiled:
         with contextlib.suppress(OSError):
             _done(threads).touch()
@@ -117,7 +117,7 @@ def _is_first(first: IO[str], done: Path) -> bool:
     """Wait for the lock; whether this process is to compile."""
     import fcntl
 
-    since, told = time.monotonic(), False
+    since, announced = time.monotonic(), False
     while not done.exists():
         try:
             fcntl.flock(first, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -125,9 +125,9 @@ def _is_first(first: IO[str], done: Path) -> bool:
             return not done.exists()
         except BlockingIOError:
             pass
-        if not told:
+        if not announced:
             _say("waits for another process, which compiles its kernels")
-            told = True
+            announced = True
         # The first may not have written its time yet.
         if time.time() > os.fstat(first.fileno()).st_mtime and time.monotonic() - since > IDLE:
             _say("the other process compiles nothing; this one compiles its kernels itself")
@@ -137,14 +137,14 @@ def _is_first(first: IO[str], done: Path) -> bool:
 
 
 def _let_wait(first: IO[str], seconds: float) -> None:
-    """Say for how long others should wait."""
+    """Record for how long other processes should wait."""
     with contextlib.suppress(OSError):
         os.utime(first.name, times=(time.time(), time.time() + seconds))
 
 
 @contextlib.contextmanager
 def _waiting() -> Iterator[None]:
-    """Let the first see that somebody waits."""
+    """Show the first process that another one waits."""
     import fcntl
 
     with kernel_folder().joinpath("waiting").open("a") as file:

@@ -35,7 +35,7 @@ def has_kernels() -> bool:
 def _open_lock() -> IO[str]:
     """The lock file in the folder of kernels; where nothing can be written, Taichi is given a folder for this process,
     because it crashes without one."""
-    usual = cache_folder() / "kernels"  # asked for in any case: without a home Taichi itself needs to be told of one
+    usual = cache_folder() / "kernels"  # called in any case: without a home folder it sets the environment for Taichi
     folder = Path(os.environ.setdefault(VARIABLE, str(usual)))
     try:
         folder.mkdir(parents=True, exist_ok=True)

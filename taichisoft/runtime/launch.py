@@ -1,23 +1,20 @@
 """A short way from Python into a Taichi kernel, whose arrays come in bundles.
 
-Taichi 1.7.4 looks at every argument of every launch anew: some 10 microseconds for each array, which for the twenty
+Taichi 1.7.4 examines every argument at every launch: some 10 microseconds for each array, which for the twenty
 launches of a step is longer than the arithmetic; and it takes an array of integers for one of floats. `kernel` compiles
 through Taichi at the first call, checks arrays against the annotations, hands over pointers, and keeps what it has set
 up: a launch with the very bundles of an earlier one costs 2 microseconds, and 0.4 more for each of their arrays.
 
 A bundle is a NamedTuple of arrays, such as the elements of a body; its fields are annotated with the array types of
 `runtime`. Taichi sees its arrays one by one, `elements.lame` as `elements_lame`; inside the kernel they are put
-together again, and functions decorated with `func` take the bundle whole. All of this uses Taichi's inner interface, so
-that its version is pinned.
+together again, and functions decorated with `func` take the bundle whole. What this needs of Taichi's private interface
+is in `taichi_private.py`.
 """
 
 import ast
-import copy
 import inspect
 import os
-import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from operator import itemgetter
 from threading import Lock
 from typing import Any
@@ -26,10 +23,11 @@ import numpy as np
 
 from taichisoft.errors import ForkedProcess
 from taichisoft.runtime import first_process
-from taichisoft.runtime.taichi_start import restart, ti
+from taichisoft.runtime.taichi_private import CompiledKernel, rewrite_kernels, set_array, set_number
+from taichisoft.runtime.taichi_start import restart_taichi, ti
 
 # Sets of arrays that a kernel remembers, for problems of several sizes and models side by side. A set keeps its arrays
-# alive; whoever puts larger ones in the place of large ones calls `forget`.
+# alive; code that replaces arrays by larger ones calls `forget`.
 REMEMBERED = 16
 # Taichi has one program a process, and promises nothing to threads that launch at once.
 LAUNCHING = Lock()
@@ -50,7 +48,7 @@ def func(function: Callable[..., Any]) -> Any:
 
 
 def forget(*held: Any) -> None:
-    """Let all kernels forget the launches with any of these arrays or bundles, so that nothing keeps them alive."""
+    """Let all kernels forget the launches with any of the arrays or bundles `held`, so that they can be freed."""
     unwanted = set(map(id, held))
     with LAUNCHING:
         for one in KERNELS:
@@ -77,12 +75,12 @@ class Kernel:
             name for name, (_, dimensions, _) in zip(self._flat_names, self._described, strict=True) if not dimensions
         ]
         # Where the numbers stand among the flat arguments, and how each is handed over.
-        self._number_places = [(self._flat_names.index(name),) for name in numbers]
-        self._number_kinds = [self._described[place][0] for (place,) in self._number_places]
+        self._number_places = [self._flat_names.index(name) for name in numbers]
+        self._number_kinds = [self._described[place][0] for place in self._number_places]
         self._pick_numbers = _picker([self._names.index(name) for name in numbers])
         self._pick_held = _picker([index for index, name in enumerate(self._names) if name not in numbers])
         self._remembered: dict[tuple[int, ...], _Launch] = {}
-        self._compiled: Any = None
+        self._compiled: CompiledKernel | None = None
         KERNELS.append(self)
 
     def __call__(self, *arguments: Any) -> None:
@@ -100,23 +98,20 @@ class Kernel:
             launch = self._remembered.get(identity) or self._prepare(identity, arguments)
             if numbers != launch.numbers:
                 self._set_numbers(launch, numbers)
-            self._program.launch_kernel(self._compiled, launch.context)
+            launch.compiled.launch(launch.context)
 
     def forget(self, unwanted: set[int]) -> None:
-        """Forget the launches with any of these arguments, told by `id`."""
+        """Forget the launches with any argument whose `id` is in `unwanted`."""
         for identity in [known for known in self._remembered if not unwanted.isdisjoint(known)]:
             del self._remembered[identity]
 
     def _set_numbers(self, launch: "_Launch", numbers: tuple[Any, ...]) -> None:
         launch.numbers = numbers
         for place, kind, number in zip(self._number_places, self._number_kinds, numbers, strict=True):
-            if kind is int:
-                launch.context.set_arg_int(place, int(number))
-            else:
-                launch.context.set_arg_float(place, float(number))
+            set_number(launch.context, place, kind, number)
 
     def _prepare(self, identity: tuple[int, ...], arguments: tuple[Any, ...]) -> "_Launch":
-        """A launch with the pointers of these arrays."""
+        """A launch with the pointers of the arrays in `arguments`."""
         flat: list[Any] = []
         for name, argument in zip(self._names, arguments, strict=True):
             if name in self._bundles and not isinstance(argument, self._bundles[name]):
@@ -126,15 +121,14 @@ class Kernel:
             flat += argument if name in self._bundles else [argument]
         self._check(flat)
         if self._compiled is None:
-            self._compile(flat)
-        context = self._taichi_kernel.make_launch_context()
+            self._compiled = self._compile(flat)
+        context = self._compiled.make_context()
         for place, (array, (_, dimensions, outer)) in enumerate(zip(flat, self._described, strict=True)):
             if dimensions:
-                address = array.__array_interface__["data"][0]
-                context.set_arg_external_array_with_shape((place,), address, array.nbytes, array.shape[:outer], 0)
+                set_array(context, place, array, outer)
         if len(self._remembered) == REMEMBERED:
             del self._remembered[next(iter(self._remembered))]
-        self._remembered[identity] = launch = _Launch(context, arguments)
+        self._remembered[identity] = launch = _Launch(self._compiled, context, arguments)
         return launch
 
     def _check(self, flat: list[Any]) -> None:
@@ -145,19 +139,16 @@ class Kernel:
                     f"dimensions, not {array.dtype} of {array.ndim}"
                 )
 
-    def _compile(self, flat: list[Any]) -> None:
+    def _compile(self, flat: list[Any]) -> CompiledKernel:
         first_process.begin_compilation()
-        primal = self._kernel._primal
-        # Taichi keeps what it compiles with, of which it needs the types alone: so not these arrays.
+        # Taichi keeps the arguments of the compilation but needs their types alone, so the arrays have no entries.
         alike = [np.empty_like(one[:0]) if isinstance(one, np.ndarray) else one for one in flat]
-        self._taichi_kernel = primal.compiled_kernels[primal.ensure_compiled(*alike)]
-        self._program = ti.lang.impl.get_runtime().prog
-        capabilities = self._program.get_device_caps()
-        self._compiled = self._program.compile_kernel(self._program.config(), capabilities, self._taichi_kernel)
+        compiled = CompiledKernel(self._kernel, alike)
         first_process.end_compilation()
+        return compiled
 
-    def begin_anew(self) -> None:
-        """Forget what belongs to a program of Taichi that has ended."""
+    def restart(self) -> None:
+        """Discard the compilation and the launches of a program of Taichi that has ended."""
         self._remembered.clear()
         self._compiled = None
 
@@ -166,12 +157,12 @@ LAUNCH = Kernel.__call__
 
 
 def _launch_as_first(self: Kernel, *arguments: Any) -> None:
-    """Launch in a process whose kernels others may wait for; only there anything looks whether they do."""
+    """Launch in the first process, and hand its kernels over when other processes wait for them."""
     if first_process.must_hand_over():
         with LAUNCHING:
-            restart()
+            restart_taichi()
             for one in KERNELS:
-                one.begin_anew()
+                one.restart()
         first_process.resign()
     if not first_process.is_first():
         Kernel.__call__ = LAUNCH  # type: ignore[method-assign]
@@ -200,37 +191,20 @@ if hasattr(os, "register_at_fork"):  # Windows has no fork
 
 
 class _Launch:
-    """What a launch with certain arrays needs; holding the arrays keeps their identities theirs."""
+    """A prepared launch; holding the arrays keeps their `id` from being used again."""
 
-    def __init__(self, context: Any, arguments: tuple[Any, ...]):
+    def __init__(self, compiled: CompiledKernel, context: Any, arguments: tuple[Any, ...]):
+        self.compiled = compiled
         self.context = context
         self.numbers: tuple[Any, ...] | None = None
         self._arguments = arguments
 
 
-@contextmanager
-def timed_launches(add: Callable[[float], None]) -> Iterator[None]:
-    """Within it, `add` gets the seconds of every launch, without the Python around it; outside nothing costs."""
-    program = type(ti.lang.impl.get_runtime().prog)
-    launch_kernel = vars(program)["launch_kernel"]  # not program.launch_kernel, which would take no self when put back
-
-    def timed(*arguments: Any) -> None:
-        started = time.perf_counter()
-        launch_kernel(*arguments)
-        add(time.perf_counter() - started)
-
-    program.launch_kernel = timed
-    try:
-        yield
-    finally:
-        program.launch_kernel = launch_kernel
-
-
 def _picker(indices: list[int]) -> Callable[[tuple[Any, ...]], tuple[Any, ...]]:
-    """What picks these entries of a tuple, as a tuple."""
+    """A function that picks the entries at `indices` of a tuple, as a tuple."""
     if not indices:
         return lambda arguments: ()
-    if len(indices) == 1:  # of which itemgetter makes no tuple
+    if len(indices) == 1:  # itemgetter of one index gives no tuple
         index = indices[0]
         return lambda arguments: (arguments[index],)
     return itemgetter(*indices)
@@ -241,7 +215,7 @@ def _is_bundle(annotation: Any) -> bool:
 
 
 def _flattened(parameter: inspect.Parameter) -> list[inspect.Parameter]:
-    """A parameter, or those of a bundle's arrays."""
+    """The parameter itself, or one parameter for each array of a bundle."""
     if not _is_bundle(parameter.annotation):
         return [parameter]
     fields = parameter.annotation.__annotations__
@@ -252,7 +226,7 @@ def _flattened(parameter: inspect.Parameter) -> list[inspect.Parameter]:
 
 
 def _describe(annotation: Any) -> tuple[type, int, int]:
-    """Type of number, dimensions of the numpy array (0 for a number), and those that are not within an element."""
+    """Type of number, dimensions of the numpy array (0 for a number), and its dimensions outside an element."""
     if annotation is ti.i32 or annotation is ti.f64:
         return int if annotation is ti.i32 else float, 0, 0
     element = annotation.dtype
@@ -261,34 +235,26 @@ def _describe(annotation: Any) -> tuple[type, int, int]:
     return np.int32 if scalar is ti.i32 else np.float64, annotation.ndim + element_dimensions, annotation.ndim
 
 
-def _with_bundles(tree_and_context: Callable[..., Any]) -> Callable[..., Any]:
-    """Taichi's reading of a kernel's source, with the arrays of bundles as parameters.
+def _with_bundles(function: Callable[..., Any], tree: ast.Module) -> ast.Module:
+    """A kernel's syntax tree with the arrays of bundles as parameters.
 
     The body then begins with `elements = ti.static(Elements(elements_corners, ...))`: names, without a copy.
     """
-
-    def read(self: Any, *arguments: Any, **named: Any) -> Any:
-        tree, context = tree_and_context(self, *arguments, **named)
-        if not named.get("is_kernel", True):
-            return tree, context
-        tree = copy.deepcopy(tree)  # it is kept for the next reading, and this one takes the parameters out
-        bundles = getattr(self.func, "bundles", {})
-        if not bundles:
-            return tree, context
-        definition = tree.body[0]
-        for parameter in reversed(definition.args.args):
-            if parameter.arg not in bundles:
-                continue
-            fields = [f"{parameter.arg}_{field}" for field in bundles[parameter.arg]._fields]
-            made = ast.parse(f"{parameter.arg} = ti.static({ast.unparse(parameter.annotation)}({', '.join(fields)}))")
-            definition.body.insert(0, made.body[0])
-        definition.args.args = [ast.arg(name) for name in inspect.signature(self.func).parameters]
-        for node in ast.walk(definition):
-            if not hasattr(node, "lineno"):
-                ast.copy_location(node, definition)
-        return tree, context
-
-    return read
+    bundles = getattr(function, "bundles", {})
+    if not bundles:
+        return tree
+    definition: Any = tree.body[0]
+    for parameter in reversed(definition.args.args):
+        if parameter.arg not in bundles:
+            continue
+        fields = [f"{parameter.arg}_{field}" for field in bundles[parameter.arg]._fields]
+        made = ast.parse(f"{parameter.arg} = ti.static({ast.unparse(parameter.annotation)}({', '.join(fields)}))")
+        definition.body.insert(0, made.body[0])
+    definition.args.args = [ast.arg(name) for name in inspect.signature(function).parameters]
+    for node in ast.walk(definition):
+        if not hasattr(node, "lineno"):
+            ast.copy_location(node, definition)
+    return tree
 
 
-ti.lang.kernel_impl._get_tree_and_ctx = _with_bundles(ti.lang.kernel_impl._get_tree_and_ctx)
+rewrite_kernels(_with_bundles)

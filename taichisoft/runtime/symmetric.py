@@ -1,16 +1,16 @@
 """Eigenvalues of symmetric 3x3 matrices.
 
-With q the mean of the eigenvalues and 6 p^2 the squared length of A - q I, those of (A - q I) / p are 2 cos(t),
-2 cos(t + 2 pi / 3) and 2 cos(t - 2 pi / 3), where cos(3 t) is half its determinant (Smith 1961, Eigenvalues of a
-symmetric 3x3 matrix). One of them always is far from the others, at least 1.73 in size. Its eigenvector is a cross
-product of two rows, and the others are those of a 2x2 matrix across it: so also equal eigenvalues are found to
-round-off (Eberly 2014, A Robust Eigensolver for 3x3 Symmetric Matrices). All of this needs a trace of zero: see
-`deviator`.
+With q the mean of the eigenvalues and 6 p^2 the squared length of A - q I, the eigenvalues of (A - q I) / p are
+2 cos(t), 2 cos(t + 2 pi / 3) and 2 cos(t - 2 pi / 3), where cos(3 t) is half its determinant (Smith 1961, Eigenvalues
+of a symmetric 3x3 matrix). One of them always is far from the others, at least 1.73 in size. Its eigenvector is a
+cross product of two rows, and the others are eigenvectors of a 2x2 matrix across it: so also equal eigenvalues are
+found to round-off (Eberly 2014, A Robust Eigensolver for 3x3 Symmetric Matrices). All of this needs a trace of zero:
+see `deviator`.
 """
 
 from taichisoft.runtime.taichi_start import mat3, ti, vec3
 
-# What keeps a division by zero from happening where both numbers are zero.
+# Added to a divisor that is zero where the dividend is zero.
 TINY = 1e-200
 SQUARE_ROOT_OF_THREE = 3.0**0.5
 
@@ -28,7 +28,7 @@ def symmetric_eigen(matrix: mat3):
     third = first.cross(second)
     a_second, a_third = a @ second, a @ third
     of_second, of_third, mixed = second.dot(a_second), third.dot(a_third), second.dot(a_third)
-    # Jacobi's rotation of these two (Golub and Van Loan, Matrix Computations, section 8.5).
+    # Jacobi's rotation of second and third (Golub and Van Loan, Matrix Computations, section 8.5).
     difference = of_third - of_second
     sign = 1.0
     if difference < 0.0:
@@ -60,7 +60,7 @@ def deviator(matrix: mat3) -> mat3:
 
 @ti.func
 def lonely_eigenvector(a: mat3) -> vec3:
-    """That of the eigenvalue which is far from the others, of a matrix without trace."""
+    """The eigenvector of the eigenvalue that is far from the others, of a matrix with trace zero."""
     scaled = a / (ti.sqrt(a.norm_sqr() / 6.0) + TINY)
     cosine = 0.5 * scaled.determinant()
     sign = 1.0

@@ -12,36 +12,24 @@ new state is checked with numpy's isfinite on the host before it is accepted (di
 NaN inside kernels do no more than end loops.
 """
 
-import ast
 import atexit
 import contextlib
-import ctypes
-import functools
 import io
 import multiprocessing
 import os
 import sys
-import textwrap
-from types import SimpleNamespace
-from typing import Any
 
 from taichisoft.errors import TaichisoftError
 from taichisoft.runtime.first_process import left_kernels, wait_for_kernels
-from taichisoft.runtime.kernel_cache import alone_with_kernels, has_kernels  # before Taichi, which needs a home
-
-os.environ.setdefault("ENABLE_TAICHI_HEADER_PRINT", "0")
-os.environ.setdefault("TI_SKIP_VERSION_CHECK", "ON")  # a simulation asks nothing of the network
-
-import taichi as ti
-from taichi.lang import kernel_impl
-from taichi.lang.ast.ast_transformer_utils import ASTTransformerContext
+from taichisoft.runtime.kernel_cache import alone_with_kernels, has_kernels
+from taichisoft.runtime.taichi_private import keep_program, ti
 
 
 def thread_count(setting: str) -> int:
     """The number of threads that the environment variable TAICHISOFT_THREADS asks for.
 
     Raises:
-        TaichisoftError: it is no whole number, or negative.
+        TaichisoftError: the setting is not a whole number, or negative.
     """
     if not (setting.isascii() and setting.strip().isdigit()):
         raise TaichisoftError(
@@ -54,26 +42,6 @@ def available_cores() -> int:
     """Cores that this process may use; more threads would only wait for one another."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
-
-def _short_position(context: Any, node: ast.AST) -> str:
-    """File and line of a node of a kernel.
-
-    Taichi prepares the source text of every node, wrapped and underlined, in case of an error. Without it the gripper
-    takes 7.1 instead of 8.8 s of processor time up to its first step, with a filled cache.
-    """
-    return f'File "{context.file}", line {node.lineno + context.lineno_offset}\n'
-
-
-ASTTransformerContext.get_pos_info = _short_position
-
-# For every function Taichi asks inspect, which then looks through all modules, whether it stands in a class; and it
-# looks for its source, wraps the lines for its messages and parses them again wherever it is called. Without that the
-# first step takes 1.7 s of 12 less. What reads a tree may write into it only what every reading writes anew.
-kernel_impl._inside_class = lambda level_of_class_stackframe: False
-kernel_impl.getsourcefile = functools.cache(kernel_impl.getsourcefile)
-kernel_impl.getsourcelines = functools.cache(kernel_impl.getsourcelines)
-kernel_impl.textwrap = SimpleNamespace(fill=lambda line, **_: line.rstrip(), dedent=textwrap.dedent)
-kernel_impl.ast = SimpleNamespace(parse=functools.cache(ast.parse))
 
 USUAL_THREADS = "0" if multiprocessing.parent_process() is None else "1"
 THREADS = thread_count(os.environ.get("TAICHISOFT_THREADS") or USUAL_THREADS)
@@ -103,7 +71,7 @@ with alone_with_kernels():
     _start()
 
 
-def restart() -> None:
+def restart_taichi() -> None:
     """End Taichi, which leaves its kernels to other processes, and start it again without any kernel."""
     with alone_with_kernels():
         ti.reset()
@@ -123,15 +91,8 @@ def _finish() -> None:
             left_kernels(THREADS)
 
 
-def _leave_program_alone() -> None:
-    """Keep Taichi's program in a forked child for ever: to delete it, the child would wait for threads that are not
-    there, and so its end would hang."""
-    program = ti.lang.impl.get_runtime().prog
-    ctypes.pythonapi.Py_IncRef(ctypes.py_object(program))
-
-
 if hasattr(os, "register_at_fork"):  # Windows has no fork
-    os.register_at_fork(after_in_child=_leave_program_alone)
+    os.register_at_fork(after_in_child=keep_program)
 
 
 # On the CPU Taichi 1.7.4 cuts a parallel loop into one stretch of iterations a thread, of at least 512, whatever
@@ -139,7 +100,7 @@ if hasattr(os, "register_at_fork"):  # Windows has no fork
 # thread; there the threads take tasks in turn by a counter.
 CHUNK = 512
 
-# What carries a vertex of a surface: the number of a rigid body, or one of these.
+# A vertex of a surface is carried by the rigid body of its number, or by one of:
 STATIC = -1
 SOFT = -2
 

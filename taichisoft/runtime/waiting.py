@@ -9,8 +9,8 @@ anything that only it would do. Whoever finishes last never waits, so that all g
 from taichisoft.runtime.launch import func
 from taichisoft.runtime.taichi_start import Integers, ti
 
-# What the counters of work in two parts count, all 0 at the start: tasks of the first part that are begun, those of it
-# that are finished, and tasks of the second part that are begun.
+# Counters of work in two parts, all 0 at the start: tasks begun and tasks finished of the first part, and tasks begun
+# of the second part.
 BEGUN, FINISHED, BEGUN_LATER = range(3)
 COUNTERS = 3
 # Time of a look at a counter, about [ns], and a patience for tasks of less than 0.2 ms: some 0.5 ms.
@@ -20,13 +20,13 @@ PATIENCE = 50_000
 
 @func
 def load(counters: Integers, i: ti.i32) -> ti.i32:
-    """A number that other threads change: the compiler may not move this load."""
+    """Read a number that other threads change; the compiler may not move this load."""
     return ti.atomic_max(counters[i], 0)
 
 
 @func
 def reaches(counters: Integers, i: ti.i32, count: ti.i32, patience: ti.i32) -> ti.i32:
-    """Whether a counter comes to a number within so many looks."""
+    """Whether a counter reaches `count` within `patience` readings."""
     looks = 0
     while load(counters, i) < count and looks < patience:
         looks += 1

@@ -1,20 +1,22 @@
-"""The laws of elasticity that a scene may name, with their coefficients."""
+"""The laws of elasticity that a scene may name, and whether its coefficients fit them."""
 
 from collections.abc import Mapping
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-Law = Literal["hooke", "neo-hookean", "mooney-rivlin", "yeoh", "ogden"]
+import numpy as np
 
-OGDEN_TERMS = 3
-COEFFICIENTS: dict[str, tuple[str, ...]] = {
-    "hooke": (),
-    "neo-hookean": (),
-    "mooney-rivlin": ("c10", "c01"),
-    "yeoh": ("c10", "c20", "c30"),
-    "ogden": tuple(f"{what}{term}" for term in range(1, OGDEN_TERMS + 1) for what in ("mu", "alpha")),
-}
-"""Names of the coefficients of each law, in kPa except Ogden's exponents alpha; without any it takes young_modulus."""
-NEEDED = {"mooney-rivlin": ("c10", "c01"), "yeoh": ("c10",), "ogden": ("mu1", "alpha1")}
+from taichisoft.rubber_laws import RUBBER_LAWS
+
+LAW_NAMES = ("hooke", *RUBBER_LAWS)
+if TYPE_CHECKING:
+    Law = str
+else:
+    Law = Literal[LAW_NAMES]
+
+
+def takes_young_modulus(law: Law) -> bool:
+    """Whether a scene gives Young's modulus of a law instead of coefficients."""
+    return law == "hooke" or RUBBER_LAWS[law].takes_young_modulus
 
 
 def check_coefficients(law: Law, coefficients: Mapping[str, float] | None) -> None:
@@ -23,48 +25,43 @@ def check_coefficients(law: Law, coefficients: Mapping[str, float] | None) -> No
     Raises:
         ValueError: there are unknown ones, some are missing, or they make a material of no stiffness.
     """
-    known = COEFFICIENTS[law]
-    if coefficients is None:
-        if known:
-            raise ValueError(
-                f'law = "{law}" needs coefficients = {{ {", ".join(NEEDED[law])} }} instead of young_modulus'
-            )
+    if takes_young_modulus(law):
+        if coefficients is not None:
+            raise ValueError(f'law = "{law}" takes young_modulus instead of coefficients')
         return
-    if not known:
-        raise ValueError(f'law = "{law}" takes young_modulus instead of coefficients')
-    unknown = [name for name in coefficients if name not in known]
+    rubber = RUBBER_LAWS[law]
+    if coefficients is None:
+        raise ValueError(
+            f'law = "{law}" needs coefficients = {{ {", ".join(rubber.needed)} }} instead of young_modulus'
+        )
+    unknown = [name for name in coefficients if name not in rubber.names]
     if unknown:
-        raise ValueError(f'coefficients.{unknown[0]}: law = "{law}" has {", ".join(known)}')
-    missing = [name for name in NEEDED[law] if name not in coefficients]
-    missing += [
-        f"{other}{term}"
-        for term in range(1, OGDEN_TERMS + 1)
-        for one, other in (("mu", "alpha"), ("alpha", "mu"))
-        if f"{one}{term}" in coefficients and f"{other}{term}" not in coefficients
-    ]
+        raise ValueError(f'coefficients.{unknown[0]}: law = "{law}" has {", ".join(rubber.names)}')
+    missing = [name for name in rubber.needed if name not in coefficients]
+    for term in range(1, rubber.terms):
+        names = rubber.term_names(term)
+        if any(name in coefficients for name in names):
+            missing += [name for name in names if name not in coefficients]
     if missing:
         raise ValueError(f'coefficients: law = "{law}" needs {missing[0]}, too')
-    if initial_shear_modulus(law, coefficients) <= 0.0:
-        formula = {"mooney-rivlin": "2 (c10 + c01)", "yeoh": "2 c10", "ogden": "the sum of mu alpha / 2"}[law]
-        raise ValueError(f"coefficients: the shear modulus at rest, {formula}, must be positive")
+    shear_modulus = initial_shear_modulus(law, coefficients)
+    if shear_modulus <= 0.0:
+        raise ValueError(f"coefficients: the shear modulus at rest is {shear_modulus:g} kPa; must be positive")
 
 
 def initial_shear_modulus(law: Law, coefficients: Mapping[str, float], poisson_ratio: float = 0.5) -> float:
     """The shear modulus at rest [kPa] of a law with coefficients.
 
-    Those of materials include young_modulus of Hooke's law, of which Poisson's ratio is needed, and mu of the
-    neo-Hookean one.
+    The coefficients belong to a material: young_modulus of Hooke's law, of which Poisson's ratio is needed, and mu
+    of the neo-Hookean one.
     """
     if law == "hooke":
         return coefficients["young_modulus"] / (2.0 * (1.0 + poisson_ratio))
-    if law == "neo-hookean":
-        return coefficients["mu"]
-    if law == "ogden":
-        return 0.5 * sum(mu * alpha for mu, alpha in ogden_terms(coefficients))
-    return 2.0 * (coefficients["c10"] + coefficients.get("c01", 0.0))
+    return RUBBER_LAWS[law].shear_modulus(coefficients)
 
 
-def ogden_terms(coefficients: Mapping[str, float]) -> list[tuple[float, float]]:
-    """Modulus mu [kPa] and exponent alpha of each of Ogden's terms that is given."""
-    terms = range(1, OGDEN_TERMS + 1)
-    return [(coefficients[f"mu{term}"], coefficients[f"alpha{term}"]) for term in terms if f"mu{term}" in coefficients]
+def lame_parameters(young_modulus: np.ndarray, poisson_ratio: np.ndarray) -> np.ndarray:
+    """Lame's lambda and mu [kPa], shape (count, 2), of isotropic materials given by arrays of shape (count,)."""
+    first = young_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    second = young_modulus / (2 * (1 + poisson_ratio))
+    return np.column_stack([first, second])

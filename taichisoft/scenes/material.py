@@ -9,7 +9,7 @@ from typing import Annotated, Any
 from pydantic import Field, ValidationError
 
 from taichisoft.input_file import read_toml
-from taichisoft.scenes.elastic_law import Law, initial_shear_modulus
+from taichisoft.scenes.elastic_law import Law, initial_shear_modulus, takes_young_modulus
 from taichisoft.scenes.table import Number, PoissonRatio, Positive, Table
 
 ELASTICITY = ("law", "young_modulus", "coefficients")
@@ -24,8 +24,8 @@ class Material(Table):
     law: Law
     """Law of elasticity to which the coefficients belong."""
     coefficients: dict[str, Number]
-    """Coefficients of the law: young_modulus of Hooke's, mu of the neo-Hookean one, c10 and c01 of Mooney and Rivlin's,
-    c10, c20, c30 of Yeoh's, mu1 and alpha1 to mu3 and alpha3 of Ogden's [kPa, alpha -]."""
+    """Coefficients of the law [kPa, exponents -]: young_modulus of Hooke's law, mu of the neo-Hookean one, and those
+    that docs/elements.md lists of the others."""
     poisson_ratio: PoissonRatio
     """Poisson's ratio at rest [-]."""
     density: Positive
@@ -46,7 +46,7 @@ class Material(Table):
 def material_keys(material: Material) -> dict[str, Any]:
     """The keys of a soft body that follow from its material."""
     keys: dict[str, Any] = {"law": material.law, "poisson_ratio": material.poisson_ratio, "density": material.density}
-    if material.law in ("hooke", "neo-hookean"):
+    if takes_young_modulus(material.law):
         return keys | {"young_modulus": 2.0 * (1.0 + material.poisson_ratio) * material.shear_modulus}
     return keys | {"coefficients": material.coefficients}
 
@@ -79,7 +79,7 @@ def with_material(table: Any, wanted: tuple[str, ...]) -> Any:
     if isinstance(material, str):
         useless = [key for key in ELASTICITY if table.get(key) is not None]
         if useless:
-            raise ValueError(f"beside material there is no effect of {', '.join(useless)}; remove one of them")
+            raise ValueError(f"{', '.join(useless)} would have no effect beside material; remove one of them")
         material = read_material(material)
     elif isinstance(material, dict):
         material = Material.model_validate(material)

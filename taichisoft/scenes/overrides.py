@@ -93,7 +93,7 @@ def _why_not(place: Any, name: str, where: str, rest: list[str]) -> str:
         valid = name.isdecimal() and int(name) < len(place)
         return "" if valid else f"{where} has no entry '{name}'; it has {len(place)}, counted from 0"
     if not isinstance(place, dict):
-        return f"{where} is no table: it has no '{name}'"
+        return f"{where} is not a table: it has no '{name}'"
     if name not in place and rest:
         if where in NAMED_TABLES:
             return f"{where} has no '{name}'; {nearest(name, list(place), 'there are')}"

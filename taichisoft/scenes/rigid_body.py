@@ -42,7 +42,7 @@ class RigidBody(Shaped):
     colour: Colour | None = None
     """Colour in pictures and on pages, "#rrggbb"; that of rigid bodies when it is not given."""
     axes: bool = False
-    """Whether pictures and pages show its axes: those of its surface, from its centre of mass."""
+    """Whether pictures and pages show its axes: the axes of its surface, from its centre of mass."""
     alternatives = (("surface", *SHAPES), ("mass", "density"))
 
 

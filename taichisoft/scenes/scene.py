@@ -6,10 +6,11 @@ from typing import Annotated, Any, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from taichisoft.scenes.actuators import ActuatorLimits
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.rigid_body import SHORTEST_NORMAL, Obstacle, RigidBody
 from taichisoft.scenes.soft_body import SoftBody
-from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector, check_order
+from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector
 
 Restitution = Annotated[Number, Field(ge=0.0, le=1.0)]
 
@@ -70,8 +71,8 @@ class Contact(Table):
     tolerance: Positive = 1e-5
     """The contact solver stops when no contact's velocity changes by more than this in a sweep [mm/s]."""
     max_iterations: Annotated[int, Field(strict=True, gt=0)] = 1000
-    """Most sweeps of the contact solver, with one for each Newton step; it gives up by itself after some 350. A step
-    that needs more is counted as not converged."""
+    """Largest number of sweeps of the contact solver, with one for each Newton step. A step that needs more is counted
+    as not converged."""
 
     @model_validator(mode="after")
     def _check_pairs(self) -> Self:
@@ -122,28 +123,13 @@ class Controller(Table):
     """Longest time that a call may take before it ends the run [s]; no limit when it is not given."""
 
 
-class Limits(Table):
-    """What no controller can exceed: requests beyond are clipped, and the controller is told so."""
+class Limits(ActuatorLimits):
+    """What no controller can exceed: requests beyond are clipped, and the controller is informed."""
 
-    lowest_pressure: Number | None = None
-    """Lowest pressure [kPa]."""
-    highest_pressure: Number | None = None
-    """Highest pressure [kPa]."""
-    pressure_rate: Positive | None = None
-    """Fastest change of a pressure, up or down [kPa/s]."""
-    tension_rate: Positive | None = None
-    """Fastest change of a cable's tension, up or down [mN/s]."""
-    pull_speed: Positive | None = None
-    """Fastest motion of a cable that is pulled in or paid out [mm/s]."""
     base_speed: Positive | None = None
     """Fastest motion of the base [mm/s]."""
     base_turning_speed: Positive | None = None
     """Fastest turn of the base [degrees/s]."""
-
-    @model_validator(mode="after")
-    def _check_pressures(self) -> Self:
-        check_order(self, "pressure")
-        return self
 
 
 class ExternalForce(Table):
@@ -185,7 +171,7 @@ class Goal(Table):
             if self.kind == kind and getattr(self, key) is None:
                 raise ValueError(f'kind = "{kind}" needs {key}')
             if self.kind != kind and getattr(self, key) is not None:
-                raise ValueError(f'there is no effect of {key} unless kind = "{kind}"; remove it')
+                raise ValueError(f'{key} has no effect unless kind = "{kind}"; remove it')
         return self
 
 
@@ -248,7 +234,7 @@ class Scene(Table):
 
     @property
     def up(self) -> np.ndarray:
-        """The unit vector against gravity, shape (3,); the z axis where there is no gravity."""
+        """The unit vector against gravity, shape (3,); the z axis without gravity."""
         strength = np.linalg.norm(self.gravity)
         return -np.array(self.gravity) / strength if strength > 0.0 else np.array([0.0, 0.0, 1.0])
 
@@ -260,6 +246,11 @@ class Scene(Table):
             names = [name, *(f"{name}.regions.{index}" for index in range(len(body.regions)))]
             moduli |= dict(zip(names, body.young_moduli, strict=True))
         return moduli
+
+    def actuators(self, plural: str) -> dict[str, Any]:
+        """Tables of the soft bodies' actuators of a kind, such as "cavities", by their names "body.actuator"."""
+        bodies = self.soft_bodies.items()
+        return {f"{name}.{one}": table for name, body in bodies for one, table in getattr(body, plural).items()}
 
     @property
     def main_object(self) -> str | None:
@@ -301,7 +292,7 @@ class Scene(Table):
                 mentioned |= dict.fromkeys(settings.other_bodies, f"soft_bodies.{body}.cables.{cable}.points")
         for name, key in mentioned.items():
             if name not in names:
-                raise ValueError(f"{key} names '{name}', which is no body; there are: {', '.join(names)}")
+                raise ValueError(f"{key} names '{name}', which is not a body; there are: {', '.join(names)}")
         for pair in self.contact.pairs:
             name, other = pair.bodies
             if name == other and not (name in self.soft_bodies and self.soft_bodies[name].may_touch_itself):
@@ -315,7 +306,7 @@ class Scene(Table):
         for key, name in rigid.items():
             if name not in self.rigid_bodies:
                 known = ", ".join(self.rigid_bodies) or "none"
-                raise ValueError(f"{key} is '{name}', which is no rigid body; there are: {known}")
+                raise ValueError(f"{key} is '{name}', which is not a rigid body; there are: {known}")
         if not self.soft_bodies and not self.rigid_bodies:
             raise ValueError("a scene needs at least one soft body or rigid body")
         return self

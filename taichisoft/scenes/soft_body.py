@@ -1,17 +1,17 @@
-"""Soft bodies as a user describes them: mesh, materials, anchors, cavities, cables."""
+"""Soft bodies as a user describes them: mesh, materials, anchors."""
 
 from collections import Counter
 from typing import Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import Discriminator, Field, Tag, field_validator, model_serializer, model_validator
+from pydantic import Field, field_validator, model_serializer, model_validator
 
+from taichisoft.scenes.actuators import ActuatorTables
 from taichisoft.scenes.colours import Colour
 from taichisoft.scenes.elastic_law import Law, check_coefficients, initial_shear_modulus
 from taichisoft.scenes.material import ELASTICITY, Material, with_material
 from taichisoft.scenes.table import (
     Groups,
     KeySets,
-    Name,
     NodeNumber,
     NotNegative,
     Number,
@@ -19,7 +19,6 @@ from taichisoft.scenes.table import (
     Positive,
     Table,
     Vector,
-    check_order,
 )
 
 
@@ -67,7 +66,7 @@ class Region(Selection):
     law: Law | None = None
     """Law of elasticity; the body's own when it is not given."""
     coefficients: dict[str, Number] | None = None
-    """Coefficients of the law [kPa]."""
+    """Coefficients of the law, as for the body."""
     alternatives = (("box", "group"), ("young_modulus", "coefficients"))
 
     @model_validator(mode="before")
@@ -87,122 +86,6 @@ class Anchor(NodeSelection):
 
 class Tip(NodeSelection):
     """Nodes whose motion is observed as that of the tip; without this table those farthest from the anchors."""
-
-
-class Cavity(Table):
-    """An air chamber: a closed surface, by a group of the mesh or by a surface file of its own."""
-
-    group: str | None = None
-    """Name of a closed surface group of the mesh; either this or surface."""
-    surface: str | None = None
-    """Closed surface file; either this or group."""
-    lowest_pressure: Number | None = None
-    """Smallest pressure [kPa]: a pump that draws no further."""
-    highest_pressure: Number | None = None
-    """Largest pressure [kPa]: a valve that opens."""
-    lowest_volume_growth: Number | None = None
-    """How far the volume shrinks at most [mm^3], negative, whatever the pressure."""
-    highest_volume_growth: Number | None = None
-    """How far the volume grows at most [mm^3]: there is no more air."""
-    alternatives = (("group", "surface"),)
-
-    @model_validator(mode="after")
-    def _check_limits(self) -> Self:
-        check_order(self, "pressure", "volume_growth")
-        return self
-
-
-class CablePoint(Table):
-    """A point of a cable on another body than the one that has the cable."""
-
-    body: str
-    """Name of the soft body, rigid body or obstacle."""
-    point: Vector
-    """The point in this body's own coordinates, those of its mesh or of its scaled surface [mm]."""
-
-
-class CableArea(Table):
-    """A place of a cable that pulls at a whole area, such as a plate that is glued in: the weighted mean of points."""
-
-    body: str | None = None
-    """Name of the body that has the points; the cable's own body when it is not given."""
-    area: Annotated[list[Vector], Field(min_length=1)]
-    """The points, in this body's own coordinates [mm]."""
-    weights: list[NotNegative] | None = None
-    """Share of each point in the pull, of any sum; equal ones when they are not given."""
-
-    @model_validator(mode="after")
-    def _check_weights(self) -> Self:
-        if self.weights is not None and len(self.weights) != len(self.area):
-            raise ValueError(f"weights has {len(self.weights)} numbers for the {len(self.area)} points of area")
-        if self.weights is not None and not any(self.weights):
-            raise ValueError("weights are all 0; at least one point must be pulled")
-        return self
-
-
-def _kind_of_points(value: Any) -> str:
-    return "<file>" if isinstance(value, str) else "<list>"
-
-
-def _kind_of_place(value: Any) -> str:
-    if isinstance(value, CableArea) or (isinstance(value, dict) and "area" in value):
-        return "<area>"
-    return "<other body>" if isinstance(value, dict | CablePoint) else "<point>"
-
-
-CablePlace = Annotated[
-    Annotated[Vector, Tag("<point>")]
-    | Annotated[CablePoint, Tag("<other body>")]
-    | Annotated[CableArea, Tag("<area>")],
-    Discriminator(_kind_of_place),
-]
-
-
-class Cable(Table):
-    """A cable (tendon) through points of bodies: pulled in at its first point, attached at the last, free to slide
-    through those between."""
-
-    points: Annotated[
-        Annotated[str, Tag("<file>")] | Annotated[list[CablePlace], Tag("<list>")], Discriminator(_kind_of_points)
-    ]
-    """Points in the mesh's own coordinates [mm], points of other bodies, or areas; or a file with a list of points
-    (.json) or lines of x, y, z (.csv)."""
-    pull_point: Vector | None = None
-    """The place from which the cable is pulled, in the same coordinates [mm]; the first point when it is not given."""
-    pull_point_moves: bool = True
-    """Whether the pull point moves with the base; else it stays where it is in space."""
-    friction: NotNegative = 0.0
-    """Friction coefficient between the cable and its points [-]."""
-    axial_stiffness: Positive | None = None
-    """Young's modulus times cross-section: tension per relative stretch [mN]. When it is not given a cable does not
-    stretch; one with friction has 1e7 mN, a thin line of strong fibres, since what does not stretch cannot stick."""
-    rod: bool = False
-    """Whether it pushes as well as it pulls; the tension of a cable is never negative."""
-    lowest_tension: Number | None = None
-    """Smallest tension [mN]; that of a cable is 0 when it is not given."""
-    highest_tension: Number | None = None
-    """Largest tension [mN], at which a motor gives way."""
-    lowest_pull: Number | None = None
-    """How far the cable is pulled in at least [mm]; negative when it may be paid out."""
-    highest_pull: Number | None = None
-    """How far the cable can be pulled in [mm], a stop."""
-
-    @property
-    def other_bodies(self) -> list[str]:
-        """Names of the bodies that its points and areas name."""
-        places = [place for place in self.points if isinstance(place, CablePoint | CableArea)]
-        return [place.body for place in places if place.body is not None]
-
-    @model_validator(mode="after")
-    def _check_limits(self) -> Self:
-        check_order(self, "tension", "pull")
-        if not self.rod and (self.lowest_tension or 0.0) < 0.0:
-            raise ValueError(f"lowest_tension ({self.lowest_tension:g}) must not be negative unless rod = true")
-        if not self.rod and (self.highest_tension or 0.0) < 0.0:
-            raise ValueError(f"highest_tension ({self.highest_tension:g}) must not be negative unless rod = true")
-        if not isinstance(self.points, str) and len(self.points) + (self.pull_point is not None) < 2:
-            raise ValueError(f"points has {len(self.points)} points; a cable needs two, its pull point counted")
-        return self
 
 
 class BodyMesh(Table):
@@ -259,7 +142,7 @@ class CollisionSurface(Table):
     """Surfaces that have a group in common do not touch each other; all others do, also two of the same body."""
 
 
-class SoftBody(Table):
+class SoftBody(ActuatorTables):
     """A silicone body of corotational finite elements."""
 
     mesh: BodyMesh
@@ -289,9 +172,9 @@ class SoftBody(Table):
     law: Law = "hooke"
     """Law of elasticity: Hooke's, corotated, for strains of some 20 %; beyond them one of rubber. All agree at rest."""
     coefficients: dict[str, Number] | None = None
-    """Coefficients of laws that have more than Young's modulus: c10 and c01 of Mooney and Rivlin's, c10, c20 and c30 of
-    Yeoh's, mu1, alpha1, and so on up to mu3, alpha3 of Ogden's [kPa]. Poisson's ratio gives the resistance to changes
-    of volume, as in Hooke's law of the same shear modulus."""
+    """Coefficients of a law that takes more than Young's modulus [kPa, exponents -]; elements.md lists the coefficients
+    of each law. Poisson's ratio gives the resistance to changes of volume, as in Hooke's law of the same shear
+    modulus."""
     rayleigh_mass: NotNegative = 0.0
     """Rayleigh damping with the mass [1/s]."""
     rayleigh_stiffness: NotNegative = 0.0
@@ -319,14 +202,12 @@ class SoftBody(Table):
     colour: Colour | None = None
     """Colour in pictures and on pages, "#rrggbb"; that of silicone when it is not given."""
     axes: bool = False
-    """Whether pictures and pages show its axes: those of the mesh's file, turned as the body has turned on the whole,
-    from the mean of its nodes."""
+    """Whether pictures and pages show its axes: the axes of the mesh's file, turned as the body has turned on the
+    whole, from the mean of its nodes."""
     tip: Tip | None = None
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     regions: list[Region] = []
     anchors: list[Anchor] = []
-    cavities: dict[Name, Cavity] = {}
-    cables: dict[Name, Cable] = {}
     alternatives = (("mass", "density"), ("young_modulus", "coefficients"))
 
     @model_validator(mode="after")
@@ -360,13 +241,6 @@ class SoftBody(Table):
     def may_touch_itself(self) -> bool:
         """Whether parts of the body may touch each other."""
         return self.self_contact or len(self.collision_surface) > 1
-
-    @model_validator(mode="after")
-    def _check_actuator_names(self) -> Self:
-        both = sorted(self.cavities.keys() & self.cables.keys())
-        if both:
-            raise ValueError(f"a cavity and a cable are both called '{both[0]}'; give one another name")
-        return self
 
     @property
     def materials(self) -> "list[SoftBody | Region]":

@@ -9,7 +9,7 @@ from typing import Annotated, ClassVar, Self
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, model_validator
 
 LARGEST, LONGEST, SMALLEST = 1e30, 1e9, 1e-18
-"""What exceeds these is no number of anybody's robot in any unit, and would only be found out as a singular matrix."""
+"""What exceeds these is not a number of any robot in any unit, and would only be found out as a singular matrix."""
 
 
 def _not_vanishing(value: float) -> float:
@@ -52,7 +52,7 @@ class Table(BaseModel):
         for chosen, keys in self.no_effect_beside.items():
             useless = [key for key in keys if getattr(self, key) != type(self).model_fields[key].default]
             if useless and getattr(self, chosen) is not None:
-                raise ValueError(f"beside {chosen} there is no effect of {', '.join(useless)}; remove it")
+                raise ValueError(f"{', '.join(useless)} would have no effect beside {chosen}; remove it")
         return self
 
 

@@ -1,1 +1,5 @@
-"""A run in progress, as hooks, outputs and displays may see it."""
+"""A run in progress, for hooks, outputs and displays."""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

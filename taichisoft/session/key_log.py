@@ -1,4 +1,4 @@
-"""The keys of a session in a file: one JSON object a line, with the number of steps made before the key was taken."""
+"""Log of the keys of a session: one JSON object per line, with the number of steps before the key was handled."""
 
 import json
 import math
@@ -17,13 +17,13 @@ class KeyLogError(TaichisoftError):
 
 
 class KeyLog:
-    """Writes each key as it is taken, so that a killed session leaves all of them."""
+    """Writes each key at once, so that a killed session leaves a complete log."""
 
     def __init__(self, path: Path):
-        """Begin the file.
+        """Create the file.
 
         Raises:
-            KeyLogError: it cannot be written.
+            KeyLogError: the file cannot be written.
         """
         self._path = path
         with named_os_errors(path, KeyLogError):
@@ -31,14 +31,14 @@ class KeyLog:
             self._file = path.open("w", encoding="utf-8", buffering=1)
 
     def add(self, step: int, event: KeyEvent) -> None:
-        """Write a key that was taken when so many steps of the session were made."""
+        """Write a key handled after `step` steps of the session."""
         more: dict[str, Any] = {"ctrl": True} if event.ctrl else {}
         if event.value is not None:
             more["value"] = event.value
         self._write({"step": step, "key": event.key, **more})
 
     def end(self, step: int) -> None:
-        """Write that the session made so many steps in all, and close the file."""
+        """Write the total number of steps of the session, and close the file."""
         self._write({"step": step, "end": True})
         self._file.close()
 
@@ -48,17 +48,17 @@ class KeyLog:
 
 
 class KeyReplay:
-    """The keys of an earlier session, each to be taken when as many steps are made as then.
+    """The keys of an earlier session, each to be replayed after the same number of steps.
 
     Attributes:
-        step_count: number of steps of that session; if it was killed, of those up to its last key.
+        step_count: number of steps of that session; if it was killed, number of steps up to its last key.
     """
 
     def __init__(self, path: Path):
         """Read the whole file.
 
         Raises:
-            KeyLogError: it is missing, or a line is not what a session writes.
+            KeyLogError: the file is missing, or a line is not in the format of `KeyLog`.
         """
         self._events: list[tuple[int, KeyEvent]] = []
         self.step_count = 0
@@ -75,7 +75,7 @@ class KeyReplay:
                 self._events.append((step, event))
 
     def take(self, step: int) -> list[KeyEvent]:
-        """The keys that were taken after so many steps."""
+        """Remove and return the keys handled after `step` steps."""
         taken = []
         while self._events and self._events[0][0] <= step:
             taken.append(self._events.pop(0)[1])

@@ -1,46 +1,46 @@
-"""What watches a run: the base class of every output."""
+"""Base class of outputs, which record a run."""
 
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:  # these bring Taichi
+if TYPE_CHECKING:  # these import Taichi
     from taichisoft.model import Model
     from taichisoft.state import State
     from taichisoft.step.report import StepReport
 
 
 class Output(ABC):
-    """Base class of everything that watches a run; only `record` must be written.
+    """Base class of outputs; only `record` is abstract.
 
-    An output is made as `factory(folder, **settings)` with the output folder of the run and the settings that options
-    of `taichisoft run` gave. Its methods are then called in the order in which they stand here.
+    An output is made as `factory(folder, **settings)`, with the output folder of the run and settings from options of
+    `taichisoft run`. Its methods are then called in the order of their definition.
 
     Attributes:
-        gives_keys: whether it puts keys into the session, so that a run without a terminal can be steered.
+        gives_keys: whether the output puts keys into the session, to steer a run without a terminal.
     """
 
     gives_keys: bool = False
 
     def begin(self, model: "Model", state: "State") -> None:
-        """Prepare for a run: called once, with the state before the first step."""
+        """Begin a run; called once, with the state before the first step."""
 
     @abstractmethod
     def record(self, state: "State", report: "StepReport") -> None:
-        """Take a step: called after every one. A state never changes, so it may be kept."""
+        """Record a step; called after every step. A state never changes, so it may be kept."""
 
     def restart(self, state: "State") -> None:
-        """Take note that a user starts the run anew, from this state; the steps go on from its earlier time."""
+        """Note that the user restarts the run from this state, at its earlier time."""
 
     def end(self, outcome: str) -> None:
-        """Close: called once, however the run ended.
+        """End the run; called once, however the run ended.
 
-        An error raised here is shown when every output has ended; `taichisoft.errors.GoalMissed` says that the run did
-        not achieve what its scene asks for.
+        An error raised here is shown after every output has ended; `taichisoft.errors.GoalMissed` means that the run
+        missed the goal of its scene.
 
         Args:
             outcome: "completed", "stopped" by its user, "interrupted", or the text of the error.
         """
 
     def summary(self) -> dict[str, str]:
-        """Rows for the table that closes a run, value by name; called last."""
+        """Rows of the closing table of a run, value by name; called last."""
         return {}

@@ -1,4 +1,4 @@
-"""The speed of a run: real time, or any other that somebody wants who watches."""
+"""The speed of a run: real time, or a chosen multiple."""
 
 import time
 from collections import deque
@@ -7,21 +7,21 @@ from collections.abc import Callable
 AVERAGED = 1.0
 """Wall-clock time over which the speed of a run is averaged [s]."""
 LONGEST_DELAY = 0.1
-"""Delay that a run makes up for [s]; what is beyond is given up, since nobody wants to see it hurry afterwards."""
+"""Largest delay that a run makes up for [s]; it does not hurry to make up for longer ones."""
 KEEPING_UP = 0.95
-"""Share of the speed that is wanted at which a run still keeps up."""
+"""Least share of the set speed at which a run still keeps up [-]."""
 
 
 class Pace:
-    """Holds a run back to a speed, and measures how fast it is.
+    """Limits the speed of a run, and measures it.
 
     Attributes:
-        speed: wanted speed, simulated over wall-clock time; None for as fast as it goes.
-        real_time_factor: speed in the last second, simulated over wall-clock time; NaN before the first step.
+        speed: set speed, simulated over wall-clock time [-]; None: as fast as possible.
+        real_time_factor: speed in the last second, simulated over wall-clock time [-]; NaN before the first step.
     """
 
     def __init__(self, speed: float | None = None, clock: Callable[[], float] = time.perf_counter):
-        """Begin; `clock` gives seconds."""
+        """Start the measurement; `clock` returns seconds."""
         self.speed = speed
         self.real_time_factor = float("nan")
         self._clock = clock
@@ -29,13 +29,13 @@ class Pace:
         self.restart()
 
     def restart(self) -> None:
-        """Forget the past: after a pause, or when the speed or the time was changed."""
+        """Restart the measurement, after a pause or a change of speed or time."""
         self._due = self._clock()
         self._recent: deque[tuple[float, float]] = deque([(self._due, 0.0)])
 
     @property
     def keeps_up(self) -> bool:
-        """Whether the run is as fast as it should be; true before that can be known."""
+        """Whether the run reaches its set speed; True until a speed has been measured."""
         return self.speed is None or not self.real_time_factor < KEEPING_UP * self.speed
 
     @property

@@ -1,4 +1,4 @@
-"""A run in progress, as those who watch or steer it see it: life-cycle hooks, key sources, displays."""
+"""A run in progress, for life-cycle hooks, key sources and displays."""
 
 import math
 from collections import deque
@@ -12,17 +12,17 @@ from taichisoft.errors import PluginError, TaichisoftError
 from taichisoft.session.key_log import KeyReplay
 from taichisoft.session.output import Output
 from taichisoft.session.pace import Pace
-from taichisoft.simulation import Simulation
+from taichisoft.time_stepper import TimeStepper
 
 RECENT_KEYS = 8
 
 Part = TypeVar("Part")
 
-# Effects of the keys that the run itself heeds; all others go to the controller.
+# Effects of the keys of the run itself; all others go to the controller.
 BINDINGS = {
     "space": "pause, and go on",
     "s": "make a single step",
-    "r": "start anew from the first state",
+    "r": "restart from the first state",
     "p": "take a picture",
     "?": "show the keys",
     "escape": "end the run (as Ctrl and c)",
@@ -30,30 +30,30 @@ BINDINGS = {
 
 
 class Session:
-    """A run in progress: what it is made of, and how it goes at the moment.
+    """A run in progress: its parts and its current status.
 
     Attributes:
         simulation: the simulation, with its model, state and last report.
         controller: the controller.
-        outputs: the outputs, in the order in which they see a step.
-        folder: folder for the results; None when nothing is written.
-        duration: simulated time after which it ends [s]; infinite when somebody ends it.
-        step_count: number of steps after which it ends; infinite when somebody ends it.
-        keys: stream into which any thread puts key events.
-        pace: speed that is wanted, and speed of the last second.
-        paused: whether it waits for a key.
-        single_steps: number of steps that are still to be made although it is paused.
-        shows_help: whether somebody wants to see what the keys do.
-        steps_made: number of steps since it began; starting anew does not set it back.
-        recent_keys: last key events that were taken.
-        replay: keys of an earlier session, which are taken instead of those in `keys`; None where there is none.
-        first_state: state in which it began, and begins anew.
-        stops: whether it ends before the next step.
+        outputs: the outputs, in the order in which they record a step.
+        folder: folder for the results; None: nothing is written.
+        duration: simulated time after which the run ends [s]; infinite: until it is stopped.
+        step_count: number of steps after which the run ends; infinite: until it is stopped.
+        keys: stream of key events, for any thread to put them into.
+        pace: set speed, and speed of the last second.
+        paused: whether the run waits for a key.
+        single_steps: number of steps still to be made while paused.
+        shows_help: whether the help of the keys is shown.
+        steps_made: number of steps since the run began; a restart does not reset it.
+        recent_keys: last key events handled.
+        replay: keys of an earlier session, which replace the events in `keys`, or None.
+        first_state: state at the start and after a restart.
+        stops: whether the run ends before the next step.
     """
 
     def __init__(
         self,
-        simulation: Simulation,
+        simulation: TimeStepper,
         controller: Controller,
         outputs: Sequence[Output] = (),
         duration: float | None = None,
@@ -61,19 +61,19 @@ class Session:
         speed: float | None = None,
         replay: KeyReplay | None = None,
     ):
-        """Put a run together.
+        """Assemble a run.
 
         Args:
-            simulation: goes on from its present state.
-            controller: what drives the run.
-            outputs: what watches it.
-            duration: simulated time [s]; the scene's when it is not given, infinite for a run that somebody else ends.
+            simulation: the simulation, which continues from its present state.
+            controller: the controller.
+            outputs: the outputs.
+            duration: simulated time [s]; None: the scene's; infinite: until the run is stopped.
             folder: folder for the key log.
-            speed: simulated over wall-clock time; None for as fast as it goes.
+            speed: simulated over wall-clock time [-]; None: as fast as possible.
             replay: keys of an earlier session.
 
         Raises:
-            PluginError: the controller is no `Controller`, or an output no `Output`.
+            PluginError: the controller is not a `Controller`, or an output is not an `Output`.
             TaichisoftError: the duration is not a positive number.
         """
         self.simulation = simulation
@@ -105,21 +105,21 @@ class Session:
 
     @property
     def finished(self) -> bool:
-        """Whether all steps are made: those of its duration since the last start, or of the session that it replays."""
+        """Whether all steps are made: for the duration since the last start, or of the replayed session."""
         if self.replay is not None:
             return self.steps_made >= self.replay.step_count
         return self.simulation.state.step - self.first_state.step >= self.step_count
 
     def stop(self) -> None:
-        """End the run before the next step, its outputs complete; from any thread."""
+        """End the run before the next step, with complete outputs; may be called from any thread."""
         self.stops = True
 
 
 def require_base(part: Part, base: type) -> Part:
-    """Return a controller or output itself when it is derived from its base class.
+    """Return a controller or output if it is derived from its base class.
 
     Raises:
-        PluginError: it is not.
+        PluginError: the part is not derived from the base class.
     """
     if isinstance(part, base):
         return part
@@ -127,11 +127,11 @@ def require_base(part: Part, base: type) -> Part:
         raise PluginError(f"{part.__module__}.{part.__qualname__} is a class; give an object of it")
     kind = f"taichisoft.{base.__name__}"
     made_of = f"{type(part).__module__}.{type(part).__qualname__}"
-    raise PluginError(f"{part!r} is no {kind}; derive its class, {made_of}, from {kind}")
+    raise PluginError(f"{part!r} is not a {kind}; derive its class, {made_of}, from {kind}")
 
 
 def count_steps(duration: float, time_step: float) -> float:
-    """Whole steps in a duration, at least one; both in [s]. Infinite for an infinite duration.
+    """Number of whole steps in a duration [s], at least one; infinite for an infinite duration.
 
     Raises:
         TaichisoftError: the duration is not a positive number.

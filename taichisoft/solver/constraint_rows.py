@@ -1,4 +1,4 @@
-"""The arrays of a constraint problem, with room for more than a step needs."""
+"""The arrays of a constraint problem, with spare capacity."""
 
 import numpy as np
 
@@ -8,26 +8,26 @@ from taichisoft.runtime.launch import forget
 from taichisoft.solver.contact_solver import ContactSolver
 from taichisoft.solver.kernels.actuator_bounds import BOUND_COLUMNS
 from taichisoft.solver.kernels.constraint_problem import Problem
-from taichisoft.solver.kernels.row_velocities import Rows
+from taichisoft.solver.kernels.row_velocities import CONTACTS, MOMENTS, Rows
 
-# A little room to spare: with several hundred contacts the arrays are large.
+# Little spare capacity, because the arrays are large with several hundred contacts.
 GROWTH = 1.25
 
 
 class ConstraintRows:
-    """Three rows for each contact, one for each coordinate of an actuator that is no known load, and those of moments.
+    """Three rows per contact, one per actuator coordinate without a known load, and three per moment.
 
     Attributes:
-        contact_capacity: number of contacts that there is room for.
-        rows: what the rows act on.
-        compliance: W by rows [mm/s per mN s and the like for volumes], shape (row_capacity^2,).
+        contact_capacity: largest number of contacts.
+        rows: bodies and nodes on which the rows act.
+        compliance: W by rows [mm/s per mN s, likewise for volumes], shape (row_capacity^2,).
         columns: work space of the compliance.
-        bounds: what the actuators' rows obey, see `solver/kernels/actuator_bounds.py`, shape (actuator_capacity, 6).
-        solver: finds the impulses, with impulses and velocities of the rows.
+        bounds: bounds of the actuator rows, see `solver/kernels/actuator_bounds.py`, shape (actuator_capacity, 6).
+        solver: contact solver, with the impulses and velocities of the rows.
     """
 
     def __init__(self, model: Model, contact_capacity: int):
-        """Make room for so many contacts, and for all actuators of the model."""
+        """Allocate rows for `contact_capacity` contacts and all actuators of the model."""
         actuator_capacity = model.actuators.count
         moments = model.rolling_friction.any() or model.spinning_friction.any()
         moment_capacity = contact_capacity if moments else 0
@@ -70,13 +70,35 @@ class ConstraintRows:
             symbolic, groups = model.elasticity.symbolic, -(-row_capacity // GROUP)
             self.columns = SparseColumns.with_room(groups, len(symbolic.tree.parent), 3 * len(symbolic.order))
 
+    @property
+    def contact_count(self) -> int:
+        """Number of contacts with rows."""
+        return int(self.rows.size[CONTACTS])
+
+    @property
+    def moment_count(self) -> int:
+        """Number of contacts with rows of moments."""
+        return int(self.rows.size[MOMENTS])
+
+    @property
+    def row_count(self) -> int:
+        """Number of rows."""
+        contacts, actuators, moments = self.rows.size.tolist()
+        return 3 * (contacts + moments) + actuators
+
+    @property
+    def actuators(self) -> slice:
+        """The rows of the actuators."""
+        contacts, actuators, _ = self.rows.size.tolist()
+        return slice(3 * contacts, 3 * contacts + actuators)
+
     def make_room_for_columns(self, entry_count: int) -> None:
-        """Let there be room for so many entries of `columns.y`, with nothing in it yet."""
+        """Enlarge `columns.y` to at least `entry_count` entries; the old entries are lost."""
         if entry_count > len(self.columns.y):
             forget(self.columns)
             self.columns = self.columns._replace(y=np.empty((int(GROWTH * entry_count), GROUP)))
 
     def release(self) -> None:
-        """Let no kernel keep these arrays alive, when larger ones take their place."""
+        """Release the arrays from kernels before larger ones replace them."""
         forget(self.rows, *([self.columns] if self._acts_on_soft else []))
         self.solver.release()

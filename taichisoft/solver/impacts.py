@@ -1,4 +1,4 @@
-"""Impacts with restitution: what bodies that strike each other give back, before the contacts are solved."""
+"""Impulses of impacts with restitution, found before the contacts are solved."""
 
 import numpy as np
 
@@ -8,17 +8,17 @@ from taichisoft.solver.kernels.constraint_problem import Problem
 
 
 class Impacts:
-    """Finds the impulses of impacts; the work space of one simulation.
+    """Finds the impulses of impacts; holds the work space of one simulation.
 
-    The pairs of bodies strike each other in the order of how fast they approach, so that an impact goes on through a
-    row of bodies (Guendelman, Bridson, Fedkiw 2003, Nonconvex rigid bodies with stacking). A pair gets 1 + e times the
-    impulses p of the perfectly inelastic impact with friction: that is Newton's law, v_n+ = -e v_n-, at every contact
-    that presses, and takes (1 - e^2) / 2 p W p or more from the energy. The tangential impulses are then changed to
-    those that, with these normal ones, leave the least energy: friction brakes, and gives nothing back.
+    Pairs of bodies strike each other in the order of their speed of approach, so that an impact passes through a row of
+    bodies (Guendelman, Bridson, Fedkiw 2003, Nonconvex rigid bodies with stacking). A pair gets 1 + e times the
+    impulses p of the perfectly inelastic impact with friction. This is Newton's law, v_n+ = -e v_n-, at every pressing
+    contact, and dissipates at least (1 - e^2) / 2 p W p. The tangential impulses are then replaced by the ones that,
+    with these normal impulses, leave the least energy: friction brakes and returns no energy.
     """
 
     def __init__(self, tolerance: float, max_iterations: int):
-        """Solve every impact to this tolerance [mm/s] in at most so many sweeps."""
+        """Solve every impact to `tolerance` [mm/s] in at most `max_iterations` sweeps."""
         self._tolerance, self._max_iterations = tolerance, max_iterations
         self._make_room(4)
 
@@ -48,14 +48,14 @@ class Impacts:
 
         Args:
             compliance: W, shape (3 contact_count, 3 contact_count).
-            before: velocities of the rows before the step [mm/s], shape (3 contact_count,).
-            free: those after it without impulses, with the gap rate, which say what closes in the step [mm/s].
-            touching: the velocity of each contact at the end of the step below which it counts as closed [mm/s], shape
-                (contact_count,): an impact of faces is one of all their corners.
-            pair: a number for each pair of bodies, shape (contact_count,).
+            before: velocities of the rows at the start of the step [mm/s], shape (3 contact_count,).
+            free: velocities after the step without impulses, plus the gap rate [mm/s], shape (3 contact_count,).
+            touching: velocity at the end of the step below which each contact counts as closed [mm/s], shape
+                (contact_count,), so that an impact of faces includes all their corners.
+            pair: number of each contact's pair of bodies, shape (contact_count,).
             restitution: coefficient of each contact [-], shape (contact_count,).
             friction: coefficient of each contact [-], shape (contact_count,).
-            slowest: approach [mm/s] below which nothing is given back.
+            slowest: approach below which restitution is zero [mm/s].
         """
         impulse, change = np.zeros_like(before), np.zeros_like(before)
         while True:
@@ -89,9 +89,9 @@ class Impacts:
         return self._solver.impulse[: 3 * count].copy()
 
     def _rub(self, own: np.ndarray, velocity: np.ndarray, friction: np.ndarray, strike: np.ndarray) -> None:
-        """Change the tangential impulses to those that leave the least energy, within the cones; in place.
+        """Replace the tangential impulses in place by the ones within the friction cones that leave the least energy.
 
-        Projected Gauss-Seidel on a convex problem, so each sweep takes energy away.
+        Projected Gauss-Seidel on a convex problem: each sweep reduces the energy.
         """
         for _ in range(self._max_iterations):
             largest = 0.0

@@ -1,17 +1,16 @@
-"""How the constraint rows move: by themselves, and by each other's impulses."""
+"""Free velocities and compliance matrix of the constraint rows."""
 
 import numpy as np
 
-from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.cholesky.kernels.sparse_columns import GROUP
 from taichisoft.solver.constraint_rows import ConstraintRows
 from taichisoft.solver.kernels import moment_rows, row_velocities
 from taichisoft.solver.kernels.row_compliance import lay_out_columns, soft_compliance, soft_compliance_serially
-from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENTS
 from taichisoft.step.soft_motion import SoftMotion
 
-# Rows times non-zeros of the factor: less than some 0.5 ms of work is not worth waking threads.
+# Rows times non-zeros of the factor; less than about 0.5 ms of work does not justify waking threads.
 SMALL_COMPLIANCE = 30e6
 NO_VELOCITY = np.zeros((0, 3))
 
@@ -20,23 +19,23 @@ def assemble_compliance(
     problem: ConstraintRows,
     coordinates: Coordinates,
     gradient: Gradient,
-    stretch: list[tuple[int, np.ndarray]],
+    own_compliances: tuple[tuple[int, np.ndarray], ...],
     soft: SoftMotion | None,
     rigid: RigidState,
 ) -> None:
-    """Fill in the rows' velocities without impulses, and W: that of soft and rigid bodies, and of cables themselves.
+    """Fill in the rows' velocities without impulses, and W of soft bodies, rigid bodies and actuators.
 
     Args:
-        problem: the rows, what they act on being known.
-        coordinates: of the actuators.
-        gradient: of the coordinates.
-        stretch: first row, and own compliance [mm/s per mN s], of each cable with rows that stretches.
-        soft: the soft bodies of the step, None without any.
+        problem: the rows, with the bodies on which they act.
+        coordinates: coordinates of the actuators.
+        gradient: gradients of the coordinates.
+        own_compliances: compliances of actuators themselves, see `ActuatorRequests.compliances`.
+        soft: the soft bodies of the step, or None.
         rigid: the rigid bodies of the step.
     """
     rows, w = problem.rows, problem.compliance
-    contact_count, actuator_count, moment_count = (int(rows.size[kind]) for kind in (CONTACTS, ACTUATORS, MOMENTS))
-    row_count = 3 * (contact_count + moment_count) + actuator_count
+    contact_count, actuator_count, moment_count = rows.size.tolist()
+    row_count = problem.row_count
     known_velocity = soft.known_velocity if soft is not None else NO_VELOCITY
     if contact_count:
         row_velocities.free_contact_velocity(rows, known_velocity, rigid)
@@ -49,7 +48,7 @@ def assemble_compliance(
     if contact_count:
         row_velocities.add_rigid_compliance(row_count, rows, rigid, w)
     if actuator_count:
-        _add_stretch(3 * contact_count, stretch, w[: row_count**2].reshape(row_count, row_count))
+        _add_own_compliances(3 * contact_count, own_compliances, w[: row_count**2].reshape(row_count, row_count))
         if len(gradient.rigid):
             row_velocities.add_rigid_actuator_compliance(rows, coordinates, gradient, rigid, w)
     if moment_count:
@@ -60,11 +59,11 @@ def assemble_compliance(
 def _assemble_soft_compliance(
     row_count: int, problem: ConstraintRows, coordinates: Coordinates, gradient: Gradient, soft: SoftMotion
 ) -> None:
-    """W of the soft bodies alone, and what their forces do to the rows."""
+    """Fill in W of the soft bodies, and the effect of their forces on the rows' velocities."""
     solver, rows = soft.system.solver, problem.rows
     symbolic = solver.symbolic
     if row_count * symbolic.factor_entries < SMALL_COMPLIANCE:
-        # Room for all that could be is little then, and saves a launch.
+        # The largest possible size is small here, and allocating it saves a launch.
         assemble, entries = soft_compliance_serially, -(-row_count // GROUP) * 3 * len(symbolic.order)
     else:
         lay_out_columns(rows, coordinates, symbolic.tree, symbolic.fronts, problem.columns)
@@ -76,8 +75,7 @@ def _assemble_soft_compliance(
     assemble(rows, coordinates, gradient, tree, fronts, solver.factor, columns, solver.begun, w, 1)
 
 
-def _add_stretch(first_row: int, stretch: list[tuple[int, np.ndarray]], w: np.ndarray) -> None:
-    """Compliance of the cables themselves."""
-    for row, own in stretch:
+def _add_own_compliances(first_row: int, own_compliances: tuple[tuple[int, np.ndarray], ...], w: np.ndarray) -> None:
+    for row, own in own_compliances:
         place = slice(first_row + row, first_row + row + len(own))
         w[place, place] += own

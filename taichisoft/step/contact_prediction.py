@@ -1,21 +1,21 @@
-"""Contacts where the bodies are about to be.
+"""Contacts at the predicted positions of the bodies.
 
-The inequality of a contact is linear in the velocities of the step, and true to second order around the place where the
-contact was measured. So surfaces are measured where they will be at the end of the step if they go on as they do now: a
-ball that rolls touches the ground below its centre then, and what flies past an edge is past it and not in front of it.
+The inequality of a contact is linear in the velocities of the step, and accurate to second order around the place of
+the measurement. So contacts are measured at the end of the step under constant velocities: a rolling ball then touches
+the ground below its centre, and a body that flies past an edge is past the edge and not in front of it.
 
-No pair of bodies may reach into each other on the way there. Where two could approach each other by more than the
-contact distance, conservative advancement (Mirtich 1996, Impulse-based Dynamic Simulation of Rigid Body Systems) finds
-the first time at which they come close, and they are measured there; so nothing passes through at any speed. Bodies
-that reach into each other at the start of the step are measured then, since their depth is what counts.
+No pair of bodies may penetrate on the way there. If two bodies could approach each other by more than the contact
+distance, conservative advancement (Mirtich 1996, Impulse-based Dynamic Simulation of Rigid Body Systems) finds the
+first time at which they come close, and their contacts are measured then; so no body passes through another at any
+speed. Bodies that overlap at the start of the step are measured at the start, because their depth counts.
 """
 
 from collections.abc import Iterable, Iterator
-from typing import NamedTuple
 
 import numpy as np
 
 from taichisoft.bodies.kernels.rigid_integration import RigidState
+from taichisoft.contact.contact_table import NO_CONTACTS, ContactTable
 from taichisoft.contact.detection import ContactDetection
 from taichisoft.contact.kernels import approach as kernels
 from taichisoft.contact.kernels.approach import FAR, FAST, TOO_CLOSE, BodyPairs
@@ -24,25 +24,15 @@ from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.model import Model
 from taichisoft.state import State
 
-# Shares of the contact distance: two surfaces are followed until they are between these two apart.
+# Contacts, and the fraction of the step at which each was measured, shape (capacity,).
+Part = tuple[Contacts, np.ndarray]
+# Fractions of the contact distance: two surfaces are advanced until their distance is between these two.
 NEAREST, NEAR = 0.5, 0.75
 FIRST_CAPACITY = 1024
 
 
-class Found(NamedTuple):
-    """The contacts of a step, each as it is at some time of the step if all bodies keep their velocities.
-
-    Attributes:
-        contacts: the pairs of points, in arrays with room for more.
-        fraction: of the step at which each one was measured, with as much room or more, shape (capacity,).
-    """
-
-    contacts: Contacts
-    fraction: np.ndarray
-
-
 class ContactPrediction:
-    """Finds the contacts of a step; the work space of one simulation."""
+    """Finds the contacts of a step; holds the work space of one simulation."""
 
     def __init__(self, model: Model, rigid: RigidState):
         """Prepare for the bodies of `model`; the rigid ones have the poses and velocities of `rigid`."""
@@ -53,7 +43,7 @@ class ContactPrediction:
         self._distance = settings.contact_distance
         self._moving = MovingSurfaces(surfaces)
         self._detection = ContactDetection(surfaces, self._moving, settings.contact_distance)
-        self._soft = kernels.SoftMotion(
+        self._soft = kernels.NodeMotion(
             body_start=np.array([*(body.nodes.start for body in model.soft_bodies), model.node_count], dtype=np.int32),
             position=np.zeros((model.node_count, 3)),
             velocity=np.zeros((model.node_count, 3)),
@@ -72,13 +62,20 @@ class ContactPrediction:
             nearest=np.zeros((body_count, body_count)),
             count=np.zeros(2, dtype=np.int32),
         )
+        self._table = NO_CONTACTS
         self._room, self._fraction = Contacts.with_room(FIRST_CAPACITY), np.zeros(FIRST_CAPACITY)
         self._at_the_end = np.ones(FIRST_CAPACITY)
         self._depth = float(self._pairs.least_reach[surfaces.may_touch].max(initial=0.0))
-        self.is_needed = bool(surfaces.may_touch.any())
+        self._is_needed = bool(surfaces.may_touch.any())
 
-    def find(self, state: State) -> Found:
-        """All locally closest pairs that can matter in the step that begins with `state`."""
+    def find(self, state: State) -> ContactTable:
+        """Find all locally closest pairs that can matter in the step that begins with `state`."""
+        if not self._is_needed:
+            return NO_CONTACTS
+        self._table = self._table.holding(*self._find_contacts(state))
+        return self._table
+
+    def _find_contacts(self, state: State) -> Part:
         self._state, pairs = state, self._pairs
         self._soft.position[:], self._soft.velocity[:] = state.position, state.velocity
         self._falls = self._time_step**2 * float(np.linalg.norm(state.gravity))
@@ -90,14 +87,14 @@ class ContactPrediction:
             return self._joined(self._with_overlaps(contacts, pairs.reach, 1.0))
         if len(self._at_the_end) < len(contacts.distance):
             self._at_the_end = np.ones(len(contacts.distance))
-        return Found(contacts, self._at_the_end)
+        return contacts, self._at_the_end
 
-    def _find_along_the_way(self) -> Found:
+    def _find_along_the_way(self) -> Part:
         """The contacts of a step in which bodies could pass through each other."""
         may_touch, approach = self._surfaces.may_touch, self._pairs.approach.copy()
         fraction = np.where(may_touch, 1.0, np.nan)
-        self._follow(self._surfaces.may_pass_through & (approach > self._distance), approach, fraction)
-        # What is left of the step after a pair was measured, what gravity adds, and what an impact of others may.
+        self._find_approach_times(self._surfaces.may_pass_through & (approach > self._distance), approach, fraction)
+        # The rest of the step after a pair was measured, the fall by gravity, and the effect of other impacts.
         strikes = fraction < 1.0
         struck = float(approach[strikes].max()) if strikes.any() else 0.0
         reach = self._distance + (1.0 - fraction) * approach + self._falls + struck
@@ -107,8 +104,8 @@ class ContactPrediction:
             part for time in times for part in self._measure(np.where(fraction == time, reach, -1), time)
         )
 
-    def _follow(self, fast: np.ndarray, approach: np.ndarray, fraction: np.ndarray) -> None:
-        """Fill in the times at which fast bodies first come close, 0 for those that are too close at the start."""
+    def _find_approach_times(self, fast: np.ndarray, approach: np.ndarray, fraction: np.ndarray) -> None:
+        """Fill in the fraction of the step after which fast bodies first come close, 0 if too close at the start."""
         reach = np.where(fast, self._distance + approach, -1.0)
         self._search(reach, 0.0)
         nearest = self._pairs.nearest.copy()
@@ -128,50 +125,50 @@ class ContactPrediction:
                 follows = distance > NEAR * self._distance
             fraction[pair] = fraction[pair[::-1]] = time
 
-    def _measure(self, reach: np.ndarray, time: float) -> Iterator[Found]:
-        """The contacts within reach at this time; at the end, of bodies that overlap at the start, those of then.
+    def _measure(self, reach: np.ndarray, time: float) -> Iterator[Part]:
+        """Contacts within reach at a time (0: start, 1: end of the step); overlaps at the start are measured then.
 
-        Each part stays as it is until the next one is asked for.
+        Each part is valid until the next one is requested.
         """
         contacts = self._search(reach, time)
         if time == 1.0 and self._pairs.count[TOO_CLOSE]:
             yield from self._with_overlaps(contacts, reach, time)
         else:
-            yield Found(contacts, np.full(contacts.count[0], time))
+            yield contacts, np.full(contacts.count[0], time)
 
-    def _with_overlaps(self, contacts: Contacts, reach: np.ndarray, time: float) -> Iterator[Found]:
-        """These contacts of the end, but those of the start of bodies that overlap then."""
+    def _with_overlaps(self, contacts: Contacts, reach: np.ndarray, time: float) -> Iterator[Part]:
+        """Contacts at the end of the step, with contacts at the start for bodies that overlap there."""
         too_close = self._too_close()
         ahead = contacts.trimmed()
         at_start = self._search(np.where(too_close, reach, -1.0), 0.0)
         overlapping = self._too_close()
         for chosen, when in ((_chosen(at_start, overlapping), 0.0), (_chosen(ahead, ~overlapping), time)):
-            yield Found(chosen, np.full(chosen.count[0], when))
+            yield chosen, np.full(chosen.count[0], when)
 
-    def _joined(self, parts: Iterable[Found]) -> Found:
-        """All of them, one after the other, in arrays that stay in place."""
+    def _joined(self, parts: Iterable[Part]) -> Part:
+        """Concatenate the parts in reused arrays."""
         room, fraction, count = self._room, self._fraction, 0
-        for part in parts:
-            end = count + part.contacts.count[0]
+        for contacts, when in parts:
+            end = count + contacts.count[0]
             if end > len(room.distance):
                 larger, fractions = Contacts.with_room(2 * end), np.zeros(2 * end)
                 for new, old in zip((*larger[1:], fractions), (*room[1:], fraction), strict=True):
                     new[:count] = old[:count]
                 room, fraction = self._room, self._fraction = larger, fractions
-            for target, source in zip(room[1:], part.contacts[1:], strict=True):
+            for target, source in zip(room[1:], contacts[1:], strict=True):
                 target[count:end] = source[: end - count]
-            fraction[count:end] = part.fraction
+            fraction[count:end] = when
             count = end
         room.count[0] = count
-        return Found(room, fraction)
+        return room, fraction
 
     def _too_close(self) -> np.ndarray:
-        """Whether two bodies are closer than they are kept by the last search, shape (body_count, body_count)."""
+        """Whether two bodies were too close in the last search, shape (body_count, body_count)."""
         too_close: np.ndarray = self._pairs.nearest < self._distance - self._tolerance
         return too_close
 
     def _search(self, reach: np.ndarray, time: float) -> Contacts:
-        """Contacts within reach at this time, and by them how near bodies are."""
+        """Contacts within reach at a time (0: start, 1: end of the step); also measures the distances of bodies."""
         self._moving.move(time * self._time_step, self._soft, self._rigid)
         self._moving.follow_load(self._state)
         contacts = self._detection.find(reach, self._depth)

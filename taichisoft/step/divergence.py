@@ -1,22 +1,23 @@
-"""Is a new state still a simulation of something?"""
+"""Checks for a diverged simulation after each step."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.bodies.elasticity import Elasticity
 from taichisoft.bodies.kernels.domain_deformation import Domains
-from taichisoft.bodies.kernels.principal_stretches import HOOKE, MODULI, OGDEN_TERMS
+from taichisoft.bodies.kernels.principal_stretches import HOOKE, MODULI, PURE_NUMBERS
 from taichisoft.bodies.strain import Stretches, valid_stretch
 from taichisoft.errors import SimulationDiverged
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.kernels import leaps as kernels
 
-# An element under Hooke's law survives being inverted for a while; a body of which more than this share is, does not.
+# Single inverted elements under Hooke's law may recover; a body with more than this fraction of them will not.
 INVERTED_SHARE = 0.25
-# Nothing moves by more than this many times its own size in a step, unless it did so before: a small body that falls
-# freely does after a while, one that explodes does at once.
+# Largest move of a point in a step, in sizes of its body, unless its velocity led there: a small body in free fall
+# reaches it gradually, an exploding body at once.
 LARGEST_MOVE = 10.0
 
 NO_DOMAINS = Domains(
@@ -26,33 +27,32 @@ NO_DOMAINS = Domains(
     volume=np.zeros((0, 2)),
     law=np.zeros(0, dtype=np.int32),
     modulus=np.zeros((0, MODULI)),
-    exponent=np.zeros((0, OGDEN_TERMS)),
+    pure_number=np.zeros((0, PURE_NUMBERS)),
     lag=np.zeros(0),
     factor=np.zeros(0),
     undamped=np.zeros(0),
 )
 
 ADVICE = "a smaller time.step, a lower pressure or pressure rate, or a finer mesh"
-# A turn by t in a step changes volumes by t^2, which one linearisation does not see: nearly incompressible rubber that
-# moves fast gets pressures of lambda t^2, and explodes.
+# One linearisation misses the change of volume by t^2 in a rotation by t per step: fast, nearly incompressible rubber
+# gets pressures of lambda t^2 and explodes.
 RUBBER_ADVICE = "a smaller time.step, time.newton = 20, a lower pressure or pressure rate, or a finer mesh"
-COLLAPSE_ADVICE = "less suction, or a lowest_volume_growth or lowest_pressure of the cavity"
 
 
 class DivergenceCheck:
-    """Compares the states before and after a step: soft bodies by their nodes, rigid ones by their centres.
+    """Compares the states before and after a step: nodes of soft bodies, centres of rigid bodies.
 
     Attributes:
-        inverted: number of elements of all soft bodies that are turned inside out after the step.
+        inverted: number of inverted elements of all soft bodies after the step.
     """
 
     def __init__(self, model: Model):
-        """Lay out the bodies."""
+        """Allocate the work space."""
         soft, rigid = model.soft_bodies, model.rigid_bodies
         self._bodies = soft
         node_starts = [*(body.nodes.start for body in soft), model.node_count]
         self._time_step = model.scene.time.step
-        self._cavities = model.cavities.names
+        self._actuators = model.actuators
         self._advice = [ADVICE if (body.laws.kind == HOOKE).all() else RUBBER_ADVICE for body in soft]
         shapes = [body.rest_position for body in soft]
         self._soft = _Leaps([body.name for body in soft], shapes, node_starts, self._advice)
@@ -60,7 +60,7 @@ class DivergenceCheck:
         advice = [ADVICE for _ in rigid]
         self._rigid = _Leaps([body.name for body in rigid], [body.vertices for body in rigid], centres, advice)
         counts = [len(body.elements) for body in soft]
-        # Laws of rubber can push elements out again that are turned inside out, however many.
+        # Laws of rubber can restore inverted elements, however many.
         follows_hooke = np.array([bool((body.laws.kind == HOOKE).any()) for body in soft])
         self._largest_inverted = np.where(follows_hooke, INVERTED_SHARE, 1.0) * np.array(counts)
         self.inverted = 0
@@ -78,8 +78,8 @@ class DivergenceCheck:
         """Compare the states of a step.
 
         Raises:
-            SimulationDiverged: a value is not finite, a body explodes, too many of its elements are inverted, or the
-                walls of a cavity have gone through each other.
+            SimulationDiverged: a value is not finite, a body explodes, too many of its elements are inverted, or an
+                actuator fails, such as a cavity whose walls have gone through each other.
         """
         step = before.step
         self._rigid.refuse_not_finite(after.rigid_rotation, step)
@@ -87,16 +87,15 @@ class DivergenceCheck:
         self._rigid.check(before.rigid_position, before.rigid_velocity, after.rigid_position, step, self._time_step)
         if self._soft.names:
             self._check_inverted(before, step)
-        if self._cavities:
-            self._check_collapsed(after.cavity_volume, step)
+        self._check_actuators(after.actuator_value, step)
 
-    def _check_collapsed(self, volume: np.ndarray, step: int) -> None:
-        """A volume [mm^3] of less than nothing is that of walls which have changed sides."""
-        if volume.min() <= 0.0:
-            cavity = int(np.argmin(volume))
-            name = self._cavities[cavity]
-            cause = f"has a collapsed cavity: the walls of '{name}' went through each other ({volume[cavity]:.3g} mm^3)"
-            raise SimulationDiverged(name.partition(".")[0], step, cause, COLLAPSE_ADVICE)
+    def _check_actuators(self, value: np.ndarray, step: int) -> None:
+        for kind in ACTUATOR_KINDS:
+            found, of_kind = self._actuators.sets[kind.name], self._actuators.of(kind, value)
+            failure = found.failure(of_kind) if found.names else None
+            if failure is not None:
+                name, cause, advice = failure
+                raise SimulationDiverged(name.partition(".")[0], step, cause, advice)
 
     def _check_inverted(self, before: State, step: int) -> None:
         kernels.count_inverted(self._inverted, self._domains, self._soft.points.after)
@@ -109,7 +108,7 @@ class DivergenceCheck:
             raise SimulationDiverged(self._soft.names[body], step, cause, self._advice[body])
 
     def _beyond_its_law(self, number: int, state: State) -> str:
-        """What there is to say where a body was stretched beyond the range of its law before the step."""
+        """Note for the message, if the body was stretched beyond the range of its law before the step."""
         body = self._bodies[number]
         found = Stretches(body.rest_position, body.elements).largest(state.position[body.nodes]).max()
         limit, law = valid_stretch(body.settings)
@@ -117,7 +116,7 @@ class DivergenceCheck:
 
 
 def _integration_points(elasticity: Elasticity, shapes: Sequence[tuple[int, ...]]) -> tuple[Domains, np.ndarray]:
-    """The integration domains, and the first one of each quadratic element, -1 for others, by these bodies' shapes."""
+    """Integration domains, and first domain of each quadratic element (-1 for others), for bodies of these shapes."""
     quadratic = np.repeat([nodes == 10 for _, nodes in shapes], [count for count, _ in shapes])
     first_point = np.full(len(quadratic), -1, dtype=np.int32)
     if elasticity.domains is None:
@@ -129,12 +128,12 @@ def _integration_points(elasticity: Elasticity, shapes: Sequence[tuple[int, ...]
 
 
 class _Leaps:
-    """Points of some bodies, none of which may leap in a step."""
+    """Check of bodies whose points must not leap in a step."""
 
     def __init__(self, names: list[str], shapes: Sequence[np.ndarray], starts: list[int], advice: list[str]):
-        """Bodies of these shapes [mm], each (count, 3), whose points begin at these places among all.
+        """Prepare for bodies with rest positions `shapes` [mm], each (count, 3), and indices `starts` of first points.
 
-        What to try where one of them leaps is its `advice`.
+        `advice` has the corrections to suggest for each body.
         """
         self.names, self._advice = names, advice
         self._limit = LARGEST_MOVE * np.array([np.ptp(shape, axis=0).max() for shape in shapes])
@@ -142,7 +141,7 @@ class _Leaps:
         self.points = kernels.Points(before, velocity, after, np.array(starts, dtype=np.int32), np.empty(len(names)))
 
     def check(self, before: np.ndarray, velocity: np.ndarray, after: np.ndarray, step: int, time_step: float) -> None:
-        """Raise SimulationDiverged where a point is nowhere or too far away."""
+        """Raise SimulationDiverged if a point is not finite or too far away."""
         if not self.names:
             return
         self.refuse_not_finite(after, step)
@@ -159,7 +158,7 @@ class _Leaps:
 
     def refuse_not_finite(self, values: np.ndarray, step: int) -> None:
         """Raise SimulationDiverged for the first body with a value that is not finite; a row belongs to each point."""
-        if np.isfinite(np.add.reduce(values, axis=None)):  # which is NaN or infinite where any of the values is
+        if np.isfinite(np.add.reduce(values, axis=None)):  # not finite if any value is not
             return
         finite = np.isfinite(values).all(axis=1)
         if not finite.all():

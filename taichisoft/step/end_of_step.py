@@ -1,11 +1,11 @@
-"""The soft bodies' equations of motion at the end of a step, which one linearisation does not solve."""
+"""The nonlinear equations of motion of the soft bodies at the end of a step."""
 
 import numpy as np
 import scipy.sparse as sparse
 
-from taichisoft.bodies.actuators import ActuatorGeometry
+from taichisoft.actuators.model_actuators import ActuatorGeometry
+from taichisoft.bodies.body_geometry import PosesAhead
 from taichisoft.bodies.elasticity import Elasticity
-from taichisoft.bodies.surfaces import PosesAhead
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.kernels import loads as kernels
@@ -19,18 +19,18 @@ class EndOfStep:
 
     and in first order dynamics h M v = h (f(x) + M g + anchors + p dq/dx(x)). The damping is that of the first
     linearisation: d0 where the bodies go on with v0, and D0, which has no negative eigenvalues.
-    `SoftMotion` solves them linearised at the start of the step, or ahead of it; here they are evaluated, and
-    linearised anew, at other velocities. A linearisation leaves out how loads that follow the body turn with it.
+    `SoftMotion` solves them linearised at the start of the step, or ahead of it; this class evaluates and linearises
+    them at other velocities. A linearisation omits the rotation of follower loads with the body.
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, soft: SoftMotion, geometry: ActuatorGeometry):
-        """Make the work space.
+        """Allocate the work space.
 
         Args:
             model: the bodies.
-            elasticity: the model's.
-            soft: the soft bodies of a step, whose equations are linearised anew.
-            geometry: of the model's actuators, which is moved along.
+            elasticity: elasticity of the model.
+            soft: the soft bodies of a step, whose equations are linearised again.
+            geometry: geometry of the model's actuators, which `move` measures.
         """
         self._model, self._soft, self._geometry = model, soft, geometry
         self._mass = elasticity.node_mass[:, None]
@@ -50,7 +50,7 @@ class EndOfStep:
         self._nodes = soft.nodes._replace(velocity=self._velocity, impulse=np.empty((model.node_count, 3)))
 
     def begin(self, state: State) -> None:
-        """Take the matrix that `SoftMotion` has made in the step from `state`."""
+        """Store the matrix that `SoftMotion` has assembled in the step from `state`."""
         self._start = state
         self._pull_point = self._model.placed_pull_points(state)
         system = self._soft.system
@@ -65,18 +65,18 @@ class EndOfStep:
             self._damping_matrix = self._matrix(self._damping_blocks)
 
     def _matrix(self, blocks: np.ndarray) -> sparse.bsr_array:
-        """The matrix of the solver's blocks, which has both its halves."""
+        """The full symmetric matrix of the solver's blocks."""
         both = np.concatenate([blocks, blocks[self._below].transpose(0, 2, 1)])[self._order]
         size = 3 * self._model.node_count
         return sparse.bsr_array((both, self._column, self._row_start), (size, size))
 
-    def first_pull(self, node_velocity: np.ndarray) -> np.ndarray:
-        """The first matrix times velocities [mN s], shape (node_count, 3)."""
+    def first_force(self, node_velocity: np.ndarray) -> np.ndarray:
+        """Product of the first matrix and node velocities [mN s], shape (node_count, 3)."""
         product: np.ndarray = (self._first_matrix @ node_velocity.ravel()).reshape(-1, 3)
         return product
 
     def move(self, node_velocity: np.ndarray, rigid_position: np.ndarray, rigid_rotation: np.ndarray) -> None:
-        """Let bodies be where these velocities [mm/s], (node_count, 3), and poses of the rigid bodies have them."""
+        """Move the bodies to the positions by node velocities [mm/s], (node_count, 3), and by poses of rigid bodies."""
         system = self._soft.system
         position = self._start.position + self._time_step * node_velocity
         system.position[:] = position
@@ -85,11 +85,11 @@ class EndOfStep:
         self._velocity[:] = node_velocity
         self._geometry.update(PosesAhead(position, rigid_position, rigid_rotation), self._pull_point)
 
-    def left(self, effort: np.ndarray) -> np.ndarray:
-        """The impulses [mN s] by which the equations miss where the bodies are, without those of contacts.
+    def residual(self, effort: np.ndarray) -> np.ndarray:
+        """Residual impulses [mN s] of the equations at the current positions, without contacts, shape (node_count, 3).
 
         Args:
-            effort: of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
+            effort: efforts of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
         """
         soft, velocity = self._soft, self._velocity
         kernels.sum_impulses(
@@ -101,24 +101,24 @@ class EndOfStep:
             self._geometry.gradient,
             effort,
         )
-        left: np.ndarray = self._nodes.impulse.copy()
+        lacking: np.ndarray = self._nodes.impulse.copy()
         if self._is_damped:
-            left -= self._first_damping
-            left -= (self._damping_matrix @ (velocity - self._start.velocity).ravel()).reshape(-1, 3)
+            lacking -= self._first_damping
+            lacking -= (self._damping_matrix @ (velocity - self._start.velocity).ravel()).reshape(-1, 3)
         if self._has_inertia:
-            left -= self._mass * (velocity - self._start.velocity)
+            lacking -= self._mass * (velocity - self._start.velocity)
         else:
-            left -= self._time_step * self._mass * velocity
-        return left
+            lacking -= self._time_step * self._mass * velocity
+        return lacking
 
     def linearise(self, load: np.ndarray) -> np.ndarray:
-        """Linearise where the bodies are: `SoftMotion`'s matrix, now with h^2 K(x), and begin to solve.
+        """Linearise at the current positions: `SoftMotion`'s matrix, now with h^2 K(x), and begin to solve.
 
         Args:
-            load: efforts that are known, 0 of those with rows, shape (coordinate_count,).
+            load: known efforts, 0 for coordinates with rows, shape (coordinate_count,).
 
         Returns:
-            The impulses [mN s] that make up for what is left of the equations, shape (node_count, 3).
+            Residual impulses of the equations [mN s], shape (node_count, 3).
 
         Raises:
             SimulationDiverged: the matrix is not positive definite.
@@ -126,6 +126,6 @@ class EndOfStep:
         soft = self._soft
         if self._is_damped:
             soft.system.solver.blocks += self._damping_blocks
-        left = self.left(load)
-        soft.factorise(self._start, left, self._velocity)
-        return left
+        lacking = self.residual(load)
+        soft.factorise(self._start, lacking, self._velocity)
+        return lacking

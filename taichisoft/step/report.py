@@ -1,4 +1,4 @@
-"""What happened in a step."""
+"""The report of a step."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -11,12 +11,12 @@ from taichisoft.control.observation import Observation, Pair
 
 @dataclass(frozen=True)
 class StepReport:
-    """What happened in a step; what a controller sees after it is in `observation`.
+    """Results of a step; `observation` has what a controller sees after it.
 
     Attributes:
         step: index of the step, from 0.
         time: simulated time at the end of the step [s].
-        contact_points: middles of the contacts at the start of the step, the open ones too [mm], shape
+        contact_points: midpoints of the contacts at the start of the step, including open ones [mm], shape
             (contact_count, 3).
         contact_forces: force on the second body of each contact [mN], shape (contact_count, 3).
         contact_bodies: numbers of the two bodies of each contact in `body_names`, shape (contact_count, 2).
@@ -26,14 +26,14 @@ class StepReport:
         iterations: number of sweeps of the Gauss-Seidel.
         residual: largest change of a velocity in the last sweep [mm/s].
         converged: whether the residual is below the tolerance, and `newton_residual` below its own.
-        signals: numbers of the controller's own, by name.
+        signals: signals of the controller, by name.
         step_time: wall-clock time that the step took [s].
-        observe: function that works the observation out.
-        deepest: names of the two bodies with that intrusion; None where there is none.
-        inverted_elements: number of elements that are turned inside out at the end of the step.
+        observe: function that computes the observation.
+        deepest: names of the two bodies with that intrusion, or None.
+        inverted_elements: number of inverted elements at the end of the step.
         linearisations: number of linearisations of the soft bodies' equations.
-        newton_residual: how far another linearisation would move a node at most [mm]; None where a step has one only
-            (`time.newton`), and this is not known.
+        newton_residual: largest move of a node by another linearisation [mm]; None for steps with one linearisation
+            (`time.newton`).
     """
 
     step: int
@@ -56,7 +56,7 @@ class StepReport:
 
     @property
     def contact_count(self) -> int:
-        """Number of contacts, the open ones too."""
+        """Number of contacts, including open ones."""
         return len(self.contact_points)
 
     @cached_property
@@ -66,5 +66,5 @@ class StepReport:
 
     @cached_property
     def observation(self) -> Observation:
-        """What a controller sees after the step, worked out when it is first asked for."""
+        """What a controller sees after the step; computed on first access."""
         return self.observe()

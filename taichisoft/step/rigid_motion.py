@@ -1,4 +1,4 @@
-"""Motion of the rigid bodies: without contact, by impulses, and along a step."""
+"""Motion of the rigid bodies in a step: free motion, impulses, and integration."""
 
 import numpy as np
 
@@ -11,11 +11,11 @@ class RigidMotion:
     """The rigid bodies of a step.
 
     Attributes:
-        state: poses, velocities and impulses as the kernels see them.
+        state: poses, velocities and impulses in arrays of kernels.
     """
 
     def __init__(self, model: Model):
-        """Make the work space."""
+        """Allocate the work space."""
         count = len(model.rigid_bodies)
         self._time_step = model.scene.time.step
         self._bodies = kernels.RigidBodies(
@@ -24,7 +24,7 @@ class RigidMotion:
             inverse_inertia=np.empty((count, 3, 3)),
             gravity=np.empty((1, 3)),
         )
-        self.take_masses(model)
+        self.set_masses(model)
         self.state = kernels.RigidState(
             position=np.empty((count, 3)),
             quaternion=np.empty((count, 4)),
@@ -35,23 +35,27 @@ class RigidMotion:
             inverse_mass=np.zeros((count, 6, 6)),
             impulse=np.zeros((count, 6)),
         )
-        self._ahead = self.state._replace(position=np.empty((count, 3)), quaternion=np.empty((count, 4)))
+        self._end = self.state._replace(
+            position=np.empty((count, 3)),
+            quaternion=np.empty((count, 4)),
+            linear=np.empty((count, 3)),
+            angular=np.empty((count, 3)),
+        )
 
-    def take_masses(self, model: Model) -> None:
-        """Let the bodies have the masses of a model, this one or a variant of it."""
+    def set_masses(self, model: Model) -> None:
+        """Set the masses of a model, this one or a variant of it."""
         self._bodies.mass[:], self._bodies.inertia[:] = model.rigid_mass, model.rigid_inertia
         self._bodies.inverse_inertia[:] = np.linalg.inv(model.rigid_inertia)
         self._external_forces = _external_forces(model)
 
-    def solve_free_motion(self, state: State) -> None:
-        """Begin a step: poses and velocities from `state`, no impulses yet."""
+    def begin(self, state: State) -> None:
+        """Begin a step with the poses and velocities of `state`; compute the velocities after it without impulses."""
         rigid = self.state
         if not len(rigid.position):
             return
         rigid.position[:], rigid.quaternion[:] = state.rigid_position, state.rigid_rotation
         rigid.linear[:], rigid.angular[:] = state.rigid_velocity, state.rigid_angular_velocity
         rigid.impulse[:] = 0.0
-        self._shift: tuple[np.ndarray, np.ndarray] | None = None
         self._bodies.gravity[0] = state.gravity
         kernels.solve_free_motion(self._time_step, self._bodies, rigid)
         for first_step, step_count, body, acceleration in self._external_forces:
@@ -59,34 +63,30 @@ class RigidMotion:
                 rigid.free[body, :3] += self._time_step * acceleration
 
     def apply_impulses(self) -> None:
-        """Velocities by the impulses."""
+        """Apply the impulses to the velocities of the bodies."""
         if len(self.state.position):
             kernels.apply_impulses(self.state)
 
-    def end_poses(self) -> tuple[np.ndarray, np.ndarray]:
-        """Where the present velocities lead to: positions [mm] (rigid_count, 3) and quaternions (rigid_count, 4)."""
-        ahead = self._ahead
-        ahead.position[:], ahead.quaternion[:] = self.state.position, self.state.quaternion
-        if len(ahead.position):
-            kernels.integrate(self._time_step, ahead)
-        return ahead.position.copy(), ahead.quaternion.copy()
+    @property
+    def velocity(self) -> np.ndarray:
+        """Linear [mm/s] and angular [rad/s] velocities, shape (rigid_count, 6)."""
+        return np.hstack([self.state.linear, self.state.angular])
 
-    def begin_shift(self, linear: np.ndarray, angular: np.ndarray) -> None:
-        """Take the present velocities for those of a shift, and these for the bodies' own, each (rigid_count, 3)."""
-        self._shift = self.state.linear.copy(), self.state.angular.copy()
-        self.state.linear[:], self.state.angular[:] = linear, angular
+    def end_poses(self, *velocities: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Poses after moving with each of the velocities in turn, over the whole time step, from the start of the step.
 
-    def integrate(self) -> None:
-        """End the step: poses by the velocities, and by those of a shift, which do not stay."""
-        rigid = self.state
-        if not len(rigid.position):
-            return
-        kernels.integrate(self._time_step, rigid)
-        if self._shift is not None:
-            own = rigid.linear.copy(), rigid.angular.copy()
-            rigid.linear[:], rigid.angular[:] = self._shift
-            kernels.integrate(self._time_step, rigid)
-            rigid.linear[:], rigid.angular[:] = own
+        Args:
+            velocities: linear [mm/s] and angular [rad/s], each of shape (rigid_count, 6).
+
+        Returns:
+            Positions [mm], shape (rigid_count, 3), and quaternions, shape (rigid_count, 4).
+        """
+        end = self._end
+        end.position[:], end.quaternion[:] = self.state.position, self.state.quaternion
+        for velocity in velocities if len(end.position) else ():
+            end.linear[:], end.angular[:] = velocity[:, :3], velocity[:, 3:]
+            kernels.integrate(self._time_step, end)
+        return end.position.copy(), end.quaternion.copy()
 
 
 def _external_forces(model: Model) -> list[tuple[int, int, int, np.ndarray]]:

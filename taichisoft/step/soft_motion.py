@@ -1,8 +1,8 @@
-"""Motion of the soft bodies by forces, and by the impulses of contacts and actuators."""
+"""Linearised motion of the soft bodies by forces and by the impulses of contacts and actuators."""
 
 import numpy as np
 
-from taichisoft.bodies.actuators import ActuatorGeometry
+from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity, ElasticSystem
 from taichisoft.bodies.rotations import rotation_from_vector
 from taichisoft.errors import NotPositiveDefinite, SimulationDiverged
@@ -12,23 +12,23 @@ from taichisoft.step.kernels import loads as kernels
 
 
 class SoftMotion:
-    """The soft bodies of a step; a model without any has none.
+    """The soft bodies of a step; made only for models with soft bodies.
 
     Attributes:
-        known_velocity: of the nodes [mm/s], of which the step's equations find the change, shape (node_count, 3).
-        system: elastic forces and matrix of the step, and the direct solver that has factorised it.
-        nodes: what acts on them, from the start of the step.
-        anchors: springs that hold nodes, with the lag of a step from its start.
-        base: where the anchors have been moved to.
+        known_velocity: node velocities whose change the step's equations give [mm/s], shape (node_count, 3).
+        system: elastic forces, matrix and direct solver of the step.
+        nodes: loads on the nodes, at the start of the step.
+        anchors: springs that hold nodes, with the lag at the start of a step.
+        base: pose of the base.
     """
 
     def __init__(self, model: Model, elasticity: Elasticity, geometry: ActuatorGeometry):
-        """Make the work space.
+        """Allocate the work space.
 
         Args:
             model: the bodies.
-            elasticity: the model's.
-            geometry: of the model's actuators at the start of a step.
+            elasticity: elasticity of the model.
+            geometry: geometry of the model's actuators at the start of a step.
         """
         self._model = model
         self._geometry = geometry
@@ -42,7 +42,7 @@ class SoftMotion:
             elastic=self.system.force,
             impulse=np.empty((model.node_count, 3)),
         )
-        self._young_modulus: np.ndarray | None = None  # that of the system's elements
+        self._young_modulus: np.ndarray | None = None  # of the system's elements
         self.anchors = kernels.Anchors(
             node=model.anchored_nodes,
             stiffness=elasticity.anchor_stiffness,
@@ -50,7 +50,7 @@ class SoftMotion:
             position=np.empty((len(model.anchored_nodes), 3)),
         )
         self.base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
-        self._base_rotation: np.ndarray | None = None  # that of `turn`
+        self._base_rotation: np.ndarray | None = None  # rotation vector of `base.turn`
         self.known_velocity = np.zeros((model.node_count, 3))
 
     def begin(self, state: State, load: np.ndarray) -> None:
@@ -61,7 +61,7 @@ class SoftMotion:
 
         Args:
             state: at the start of the step.
-            load: pressures [kPa] and tensions [mN] that are known, shape (coordinate_count,).
+            load: known pressures [kPa] and tensions [mN], shape (coordinate_count,).
 
         Raises:
             SimulationDiverged: the system matrix is not positive definite.
@@ -77,16 +77,16 @@ class SoftMotion:
         self.factorise(state, self.nodes.impulse, np.zeros(3) if is_first_order else state.velocity)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
-        """Change of velocity [mm/s], (node_count, 3), by impulses on the nodes [mN s], (node_count, 3)."""
+        """Change of velocity [mm/s], shape (node_count, 3), by impulses on the nodes [mN s], shape (node_count, 3)."""
         return self.system.solver.solve(node_impulse)
 
     def factorise(self, state: State, node_impulse: np.ndarray, known_velocity: np.ndarray) -> None:
-        """Factorise the matrix that the system holds, and begin to find what impulses add to velocities.
+        """Factorise the matrix of the system, and begin to solve for the change of velocities by impulses.
 
         Args:
             state: at the start of the step.
-            node_impulse: [mN s], shape (node_count, 3).
-            known_velocity: [mm/s], shape (node_count, 3) or (3,).
+            node_impulse: impulses on the nodes [mN s], shape (node_count, 3).
+            known_velocity: velocities to which the change is added [mm/s], shape (node_count, 3) or (3,).
 
         Raises:
             SimulationDiverged: the matrix is not positive definite.
@@ -99,7 +99,7 @@ class SoftMotion:
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
 
     def leave_out_forces(self) -> None:
-        """Go on from rest with nothing but the impulses of contacts."""
+        """Restart from rest with the impulses of contacts only."""
         self.known_velocity[:] = 0.0
         self.system.solver.leave_out_right_hand_side()
 

@@ -1,4 +1,4 @@
-"""`taichisoft bench`, end to end on cases of a few steps."""
+"""`python -m taichisoft_benchmarks`, end to end on cases of a few steps."""
 
 import json
 import sys
@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from taichisoft.command_line import main
+from taichisoft_benchmarks.__main__ import bench as measure
+from taichisoft_benchmarks.program import run_program
 
 CASES = """
 [tiny]
@@ -45,9 +46,9 @@ def bench(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tm
     (tmp_path / "cases.toml").write_text(CASES)
 
     def run(*arguments: str) -> tuple[int, list[str], str]:
-        monkeypatch.setattr(sys, "argv", ["taichisoft", "bench", "--cases", "cases.toml", *arguments])
+        monkeypatch.setattr(sys, "argv", ["bench", "--cases", "cases.toml", *arguments])
         with pytest.raises(SystemExit) as left:
-            main()
+            run_program(measure, "taichisoft_benchmarks")
         shown = capfd.readouterr()
         return int(left.value.code or 0), shown.out.splitlines(), shown.err
 

@@ -3,8 +3,8 @@
 from pathlib import Path
 
 from taichisoft_benchmarks.case_process import environment_of, measure_in_process
+from taichisoft_benchmarks.case_scenes import Meshes
 from taichisoft_benchmarks.cases import cases_from_dict
-from taichisoft_benchmarks.scenes import Meshes
 
 START = {"kind": "start", "title": "", "scene": "gripper", "finger": "finger1"}
 

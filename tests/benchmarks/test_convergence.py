@@ -1,14 +1,13 @@
 """The convergence study of the finger's bend."""
 
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from taichisoft_benchmarks.case_scenes import tutorial_surfaces
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.scenes import tutorial_surfaces
 from taichisoft_benchmarks.studies import convergence
 from taichisoft_benchmarks.studies.convergence import Point, Study
 from taichisoft_benchmarks.studies.extrapolation import ORDER, limit_of
@@ -81,18 +80,17 @@ def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 
     monkeypatch.setattr(convergence, "measure_all", measured)
     page = tmp_path / "page.md"
-    monkeypatch.setattr(sys, "argv", ["convergence", "--output", str(page), "--sizes", "2", "8", "4", "3"])
     page.write_text("no marks")
-    with pytest.raises(SystemExit, match="has no line <!-- convergence -->"):
-        convergence.main()
+    with pytest.raises(BenchmarkError, match="has no line <!-- convergence -->"):
+        convergence.main(page, sizes="2,8,4,3")
     page.write_text("before\n<!-- convergence -->\nold\n<!-- end -->\nafter\n")
-    convergence.main()
+    convergence.main(page, sizes="2,8,4,3")
     once, plot = page.read_text(), (tmp_path / convergence.PLOT).read_bytes()
     limits = "Limit: 59.0 ± 0.0 mm from quadratic elements"
     assert once.startswith(f"before\n<!-- convergence -->\n{limits}")
     assert "| 57.0 | 56.4 |\n" in once
     assert once.endswith("<!-- end -->\nafter\n")
     assert once.index("| 8 | 781 |") < once.index("| 2 | 12500 |") < once.index("| 5 mm | 1860 | 9300 | ")
-    convergence.main()
+    convergence.main(page, sizes="2,8,4,3")
     assert (page.read_text(), (tmp_path / convergence.PLOT).read_bytes()) == (once, plot)
     assert "largest displacement at 30 kPa" in plot.decode()

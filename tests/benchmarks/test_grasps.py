@@ -9,9 +9,11 @@ import trimesh
 
 from taichisoft.building.simulation import make_model
 from taichisoft.scenes.file import scene_from_dict
+from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.studies import grasp_measure, grasps, settling
-from taichisoft_benchmarks.studies.grasp_cases import Grasp, all_grasps
-from taichisoft_benchmarks.studies.grasped_objects import AXIS, BOTTOM, OBJECTS, objects
+from taichisoft_benchmarks.studies.grasp_measure import Grasp
+from taichisoft_benchmarks.studies.grasped_objects import AXIS, BOTTOM, OBJECTS
+from taichisoft_benchmarks.studies.grasps import all_grasps
 
 FIGURES = {
     "lift": 99.0, "creep": 0.004, "margin": 5.4, "steps": 650, "unconverged": 3,
@@ -22,7 +24,7 @@ FIGURES = {
 @pytest.mark.parametrize("name", sorted(OBJECTS))
 def test_an_object_has_its_mass_and_stands_in_the_middle_of_the_gripper(name: str, tmp_path: Path) -> None:
     """Its lowest point is one contact distance above the floor; a cube may be put aside."""
-    tables = objects(name, 0.03, False, tmp_path)
+    tables = OBJECTS[name](0.03, False, tmp_path)
     model = make_model(scene_from_dict({**tables, "gravity": [-9810, 0, 0]}))
     vertices = np.vstack([model.surfaces.carriers.local])
     if model.rigid_bodies:
@@ -51,7 +53,7 @@ def test_every_grasp_has_a_file_of_its_own() -> None:
     ids=["held", "left behind", "creeps", "squeezed out"],
 )
 def test_what_rises_with_the_base_and_stays_is_held(changed: dict[str, float], held: str) -> None:
-    shown = grasps.row(Grasp("cube"), {**FIGURES, **changed}).split(" | ")
+    shown = grasps.grasp_row(Grasp("cube"), {**FIGURES, **changed}).split(" | ")
     assert shown[5] == held
     assert shown[8:10] == ["3 of 650", "11, 115"]
 
@@ -66,20 +68,18 @@ def test_a_grasp_that_hangs_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert len({line.count("|") for line in lines}) == 1
 
 
-def test_the_page_is_filled_with_what_was_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_the_page_is_filled_with_what_was_kept(tmp_path: Path) -> None:
     """`--only none` measures nothing."""
     (tmp_path / f"{Grasp('torus').name}.json").write_text(json.dumps(FIGURES))
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- grasps -->\nold\n<!-- end -->\nafter\n")
-    arguments = ["grasps", "--output", str(page), "--only", "none", "--results", str(tmp_path)]
-    monkeypatch.setattr("sys.argv", arguments)
-    grasps.main()
+    grasps.main(page, only="none", results=tmp_path)
     text = page.read_text()
     assert "| torus | 30 | 80 | 0.6 |" in text and "old" not in text
     assert text.startswith("before\n") and text.endswith("<!-- end -->\nafter\n")
 
 
-def test_other_elements_have_a_table_of_their_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_other_elements_have_a_table_of_their_own(tmp_path: Path) -> None:
     """The fingers and the soft cube are of the element, under lower pressures; the other table stays as it is."""
     (grasp,) = (one for one in all_grasps("smoothed") if one.object == "soft cube")
     scene = grasp_measure.scene_of(grasp, tmp_path)
@@ -88,19 +88,16 @@ def test_other_elements_have_a_table_of_their_own(tmp_path: Path, monkeypatch: p
     (tmp_path / f"{grasp.name}.json").write_text(json.dumps(FIGURES))
     page = tmp_path / "page.md"
     page.write_text("<!-- grasps -->\nold\n<!-- end -->\n<!-- grasps smoothed -->\nolder\n<!-- end -->\n")
-    arguments = ["grasps", "--output", str(page), "--only", "none", "--results", str(tmp_path), "--element", "smoothed"]
-    monkeypatch.setattr("sys.argv", arguments)
-    grasps.main()
+    grasps.main(page, only="none", results=tmp_path, element="smoothed")
     text = page.read_text()
     assert text.startswith("<!-- grasps -->\nold\n<!-- end -->\n<!-- grasps smoothed -->\n| object")
     assert "| soft cube | 30 | 36 | 0.6 |" in text and "older" not in text
 
 
-def test_a_page_without_the_mark_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_page_without_the_mark_is_refused(tmp_path: Path) -> None:
     (tmp_path / "page.md").write_text("nothing\n")
-    monkeypatch.setattr("sys.argv", ["grasps", "--output", str(tmp_path / "page.md"), "--results", str(tmp_path)])
-    with pytest.raises(SystemExit, match="has no line <!-- grasps -->"):
-        grasps.main()
+    with pytest.raises(BenchmarkError, match="has no line <!-- grasps -->"):
+        grasps.main(tmp_path / "page.md", results=tmp_path)
 
 
 def test_the_base_rises_by_its_lift_no_faster_than_it_may() -> None:
@@ -117,6 +114,6 @@ def test_the_base_rises_by_its_lift_no_faster_than_it_may() -> None:
 def test_what_settles_has_a_time_constant(before: float, last: float, shown: str) -> None:
     """Creep that falls by a factor of e in a second has one of a second; what grows has none."""
     hold = settling.Hold(Grasp("cube"))
-    row = settling.row(hold, [1.0, 0.5, 0.2, 0.1, 0.1, before, last], 0.0).split(" | ")
+    row = settling.hold_row(hold, [1.0, 0.5, 0.2, 0.1, 0.1, before, last], 0.0).split(" | ")
     assert len(row) == len(settling.HEADINGS)
     assert row[-2] == shown

@@ -5,9 +5,9 @@ from pathlib import Path
 import pytest
 
 from taichisoft.plugin_system.plugins import plugin_registry
+from taichisoft_benchmarks.case_scenes import Meshes, scene_of
 from taichisoft_benchmarks.cases import PluginsCase, cases_from_dict, read_cases
 from taichisoft_benchmarks.measures.steps import measure_plugins
-from taichisoft_benchmarks.scenes import Meshes, scene_of
 
 
 def test_hooks_and_observation_are_measured_together_and_by_part(tmp_path: Path) -> None:

@@ -4,9 +4,9 @@ from pathlib import Path
 
 from taichisoft_benchmarks import runner
 from taichisoft_benchmarks.case_process import Answer
+from taichisoft_benchmarks.case_scenes import Meshes
 from taichisoft_benchmarks.cases import cases_from_dict
 from taichisoft_benchmarks.measures.measured import Measured
-from taichisoft_benchmarks.scenes import Meshes
 
 MESHING = {"kind": "meshing", "title": "", "sweep": {"a": {"preset": "coarse"}, "b": {"preset": "fine"}}}
 CASES = cases_from_dict({"mesh": MESHING})

@@ -8,19 +8,48 @@ from typing import Any
 import numpy as np
 import pytest
 
+from taichisoft.actuators.limits import UNLIMITED, limits
+from taichisoft.actuators.names import ActuatorNames
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
+from taichisoft.scenes.actuators import Cable
 from taichisoft.scenes.scene import Scene
-from taichisoft.scenes.soft_body import Cable
-from taichisoft_controllers.scripted.controller import scripted_controller
+from taichisoft_controllers.scripted.scripted_controller import scripted_controller
 
 CAVITIES = ("left.base", "left.tip", "right.base")
 TIME_STEP = 0.01
 
 
 CABLE_LENGTH = 90.0
+
+
+class _Actuators(ActuatorNames):
+    """Cavities without limits of their own, and cables."""
+
+    def __init__(self, cavities: Sequence[str], cables: Mapping[str, Cable]):
+        super().__init__({"cavity": cavities, "cable": tuple(cables)})
+        free = [limits(None, None)] * len(cavities)
+        tensions = [limits(one.lowest_tension, one.highest_tension, UNLIMITED * -one.rod) for one in cables.values()]
+        self.sets = {
+            "cavity": _made_up_set(np.zeros(len(cavities)), free, free, [False] * len(cavities)),
+            "cable": _made_up_set(
+                np.full(len(cables), CABLE_LENGTH),
+                tensions,
+                [limits(one.lowest_pull, one.highest_pull) for one in cables.values()],
+                [one.rod for one in cables.values()],
+            ),
+        }
+
+
+def _made_up_set(rest_value: np.ndarray, efforts: Any, coordinates: Any, pushes_and_pulls: Sequence[bool]) -> Any:
+    return SimpleNamespace(
+        rest_value=rest_value,
+        effort_range=np.array(efforts).reshape(-1, 2),
+        coordinate_range=np.array(coordinates).reshape(-1, 2),
+        pushes_and_pulls=pushes_and_pulls,
+    )
 
 
 def made_up_model(
@@ -53,6 +82,7 @@ def made_up_model(
         soft_bodies=[SimpleNamespace(name=name) for name in scene.soft_bodies],
         rigid_bodies=[SimpleNamespace(name=name, start_position=np.array([5.0, 0.0, 0.0])) for name in cubes],
         obstacles=[SimpleNamespace(name=name) for name in scene.obstacles],
+        actuators=_Actuators(cavities, {name: Cable(points="points.csv", **keys) for name, keys in cables.items()}),
         cavities=SimpleNamespace(names=tuple(cavities)),
         cables=SimpleNamespace(
             names=tuple(cables),

@@ -13,10 +13,10 @@ from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft.running.loop import run
-from taichisoft_controllers.closed_loop.controller import ClosedLoopController
+from taichisoft_controllers.closed_loop.closed_loop_controller import ClosedLoopController
 from taichisoft_controllers.closed_loop.grasp_sequence import Phase
-from taichisoft_controllers.keyboard.controller import KeyboardController
-from taichisoft_controllers.scripted.controller import scripted_controller
+from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
+from taichisoft_controllers.scripted.scripted_controller import scripted_controller
 
 TENDONS = ("finger1.tendon", "finger2.tendon", "finger3.tendon")
 GRAVITY = 9810.0
@@ -31,7 +31,7 @@ def test_keys_and_sliders_pull_the_cables_at_the_scene_s_speed() -> None:
     controller.key(KeyEvent("finger2.tendon", value=1.0))
     simulation.step(controller.control(simulation.observe()))
     assert simulation.observe().clipped == TENDONS
-    assert simulation.state.cable_target.tolist() == pytest.approx([0.6] * 3)
+    assert simulation.state.actuator_target.tolist() == pytest.approx([0.6] * 3)
     for _ in range(30):
         simulation.step(controller.control(simulation.observe()))
     seen = simulation.observe()

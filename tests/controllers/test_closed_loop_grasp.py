@@ -13,7 +13,7 @@ from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.running.loop import run
 from taichisoft.scenes.scene import ExternalForce
 from taichisoft.state import State
-from taichisoft_controllers.closed_loop.controller import ClosedLoopController
+from taichisoft_controllers.closed_loop.closed_loop_controller import ClosedLoopController
 from taichisoft_controllers.closed_loop.grasp_sequence import Phase
 
 QUICK = {"lift": 10.0, "lift_time": 0.8, "hold": 0.4}

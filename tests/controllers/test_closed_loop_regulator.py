@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft_controllers.closed_loop.actuation import by_pressure
+from taichisoft_controllers.closed_loop.grasp_actuation import by_pressure
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 from taichisoft_controllers.closed_loop.grip_force import ForceRegulator
 

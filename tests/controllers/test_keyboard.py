@@ -15,7 +15,7 @@ from taichisoft.control.controller import Slider
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.keyboard.controller import KeyboardController, KeyboardSettings
+from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController, KeyboardSettings
 
 CAVITIES = ("finger1.cavity", "finger2.front", "finger2.back", "finger3.cavity")
 KEYS = ["+", "=", "-", "up", "down", "left", "right", "a", "q", "0", "1", "2", "3", "4", "x", "enter"]

@@ -153,7 +153,7 @@ def test_a_pull_in_a_scene_without_cables_is_refused(tmp_path: Path) -> None:
     ("table", "message"),
     [
         ("time,pull [kPa]\n0,1", "column 'pull [kPa]': its unit is mm, not kPa"),
-        ("time,pull,pull left\n0,1,1", "line 1: the columns 'pull' and 'pull left' exclude each other"),
+        ("time,pull,pull left\n0,1,1", "the columns 'pull' and 'pull left' exclude each other"),
     ],
 )
 def test_a_wrong_table_is_refused(tmp_path: Path, table: str, message: str) -> None:

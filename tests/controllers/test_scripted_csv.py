@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from made_up import controller_of, follow, pressures, refusal, write
 
 from taichisoft.errors import SceneError
-from taichisoft_controllers.scripted.controller import scripted_controller
 from taichisoft_controllers.scripted.script_csv import read_keyframes
+from taichisoft_controllers.scripted.scripted_controller import scripted_controller
 
 CSV = """\
 # two fingers close, one after the other
@@ -63,26 +63,26 @@ def test_what_programs_and_people_write_is_read(tmp_path: Path, content: str) ->
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "is empty; the first line has the names of the columns"),
-        ("# only a comment", "is empty"),
+        ("", "needs a first line with the names of the columns, as in: time,pressure"),
+        ("# only a comment", "needs a first line"),
         ("time,pressure", "keyframes = []: at least 1 is needed"),
         ("tme,pressure\n0,1", "column 'tme': unknown; did you mean 'time'?"),
         ("time,pressure,base_x\n0,1,1", "column 'base_x': unknown; "),
         ("time;pressure\n0;1", "column 'time;pressure': unknown; "),
         ("time,pressure [bar]\n0,1", "column 'pressure [bar]': its unit is kPa, not bar"),
         ("time [ms],pressure\n0,1", "column 'time [ms]': its unit is s, not ms"),
-        ("# a\ntime,time,pressure\n0,1,1", "line 2: there are 2 columns 'time'; keep one"),
-        ("time,pressure,pressure left\n0,1,1", "line 1: the columns 'pressure' and 'pressure left' exclude each other"),
-        ("pressure\n1", "line 1: there is no column 'time'; there are: pressure"),
-        ("time\n1", "line 1: there is no column 'pressure', 'pull' or 'tension'; there are: time"),
-        ("time,pressure\n\n0", "line 3: has 1 cells; 2 are needed, one for each column"),
-        ("time,pressure\n0,1,2", "line 2: has 3 cells; 2 are needed"),
-        ("time,pressure\n0,", "line 2, column 'pressure': '' must be a finite number"),
-        ("time,pressure\n0,high", "line 2, column 'pressure': 'high' must be a finite number, as in 0.5"),
-        ("time,pressure\n0,nan", "line 2, column 'pressure': 'nan' must be a finite number"),
+        ("# a\ntime,time,pressure\n0,1,1", "there are 2 columns 'time'; keep one"),
+        ("time,pressure,pressure left\n0,1,1", "the columns 'pressure' and 'pressure left' exclude each other"),
+        ("pressure\n1", "the column 'time' is missing; columns are: pressure"),
+        ("time\n1", "keyframes.0: needs at least one of pressure, pull, tension"),
+        ("time,pressure\n\n0", "0: has 1 cells; 2 are needed, one for each column"),
+        ("time,pressure\n0,1,2", "0,1,2: has 3 cells; 2 are needed"),
+        ("time,pressure\n0,", "0,: each cell must be a number, as in 0.5"),
+        ("time,pressure\n0,high", "0,high: each cell must be a number, as in 0.5"),
+        ("time,pressure\n0,nan", "keyframes.0.pressure = nan: input should be a finite number"),
         ("time,pressure\n1,1\n0.5,1", "the times of the keyframes must increase; they are [1.0, 0.5]"),
         ("time,pressure\n-1,1", "keyframes.0.time = -1.0: input should be greater than or equal to 0"),
-        ("time,pressure\n0,\0", "line 2"),
+        ("time,pressure\n0,\0", "each cell must be a number"),
     ],
 )
 def test_a_wrong_csv_is_refused_in_one_line(tmp_path: Path, content: str, message: str) -> None:

@@ -13,9 +13,9 @@ from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import ControllerFailed
 from taichisoft.scenes.shipped import data_folder
-from taichisoft_controllers.scripted.controller import ScriptSettings, scripted_controller
 from taichisoft_controllers.scripted.quantities import QUANTITIES
 from taichisoft_controllers.scripted.script_file import Keyframe, Step
+from taichisoft_controllers.scripted.scripted_controller import ScriptSettings, scripted_controller
 
 DOCUMENT = Path(__file__).resolve().parents[2] / "docs" / "controllers.md"
 SECTION = re.split(r"^## ", DOCUMENT.read_text(encoding="utf-8").partition("\n## Scripted\n")[2], flags=re.MULTILINE)[0]

@@ -11,7 +11,7 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.scripted.controller import scripted_controller
+from taichisoft_controllers.scripted.scripted_controller import scripted_controller
 
 SCRIPT = """
 interpolation = "{interpolation}"

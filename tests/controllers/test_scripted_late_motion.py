@@ -14,7 +14,7 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.errors import GoalMissed
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.session.output import Output
-from taichisoft_plugins.metrics import MetricsOutput
+from taichisoft_outputs.metrics import MetricsOutput
 
 KEYFRAMES = """
 keyframes = [

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from made_up import controller_of, follow, made_up_model, observation, pressures
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.scripted.targets import Ramp
+from taichisoft_controllers.scripted.script_targets import Ramp
 
 UNTIL = """
 [[steps]]

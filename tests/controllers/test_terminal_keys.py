@@ -223,7 +223,7 @@ def test_no_other_run_touches_it(sources: list[str], run: Any) -> None:
 @pytest.mark.parametrize("stdin", [None, SimpleNamespace(isatty=lambda: False)])
 def test_where_there_is_no_terminal_it_says_so(sources: list[str], monkeypatch: pytest.MonkeyPatch, stdin: Any) -> None:
     monkeypatch.setattr(sys, "stdin", stdin)
-    with pytest.warns(UserWarning, match="standard input is no terminal"):
+    with pytest.warns(UserWarning, match="standard input is not a terminal"):
         key_source.begin_keys(session())
     assert sources == []
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.closed_loop.actuation import by_pressure
+from taichisoft_controllers.closed_loop.grasp_actuation import by_pressure
 from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
 from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings

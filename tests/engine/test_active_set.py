@@ -55,7 +55,7 @@ def test_the_motion_is_that_of_all_contacts_together(simulation: Simulation, mon
 
     def begin_with_all(self: ActiveSet, *arguments: object) -> None:
         begin(self, *arguments)  # type: ignore[arg-type]
-        while self._reduction.add(~self._reduction.taking_part, self.gap, beside=True):
+        while self._reduction.add(self.table, ~self.table.is_chosen, self.table.gap, beside=True):
             pass
 
     monkeypatch.setattr(ActiveSet, "begin", begin_with_all)

@@ -85,7 +85,10 @@ def test_what_a_run_came_to_on_its_way_counts_until_it_starts_anew(hollow: str) 
 def test_a_law_without_a_known_range_is_judged_by_elements_inside_out(hollow: str) -> None:
     """Neo-Hookean rubber has no limit by itself, but at 60 kPa these walls explode: 156 elements end inside out."""
     made, output = simulation(hollow, law="neo-hookean", element="smoothed"), Outcome()
-    with pytest.warns(UserWarning, match="inside out"), pytest.raises(BeyondLaw, match="elements are inside out"):
+    with (
+        pytest.warns(UserWarning, match="elements are inverted"),
+        pytest.raises(BeyondLaw, match="elements are inverted at the end"),
+    ):
         run(made, Inflate(60.0), [output], duration=0.3)
     assert output.said.startswith("beyond the law: ")
     assert issubclass(BeyondLaw, GoalMissed)  # for the exit code 1 of `taichisoft run`
@@ -97,7 +100,7 @@ def test_a_stopped_run_is_judged_too(hollow: str) -> None:
     from taichisoft.session.session import Session
 
     session = Session(made, Inflate(60.0), duration=10.0)
-    with pytest.warns(UserWarning, match="inside out"), pytest.raises(BeyondLaw):
+    with pytest.warns(UserWarning, match="elements are inverted"), pytest.raises(BeyondLaw):
         run_session(session, lambda report: session.stop() if report.step == 29 else None)
 
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from taichisoft.bodies.body_geometry import body_surfaces, planes_of
 from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.bodies.surfaces import body_surfaces, planes_of
 from taichisoft.building.simulation import Simulation
 from taichisoft.contact.moving_surfaces import MovingSurfaces
 from taichisoft.control.control import Control

@@ -37,7 +37,7 @@ def targets(simulation: Simulation, controls: list[Control]) -> list[float]:
     values = []
     for control in controls:
         simulation.step(control)
-        values.append(float(simulation.state.cable_target[0]))
+        values.append(float(simulation.state.actuator_target[0]))
     return values
 
 

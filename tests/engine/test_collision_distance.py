@@ -12,6 +12,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from taichisoft.building.simulation import Simulation, make_model
+from taichisoft.contact.contact_table import ContactTable
 from taichisoft.contact.detection import ContactDetection
 from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.moving_surfaces import MovingSurfaces
@@ -116,9 +117,10 @@ def test_nothing_is_found_beyond_the_reach(tmp_path: Path) -> None:
 def first_choice(model: Model, size: list[float], spacing: float) -> tuple[Contacts, np.ndarray]:
     """All contacts, and which of them are added first of all, the closest being the worst."""
     pairs, reduction = find(model), ContactReduction(np.array(size), spacing, contact_distance=1.0)
-    reduction.begin(pairs, model.initial_state())
-    assert reduction.add(np.ones(pairs.count[0], dtype=bool), pairs.distance, beside=True)
-    return pairs, reduction.taking_part
+    table = ContactTable.with_room(pairs, np.ones(len(pairs.distance)))
+    reduction.begin(table, model.initial_state())
+    assert reduction.add(table, np.ones(pairs.count[0], dtype=bool), pairs.distance, beside=True)
+    return pairs, table.is_chosen
 
 
 def test_of_close_contacts_the_closest_is_added_first(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.building.simulation import make_model
+from taichisoft.contact.contact_table import ContactTable
 from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.contact.reduction import FIRST_CAPACITY, ContactReduction
 from taichisoft.scenes.file import scene_from_dict
@@ -52,6 +53,11 @@ def some_contacts(random: np.random.Generator, count: int) -> Contacts:
     )
 
 
+def table_of(contacts: Contacts) -> ContactTable:
+    """A table of contacts that are measured at the end of the step."""
+    return ContactTable.with_room(contacts, np.ones(len(contacts.distance)))
+
+
 def middle(contacts: Contacts) -> np.ndarray:
     """Midpoints [mm]."""
     return contacts.points.mean(axis=1)
@@ -75,7 +81,7 @@ def test_what_pushed_goes_on_in_the_nearest_contact_that_is_still_free(
 ) -> None:
     random = np.random.default_rng(seed)
     last, contacts = some_contacts(random, last_count), some_contacts(random, count)
-    reduction = ContactReduction(SIZE, SPACING, contact_distance=1.0)
+    reduction, table = ContactReduction(SIZE, SPACING, contact_distance=1.0), table_of(contacts)
     far = np.where(alike(last, contacts), apart(last, contacts), np.inf)
     expected = np.zeros(count)
     for number in range(1, last_count):
@@ -84,21 +90,22 @@ def test_what_pushed_goes_on_in_the_nearest_contact_that_is_still_free(
             expected[nearest] = number
             far[:, nearest] = np.inf
     for _ in range(2):
-        reduction.begin(contacts, after(start, last))
-        np.testing.assert_array_equal(reduction.impulse[:count], expected[:, None] * np.ones(3))
-        np.testing.assert_array_equal(reduction.taking_part, expected > 0.0)
+        reduction.begin(table, after(start, last))
+        np.testing.assert_array_equal(table.impulse[:count], expected[:, None] * np.ones(3))
+        np.testing.assert_array_equal(table.is_chosen, expected > 0.0)
 
 
 def test_room_for_many_contacts_stays_when_there_are_fewer(start: State) -> None:
     """Arrays that change their place with every search are set up anew for every kernel."""
     random, reduction = np.random.default_rng(0), ContactReduction(SIZE, SPACING, contact_distance=1.0)
-    reduction.begin(some_contacts(random, 40), start)
-    choice, few = reduction.choice, some_contacts(random, 5)
-    reduction.begin(few, start)
-    assert reduction.choice is choice
-    assert len(reduction.taking_part) == 5
-    assert reduction.add(np.ones(5, dtype=bool), few.distance, beside=True)
-    assert 1 <= reduction.taking_part.sum() <= 5
+    many, few = table_of(some_contacts(random, 40)), some_contacts(random, 5)
+    table = many.holding(few, np.ones(5))
+    reduction.begin(table, start)
+    assert table.choice is many.choice
+    assert len(table.is_chosen) == 5
+    assert reduction.add(table, np.ones(5, dtype=bool), few.distance, beside=True)
+    assert 1 <= table.is_chosen.sum() <= 5
+    assert len(table.holding(some_contacts(random, 41), np.ones(41)).impulse) == 41
 
 
 @examples(100)
@@ -110,13 +117,13 @@ def test_the_worst_of_each_neighbourhood_is_added(start: State, seed: int, count
     before, wanted, gap = random.random(count) < 0.2, random.random(count) < 0.7, random.normal(size=count)
     pushing = Contacts(np.array([before.sum()]), *(array[before] for array in contacts[1:]))
     state = replace(after(start, pushing), contact_impulse=np.ones((before.sum(), 3)))
-    reduction = ContactReduction(SIZE, SPACING, contact_distance=1.0)
-    reduction.begin(contacts, state)
-    before = reduction.taking_part.copy()
-    any_added = reduction.add(wanted, gap, beside)
-    added = reduction.taking_part & ~before
+    reduction, table = ContactReduction(SIZE, SPACING, contact_distance=1.0), table_of(contacts)
+    reduction.begin(table, state)
+    before = table.is_chosen.copy()
+    any_added = reduction.add(table, wanted, gap, beside)
+    added = table.is_chosen & ~before
     assert any_added == added.any()
-    assert reduction.taking_part[before].all()
+    assert table.is_chosen[before].all()
     assert wanted[added].all()
     spacing = np.minimum(SPACING, 0.2 * SIZE[contacts.bodies].min(axis=1))
     near = alike(contacts, contacts) & (apart(contacts, contacts) < spacing[:, None]) & ~np.eye(count, dtype=bool)

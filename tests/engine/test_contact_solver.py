@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.solver.actuator_rows import IMPOSED
+from taichisoft.solver.actuator_requests import IMPOSED
 from taichisoft.solver.contact_solver import ContactSolver
 from taichisoft.solver.kernels import constraint_problem as kernels
 

@@ -92,7 +92,7 @@ def test_a_cavity_changes_from_pressure_to_volume_and_back(simulation: Simulatio
     simulation.step(Control(volume_growth={"left.air": 10.0}))
     for _ in range(60):
         report = simulation.step()
-    rest = simulation.model.cavities.rest_volume[0]
+    rest = simulation.model.cavities.rest_value[0]
     assert report.observation.volumes["left.air"] - rest == pytest.approx(10.0, abs=1e-6)
     assert report.observation.pressures["left.air"] > 0.1
     assert report.observation.pressures["right.air"] == 0.0

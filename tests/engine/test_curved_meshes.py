@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from blocks import make_block
 
-from taichisoft.bodies.elements import quadratic_tetrahedra
+from taichisoft.bodies.shape_functions import quadratic_tetrahedra
 from taichisoft.building.simulation import Simulation
 from taichisoft.errors import MeshError
 from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from actuator_geometry import measured
 
-from taichisoft.bodies.cavities import CavityVolumes
 from taichisoft.building.simulation import make_model
 from taichisoft.meshes.curved_walls import curved_walls, enclosed_volume_of_walls
 from taichisoft.meshes.files import write_volume_mesh
@@ -14,7 +14,7 @@ from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft_benchmarks.studies.round_meshes import hollow_sphere, rounded, tube
+from taichisoft_benchmarks.regular_meshes import hollow_sphere, rounded, tube
 
 INNER, OUTER, LENGTH = 10.0, 20.0, 20.0
 
@@ -61,12 +61,11 @@ def test_lids_over_a_hole_follow_the_rims_of_bent_sides(tmp_path: Path) -> None:
     }
     model = make_model(scene_from_dict({"soft_bodies": {"tube": body}}))
     position = model.rest_position + np.random.default_rng(7).uniform(-1, 1, (model.node_count, 3))
-    volumes = CavityVolumes(model.cavities, model.node_count)
-    volume = volumes.volumes(position)[0]
-    gradient = volumes.gradient
-    moments = np.cross(position[model.cavities.surfaces.entry_node], gradient)
+    geometry = measured(model, position)
+    volume, gradient = geometry.value[0], geometry.gradient.soft
+    moments = np.cross(position[model.actuators.coordinates.entry_node], gradient)
     assert np.abs(gradient.sum(axis=0)).max() < 1e-12 * np.abs(gradient).max()
     assert np.abs(moments.sum(axis=0)).max() < 1e-12 * np.abs(moments).max()
     moved = replace(mesh, nodes=position)
     assert volume == pytest.approx(walls_volume(moved), rel=1e-12)
-    assert model.cavities.rest_volume[0] == pytest.approx(walls_volume(mesh), rel=1e-12)
+    assert model.cavities.rest_value[0] == pytest.approx(walls_volume(mesh), rel=1e-12)

@@ -8,8 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from taichisoft.cholesky import dissection
-from taichisoft.cholesky.dissection import nested_dissection
-from taichisoft.cholesky.minimum_degree import minimum_degree
+from taichisoft.cholesky.dissection import minimum_degree, nested_dissection
 from taichisoft.cholesky.ordering import find_supernodes, predicted_work
 from taichisoft.cholesky.supernodes import group_columns
 

@@ -96,7 +96,7 @@ def test_a_cavity_whose_walls_go_through_each_other_is_named(taichisoft_scene: S
     """A volume of less than nothing is no volume, whatever the elements around it look like."""
     changes = {"limits": {}, "rigid_bodies": {}, "obstacles": {}}
     simulation = Simulation(scene_from_dict(taichisoft_scene.model_dump(exclude_none=True) | changes))
-    rest = simulation.state.cavity_volume
+    rest = simulation.state.actuator_value
     suction = Control(pressure=dict.fromkeys(simulation.model.cavities.names, -100.0))
     with pytest.raises(
         SimulationDiverged, match=r"collapsed cavity: the walls of '(left|right)\.cavity' went through"
@@ -104,7 +104,7 @@ def test_a_cavity_whose_walls_go_through_each_other_is_named(taichisoft_scene: S
         for _ in range(50):
             simulation.step(suction)
     assert failed.value.body in ("left", "right")
-    assert (simulation.state.cavity_volume > 0.0).all() and (simulation.state.cavity_volume < rest).all()
+    assert (simulation.state.actuator_value > 0.0).all() and (simulation.state.actuator_value < rest).all()
 
 
 def test_an_element_is_inside_out_where_any_of_its_integration_points_is(block: Callable[..., str]) -> None:

@@ -43,7 +43,7 @@ def test_a_goal_that_is_none_is_refused_with_those_that_are() -> None:
     [
         ({"kind": "placed"}, 'kind = "placed" needs position'),
         ({"kind": "lifted"}, 'kind = "lifted" needs height'),
-        ({"height": 3.0}, 'there is no effect of height unless kind = "lifted"'),
+        ({"height": 3.0}, 'height has no effect unless kind = "lifted"'),
     ],
 )
 def test_each_kind_has_its_key(keys: dict[str, Any], problem: str) -> None:

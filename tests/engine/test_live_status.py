@@ -17,7 +17,7 @@ from taichisoft.running.live_status import LiveStatus, live_status
 from taichisoft.scenes.scene import Scene
 from taichisoft.session.pace import Pace
 from taichisoft.session.session import Session
-from taichisoft_controllers.keyboard.controller import KeyboardController
+from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
 
 
 def session(**changes: Any) -> Any:

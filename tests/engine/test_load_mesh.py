@@ -31,7 +31,7 @@ def test_a_plug_in_makes_the_mesh_of_files_of_its_suffix(install: Install) -> No
     assert load(file="a/b.PAD") is TETRAHEDRON
     load(file="b.pad", size=3.0, set={"height": 2})
     assert asked == [(Path("a/b.PAD"), 1.0, None), (Path("b.pad"), 3.0, {"height": 2})]
-    with pytest.raises(SceneError, match=r"^soft_bodies.pad.mesh: there is no effect of nodes on b.pad; remove it"):
+    with pytest.raises(SceneError, match=r"^soft_bodies.pad.mesh: nodes has no effect on b.pad; remove it"):
         load(file="b.pad", nodes=100)
 
 
@@ -52,7 +52,11 @@ def refuses(file: Path) -> VolumeMesh:
             r"^soft_bodies.pad.mesh: mesh maker '.pad' failed on b.pad: KeyError: 'height' \(",
         ),
         (refuses, SceneError, r"^soft_bodies.pad.mesh: b.pad: height = -1: must be positive$"),
-        (lambda file: None, PluginError, r"^soft_bodies.pad.mesh: mesh maker '.pad' gave None; must be a VolumeMesh$"),
+        (
+            lambda file: None,
+            PluginError,
+            r"^soft_bodies.pad.mesh: mesh maker '.pad' returned None; must be a VolumeMesh$",
+        ),
         (
             lambda file: VolumeMesh("made", TETRAHEDRON.nodes, TETRAHEDRON.elements[:, [0, 2, 1, 3]]),
             MeshError,
@@ -73,7 +77,7 @@ def test_only_what_is_meshed_has_a_size(install: Install) -> None:
     with pytest.raises(MeshError, match=r"^b.pad: '.pad' is not a kind of volume mesh file"):
         load(file="b.pad")
     shipped = "data/meshes/tutorial-coarse.msh"
-    with pytest.raises(SceneError, match=r"there is no effect of size on .*coarse.msh; remove it, or name a geometry"):
+    with pytest.raises(SceneError, match=r"size has no effect on .*coarse.msh; remove it, or name a geometry"):
         load(file=str(Path(__file__).resolve().parents[2] / shipped), size=3.0)
     with pytest.raises(ValueError, match="one of size, preset, nodes can be given; given: size, nodes"):
         BodyMesh(file="b.toml", size=3.0, nodes=100)

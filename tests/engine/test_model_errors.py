@@ -70,7 +70,7 @@ def test_a_cavity_of_a_file_has_its_volume(hollow: dict[str, Any], tmp_path: Pat
     box = trimesh.creation.box(extents=[2, 2, 2])
     box.vertices += [8, 8, 8]
     made = model({**hollow, **cavity_file(tmp_path, box)})
-    assert made.cavities.rest_volume[0] == pytest.approx(8.0, rel=1e-6)
+    assert made.cavities.rest_value[0] == pytest.approx(8.0, rel=1e-6)
 
 
 def test_a_cavity_with_a_hole_is_refused(hollow: dict[str, Any], tmp_path: Path) -> None:
@@ -86,7 +86,7 @@ def test_a_cavity_inside_out_is_turned_round_with_a_warning(hollow: dict[str, An
     box.invert()
     with pytest.warns(UserWarning, match=r"cavity\.stl: is inside out"):
         made = model({**hollow, **cavity_file(tmp_path, box)})
-    assert made.cavities.rest_volume[0] == pytest.approx(8.0, rel=1e-6)
+    assert made.cavities.rest_value[0] == pytest.approx(8.0, rel=1e-6)
 
 
 def test_a_cavity_outside_its_body_is_refused_with_a_vertex(hollow: dict[str, Any], tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft.bodies.elasticity import ElasticSystem
 from taichisoft.bodies.kernels.domain_deformation import Domains, Movement, deformation_and_rate
-from taichisoft.bodies.kernels.principal_stretches import POLYNOMIAL
+from taichisoft.bodies.kernels.principal_stretches import LAW_NUMBERS, MODULI, PURE_NUMBERS
 from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
@@ -39,9 +39,9 @@ def single_domains(count: int) -> Domains:
         node=np.arange(4 * count, dtype=np.int32),
         gradient=np.tile(np.vstack([np.zeros(3), np.eye(3)]), (count, 1)),
         volume=np.ones((count, 2)),
-        law=np.full(count, POLYNOMIAL, dtype=np.int32),
-        modulus=np.tile([1000.0, MU, 0.0, 0.0, 0.0], (count, 1)),
-        exponent=np.tile([2.0, 1.0, 1.0], (count, 1)),
+        law=np.full(count, LAW_NUMBERS["yeoh"], dtype=np.int32),
+        modulus=np.pad(np.tile([1000.0, MU], (count, 1)), ((0, 0), (0, MODULI - 2))),
+        pure_number=np.zeros((count, PURE_NUMBERS)),
         lag=0.11 * ones,
         factor=1e-3 * ones,
         undamped=0.1 * ones,

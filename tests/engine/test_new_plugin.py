@@ -69,7 +69,7 @@ def test_every_template_is_used() -> None:
 def test_folders_with_something_in_them_are_left_alone(tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     for folder in (tmp_path, tmp_path / "notes.txt"):
-        with pytest.raises(PluginError, match=rf"^{folder}: exists already; choose another with --output$"):
+        with pytest.raises(PluginError, match=rf"^{folder}: exists already; choose another name$"):
             write_project("soft-touch", folder)
     with pytest.raises(PluginError, match=r"notes.txt/x/pyproject.toml: cannot be written: Not a directory$"):
         write_project("soft-touch", tmp_path / "notes.txt" / "x")

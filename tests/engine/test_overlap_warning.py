@@ -36,7 +36,7 @@ def test_what_overlaps_is_said_once() -> None:
     simulation = on_the_floor()
     simulation.restore(replace(simulation.state, rigid_position=np.array([[0.0, 0.0, 4.7]])))
     with pytest.warns(
-        UserWarning, match="step 0: 'cube' and 'floor' overlap by 0.3 mm: they start so; move one"
+        UserWarning, match="step 0: 'cube' and 'floor' overlap by 0.3 mm: they overlap at the start; move one"
     ) as said:
         run(simulation, Idle(), duration=0.05)
     assert len(said) == 1

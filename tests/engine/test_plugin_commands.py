@@ -8,11 +8,11 @@ from typing import Any
 import pytest
 import typer
 
-import taichisoft.simulation  # noqa: F401 - Taichi may say something when it starts: not in the middle of a test
+import taichisoft.time_stepper  # noqa: F401 - Taichi may say something when it starts: not in the middle of a test
 from taichisoft.command_line import main
 from taichisoft.errors import PluginError
 from taichisoft.plugin_system import plugins
-from taichisoft.plugin_system.commands import command_names, with_plugin_commands
+from taichisoft.plugin_system.commands import command_names, group_with_default, with_plugin_commands
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 
 Install = Callable[..., None]
@@ -243,7 +243,7 @@ def test_commands_of_one_name_are_an_error_that_names_both(install: Install) -> 
     own.command("plugins")(lambda: None)
     install("one", taichisoft_commands=add)
     assert list(with_plugin_commands(own).commands) == ["run", "plugins", "wave"]
-    assert command_names(own) == ["run", "plugins"]  # it has not changed
+    assert command_names(typer.main.get_group(own)) == ["run", "plugins"]  # it has not changed
     install("two", taichisoft_commands=add_group)
     with pytest.raises(
         PluginError, match=r"^two plug-ins, taichisoft itself and 'two' \(plugin_two\), both add the com"
@@ -262,3 +262,102 @@ def test_two_plugins_that_add_one_command_are_named(install: Install) -> None:
     both = r"^two plug-ins, 'one' \(plugin_one\) and 'two' \(plugin_two\), both add the command 'wave'$"
     with pytest.raises(PluginError, match=both):
         with_plugin_commands(own)
+
+
+def shape(file: str, fine: bool = False) -> None:
+    """Make a shape."""
+    print("made", file, fine)
+
+
+def info(file: str) -> None:
+    """Show a shape."""
+    print("shown", file)
+
+
+def sweep(file: str) -> None:
+    """Make many shapes."""
+    print("swept", file)
+
+
+def install_shapes(install: Install, names: str = "one two") -> None:
+    """Two plug-ins, of which one adds `shape` and `shape info`, the other `shape sweep`."""
+
+    def add_default(application: typer.Typer) -> None:
+        group = group_with_default(shape)
+        group.command()(info)
+        application.add_typer(group, name="shape")
+
+    def add_sweep(application: typer.Typer) -> None:
+        group = typer.Typer(no_args_is_help=True)
+        group.command()(sweep)
+        application.add_typer(group, name="shape")
+
+    for name, add in zip(names.split(), (add_default, add_sweep), strict=True):
+        install(name, taichisoft_commands=add)
+
+
+@pytest.mark.parametrize("names", ["one two", "two one"])
+@pytest.mark.parametrize(
+    ("arguments", "output"),
+    [
+        (["cube.toml", "--fine"], "made cube.toml True"),
+        (["--fine", "cube.toml"], "made cube.toml True"),
+        (["info", "cube.msh"], "shown cube.msh"),
+        (["sweep", "cube.toml"], "swept cube.toml"),
+        (["./info"], "made ./info False"),
+        (["cube.toml", "--plugin", "wave.py"], "made cube.toml False"),
+        (["--plugin", "wave.py", "--plugins-dir=.", "info", "cube.msh"], "shown cube.msh"),
+        (["info", "--plugin", "wave.py", "cube.msh"], "shown cube.msh"),
+    ],
+)
+def test_groups_of_one_name_become_one_whose_default_runs_where_no_command_is_named(
+    command: Command, install: Install, names: str, arguments: list[str], output: str
+) -> None:
+    install_shapes(install, names)
+    assert command("shape", *arguments) == (0, f"{output}\n", "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "problem"),
+    [
+        (["shape"], "Missing argument 'file'; see taichisoft shape --help"),
+        (["shape", "info"], "Missing argument 'file'; see taichisoft shape info --help"),
+        (["shape", "a", "b"], "Got unexpected extra argument(s) (b); see taichisoft shape --help"),
+        (["shape-info", "a"], "No such command 'shape-info'. Did you mean 'shape info'?; see taichisoft --help"),
+    ],
+)
+def test_what_is_wrong_with_a_command_of_a_group_is_one_line(
+    command: Command, install: Install, arguments: list[str], problem: str
+) -> None:
+    install_shapes(install)
+    assert command(*arguments) == (2, "", f"taichisoft: {problem}\n")
+
+
+def test_the_help_of_a_group_shows_the_options_of_its_default_and_its_commands(
+    command: Command, install: Install
+) -> None:
+    install_shapes(install)
+    code, output, _ = command("shape", "--help")
+    assert code == 0
+    for part in (" | COMMAND", "Make a shape.", "--fine", "--plugin ", "Show a shape.", "Make many shapes."):
+        assert part in output
+
+
+def test_two_plugins_that_add_one_command_to_a_group_or_two_defaults_are_named(install: Install) -> None:
+    own = typer.Typer()
+    own.add_typer(group_with_default(shape), name="shape")
+    install_shapes(install)
+    with pytest.raises(
+        PluginError, match=r"^two plug-ins, taichisoft itself and 'one' .*, both add the command 'shape'$"
+    ):
+        with_plugin_commands(own)
+
+    def add_sweep(application: typer.Typer) -> None:
+        group = typer.Typer()
+        group.command("sweep")(lambda: None)
+        application.add_typer(group, name="shape")
+
+    install("three", taichisoft_commands=add_sweep)
+    both = r"^two plug-ins, 'three' \(plugin_three\) and 'two' \(plugin_two\), both add the command 'shape sweep'$"
+    with pytest.raises(PluginError, match=both):
+        with_plugin_commands(typer.Typer())

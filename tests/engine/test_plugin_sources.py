@@ -13,7 +13,6 @@ from taichisoft.errors import PluginError
 from taichisoft.plugin_system import hooks, plugins
 from taichisoft.plugin_system.failure import plugin_traceback
 from taichisoft.plugin_system.hookspecs import hookimpl
-from taichisoft.plugin_system.plugins_command import list_plugins
 
 Install = Callable[..., None]
 PUSH = """
@@ -48,7 +47,7 @@ def test_plugins_of_all_sources_are_there_in_the_order_of_loading(install: Insta
     path = write(tmp_path / "squeeze.py", "squeeze")
     plugins.load_plugin(path)
     plugins.register_plugin(Watcher())
-    origins = {plugin.name: plugin.origin for plugin in list_plugins()}
+    origins = plugins.plugin_registry().origins
     assert list(origins) == ["installed", "squeeze", "Watcher"]
     assert (origins["squeeze"].kind, origins["squeeze"].place, origins["squeeze"].version) == ("file", str(path), "2.1")
     assert origins["Watcher"].kind == "code"

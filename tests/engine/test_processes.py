@@ -116,8 +116,4 @@ def test_a_file_in_the_current_folder_is_no_module_of_a_child(tmp_path: Path) ->
     """Users name their scripts "gmsh.py", and folders come from others."""
     (tmp_path / "gmsh.py").write_text("raise SystemExit('taken from the current folder')")
     (tmp_path / "h5py.py").write_text("raise SystemExit('taken from the current folder')")
-    for arguments in (
-        ["-c", "import gmsh, h5py"],
-        ["-m", "taichisoft_plugins.recording.repair_process", '{"run": "x"}'],
-    ):
-        assert "current folder" not in run_python(arguments, PATIENCE, folder=tmp_path).problem
+    assert run_python(["-c", "import gmsh, h5py"], PATIENCE, folder=tmp_path).problem == ""

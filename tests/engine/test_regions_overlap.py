@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from taichisoft.bodies.elements import lame_parameters
 from taichisoft.building.simulation import make_model
+from taichisoft.scenes.elastic_law import lame_parameters
 from taichisoft.scenes.file import scene_from_dict
 
 

@@ -4,7 +4,7 @@ import weakref
 
 from taichisoft.building.simulation import Simulation
 from taichisoft.scenes.file import scene_from_dict
-from taichisoft.step.constraints import FIRST_CAPACITY
+from taichisoft.step.constraint_solver import FIRST_CAPACITY
 
 COUNT = FIRST_CAPACITY // 4 + 1
 """Boxes with four corners each, some more than there is room for at first."""
@@ -17,12 +17,12 @@ def test_arrays_for_fewer_contacts_are_freed() -> None:
     boxes["box0"]["position"] = [0.0, 0.0, 16.0]  # it is there last
     tables = {"rigid_bodies": boxes, "obstacles": {"floor": floor}}
     simulation = Simulation(scene_from_dict({"gravity": [0.0, 0.0, -9810.0], **tables}))
-    constraints = simulation._constraints
-    small = weakref.ref(constraints._problem.compliance)
+    solver = simulation._constraint_solver
+    small = weakref.ref(solver._rows.compliance)
     simulation.step()
-    assert small() is constraints._problem.compliance
+    assert small() is solver._rows.compliance
     for _ in range(20):
         report = simulation.step()
     assert report.contact_count == 4 * COUNT
-    assert constraints._problem.contact_capacity >= 4 * COUNT
+    assert solver._rows.contact_capacity >= 4 * COUNT
     assert small() is None

@@ -9,15 +9,15 @@ import trimesh
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft.bodies.shapes import RoundShape
-from taichisoft.bodies.surfaces import body_surfaces
+from taichisoft.bodies.body_geometry import body_surfaces
+from taichisoft.bodies.closed_form_shapes import RoundShape
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.errors import SceneError
 from taichisoft.scenes.file import scene_from_dict, scene_to_toml
-from taichisoft_plugins.recording.output import RecordingOutput
-from taichisoft_plugins.recording.reader import read_recording
-from taichisoft_plugins.recording.resume import ResumeError, recorded_scene, resumed_simulation
+from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.resume import ResumeError, recorded_scene, resumed_simulation
 
 BALL: dict[str, Any] = {"sphere": {"radius": 10.0}, "mass": 0.01}
 ROD: dict[str, Any] = {"cylinder": {"radius": 2.0, "length": 60.0}, "mass": 0.01}
@@ -79,7 +79,7 @@ def test_density_and_given_properties() -> None:
     ("changes", "message"),
     [
         ({"box": [1, 1, 1]}, "exactly one of surface, box, sphere, cylinder, capsule is needed; given: box, sphere"),
-        ({"scale": 2.0}, "beside sphere there is no effect of scale; remove it"),
+        ({"scale": 2.0}, "scale would have no effect beside sphere; remove it"),
         ({"sphere": {"radius": 0.0}}, r"sphere\.radius = 0\.0"),
         ({"sphere": {"radius": 1.0, "length": 2.0}}, r"sphere\.length"),
         ({"sphere": {}}, r"sphere\.radius: this key is missing"),

@@ -17,7 +17,7 @@ from taichisoft.errors import ControlError, GoalMissed, PluginError, PluginFaile
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.session.output import Output
 from taichisoft.session.session import count_steps
-from taichisoft_plugins.recording.output import RecordingOutput
+from taichisoft_outputs.recording.output import RecordingOutput
 
 STEP = 0.01
 
@@ -222,7 +222,7 @@ def test_a_signal_that_the_process_ignores_stays_ignored(simulation: Simulation)
 @pytest.mark.parametrize(
     ("answer", "message"),
     [
-        (None, "controller test_run.Rest at step 2: control() gave None; it must return a taichisoft.Control"),
+        (None, "controller test_run.Rest at step 2: control() returned None; must return a taichisoft.Control"),
         ({}, "controller test_run.Rest at step 2: control = {}: must be a taichisoft.Control"),
         (0, "controller test_run.Rest at step 2: control = 0: must be a taichisoft.Control"),
         ({"pressure": 3}, "control = {'pressure': 3}: must be a taichisoft.Control"),
@@ -285,7 +285,7 @@ def test_what_does_not_derive_from_the_base_classes_is_refused_before_anything_i
     both: Any = LooksLikeBoth()
     for controller, outputs, base in ((both, [], "Controller"), (Rest(), [Log(), both], "Output")):
         kind = f"taichisoft.{base}"
-        message = f"<both> is no {kind}; derive its class, {__name__}.LooksLikeBoth, from {kind}"
+        message = f"<both> is not a {kind}; derive its class, {__name__}.LooksLikeBoth, from {kind}"
         with pytest.raises(PluginError, match=f"^{re.escape(message)}$"):
             run(simulation, controller, outputs)
         assert simulation.state.step == 0

@@ -143,7 +143,7 @@ def test_an_option_without_an_output_sets_something_of_the_reader(command: Comma
     assert (code, errors) == (0, "")
     assert "[\n    7.0," in Path("out", "scene.toml").read_text()
     code, _, errors = command("run", str(TINY_GRIPPER), "--edge", "7", *arguments)
-    assert code == 2 and "there is no effect of edge on a .toml scene" in errors
+    assert code == 2 and "edge has no effect on a .toml scene" in errors
     assert "--edge" in command("run", "--help", *plugin)[1]
     assert "--edge" not in command("resume", "--help", *plugin)[1]
 

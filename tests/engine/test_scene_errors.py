@@ -71,15 +71,15 @@ WRONG = [
         "time.dynamics = 'static': input should be 'second order' or",
     ),
     # without effect
-    (rigid(scale=2), "rigid_bodies.cube: beside box there is no effect of scale; remove it"),
+    (rigid(scale=2), "rigid_bodies.cube: scale would have no effect beside box; remove it"),
     (
         with_obstacle(translation=[1, 0, 0]),
-        "obstacles.floor: beside plane there is no effect of translation; remove it",
+        "obstacles.floor: translation would have no effect beside plane; remove it",
     ),
-    (with_obstacle(rotation=[0, 9, 0]), "obstacles.floor: beside plane there is no effect of rotation; remove it"),
+    (with_obstacle(rotation=[0, 9, 0]), "obstacles.floor: rotation would have no effect beside plane; remove it"),
     (
         with_obstacle(scale=2, rotation=[0, 9, 0]),
-        "obstacles.floor: beside plane there is no effect of scale, rotation; remove it",
+        "obstacles.floor: scale, rotation would have no effect beside plane; remove it",
     ),
     # types
     (soft(young_modulus="stiff"), "soft_bodies.finger.young_modulus = 'stiff': "),
@@ -118,12 +118,12 @@ WRONG = [
     # names
     (
         cable({"body": "cub", "point": [0.0, 0.0, 0.0]}),
-        "soft_bodies.finger.cables.c.points names 'cub', which is no body; there are: finger",
+        "soft_bodies.finger.cables.c.points names 'cub', which is not a body; there are: finger",
     ),
     (with_box(obstacles={"cube": PLANE}), "two bodies are called 'cube'; every body needs a name of its own"),
     (
         with_box(contact={"pairs": [{"bodies": ["cube", "flor"], "friction": 1}]}, obstacles={"floor": PLANE}),
-        "contact.pairs names 'flor', which is no body; there are: cube, floor",
+        "contact.pairs names 'flor', which is not a body; there are: cube, floor",
     ),
     (
         with_pairs(["cube", "cube"]),
@@ -136,7 +136,7 @@ WRONG = [
     (soft(collision_surface=[{"groups": [1]}]), "soft_bodies.finger.collision_surface.0.file: this key is missing"),
     (soft(collision_surface=[{"file": "none.stl"}]), "soft_bodies.finger.collision_surface.0.file: none.stl: no such"),
     (with_pairs(["cube", "floor"], ["floor", "cube"]), "contact: pairs names 'floor' and 'cube' twice; keep one"),
-    (with_box(goal={"object": "ball"}), "goal.object is 'ball', which is no rigid body; there are: cube"),
+    (with_box(goal={"object": "ball"}), "goal.object is 'ball', which is not a rigid body; there are: cube"),
     ({"soft_bodies": {"a": {"like": "b"}, "b": SOFT}}, "soft_bodies.a.like = 'b': must be a soft body above it"),
     # colours
     (

@@ -107,8 +107,11 @@ def test_a_body_named_like_a_key_does_not_mislead_the_search_for_the_nearest_key
         ("soft_bodies.finger.corotation='big'", "soft_bodies.finger.corotation = 'big': input should be 'polar' or"),
         ("rigid_bodies={'a.b'={box=[1,1,1],mass=1}}", "rigid_bodies has a 'a.b': a name must not be empty nor contain"),
         ("rigid_bodies.finger={box=[1,1,1],mass=1}", "two bodies are called 'finger'; every body needs a name of its"),
-        ("goal.object='cub'", "goal.object is 'cub', which is no rigid body; there are: cube"),
-        ("contact.pairs=[{bodies=['cube','x'], friction=1}]", "contact.pairs names 'x', which is no body; there are: "),
+        ("goal.object='cub'", "goal.object is 'cub', which is not a rigid body; there are: cube"),
+        (
+            "contact.pairs=[{bodies=['cube','x'], friction=1}]",
+            "contact.pairs names 'x', which is not a body; there are: ",
+        ),
     ],
 )
 def test_a_wrong_value_is_named_with_its_key(path: Path, override: str, message: str) -> None:
@@ -124,7 +127,7 @@ def test_a_wrong_value_is_named_with_its_key(path: Path, override: str, message:
         ("soft_bodies.fingr.mass=1", "soft_bodies has no 'fingr'; did you mean 'finger'?"),
         ("soft_bodies.finger.anchors.1.stiffness=1", "soft_bodies.finger.anchors has no entry '1'; it has 1, counted"),
         ("soft_bodies.finger.anchors.-1.stiffness=1", "soft_bodies.finger.anchors has no entry '-1'; it has 1"),
-        ("contact.friction.x=1", "contact.friction is no table: it has no 'x'"),
+        ("contact.friction.x=1", "contact.friction is not a table: it has no 'x'"),
         ("contact.pairs.0.friction=1", "contact has no list 'pairs' of its own"),
     ],
 )

@@ -71,7 +71,7 @@ def test_the_resolved_scene_holds_the_material(tmp_path: Path) -> None:
         ({"material": "dragonskin-10"}, "soft_bodies.finger.material: dragonskin-10: no such file, and none of the"),
         ({"material": "dragonskin-10"}, "did you mean 'dragon-skin-10'?"),
         ({"material": 3}, "material = 3: must be the name of a material"),
-        ({"material": "dragon-skin-10", "young_modulus": 5.0}, "beside material there is no effect of young_modulus"),
+        ({"material": "dragon-skin-10", "young_modulus": 5.0}, "young_modulus would have no effect beside material"),
     ],
 )
 def test_what_is_wrong_is_said_in_one_line(body: dict[str, Any], expected: str) -> None:

@@ -94,7 +94,9 @@ def test_errors_begin_with_the_file(install: Install, folder: Path) -> None:
     with pytest.raises(SceneError, match=r"scene.json: titel: unknown key; did you mean 'title'\?"):
         load_scene("scene.json")
     (folder / "scene.list").touch()
-    with pytest.raises(PluginError, match=r"scene.list: scene reader '.list' gave \[\]; must be a mapping of tables"):
+    with pytest.raises(
+        PluginError, match=r"scene.list: scene reader '.list' returned \[\]; must be a mapping of tables"
+    ):
         load_scene("scene.list")
     (folder / "scene.bad").touch()
     with pytest.raises(SceneError, match=r"scene.bad: line 3: a bracket is missing$"):

@@ -120,7 +120,7 @@ def test_all_arrays_of_a_model_are_read_only(model: Model) -> None:
 
     Collector(io.BytesIO()).dump(model)
     assert model.elasticity is not None
-    parts = (model.friction, model.elasticity.lame, model.cavities.rest_volume, model.surfaces.edge_range)
+    parts = (model.friction, model.elasticity.lame, model.cavities.rest_value, model.surfaces.edge_range)
     assert {id(array) for array in parts} <= {id(array) for array in found}
     assert not any(array.flags.writeable for array in found)
 

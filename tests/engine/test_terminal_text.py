@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from rich.console import Console
 
 from taichisoft.building.scene_files import load_scene
-from taichisoft.command_line import _complain
+from taichisoft.command_line import _print_error
 from taichisoft.errors import SceneError, TaichisoftError
 from taichisoft.running.messages import print_line, warnings_printed_to
 from taichisoft.terminal_text import printable, say
@@ -27,7 +27,7 @@ def test_what_is_printed_has_no_control_characters_and_nothing_else_changes(text
 
 
 def test_errors_and_warnings_write_them_out(capsys: pytest.CaptureFixture[str]) -> None:
-    _complain(TaichisoftError(f"{CLEAR}.toml: no such scene"))
+    _print_error(TaichisoftError(f"{CLEAR}.toml: no such scene"))
     shown = io.StringIO()
     with warnings_printed_to(Console(file=shown, force_terminal=False)):
         warnings.warn(f"plug-in says {CLEAR}", stacklevel=1)

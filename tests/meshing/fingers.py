@@ -8,14 +8,14 @@ import pytest
 from hypothesis import strategies as st
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.finger.kind import PneunetFinger
 from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger.pneunet_finger import PneunetFinger
 from taichisoft_meshing.geometry_file import read_tables
 
 
 def finger_from_dict(tables: Mapping[str, Any], source: str = "finger") -> FingerParameters:
     """The finger that tables describe; `source` begins errors."""
-    return PneunetFinger(tables, Path(source)).dimensions()
+    return PneunetFinger(tables, Path(source)).table
 
 
 def refusal(tables: Mapping[str, Any]) -> str:
@@ -30,7 +30,7 @@ def refusal(tables: Mapping[str, Any]) -> str:
 
 def read_finger(path: Path, size: float | None = None) -> FingerParameters:
     """The finger that a file describes, with largest elements of `size` [mm]."""
-    return PneunetFinger(read_tables(path)[1], path).dimensions(size)
+    return PneunetFinger(read_tables(path)[1], path).sized(size)
 
 
 def lengths(low: float, high: float) -> st.SearchStrategy[float]:

@@ -14,12 +14,12 @@ from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.surface import count_open_edges
 from taichisoft.meshes.ten_nodes import least_volumes
 from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes, tetrahedron_volumes
-from taichisoft_meshing.bodies.kinds import StepBody, SurfacesBody
+from taichisoft_meshing.bodies.file_bodies import StepBody, SurfacesBody
 from taichisoft_meshing.curved_sides import LEAST, CurvedSides, with_curved_sides
-from taichisoft_meshing.finger.mesher import mesh_finger
-from taichisoft_meshing.quality.limits import faults
+from taichisoft_meshing.finger.pneunet_finger import mesh_finger
 from taichisoft_meshing.quality.mesh_quality import measure
-from taichisoft_meshing.tendon_finger.kind import TendonFinger
+from taichisoft_meshing.quality.quality_limits import faults
+from taichisoft_meshing.tendon_finger import TendonFinger
 
 RADIUS, BORE, LENGTH = 10.0, 6.0, 15.0
 

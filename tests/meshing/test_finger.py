@@ -8,7 +8,7 @@ from fingers import finger_from_dict, read_finger, refusal
 
 from taichisoft.errors import MeshError
 from taichisoft.scenes.shipped import data_folder
-from taichisoft_meshing.finger.dimensions import ElementSizes
+from taichisoft_meshing.finger.finger_dimensions import ElementSizes
 from taichisoft_meshing.finger.parameters import FingerParameters
 
 TUTORIAL = data_folder() / "fingers" / "tutorial.toml"

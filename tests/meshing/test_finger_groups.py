@@ -8,9 +8,9 @@ from taichisoft.bodies.selection import select_elements, select_nodes
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.soft_body import NodeSelection, Selection
-from taichisoft_meshing.finger.dimensions import ElementSizes
-from taichisoft_meshing.finger.mesher import mesh_finger
+from taichisoft_meshing.finger.finger_dimensions import ElementSizes
 from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger.pneunet_finger import mesh_finger
 
 BASE = NodeSelection(box=((-10.0, 0.0, -20.0), (0.0, 30.0, 20.0)))
 STIFF_LAYER = Selection(box=((-100.0, 22.5, -8.0), (-19.0, 28.0, 8.0)))

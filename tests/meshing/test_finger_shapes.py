@@ -13,8 +13,8 @@ from hypothesis import HealthCheck, given
 from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.scenes.shipped import data_folder
-from taichisoft_meshing.finger.mesher import mesh_finger
 from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger.pneunet_finger import mesh_finger
 from taichisoft_meshing.quality.tetrahedra import radius_ratios
 
 FLAT = 1e-6

@@ -13,9 +13,9 @@ from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing.finger import solid as finger_solid
-from taichisoft_meshing.finger.dimensions import ElementSizes
-from taichisoft_meshing.finger.mesher import mesh_finger
+from taichisoft_meshing.finger.finger_dimensions import ElementSizes
 from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger.pneunet_finger import mesh_finger
 from taichisoft_meshing.quality.tetrahedra import radius_ratios
 
 # All faces are flat, so the volumes are those of the drawing up to the rounding of some thousand terms.

@@ -1,4 +1,4 @@
-"""`taichisoft mesh-cache`, and where it looks."""
+"""`taichisoft mesh cache`, and where it looks."""
 
 from pathlib import Path
 
@@ -20,7 +20,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def shown(*arguments: str) -> str:
     application = typer.Typer()
     taichisoft_meshing.taichisoft_commands(application)
-    result = CliRunner().invoke(application, ["mesh-cache", *arguments])
+    result = CliRunner().invoke(application, ["mesh", "cache", *arguments])
     assert result.exit_code == 0, result.output
     return result.output.strip()
 

@@ -262,14 +262,13 @@ def test_what_was_warned_of_while_meshing_is_said(command, block: Path, tmp_path
         (["--size", "-3"], "--size -3: must be a positive, finite number of millimetres"),
         (["--size", "nan"], "--size nan: must be a positive, finite number of millimetres"),
         (["--nodes", "3"], "--nodes 3: must lie between 4, "),
-        (["--nodes", "1000000000"], "--nodes 1000000000: must lie between 4, those of one tetrahedron, and 1000000"),
+        (["--nodes", "1000000000"], "--nodes 1000000000: must lie between 4, a single tetrahedron, and 1000000"),
         (["--size", "3", "--preset", "fine"], "--size and --preset: only one of them can be given"),
         (["--preset", "finest"], "preset 'finest': unknown; did you mean 'fine'?"),
         (["--set", "stretch"], "--set stretch: must look like body.width=21"),
         (["--set", "stretch.x=3"], "stretch = {'x': 3}"),
         (["--set", "stetch=3"], "stetch: unknown key"),
         (["--set", "quality.radius_ratio=2"], "quality.radius_ratio = 2: input should be less than or equal to 1"),
-        (["--keep-surface"], "--keep-surface: goes with --surfaces"),
         (["--step", "--surfaces"], "--step and --surfaces: only one of them can be given"),
         (["second.toml"], "second.toml: one file is meshed at a time; several need --surfaces"),
     ],
@@ -290,7 +289,9 @@ def test_surfaces_and_step_files_are_meshed_as_they_are(command, tmp_path: Path)
     (tmp_path / "air").mkdir()
     outer = save(box((30, 30, 30), parts=2), tmp_path / "outer.stl")
     cavities = [save(box((8, 8, 8), at=(x, 0, 0), parts=1), tmp_path / "air" / f"{x}.ply") for x in (-8, 8)]
-    kept = command("mesh", "--surfaces", outer, *cavities, "--keep-surface", "-o", tmp_path / "kept.msh", "--size", 9)
+    kept = command(
+        "mesh", "--surfaces", outer, *cavities, "--set", "keep_surface=true", "-o", tmp_path / "kept.msh", "--size", 9
+    )
     assert kept.code == 0, kept.error
     assert kept.figures["cavity_0"] == kept.figures["cavity_1"] == "512.0"
     groups = read_volume_mesh(tmp_path / "kept.msh").surface_groups
@@ -313,7 +314,7 @@ def test_surfaces_and_step_files_are_meshed_as_they_are(command, tmp_path: Path)
 def test_a_file_from_cad_names_the_option_that_it_needs(command, tmp_path: Path, name: str, option: str) -> None:
     (tmp_path / name).write_text("something")
     error = command("mesh", tmp_path / name, "-o", tmp_path / "body").error
-    assert error == f"taichisoft: {tmp_path / name}: is no geometry file (.toml); {option} meshes it as it is\n"
+    assert error == f"taichisoft: {tmp_path / name}: is not a geometry file (.toml); {option} meshes it as it is\n"
 
 
 def test_what_cannot_be_meshed_leaves_the_old_file_alone(command, tmp_path: Path) -> None:

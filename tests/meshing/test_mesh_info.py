@@ -1,4 +1,4 @@
-"""`taichisoft mesh-info`: the figures of anything that can be read."""
+"""`taichisoft mesh info`: the figures of anything that can be read."""
 
 import json
 import sys
@@ -20,7 +20,7 @@ def info(monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]):
     """Exit code, standard output and error of the command."""
 
     def run(*arguments: object) -> tuple[int, str, str]:
-        monkeypatch.setattr(sys, "argv", ["taichisoft", "mesh-info", *map(str, arguments)])
+        monkeypatch.setattr(sys, "argv", ["taichisoft", "mesh", "info", *map(str, arguments)])
         with pytest.raises(SystemExit) as left:
             main()
         return int(left.value.code or 0), *capfd.readouterr()

@@ -8,9 +8,9 @@ from blocks import make_block
 
 from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
-from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits
 from taichisoft_meshing.quality.mesh_quality import measure
-from taichisoft_meshing.quality.surfaces import winding_numbers
+from taichisoft_meshing.quality.mesh_surfaces import winding_numbers
+from taichisoft_meshing.quality.quality_limits import QualityLimits, cautions, faults, missed_limits
 
 
 def hollow() -> VolumeMesh:
@@ -69,7 +69,7 @@ def test_two_pieces_are_a_fault_and_so_are_nodes_that_should_be_one() -> None:
     cube = make_block((2, 2, 2), (2.0, 2.0, 2.0))
     apart, touching = measure(beside(cube, cube, 3.0)), measure(beside(cube, cube, 2.0))
     assert faults(apart) == ["1 pieces are not joined to the first by a face"]
-    assert "9 nodes stand where another one stands" in faults(touching)
+    assert "9 nodes have the position of another node" in faults(touching)
 
 
 def test_pieces_that_only_share_an_edge_are_two() -> None:

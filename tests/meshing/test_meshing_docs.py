@@ -11,10 +11,10 @@ from pydantic import BaseModel
 
 from taichisoft.command_line import application
 from taichisoft.plugin_system.commands import with_plugin_commands
-from taichisoft_meshing.bodies.kinds import StepTable, SurfacesTable
+from taichisoft_meshing.bodies.file_bodies import StepTable, SurfacesTable
 from taichisoft_meshing.finger.parameters import FingerParameters
 from taichisoft_meshing.geometry_file import checked, quality_limits
-from taichisoft_meshing.tendon_finger.dimensions import TendonFingerTable
+from taichisoft_meshing.tendon_finger import TendonFingerTable
 
 DOCS = Path(__file__).resolve().parents[2] / "docs"
 PAGE = (DOCS / "meshing.md").read_text(encoding="utf-8")
@@ -32,15 +32,18 @@ def commands() -> list[list[str]]:
 
 
 def test_every_command_and_option_exists() -> None:
-    known = with_plugin_commands(application).commands
-    assert {"mesh", "mesh-info", "mesh-cache", "mould", "run"} <= {words[0] for words in commands()}
-    for words in commands():
+    whole = with_plugin_commands(application)
+    below = whole.commands["mesh"].commands
+    known = whole.commands | {f"mesh {name}": command for name, command in below.items()}
+    shown = [[" ".join(words[:2]), *words[2:]] if words[1:2] and words[1] in below else words for words in commands()]
+    assert {"mesh", "mesh info", "mesh cache", "mesh mould", "mesh sweep", "run"} <= {words[0] for words in shown}
+    for words in shown:
         assert words[0] in known, words
         options = {option for parameter in known[words[0]].params for option in parameter.opts}
         given = {word for word in words[1:] if word.startswith("-") and not word.startswith("--plugin")}
         assert given <= options, words
     in_text = set(re.findall(r"`(--[a-z-]+)", PAGE)) - {"--clear", "--plugin"}
-    assert in_text <= {option for name in ("mesh", "mesh-sweep") for part in known[name].params for option in part.opts}
+    assert in_text <= {option for name in ("mesh", "mesh sweep") for part in known[name].params for option in part.opts}
 
 
 def test_every_file_of_the_page_is_valid() -> None:

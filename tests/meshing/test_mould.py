@@ -9,7 +9,7 @@ from conftest import Figures
 
 from taichisoft.errors import MeshError
 from taichisoft_meshing.commands.mould import write_parts
-from taichisoft_meshing.finger.mould import write_finger
+from taichisoft_meshing.finger.finger_parts import write_finger
 from taichisoft_meshing.finger.parameters import FingerParameters
 
 WALL = 5.0

@@ -7,10 +7,9 @@ import pytest
 from blocks import make_block
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft_meshing.quality.limits import QualityLimits
 from taichisoft_meshing.quality.mesh_quality import measure
-from taichisoft_meshing.quality.open_view import TILT, Side, open_view
-from taichisoft_meshing.quality.picture import draw_report
+from taichisoft_meshing.quality.quality_limits import QualityLimits
+from taichisoft_meshing.quality.report_picture import CAVITY, CUT, TILT, cut_open, draw_report
 
 
 def hollow() -> VolumeMesh:
@@ -20,25 +19,25 @@ def hollow() -> VolumeMesh:
 
 def test_the_cut_shows_the_silicone_and_the_wall_of_the_cavity() -> None:
     mesh = hollow()
-    view = open_view(mesh, measure(mesh).surfaces)
-    sides = view.corners[:, 1:] - view.corners[:, :1]
+    cut = cut_open(mesh, measure(mesh).surfaces)
+    sides = cut.corners[:, 1:, :2] - cut.corners[:, :1, :2]
     areas = np.linalg.det(sides) / 2
     assert (areas > 0).all()  # what faces the eye, the right way round
-    seen = {side: areas[view.side == side].sum() for side in Side}
+    seen = {side: areas[cut.side == side].sum() for side in (CUT, CAVITY)}
     tilt = np.cos(TILT)
     # The boxes of the middle layer are cut where the means of their tetrahedra lie: rough, but about the outline.
-    assert seen[Side.CUT] == pytest.approx((100 * 50 - 80 * 30) * tilt, rel=0.35)
-    assert seen[Side.CAVITY] > 80 * 30 * tilt
-    assert (view.facing > 0).all()
-    assert view.corners.min(axis=(0, 1))[0] == pytest.approx(-50)
-    assert view.corners.max(axis=(0, 1))[0] == pytest.approx(50)
+    assert seen[CUT] == pytest.approx((100 * 50 - 80 * 30) * tilt, rel=0.35)
+    assert seen[CAVITY] > 80 * 30 * tilt
+    assert (cut.facing > 0).all()
+    assert cut.corners.min(axis=(0, 1))[0] == pytest.approx(-50)
+    assert cut.corners.max(axis=(0, 1))[0] == pytest.approx(50)
 
 
 def test_near_faces_are_painted_over_far_ones() -> None:
     mesh = hollow()
-    view = open_view(mesh, measure(mesh).surfaces)
+    cut = cut_open(mesh, measure(mesh).surfaces)
     towards_the_eye = np.array([0.0, np.sin(TILT), np.cos(TILT)])
-    near = mesh.nodes[mesh.elements[view.element]].mean(axis=1) @ towards_the_eye
+    near = mesh.nodes[mesh.elements[cut.element]].mean(axis=1) @ towards_the_eye
     assert np.corrcoef(np.arange(len(near)), near)[0, 1] > 0.9
 
 

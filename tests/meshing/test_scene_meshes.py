@@ -24,7 +24,7 @@ from taichisoft.scenes.file import scene_from_dict, scene_to_toml
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing import fingerprint, gmsh_session
 from taichisoft_meshing.mesh_cache import cache_folder
-from taichisoft_meshing.scene_meshes import laid_over, mesh_for_scene
+from taichisoft_meshing.scene_meshes import merge_tables, mesh_for_scene
 
 
 class Wedge(Geometry):
@@ -161,7 +161,7 @@ def test_a_mesh_that_cannot_be_read_any_more_is_made_anew(file: Path, content: b
     first = mesh_for_scene(file)
     (entry,) = entries()
     entry.write_bytes(content)
-    with pytest.warns(UserWarning, match=rf"{entry}.*; it is made anew$"):
+    with pytest.warns(UserWarning, match=rf"{entry}.*; it is made again$"):
         assert same(mesh_for_scene(file), first)
     assert same(mesh_for_scene(file), first)
     assert Wedge.meshed == 2
@@ -170,7 +170,7 @@ def test_a_mesh_that_cannot_be_read_any_more_is_made_anew(file: Path, content: b
 def test_without_a_place_to_keep_it_the_mesh_is_the_same(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     kept = mesh_for_scene(file)
     monkeypatch.setenv("TAICHISOFT_CACHE", str(file))  # a file: no folder can be made in it
-    with pytest.warns(UserWarning, match=r"cannot be kept in .*made anew every time; TAICHISOFT_CACHE can name"):
+    with pytest.warns(UserWarning, match=r"cannot be kept in .*made again every time; TAICHISOFT_CACHE can name"):
         assert same(mesh_for_scene(file), kept)
 
 
@@ -180,7 +180,9 @@ def test_a_kept_mesh_of_which_one_number_was_changed_is_made_anew(file: Path) ->
     (entry,) = entries()
     moved = replace(mesh, nodes=1.1 * mesh.nodes)
     write_volume_mesh(moved, entry)
-    with pytest.warns(UserWarning, match=rf"{entry}: is not as it was written, by its checksum; it is made anew$"):
+    with pytest.warns(
+        UserWarning, match=rf"{entry}: has changed since it was written, by its checksum; it is made again$"
+    ):
         assert same(mesh_for_scene(file), mesh)
     assert same(mesh_for_scene(file), mesh)
 
@@ -188,7 +190,7 @@ def test_a_kept_mesh_of_which_one_number_was_changed_is_made_anew(file: Path) ->
 def test_a_kind_without_source_is_not_kept(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Nobody could tell when its code has changed."""
     monkeypatch.setattr(fingerprint.inspect, "getsourcefile", lambda kind: None)
-    with pytest.warns(UserWarning, match=rf"{file}: the mesh is made anew every time: the source of .* cannot be fou"):
+    with pytest.warns(UserWarning, match=rf"{file}: the mesh is made again every time: the source of .* cannot be fou"):
         mesh_for_scene(file)
     assert not cache_folder().exists()
 
@@ -216,7 +218,7 @@ def test_a_mesh_that_misses_a_limit_of_its_file_is_refused(file: Path) -> None:
 
 def test_tables_are_laid_over_each_other() -> None:
     tables = {"a": 1, "b": {"c": 2, "d": {"e": 3}}}
-    assert laid_over(tables, {"b": {"d": {"e": 4, "f": 5}}, "g": 6}) == {
+    assert merge_tables(tables, {"b": {"d": {"e": 4, "f": 5}}, "g": 6}) == {
         "a": 1,
         "b": {"c": 2, "d": {"e": 4, "f": 5}},
         "g": 6,

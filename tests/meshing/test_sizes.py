@@ -12,12 +12,11 @@ from hypothesis import given
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.finger.boxes import slot_boxes
 from taichisoft_meshing.finger.cavity_walls import layer_boxes, layer_count, thin_walls, walled_boxes
-from taichisoft_meshing.finger.dimensions import ElementSizes
-from taichisoft_meshing.finger.kind import PneunetFinger
-from taichisoft_meshing.finger.mesher import mesh_finger
+from taichisoft_meshing.finger.finger_dimensions import ElementSizes
 from taichisoft_meshing.finger.parameters import FingerParameters
+from taichisoft_meshing.finger.pneunet_finger import PneunetFinger, mesh_finger
 from taichisoft_meshing.quality.tetrahedra import radius_ratios
-from taichisoft_meshing.quality.wall_rays import find_walls
+from taichisoft_meshing.quality.walls import find_walls
 
 TUTORIAL = PneunetFinger({}, Path("tutorial.toml"))
 

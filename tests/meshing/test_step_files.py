@@ -76,8 +76,11 @@ def edited(change: Callable[[str], str]) -> Callable[[Path], None]:
     [
         (lambda path: None, r"no such file; a STEP file \(.step, .stp\) is needed"),
         (lambda path: path.mkdir(), "cannot be read: Is a directory"),
-        (lambda path: path.write_text(" \n"), "is empty"),
-        (lambda path: path.write_text("solid body\nendsolid"), "is no STEP file: it does not begin with ISO-10303-21"),
+        (lambda path: path.write_text(" \n"), "is not a STEP file: it does not begin with ISO"),
+        (
+            lambda path: path.write_text("solid body\nendsolid"),
+            "is not a STEP file: it does not begin with ISO-10303-21",
+        ),
         (lambda path: path.write_text("ISO-10303-21;\nHEADER;\nEND-ISO-10303-21;\n"), "it has no section DATA"),
         (edited(lambda text: text[: len(text) // 2]), "stops too early: it does not end with END-ISO-10303-21"),
         (

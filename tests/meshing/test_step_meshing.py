@@ -12,7 +12,7 @@ from test_step_files import two_voids
 from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import tetrahedron_volumes
-from taichisoft_meshing.bodies.kinds import StepBody
+from taichisoft_meshing.bodies.file_bodies import StepBody
 from taichisoft_meshing.bodies.wall_splitting import through_edges
 from taichisoft_meshing.geometry_file import mesh_geometry, read_geometry
 
@@ -102,8 +102,8 @@ def test_a_body_without_a_void_is_meshed_and_said(folder: Path) -> None:
         ({"file": "flat.step", "size": 3}, "size: unknown key"),
         ({"file": "flat.step", "mesh": {"largest": 31}}, "size 31: is larger than the body; must be at most 30 mm"),
         (
-            {"file": "flat.step", "base": {"box": [[40, 0, 0], [50, 9, 9]]}, "mesh": {"largest": 10}},
-            r"base: no triangle of the outer surface lies in this box; it spans \[0.0, 0.0, 0.0\] to \[30.0, ",
+            {"file": "flat.step", "base": {"point": [40, 0, 0], "normal": [1, 0, 0]}, "mesh": {"largest": 10}},
+            r"base: no triangle of the outer surface lies in this plane; it spans \[0.0, 0.0, 0.0\] to \[30.0, ",
         ),
     ],
 )

@@ -12,7 +12,7 @@ from taichisoft.errors import MeshError
 from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
 from taichisoft_meshing.bodies import surface_mesher
-from taichisoft_meshing.bodies.kinds import SurfacesBody
+from taichisoft_meshing.bodies.file_bodies import SurfacesBody
 from taichisoft_meshing.bodies.meshed_body import _surfaces, compare_volumes
 from taichisoft_meshing.gmsh_session import GmshFailure
 

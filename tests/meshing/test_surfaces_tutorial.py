@@ -8,7 +8,7 @@ import pytest
 from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.surface_files import read_surface
 from taichisoft.meshes.volume_mesh import tetrahedron_volumes
-from taichisoft_meshing.bodies.kinds import SurfacesBody
+from taichisoft_meshing.bodies.file_bodies import SurfacesBody
 
 MESHES = Path(__file__).resolve().parents[2].parent / "shared" / "tutorial-meshes"
 OUTER, CAVITY = "pneunetCut.stl", "pneunetCavityCut.stl"

@@ -12,7 +12,7 @@ from solid_shapes import box, save
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import boundary_triangles, tetrahedron_volumes
-from taichisoft_meshing.bodies.kinds import SurfacesBody
+from taichisoft_meshing.bodies.file_bodies import SurfacesBody
 from taichisoft_meshing.bodies.wall_splitting import cut_edges, through_edges
 from taichisoft_meshing.quality.mesh_quality import measure
 

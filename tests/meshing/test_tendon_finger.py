@@ -14,8 +14,7 @@ from taichisoft.meshes.files import read_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, tetrahedron_volumes
 from taichisoft.scenes.shipped import data_folder
 from taichisoft_meshing.geometry_file import read_tables
-from taichisoft_meshing.tendon_finger.dimensions import TendonFingerTable
-from taichisoft_meshing.tendon_finger.kind import TendonFinger
+from taichisoft_meshing.tendon_finger import TendonFinger, TendonFingerTable
 
 SHIPPED_WITH = "4.15.2"
 FILE = data_folder() / "fingers" / "tendon.toml"
@@ -37,7 +36,7 @@ def volume(mesh: VolumeMesh, elements: np.ndarray) -> float:
 def test_the_defaults_are_the_shipped_finger() -> None:
     kind, tables = read_tables(FILE)
     assert kind == "tendon_finger"
-    assert TendonFinger(tables, FILE).dimensions == TendonFingerTable()
+    assert TendonFinger(tables, FILE).table == TendonFingerTable()
 
 
 @pytest.mark.parametrize(
@@ -70,7 +69,7 @@ def test_what_does_not_fit_is_named_with_what_would_be_valid(tables: dict[str, A
 def test_the_volume_of_a_plain_beam_is_that_of_a_frustum() -> None:
     """Simpson's rule over the length is exact: the cross-section is a product of two linear functions."""
     body = {"length": 90.0, "height": 22.0, "tip_height": 13.0, "width": 20.0, "tip_width": 14.0, "tip_bevel": 0.0}
-    plain = finger(body=body, notches={"count": 0}).dimensions
+    plain = finger(body=body, notches={"count": 0}).table
     assert plain.volume == pytest.approx(90.0 / 6.0 * (22.0 * 20.0 + 4.0 * 17.5 * 17.0 + 13.0 * 14.0), rel=1e-12)
 
 
@@ -141,4 +140,4 @@ def test_every_finger_that_is_accepted_is_meshed_with_the_volume_of_its_drawing(
         made = finger(body=body, notches=notches, mesh={"largest": 8.0, "smallest": 4.0})
     except MeshError:
         assume(False)
-    assert volume(made.mesh(), slice(None)) == pytest.approx(made.dimensions.volume, rel=1e-6)
+    assert volume(made.mesh(), slice(None)) == pytest.approx(made.table.volume, rel=1e-6)

@@ -6,9 +6,8 @@ from blocks import make_block
 
 from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft_meshing.quality import walls as wall_quality
-from taichisoft_meshing.quality.surfaces import measure_surfaces
-from taichisoft_meshing.quality.wall_rays import MANY, Walls, find_walls
-from taichisoft_meshing.quality.walls import measure_walls
+from taichisoft_meshing.quality.mesh_surfaces import measure_surfaces
+from taichisoft_meshing.quality.walls import MANY, Walls, find_walls, measure_walls
 
 
 @pytest.mark.parametrize("layers", [1, 2, 3, 4, 6])

@@ -111,7 +111,7 @@ def test_what_is_no_colour_is_told_in_one_line(folder: Path, given: str) -> None
     translation = translated(folder, f"body(root)\nroot.addObject('BackgroundSetting', color={given})")
     assert not translation.refused and "appearance" not in translation.tables
     (line,) = (line for line in translation.departures if "colour" in line)
-    assert line.startswith("BackgroundSetting '/") and line.endswith("is no colour; it gets the usual one")
+    assert line.startswith("BackgroundSetting '/") and line.endswith("is not a colour; it gets the usual one")
 
 
 def test_a_frame_that_is_not_drawn_is_not_in_pictures(folder: Path) -> None:

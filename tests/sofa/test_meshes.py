@@ -85,7 +85,7 @@ def test_decimal_coordinates_are_read_in_double_precision(tmp_path: Path, name: 
 
 def test_xml_of_another_kind_says_what_would_be_valid(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     (tmp_path / "poly.vtk").write_text(XML.format(type="PolyData", points=POINTS))
-    with pytest.raises(MeshError, match=r"poly.vtk: is XML of VTK, but no UnstructuredGrid; save the mesh as one"):
+    with pytest.raises(MeshError, match=r"poly.vtk: is XML of VTK, but not an UnstructuredGrid; save the mesh as one"):
         read_mesh(tmp_path / "poly.vtk")
     (tmp_path / "none.vtk").write_text("nothing")
     with pytest.raises(MeshError, match=r"none.vtk: not readable as VTK"):

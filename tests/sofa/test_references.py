@@ -167,7 +167,7 @@ def test_a_cable_driven_step_by_step_follows_sofa(
     steered = Steered(load_scene(tmp_path / "scene.py"), {})
     follow(run, ["finger"], steered, figures, name)
     effort = 1.0 if constants["first"] else 0.01
-    ours, theirs = effort * steered.simulation.state.cable_tension[0], run["finger_cable_force"]
+    ours, theirs = effort * steered.simulation.state.actuator_effort[0], run["finger_cable_force"]
     figures.close(f"{name}: force at the end", ours, theirs[-1], SAME * np.abs(theirs).max())
 
 
@@ -198,10 +198,10 @@ def test_the_second_tutorials_controller_moves_its_fingers_as_in_sofa(
     for number in range(3):
         cable = f"finger{number + 1}_effector{number + 1}"
         figures.close(
-            f"length of cable {number + 1}", state.cable_length[number], run[f"{cable}_length_after"][-1], 1e-9
+            f"length of cable {number + 1}", state.actuator_value[number], run[f"{cable}_length_after"][-1], 1e-9
         )
         figures.close(
-            f"impulse of cable {number + 1}", 0.01 * state.cable_tension[number], run[f"{cable}_force"][-1], 1e-6
+            f"impulse of cable {number + 1}", 0.01 * state.actuator_effort[number], run[f"{cable}_force"][-1], 1e-6
         )
 
 

@@ -75,12 +75,12 @@ def test_what_is_written_becomes_a_value_of_the_kind(
 @pytest.mark.parametrize(
     ("name", "written", "error"),
     [
-        ("stiffness", "soft", "'soft' is no number"),
+        ("stiffness", "soft", "'soft' is not a number"),
         ("stiffness", [1, 2], "must be a single number"),
         ("drawn", "perhaps", "must be true or false"),
         ("pullPoint", [1, 2], "has 2 numbers; 3 are needed"),
-        ("position", "1 2 3 4", "4 numbers are no rows of 3"),
-        ("points", "1 2.5", "'2.5' is no integer"),
+        ("position", "1 2 3 4", "4 numbers are not rows of 3"),
+        ("points", "1 2.5", "'2.5' is not an integer"),
     ],
 )
 def test_a_wrong_value_is_an_error_with_its_place(spring: Component, name: str, written: object, error: str) -> None:

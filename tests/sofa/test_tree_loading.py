@@ -316,9 +316,9 @@ def test_an_older_controller_that_is_not_there_is_one_line(tmp_path: Path, argum
         ("1 / 0", "scene.py, line 3: ZeroDivisionError: division by zero"),
         ("import own_parts\nown_parts.fail()", "own_parts.py, line 2: ValueError: not so"),
         ("root.finger", "scene.py, line 3: AttributeError: node 'root' has no 'finger'"),
-        ("root.dt = 'soon'", "scene.py, line 3: data 'dt' of node 'root': 'soon' is no number"),
+        ("root.dt = 'soon'", "scene.py, line 3: data 'dt' of node 'root': 'soon' is not a number"),
         ("import own_missing", "scene.py, line 3: ModuleNotFoundError: No module named 'own_missing'"),
-        ("import own_broken", r"own_broken.py, line 2: neither Python 3 nor Python 2: .*; mend the line"),
+        ("import own_broken", r"own_broken.py, line 2: neither Python 3 nor Python 2: .*; correct the line"),
         ("raise SystemExit(3)", "scene.py, line 3: SystemExit: 3"),
     ],
 )

@@ -144,7 +144,7 @@ def test_an_error_in_python_2_names_its_line(tmp_path: Path) -> None:
 
 def test_what_is_in_neither_python_is_refused_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "scene.py").write_text("print 'a'\nx = 3 +\ndef createScene(root): pass\n")
-    with pytest.raises(SceneError, match=r"scene.py, line [12]: neither Python 3 nor Python 2: .*; mend the line"):
+    with pytest.raises(SceneError, match=r"scene.py, line [12]: neither Python 3 nor Python 2: .*; correct the line"):
         load_tree(tmp_path / "scene.py")
 
 

@@ -136,7 +136,7 @@ def test_no_value_ends_a_translation_but_in_one_line(
         ("MeshMatrixMass", {"massDensity": [1.0, 2.0]}, "massDensity has 2 numbers; a body has one density here"),
         ("EulerImplicitSolver", {"rayleighStiffness": -0.1}, "-0.1 must be 0 or more"),
         ("CableConstraint", {"indices": [-1]}, "-1 must be 0 or more"),
-        ("CableConstraint", {"indices": [1.5]}, "1.5 is no integer"),
+        ("CableConstraint", {"indices": [1.5]}, "1.5 is not an integer"),
         ("SurfacePressureConstraint", {"value": INFINITE}, "inf must be a finite number"),
         ("SurfacePressureConstraint", {"triangles": [0, 1, 9]}, "names point 9; there are 4"),
         ("MeshTopology", {"tetrahedra": [0, 1, 2, 9]}, "names point 9; there are 4"),

@@ -1,15 +1,15 @@
 """What the tests of studies share: runs in this process, and the command in one of its own."""
 
 import subprocess
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from conftest import PATIENCE
 
+from taichisoft.child_process import PYTHON
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_benchmarks.studies.interrupted_sweep import COMMAND, PLUGIN
+from taichisoft_benchmarks.faults.interrupted_sweep import PLUGIN
 from taichisoft_studies.make_run import make_run
 from taichisoft_studies.run_job import RunJob
 from taichisoft_studies.study_file import Sweep, check_study
@@ -54,5 +54,5 @@ def sweep_of(folder: Path, **tables: Any) -> Sweep:
 
 def command(*arguments: Any) -> subprocess.CompletedProcess[str]:
     """Run `taichisoft` in a process of its own."""
-    words = [sys.executable, "-c", COMMAND, *map(str, arguments)]
+    words = [*PYTHON, "-m", "taichisoft", *map(str, arguments)]
     return subprocess.run(words, capture_output=True, text=True, timeout=PATIENCE)

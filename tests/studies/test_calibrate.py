@@ -11,13 +11,12 @@ from studies import PLUGIN, Here
 
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_studies.calibrate import calibrate
-from taichisoft_studies.calibration_file import Calibration
+from taichisoft_studies.calibration_file import Calibration, Measurement, read_measurement
 from taichisoft_studies.curves_output import read_curves
-from taichisoft_studies.extras import StudyError
-from taichisoft_studies.measured_data import Measurement, read_measurement
+from taichisoft_studies.errors import StudyError
+from taichisoft_studies.least_squares import calibrate
 from taichisoft_studies.study_file import check_study
-from taichisoft_studies.sweep import job_for, make_missing
+from taichisoft_studies.sweep_runs import job_for, make_missing
 
 MODULUS, DAMPING = "soft_bodies.left.young_modulus", "soft_bodies.left.rayleigh_stiffness"
 TIP = "tip_positions['left'][0]"

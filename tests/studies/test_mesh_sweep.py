@@ -1,4 +1,4 @@
-"""`taichisoft mesh-sweep`: every variant a mesh, in processes of their own; what fails stops nothing else."""
+"""`taichisoft mesh sweep`: every variant a mesh, in processes of their own; what fails stops nothing else."""
 
 import csv
 import os
@@ -17,22 +17,28 @@ from taichisoft.errors import MeshError
 from taichisoft.meshes.files import read_volume_mesh
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.running.folder_lock import locked_folder
-from taichisoft_benchmarks.studies.interrupted_sweep import COMMAND
-from taichisoft_meshing.commands.options import geometry_job
+from taichisoft_meshing.commands.mesh_options import geometry_job
 from taichisoft_meshing.mesh_job import MeshJob, make_mesh
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_mesh import MeshRun, make_variant
-from taichisoft_studies.mesh_plan import plan
-from taichisoft_studies.study_file import MOST
+from taichisoft_studies.mesh_variants import Variant, plan
+from taichisoft_studies.study_file import MOST, Sweep, check_study
+from taichisoft_studies.varied_values import varied
 from taichisoft_studies.worker_task import do_mesh
 
 PLUGIN = Path(__file__).parents[1] / "meshing" / "block_kind.py"
 JOB = MeshJob("block", {"stretch": 1.0}, Path("block.toml"), {})
 
 
+def variants_of(job: MeshJob, texts: list[str]) -> list[Variant]:
+    """The variants of options --vary."""
+    return plan(job, check_study(Sweep, {"scene": "block", "vary": varied(texts)}, "mesh sweep").vary)
+
+
 def sweep_process(file: Path | str, output: Path, *arguments: str) -> subprocess.Popen[str]:
     options = ["-o", str(output), "--plugin", str(PLUGIN), *arguments]
     return subprocess.Popen(
-        [sys.executable, "-c", COMMAND, "mesh-sweep", str(file), *options],
+        [sys.executable, "-m", "taichisoft", "mesh", "sweep", str(file), *options],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -48,7 +54,7 @@ def block(tmp_path: Path) -> Path:
 
 
 def test_variants_are_all_combinations_with_their_tables() -> None:
-    variants = plan(JOB, ["stretch=1,2.5", "quality.radius_ratio=0.1,0.2"])
+    variants = variants_of(JOB, ["stretch=1,2.5", "quality.radius_ratio=0.1,0.2"])
     assert [variant.name for variant in variants] == [
         "stretch-1_quality.radius_ratio-0.1",
         "stretch-1_quality.radius_ratio-0.2",
@@ -60,33 +66,33 @@ def test_variants_are_all_combinations_with_their_tables() -> None:
 
 
 def test_values_may_be_any_toml() -> None:
-    tables = [variant.job.tables["stretch"] for variant in plan(JOB, ['stretch=[1, 2], [3, 4] ,"a,b"'])]
+    tables = [variant.job.tables["stretch"] for variant in variants_of(JOB, ['stretch=[1, 2], [3, 4] ,"a,b"'])]
     assert tables == [[1, 2], [3, 4], "a,b"]
-    assert [variant.job.tables["stretch"] for variant in plan(JOB, ["stretch=true,round"])] == [True, "round"]
+    assert [variant.job.tables["stretch"] for variant in variants_of(JOB, ["stretch=true,round"])] == [True, "round"]
 
 
 @pytest.mark.parametrize(
-    ("varied", "problem"),
+    ("texts", "problem"),
     [
         (["stretch"], "--vary stretch: must look like body.width=20,22,25"),
         (["stretch="], "--vary stretch=: must look like"),
         (["stretch=1,,2"], "--vary stretch=1,,2: must look like"),
         (["=1,2"], "--vary =1,2: must look like"),
-        (["stretch=1,2,1"], "--vary stretch=1,2,1: the value 1 is there twice"),
+        (["stretch=1,2,1"], "vary.stretch: the value 1 is given twice"),
         (["stretch=1,2", "stretch=3"], "--vary stretch: is given twice; put its values into one list"),
-        (["stretch.x=1"], "--set stretch.x=1: stretch is no table: it has no 'x'"),
-        (["stretch=" + ",".join(map(str, range(MOST + 1)))], "combinations are more than the 10000"),
-        (["stretch=1:2:1000000000"], "--vary stretch=1:2:1000000000: 1000000000 values are more than the 10000"),
-        (["stretch=1:2"], "--vary stretch=1:2: a range must look like 20:25:6, lowest, highest and count"),
-        (["stretch=5:1:3"], "--vary stretch=5:1:3: low (5) must be below high (1)"),
-        (["stretch=1:nan:3"], "--vary stretch=1:nan:3: high = nan: "),
-        (["stretch=1:2:0"], "--vary stretch=1:2:0: count = 0: "),
+        (["stretch.x=1"], "stretch is not a table: it has no 'x'"),
+        (["stretch=" + ",".join(map(str, range(MOST + 1)))], "values are more than the 10000"),
+        (["stretch=1:2:1000000000"], "vary: 1000000000 combinations are more than the 10000"),
+        (["stretch=1:2"], "vary.stretch: a range needs count"),
+        (["stretch=5:1:3"], "vary.stretch: low (5) must be below high (1)"),
+        (["stretch=1:nan:3"], "vary.stretch.high = nan: "),
+        (["stretch=1:2:0"], "vary.stretch.count = 0: "),
         (["stretch=a/b,a:b"], "--vary: two variants would both be called 'stretch-a_b'"),
     ],
 )
-def test_what_cannot_be_varied_is_refused(varied: list[str], problem: str) -> None:
-    with pytest.raises(MeshError) as refused:
-        plan(JOB, varied)
+def test_what_cannot_be_varied_is_refused(texts: list[str], problem: str) -> None:
+    with pytest.raises((MeshError, StudyError)) as refused:
+        variants_of(JOB, texts)
     assert problem in str(refused.value)
 
 
@@ -117,7 +123,7 @@ def test_parallel_processes_give_the_meshes_of_one_process_node_for_node(tmp_pat
     process = sweep_process("tutorial", tmp_path, "--vary", "body.width=20,22", "--size", "14", "--jobs", "2")
     shown, error = process.communicate(timeout=PATIENCE)
     assert process.returncode == 0, error
-    for variant in plan(geometry_job("tutorial", [], {"size": 14.0}), ["body.width=20,22"]):
+    for variant in variants_of(geometry_job("tutorial", [], {"size": 14.0}), ["body.width=20,22"]):
         made, written = make_mesh(variant.job).mesh, read_volume_mesh(tmp_path / variant.name / f"{variant.name}.msh")
         np.testing.assert_array_equal(written.nodes, made.nodes)
         np.testing.assert_array_equal(written.elements, made.elements)

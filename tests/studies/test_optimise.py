@@ -8,12 +8,12 @@ from studies import PLUGIN, Here
 
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_studies.extras import StudyError
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.objectives import figures
 from taichisoft_studies.optimisation_file import Optimisation
-from taichisoft_studies.optimise import optimise, trial_rows
 from taichisoft_studies.optimiser import OWNER, best_trials, counted, open_study, take_over_abandoned, take_over_errors
 from taichisoft_studies.study_file import check_study
+from taichisoft_studies.trials import optimise, trial_rows
 
 PRESSURE = "controller.settings.pressure"
 
@@ -176,7 +176,7 @@ def test_functions_of_a_file_are_objectives(tmp_path: Path, taichisoft_plugins: 
         ({"objectives": {}}, "objectives has no key"),
         ({"objectives": {"a": {}}}, "exactly one of maximise, minimise is needed"),
         ({"sampler": "cmaes", "constraints": {"a": "b <= 1"}}, "knows one objective and no constraints"),
-        ({"start": {"controller.settings.presure": 1}}, f"is no variable; did you mean '{PRESSURE}'?"),
+        ({"start": {"controller.settings.presure": 1}}, f"is not a variable; did you mean '{PRESSURE}'?"),
         ({"sampler": "annealing"}, "sampler = 'annealing'"),
         ({"variables": {PRESSURE: {"low": 0, "high": 1, "count": 3}}}, f"variables.{PRESSURE}.count has no effect"),
     ],

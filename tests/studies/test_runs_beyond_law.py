@@ -9,11 +9,11 @@ from studies import PLUGIN, Here
 
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft_studies.optimisation_file import Optimisation
-from taichisoft_studies.optimise import optimise, trial_rows
 from taichisoft_studies.optimiser import best_trials, open_study
-from taichisoft_studies.results import result_row
+from taichisoft_studies.results_table import result_row
 from taichisoft_studies.study_file import Sweep, check_study
-from taichisoft_studies.sweep import make_missing, sweep_jobs
+from taichisoft_studies.sweep_runs import make_missing, sweep_jobs
+from taichisoft_studies.trials import optimise, trial_rows
 
 PRESSURE = "controller.settings.pressure"
 PRESSURES = [20.0, 60.0]
@@ -48,7 +48,7 @@ def test_a_sweep_lists_such_a_run_with_its_metrics_and_status(tables: dict[str, 
     records = make_missing(sweep_jobs(study, tmp_path), Here(), lambda job, record: None)
     rows = [result_row(record, "runs") for record in records]
     assert [row["status"] for row in rows] == ["completed", "beyond the law"]
-    assert "inside out" in rows[1]["message"]
+    assert "elements are inverted at the end" in rows[1]["message"]
     assert rows[1]["metrics.inverted_elements_at_end"] > 0
 
 

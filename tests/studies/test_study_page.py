@@ -12,11 +12,11 @@ from typer.testing import CliRunner
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft_studies import taichisoft_commands
 from taichisoft_studies.analysis import best_runs, effects, figure_columns, parameter_columns
-from taichisoft_studies.comparison import differences, draw_comparison, labels
-from taichisoft_studies.extras import StudyError
-from taichisoft_studies.results import read_table, write_table
+from taichisoft_studies.errors import StudyError
+from taichisoft_studies.results_table import read_table, write_table
+from taichisoft_studies.run_comparison import differences, draw_comparison, labels
 from taichisoft_studies.study_page import study_page
-from taichisoft_studies.sweep import make_missing, sweep_jobs
+from taichisoft_studies.sweep_runs import make_missing, sweep_jobs
 
 
 def table(count: int = 60) -> Any:
@@ -56,7 +56,7 @@ def test_the_page_shows_failures_as_text(tmp_path: Path) -> None:
     runs = table().rename(columns={"width": "a<b>&$x$"})
     page = study_page(runs, tmp_path / "<i>name")
     assert "<script>alert" not in page
-    assert "&lt;script&gt;alert(&#x27;x&#x27;)&lt;/script&gt;" in page
+    assert "&lt;script&gt;alert(&#39;x&#39;)&lt;/script&gt;" in page
     assert "<i>name" not in page
     assert "a<b>" not in page
     assert "59 completed, 1 diverged" in page

@@ -18,18 +18,17 @@ from studies import Here, sweep_of
 from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
-from taichisoft_benchmarks.studies.interrupted_sweep import interrupted_sweep
-from taichisoft_studies import extras, sampling
-from taichisoft_studies.extras import StudyError
-from taichisoft_studies.keys import scene_with
+from taichisoft_benchmarks.faults.interrupted_sweep import interrupted_sweep
+from taichisoft_studies import errors, varied_values
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_run import REASONS, reason
-from taichisoft_studies.results import WALL_CLOCK, read_table, result_row, write_table
+from taichisoft_studies.results_table import WALL_CLOCK, read_table, result_row, write_table
 from taichisoft_studies.run_folder import COMPLETED, ERROR, PRUNED, read_record
 from taichisoft_studies.run_job import run_hash
-from taichisoft_studies.sampling import combinations
+from taichisoft_studies.scene_keys import scene_with
 from taichisoft_studies.study_file import Range, Sample, Sweep, check_study, read_tables
-from taichisoft_studies.sweep import UNSURE, checked_record, make_missing, sweep_jobs
-from taichisoft_studies.value_texts import varied
+from taichisoft_studies.sweep_runs import UNSURE, checked_record, make_missing, sweep_jobs
+from taichisoft_studies.varied_values import combinations, varied
 from taichisoft_studies.worker_task import do_run
 
 
@@ -71,7 +70,7 @@ def test_a_study_of_too_many_runs_is_refused_before_its_values_are_made(
     vary: dict[str, Any], count: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The list of them would take 8 GB."""
-    monkeypatch.setattr(sampling, "grid", None)
+    monkeypatch.setattr(varied_values, "grid", None)
     with pytest.raises(StudyError, match=f"^vary: {count} combinations are more than the 10000 that a sweep may have$"):
         combinations(vary, None, 1)
 
@@ -110,9 +109,12 @@ def test_values_that_are_wrong_are_named(texts: list[str], problem: str) -> None
         ({"vary": {"a": [1]}, "seeed": 2}, "study: seeed: unknown key; did you mean 'seed'?"),
         ({"vary": {}}, "study: vary has no key; name what varies"),
         ({"vary": {"a": {"low": 2, "high": 1}}}, "study: vary.a: low (2) must be below high (1)"),
-        ({"vary": {"a": {"low": 1, "high": 2}}}, "study: vary.a: a grid needs count; or give [sample] a count"),
+        (
+            {"vary": {"a": {"low": 1, "high": 2}}},
+            "study: vary.a: a range needs count, unless there is a table [sample]",
+        ),
         ({"vary": {"a": {"low": 1, "high": 2, "cuont": 3}}}, "study: vary.a.cuont: unknown key; did you mean 'count'?"),
-        ({"vary": {"a": [1, 1]}}, "study: vary.a: the value 1 is there twice"),
+        ({"vary": {"a": [1, 1]}}, "study: vary.a: the value 1 is given twice"),
     ],
 )
 def test_a_study_that_is_wrong_is_told_by_its_key(tables: dict[str, Any], problem: str) -> None:
@@ -316,15 +318,15 @@ def test_the_table_has_parameters_metrics_and_no_time_of_the_machine(tmp_path: P
 
 def test_a_missing_package_is_one_line_that_says_what_to_install() -> None:
     with pytest.raises(
-        StudyError, match=r"^taichisoft sweep: needs no_such_package, .*: pip install 'taichisoft\[studies\]'$"
+        StudyError, match=r"^taichisoft study sweep: needs no_such_package, .*: pip install 'taichisoft\[studies\]'$"
     ):
-        extras.require("taichisoft sweep", "no_such_package")
+        errors.require("taichisoft study sweep", "no_such_package")
 
 
 def test_a_package_too_large_to_come_along_is_named_with_its_own_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(extras.LARGE, "no_such_torch", extras.LARGE["torch"])
+    monkeypatch.setitem(errors.LARGE, "no_such_torch", errors.LARGE["torch"])
     with pytest.raises(StudyError, match=r"^sampler = 'gp': needs no_such_torch, .*: pip install torch$"):
-        extras.require("sampler = 'gp'", "no_such_torch")
+        errors.require("sampler = 'gp'", "no_such_torch")
 
 
 ENDS = """

@@ -5,10 +5,11 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from actuator_geometry import measured
 from conftest import Figures
 from scenes import advance, silicone, simulate
 
-from taichisoft.bodies.actuators import ActuatorGeometry
+from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import internal_force
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
@@ -34,7 +35,7 @@ def pulled(block: Callable[..., str]) -> Callable[..., Simulation]:
 
 
 def _pull(simulation: Simulation, index: int = 0) -> float:
-    return float(simulation.model.cables.rest_length[index] - simulation.state.cable_length[index])
+    return float(simulation.model.cables.rest_value[index] - simulation.state.actuator_value[index])
 
 
 def _geometry(model: Model, simulation: Simulation) -> ActuatorGeometry:
@@ -55,16 +56,12 @@ def test_the_gradient_is_that_of_the_length(
     advance(simulation, 0.3, Control(cable_pull={CABLE: 3.0}))
     model, state = simulation.model, simulation.state
     gradient = _geometry(model, simulation).gradient.soft.copy()
-    probe = ActuatorGeometry(model.actuators, model.node_count)
     worst = 0.0
     for entry, node in enumerate(model.actuators.coordinates.entry_node):
         for axis in range(3):
             shift = np.zeros((model.node_count, 3))
             shift[node, axis] = 1e-3
-            ahead, behind = (
-                probe.measure_cables(state.changed(position=state.position + sign * shift), state.pull_point)[0]
-                for sign in (1.0, -1.0)
-            )
+            ahead, behind = (measured(model, state.position + sign * shift).value[0] for sign in (1.0, -1.0))
             worst = max(worst, abs(-(ahead - behind) / 2e-3 - gradient[entry, axis]))
     figures.at_most("difference of the gradient", worst, 1e-8)
 
@@ -100,8 +97,8 @@ def test_a_pull_does_the_work_that_the_block_stores(pulled: Callable[..., Simula
         assert simulation.model.elasticity is not None
         force = internal_force(simulation.model.elasticity, state.position)
         stored -= 0.5 * float(np.vdot(force + last_force, state.position - last_position))
-        work += 0.5 * (state.cable_tension[0] + last_tension) * (pull - last_pull)
-        last_force, last_position, last_tension, last_pull = force, state.position, state.cable_tension[0], pull
+        work += 0.5 * (state.actuator_effort[0] + last_tension) * (pull - last_pull)
+        last_force, last_position, last_tension, last_pull = force, state.position, state.actuator_effort[0], pull
     figures.close("work over stored energy", work / stored, 1.0, 1e-3)
 
 
@@ -110,7 +107,7 @@ def test_an_imposed_length_holds_at_rest(pulled: Callable[..., Simulation], figu
     by_length, by_tension = pulled(), pulled()
     advance(by_length, 2.0, Control(cable_pull={CABLE: 4.0}))
     figures.at_most("pull, off by [mm]", abs(_pull(by_length) - 4.0), 1e-9)
-    tension = float(by_length.state.cable_tension[0])
+    tension = float(by_length.state.actuator_effort[0])
     assert tension > 100.0
     advance(by_tension, 3.0, Control(cable_tension={CABLE: tension}))
     figures.close("pull under the same tension [mm]", _pull(by_tension), 4.0, 1e-6)
@@ -185,9 +182,9 @@ def test_a_slack_cable_transmits_nothing(pulled: Callable[..., Simulation]) -> N
     advance(slack, 0.3, Control(cable_pull={CABLE: -3.0}))
     advance(bare, 0.3)
     advance(rod, 0.3, Control(cable_pull={CABLE: -3.0}))
-    assert slack.state.cable_tension[0] == 0.0
+    assert slack.state.actuator_effort[0] == 0.0
     assert (slack.state.position == bare.state.position).all()
-    assert rod.state.cable_tension[0] < -100.0
+    assert rod.state.actuator_effort[0] < -100.0
     assert _pull(rod) == pytest.approx(-3.0, abs=1e-6)
 
 
@@ -195,7 +192,7 @@ def test_a_motor_gives_way_and_a_stop_holds(pulled: Callable[..., Simulation]) -
     """The largest tension bounds what a pull may take, a stop bounds how far a tension may pull."""
     weak = pulled(highest_tension=300.0)
     advance(weak, 1.0, Control(cable_pull={CABLE: 10.0}))
-    assert weak.state.cable_tension[0] == pytest.approx(300.0, rel=1e-12)
+    assert weak.state.actuator_effort[0] == pytest.approx(300.0, rel=1e-12)
     assert 0.5 < _pull(weak) < 9.0
     free = pulled()
     advance(free, 1.0, Control(cable_tension={CABLE: 300.0}))
@@ -203,11 +200,11 @@ def test_a_motor_gives_way_and_a_stop_holds(pulled: Callable[..., Simulation]) -
     stopped = pulled(highest_pull=0.5 * _pull(free))
     advance(stopped, 1.0, Control(cable_tension={CABLE: 300.0}))
     assert _pull(stopped) == pytest.approx(0.5 * _pull(free), abs=1e-9)
-    assert 50.0 < stopped.state.cable_tension[0] < 290.0  # the stop takes the rest
+    assert 50.0 < stopped.state.actuator_effort[0] < 290.0  # the stop takes the rest
     spooled = pulled(lowest_pull=0.3)
     advance(spooled, 1.0, Control(cable_tension={CABLE: 0.0}))
     assert _pull(spooled) == pytest.approx(0.3, abs=1e-9)
-    assert spooled.state.cable_tension[0] > 1.0
+    assert spooled.state.actuator_effort[0] > 1.0
 
 
 def _capstan(block: Callable[..., str], friction: float, corners: int = 60) -> Simulation:
@@ -251,7 +248,7 @@ def test_a_rope_around_a_post(block: Callable[..., str], figures: Figures, frict
         assert elasticity is not None
         force = internal_force(elasticity, simulation.state.position)
         block_tension = np.linalg.norm(force[simulation.model.anchored_nodes].sum(axis=0))
-        return float(simulation.state.cable_tension[0] / block_tension)
+        return float(simulation.state.actuator_effort[0] / block_tension)
 
     for pull in np.linspace(0.05, 2.0, 40):
         advance(simulation, 0.03, Control(cable_pull={CABLE: float(pull)}))
@@ -270,11 +267,11 @@ def test_a_cable_that_rubs_sticks(block: Callable[..., str]) -> None:
     for tension in np.linspace(10.0, 400.0, 40):
         advance(simulation, 0.02, Control(cable_tension={CABLE: float(tension)}))
     advance(simulation, 0.5, Control(cable_tension={CABLE: 400.0}))
-    behind = simulation.state.cable_tension[0] - simulation.state.cable_tension_loss.sum()
+    behind = simulation.state.actuator_effort[0] - simulation.state.actuator_loss.sum()
     advance(simulation, 0.5, Control(cable_tension={CABLE: 320.0}))
-    after = simulation.state.cable_tension[0] - simulation.state.cable_tension_loss.sum()
+    after = simulation.state.actuator_effort[0] - simulation.state.actuator_loss.sum()
     assert after == pytest.approx(behind, rel=1e-3)
-    assert simulation.state.cable_tension[0] == pytest.approx(320.0)
+    assert simulation.state.actuator_effort[0] == pytest.approx(320.0)
 
 
 def test_the_base_takes_its_pull_points_along(pulled: Callable[..., Simulation]) -> None:
@@ -290,26 +287,26 @@ def test_the_base_takes_its_pull_points_along(pulled: Callable[..., Simulation])
     for simulation in (moves, stays):
         advance(simulation, 1.0)
     assert np.abs(moves.state.position - rest - shift).max() < 1e-5
-    assert moves.state.cable_tension[0] == pytest.approx(float(pulled_tension(pulled)), rel=1e-5)
-    assert abs(stays.state.cable_tension[0] - moves.state.cable_tension[0]) > 50.0
+    assert moves.state.actuator_effort[0] == pytest.approx(float(pulled_tension(pulled)), rel=1e-5)
+    assert abs(stays.state.actuator_effort[0] - moves.state.actuator_effort[0]) > 50.0
 
 
 def pulled_tension(pulled: Callable[..., Simulation]) -> float:
     """The tension of the cable of a base that never moved."""
     simulation = pulled()
     advance(simulation, 2.0, Control(cable_pull={CABLE: 2.0}))
-    return float(simulation.state.cable_tension[0])
+    return float(simulation.state.actuator_effort[0])
 
 
 def test_a_turned_base_turns_everything(pulled: Callable[..., Simulation]) -> None:
     """Objective: after a turn of the base by 90 degrees the tension is what it was, with exact rotations (polar)."""
     simulation = pulled(block_keys={"corotation": "polar"})
     advance(simulation, 1.0, Control(cable_pull={CABLE: 2.0}))
-    before = float(simulation.state.cable_tension[0])
+    before = float(simulation.state.actuator_effort[0])
     for angle in np.linspace(0.02, 1.0, 50):
         advance(simulation, 0.02, Control(base_rotation=np.array([0.0, 0.0, angle * math.pi / 2])))
     advance(simulation, 2.0)
-    assert simulation.state.cable_tension[0] == pytest.approx(before, rel=1e-5)
+    assert simulation.state.actuator_effort[0] == pytest.approx(before, rel=1e-5)
 
 
 def test_cables_and_a_resumed_run_give_the_same_bits(pulled: Callable[..., Simulation]) -> None:
@@ -326,4 +323,4 @@ def test_cables_and_a_resumed_run_give_the_same_bits(pulled: Callable[..., Simul
     for control in controls[10:]:
         again.step(control)
     assert again.state == simulation.state
-    assert (simulation.state.cable_tension_loss > 0.0).any()
+    assert (simulation.state.actuator_loss > 0.0).any()

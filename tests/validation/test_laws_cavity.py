@@ -4,10 +4,10 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
+from actuator_geometry import measured
 from conftest import Figures
 from scenes import advance, silicone, simulate
 
-from taichisoft.bodies.cavities import CavityVolumes
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.model import Model
@@ -42,10 +42,8 @@ def test_pressure_in_a_closed_cavity_pushes_the_body_nowhere(hollow: Callable[..
     """
     model = hollow(0.01, element).model
     position = _deformed(model)
-    volumes = CavityVolumes(model.cavities, model.node_count)
-    volumes.update(position)
-    gradient = volumes.gradient
-    moments = np.cross(position[model.cavities.surfaces.entry_node], gradient)
+    gradient = measured(model, position).gradient.soft
+    moments = np.cross(position[model.actuators.coordinates.entry_node], gradient)
     assert np.abs(gradient.sum(axis=0)).max() < 1e-12 * np.abs(gradient).max()
     assert np.abs(moments.sum(axis=0)).max() < 1e-12 * np.abs(moments).max()
 
@@ -56,21 +54,20 @@ def test_the_gradient_is_that_of_the_volume(hollow: Callable[..., Simulation], e
     differences of 1 mm are exact; tolerance 1e-12 of the volume of 3000 mm^3: round-off."""
     model = hollow(0.01, element).model
     position = _deformed(model)
-    volumes = CavityVolumes(model.cavities, model.node_count)
-    volume = volumes.volumes(position)[0]
-    gradient = volumes.gradient.copy()
-    for entry, node in enumerate(model.cavities.surfaces.entry_node):
+    geometry = measured(model, position)
+    volume, gradient = geometry.value[0], geometry.gradient.soft
+    for entry, node in enumerate(model.actuators.coordinates.entry_node):
         for axis in range(3):
             shift = np.zeros_like(position)
             shift[node, axis] = 1.0
-            ahead, behind = (volumes.volumes(position + sign * shift)[0] for sign in (1.0, -1.0))
+            ahead, behind = (measured(model, position + sign * shift).value[0] for sign in (1.0, -1.0))
             assert 0.5 * (ahead - behind) == pytest.approx(gradient[entry, axis], abs=1e-12 * volume)
 
 
 @pytest.mark.parametrize("element", ELEMENTS)
 def test_the_volume_at_rest_is_that_of_the_hole(hollow: Callable[..., Simulation], element: str) -> None:
     """A third of the block in every direction: 10 x 20/3 x 20/3 mm; exact but for round-off."""
-    assert hollow(0.01, element).model.cavities.rest_volume[0] == pytest.approx(10 * (20 / 3) ** 2, rel=1e-12)
+    assert hollow(0.01, element).model.cavities.rest_value[0] == pytest.approx(10 * (20 / 3) ** 2, rel=1e-12)
 
 
 def test_pressure_does_not_depend_on_the_time_step(hollow: Callable[..., Simulation], figures: Figures) -> None:
@@ -99,7 +96,7 @@ def test_volume_and_pressure_are_dual(hollow: Callable[..., Simulation], figures
     assert pressure > 1.0
     by_pressure = hollow(0.01)
     report = advance(by_pressure, 0.5, Control(pressure={CAVITY: pressure}))
-    growth = report.observation.volumes[CAVITY] - by_pressure.model.cavities.rest_volume[0]
+    growth = report.observation.volumes[CAVITY] - by_pressure.model.cavities.rest_value[0]
     figures.close("growth of the volume [mm^3]", growth, 100.0, 1e-7)
 
 
@@ -115,7 +112,7 @@ def test_a_valve_opens_and_air_runs_out(block: Callable[..., str], unlimited: bo
         return simulate(soft_bodies={"block": table})
 
     def growth(simulation: Simulation) -> float:
-        return float(simulation.state.cavity_volume[0] - simulation.model.cavities.rest_volume[0])
+        return float(simulation.state.actuator_value[0] - simulation.model.cavities.rest_value[0])
 
     free = make()
     advance(free, 0.5, Control(pressure={CAVITY: 60.0}))
@@ -126,7 +123,7 @@ def test_a_valve_opens_and_air_runs_out(block: Callable[..., str], unlimited: bo
         assert growth(valve) == pytest.approx(2.0 * growth(free))
         assert growth(air) == pytest.approx(growth(free))
     else:
-        assert valve.state.cavity_pressure[0] == pytest.approx(60.0, rel=1e-12)
+        assert valve.state.actuator_effort[0] == pytest.approx(60.0, rel=1e-12)
         assert growth(valve) == pytest.approx(growth(free), rel=1e-6)
         assert growth(air) == pytest.approx(0.5 * growth(free), rel=1e-9)
-        assert 20.0 < air.state.cavity_pressure[0] < 40.0
+        assert 20.0 < air.state.actuator_effort[0] < 40.0

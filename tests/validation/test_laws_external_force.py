@@ -30,5 +30,7 @@ def test_a_push_gives_its_impulse_and_no_more():
 
 def test_a_push_on_nothing_is_refused():
     push = {"body": "cub", "force": [0.0, 0.0, 1.0], "start": 0.0, "duration": 1.0}
-    with pytest.raises(SceneError, match=r"external_forces\.0\.body is 'cub', which is no rigid body; there are: cube"):
+    with pytest.raises(
+        SceneError, match=r"external_forces\.0\.body is 'cub', which is not a rigid body; there are: cube"
+    ):
         scene_from_dict({**SCENE, "external_forces": [push]})

@@ -80,7 +80,7 @@ def test_a_volume_takes_the_pressure_that_gives_it(block: Callable[..., str], fi
     pressure = report.observation.pressures["block.air"]
     assert pressure > 1.0
     report = advance(by_pressure, 1.0, Control(pressure={"block.air": pressure}))
-    growth = report.observation.volumes["block.air"] - by_pressure.model.cavities.rest_volume[0]
+    growth = report.observation.volumes["block.air"] - by_pressure.model.cavities.rest_value[0]
     figures.close("growth [mm^3]", growth, 50.0, 1e-6)
 
 

@@ -90,10 +90,10 @@ def test_an_imposed_volume_is_there_while_the_body_turns(block: Callable[..., st
         "velocity": [0.0, 0.0, 300.0],
     }
     simulation = simulate(step=0.01, soft_bodies={"finger": body})
-    rest, growth = simulation.model.cavities.rest_volume[0], 3000.0
+    rest, growth = simulation.model.cavities.rest_value[0], 3000.0
     for index in range(1, 21):
         asked = growth * index / 20
         assert simulation.step(Control(volume_growth={"finger.cavity": asked})).converged
-        assert simulation.state.cavity_volume[0] - rest == pytest.approx(
+        assert simulation.state.actuator_value[0] - rest == pytest.approx(
             asked, abs=(1e-4 if index > 1 else 2e-3) * growth
         )

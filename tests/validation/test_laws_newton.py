@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from actuator_geometry import measured
 from blocks import make_block
 from conftest import Figures
 from scenes import FLOOR, GRAVITY, silicone, soft_momentum
 from scipy.optimize import brentq, root
 
-from taichisoft.bodies.cavities import CavityVolumes
 from taichisoft.bodies.elasticity import internal_force
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
@@ -233,19 +233,18 @@ def test_pressure_acts_on_the_shape_at_the_end(block: Callable[..., str], elemen
     pressure = 8.0
     assert by_pressure.step(Control(pressure={CAVITY: pressure})).converged
     model, state = by_pressure.model, by_pressure.state
-    volumes = CavityVolumes(model.cavities, model.node_count)
-    volumes.update(state.position)
+    geometry = measured(model, state.position)
     assert model.elasticity is not None
     push = np.zeros_like(state.position)
-    np.add.at(push, model.cavities.surfaces.entry_node, pressure * volumes.gradient)
+    np.add.at(push, model.actuators.coordinates.entry_node, pressure * geometry.gradient.soft)
     force = internal_force(model.elasticity, state.position) + push
     free = np.setdiff1d(np.arange(model.node_count), model.anchored_nodes)
     assert np.abs(force[free]).max() < 1e-6 * np.abs(push).max()
-    growth = float(state.cavity_volume[0] - model.cavities.rest_volume[0])
-    assert growth > 0.05 * model.cavities.rest_volume[0]
+    growth = float(state.actuator_value[0] - model.cavities.rest_value[0])
+    assert growth > 0.05 * model.cavities.rest_value[0]
     assert by_volume.step(Control(volume_growth={CAVITY: growth})).converged
-    assert by_volume.state.cavity_pressure[0] == pytest.approx(pressure, rel=1e-6)
-    assert by_volume.state.cavity_volume[0] == pytest.approx(state.cavity_volume[0], rel=1e-9)
+    assert by_volume.state.actuator_effort[0] == pytest.approx(pressure, rel=1e-6)
+    assert by_volume.state.actuator_value[0] == pytest.approx(state.actuator_value[0], rel=1e-9)
 
 
 def test_a_cable_is_as_short_as_it_is_pulled(mesh: str) -> None:
@@ -257,7 +256,7 @@ def test_a_cable_is_as_short_as_it_is_pulled(mesh: str) -> None:
     for newton in (1, 40):
         simulation = simulate(body, newton, 0.1)
         report = simulation.step(Control(cable_pull={"block.tendon": 5.0}))
-        missed[newton] = abs(simulation.model.cables.rest_length - simulation.state.cable_length - 5.0)[0]
+        missed[newton] = abs(simulation.model.cables.rest_value - simulation.state.actuator_value - 5.0)[0]
         assert report.converged
     assert missed[40] < 1e-7
     assert missed[1] > 1e-2

@@ -126,6 +126,20 @@ def test_two_balls_in_space_keep_their_angular_momentum(figures: Figures) -> Non
     friction=1.0,
     shape={"cylinder": {"radius": 20.0, "length": 40.0}},
 )
+@example(  # 225 Newton steps in one step
+    velocity=(0.0, 9.0, -3.25),
+    turning=(0.0, 9.0, -3.25),
+    lengths=(0.25, 0.0),
+    friction=0.78125,
+    shape={"box": [40.0, 40.0, 40.0]},
+)
+@example(  # 157 Newton steps in one step
+    velocity=(0.0, 4.0, -3.0),
+    turning=(0.0, 9.0, 4.0),
+    lengths=(0.5, 0.0),
+    friction=0.75,
+    shape={"box": [40.0, 40.0, 40.0]},
+)
 def test_energy_never_grows(
     velocity: tuple[float, ...],
     turning: tuple[float, ...],

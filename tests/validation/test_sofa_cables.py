@@ -74,7 +74,7 @@ def test_fingers_with_cables_follow_sofa(
     per_tension = 1.0 if first_order else float(run["dt"])
     by_force = "force" in name.lower()
     worst = worst_length = worst_tension = largest = 0.0
-    for cable, rest in zip(fingers.values(), model.cables.rest_length, strict=True):
+    for cable, rest in zip(fingers.values(), model.cables.rest_value, strict=True):
         figures.close("rest length [mm]", float(rest), float(run[f"{cable}_initialLength"]), 1e-12 * rest)
     for k in range(len(run["num_constraints"])):
         asked = {f"{finger}.cable": float(run[f"{cable}_value"][k]) for finger, cable in fingers.items()}
@@ -86,8 +86,10 @@ def test_fingers_with_cables_follow_sofa(
             position = state.position[model.soft_bodies[index].nodes]
             worst = max(worst, np.abs(position - run[f"{finger}_x"][k]).max())
             largest = max(largest, np.abs(run[f"{finger}_x"][k] - run[f"{finger}_rest"]).max())
-            worst_length = max(worst_length, abs(state.cable_length[index] - run[f"{cable}_length_after"][k]))
-            worst_tension = max(worst_tension, abs(state.cable_tension[index] * per_tension - run[f"{cable}_force"][k]))
+            worst_length = max(worst_length, abs(state.actuator_value[index] - run[f"{cable}_length_after"][k]))
+            worst_tension = max(
+                worst_tension, abs(state.actuator_effort[index] * per_tension - run[f"{cable}_force"][k])
+            )
     figures.at_most("worst node and step, of the largest displacement", worst / largest, TOLERANCE)
     figures.at_most("worst length [mm]", worst_length, 1e-6)
     figures.at_most("worst multiplier", worst_tension, 1e-6 * max(1.0, np.nanmax(np.abs(run["lambda"]))))

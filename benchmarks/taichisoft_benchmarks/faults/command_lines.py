@@ -4,7 +4,7 @@ import random
 import shutil
 from pathlib import Path
 
-from taichisoft_benchmarks.faults.scenes import HUGE_INTEGER, NUMBERS, TEXTS, base_scene
+from taichisoft_benchmarks.faults.mistaken_scenes import HUGE_INTEGER, NUMBERS, TEXTS, base_scene
 
 DEEP_KEY = "a" + ".a" * 3000
 FILES = ("scene.toml", "text.toml", "empty.h5", "text.h5", "text.msh", "text.stl", "folder", "nothing.h5", "pad.msh")
@@ -13,33 +13,30 @@ COMMANDS: dict[str, tuple[int, str]] = {
     "resume": (1, "--at --set --duration --output --outputs"),
     "render": (1, "--time --video --fps --size --view --eye --target --output --colour-by"),
     "view": (1, "--address"),
-    "plot": (1, "--output --format --only"),
-    "report": (1, "--output"),
-    "export": (1, "--output"),
+    "recording plot": (1, "--output --format --only"),
+    "recording report": (1, "--output"),
+    "recording export": (1, "--output"),
     "mesh": (1, "--output --set"),
-    "mesh-info": (1, ""),
-    "mesh-sweep": (1, "--output --set --vary"),
-    "mesh-cache": (0, ""),
+    "mesh info": (1, ""),
+    "mesh sweep": (1, "--output --set --vary"),
+    "mesh cache": (0, ""),
     "materials": (1, "--output"),
     "plugins": (1, "--plugin --plugins-dir"),
     "sofa": (2, "--output"),
-    "bench": (0, "--case --cases --compare --output"),
     "": (1, "--plugin --plugins-dir"),
 }
 """Number of arguments, and options, of each command."""
 KEYS = ("time.step", "contact.friction", "soft_bodies.left.mesh", "soft_bodies.left", "x", "title", "goal", DEEP_KEY)
 
 
-def mistaken_command(number: int) -> list[str]:
-    """A command line with mistakes; none that would go on for ever or open a page."""
+def attempt(number: int) -> list[str]:
+    """A command line with mistakes that neither runs for ever nor opens a page."""
     dice = random.Random(f"command {number}")
     texts = [text for text in TEXTS if "\0" not in text]
     values = [*map(str, NUMBERS), *texts, *FILES, HUGE_INTEGER, "í:8080", "x" * 300]
     name = dice.choice(list(COMMANDS))
     positional, options = COMMANDS[name]
-    line = [name] if name else []
-    if name == "bench":
-        line.append("--list")
+    line = name.split()
     if name == "run" and dice.random() < 0.7:
         line += ["scene.toml", "--duration", "0.02"]
     else:
@@ -63,8 +60,3 @@ def write_files() -> None:
         Path(name).write_text("It was a dark and stormy night.\n")
     Path("empty.h5").touch()
     Path("folder").mkdir()
-
-
-def attempt(number: int) -> list[str]:
-    """A command line with mistakes."""
-    return mistaken_command(number)

@@ -1,4 +1,4 @@
-"""What drives a run, and is wrong or hard: paths of the base, actions and states of environments, settings."""
+"""Wrong or hard inputs of a run: paths of the base, actions and states of environments, settings of controllers."""
 
 import dataclasses
 import random
@@ -13,21 +13,10 @@ STEPS = 30
 """Steps of a path of the base."""
 NAME = "tries of settings"
 NONSENSE: list[Any] = [
-    None,
-    "up",
-    b"up",
-    {},
-    [],
-    [[]],
-    0.5,
-    float("nan"),
-    float("inf"),
-    1j,
-    [1j] * 3,
-    [[0.0], 0.0, 0.0],
-]
+    None, "up", b"up", {}, [], [[]], 0.5, float("nan"), float("inf"), 1j, [1j] * 3, [[0.0], 0.0, 0.0],
+]  # fmt: skip
 SETTINGS: list[Any] = ["abc", "", "1", True, [], [1.0], ["a"], {}, {"a": 1.0}]
-"""Values of settings that are no number."""
+"""Values of settings that are not numbers."""
 
 
 def base_paths(tries: int) -> list[str]:
@@ -42,7 +31,7 @@ def largest_lag(number: int) -> float:
     from scipy.spatial.transform import Rotation
 
     import taichisoft as ts
-    from taichisoft_benchmarks.faults.scenes import base_scene
+    from taichisoft_benchmarks.faults.mistaken_scenes import base_scene
 
     dice = np.random.default_rng(number)
     pad = base_scene()["soft_bodies"]["left"] | {
@@ -84,7 +73,7 @@ def _environment() -> Any:
 
 
 def wrong_actions(tries: int) -> list[str]:
-    """What is no action is refused in one line; numbers beyond the space count as its ends for motion and reward."""
+    """Wrong actions are refused in one line; numbers beyond the space count as its ends for motion and reward."""
     environment, failures = _environment(), []
     for number in range(tries):
         dice = random.Random(f"action {number}")
@@ -98,12 +87,12 @@ def wrong_actions(tries: int) -> list[str]:
         environment.reset(seed=0)
         other = environment.step(np.clip(beyond, -1.0, 1.0))[:2]
         if one[0].tobytes() != other[0].tobytes() or one[1] != other[1]:
-            failures.append(f"action {beyond} is not that at the ends of the space")
+            failures.append(f"action {beyond} differs from the one at the ends of the space")
     return failures
 
 
 def wrong_states(tries: int) -> list[str]:
-    """A state of other things than finite numbers is refused in one line, and the environment goes on."""
+    """A state with other values than finite numbers is refused in one line, and the environment goes on."""
     environment, failures = _environment(), []
     failures += [] if _raises(environment.step, np.zeros(3)) == "ResetNeeded" else ["a step before reset"]
     environment.reset(seed=0)
@@ -125,7 +114,7 @@ def wrong_states(tries: int) -> list[str]:
 
 
 def wrong_settings(tries: int) -> list[str]:
-    """Settings of other types than a plug-in's controller names are refused before there is a controller."""
+    """Settings of other types than a plug-in's controller declares are refused before the controller is made."""
     import taichisoft as ts
     from taichisoft.pytest_fixtures import TINY_GRIPPER
 
@@ -159,7 +148,7 @@ def wrong_settings(tries: int) -> list[str]:
 
 
 def _raises(ask: Callable[[Any], Any], wrong: Any) -> str:
-    """The name of what is raised; for errors of the product with the text, empty where nothing is."""
+    """Name of the raised exception; empty for an error of the product in one line."""
     from taichisoft.errors import PluginError, TaichisoftError
 
     try:
@@ -177,10 +166,9 @@ def _unless_refused(shown: str, ask: Callable[[Any], Any], wrong: Any) -> list[s
     return [f"{shown}: {problem}"] if problem else []
 
 
-ROWS: dict[str, Callable[[int], list[str]]] = {
-    "paths of the base at 10 to 500 mm/s: anchored nodes within 1e-6 mm": base_paths,
-    "actions of an environment that are none, or beyond its space": wrong_actions,
-    "states for the reset of an environment that are none": wrong_states,
-    "settings of a plug-in's controller of wrong types": wrong_settings,
+ROWS: dict[str, tuple[int, Callable[[int], list[str]]]] = {
+    "paths of the base at 10 to 500 mm/s: anchored nodes within 1e-6 mm": (200, base_paths),
+    "actions of an environment of a wrong kind, or beyond its space": (500, wrong_actions),
+    "states of a wrong kind for the reset of an environment": (500, wrong_states),
+    "settings of a plug-in's controller of wrong types": (1000, wrong_settings),
 }
-TRIES = dict(zip(ROWS, (200, 500, 500, 1000), strict=True))

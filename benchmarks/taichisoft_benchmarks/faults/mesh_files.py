@@ -1,11 +1,11 @@
-"""Damaged files of meshes and surfaces, which are looked at, meshed, or simulated."""
+"""Damaged files of meshes, surfaces and STEP bodies, which are examined, meshed, or simulated."""
 
 import random
 import shutil
 from pathlib import Path
 
 from taichisoft_benchmarks.faults.damage import damaged_text
-from taichisoft_benchmarks.faults.scenes import base_scene
+from taichisoft_benchmarks.faults.mistaken_scenes import base_scene
 
 VOLUMES = ("whole.msh", "whole.vtk", "whole.vtu")
 SURFACES = ("whole.stl", "whole.obj", "whole.ply")
@@ -16,7 +16,7 @@ def write_files() -> None:
     import tomli_w
     import trimesh
 
-    from taichisoft.meshes.files import read_volume_mesh, write_volume_mesh
+    from taichisoft.meshes import read_volume_mesh, write_volume_mesh
 
     document = base_scene()
     shutil.copy(document["soft_bodies"]["left"]["mesh"], "whole.msh")
@@ -35,7 +35,7 @@ def attempt(number: int) -> list[str]:
     tried = Path("tried").with_suffix(Path(whole).suffix)
     tried.write_bytes(damaged_text(Path(whole).read_bytes(), dice))
     if dice.random() < 0.3:
-        return ["mesh-info", str(tried)]
+        return ["mesh", "info", str(tried)]
     if whole in VOLUMES:
         return _run(f"soft_bodies.left.mesh='{tried}'")
     if dice.random() < 0.2:
@@ -45,3 +45,21 @@ def attempt(number: int) -> list[str]:
 
 def _run(change: str) -> list[str]:
     return ["run", "scene.toml", "--set", change, "--duration", "0.02", "--output", "out"]
+
+
+def write_step_file() -> None:
+    """A block with a round void."""
+    from taichisoft_meshing.gmsh_session import gmsh_session
+
+    with gmsh_session("whole.step") as gmsh:
+        occ = gmsh.model.occ
+        occ.cut([(3, occ.addBox(0.0, 0.0, 0.0, 20.0, 10.0, 10.0))], [(3, occ.addSphere(10.0, 5.0, 5.0, 3.0))])
+        occ.synchronize()
+        gmsh.write("whole.step")
+
+
+def attempt_step_file(number: int) -> list[str]:
+    """Mesh a damaged body; OpenCASCADE, which reads it, may crash."""
+    dice = random.Random(f"STEP file {number}")
+    Path("tried.step").write_bytes(damaged_text(Path("whole.step").read_bytes(), dice))
+    return ["mesh", "--step", "tried.step", "--size", "5", "--force", "--output", "meshed.msh"]

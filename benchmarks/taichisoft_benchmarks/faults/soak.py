@@ -1,59 +1,48 @@
-"""A run of an hour in real time with a page and a recording: what its memory and its files grow by."""
+"""A run of an hour in real time with a page and a recording: growth of its memory, and size of its files."""
 
 import subprocess
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from taichisoft.child_process import PYTHON
 
+SCENE = "finger-inflated"
 ROOM = 0.3
-"""Given to the recording [GB]."""
+"""Limit of the recording [GB]."""
 BETWEEN = 20.0
-"""Time between two looks [s]."""
+"""Time between two measurements of the memory [s]."""
 SETTLED = 300.0
-"""Time after which everything that a run needs has been made [s]."""
+"""Time after which a run has made all that it needs [s]."""
+GROWTH = 20.0
+"""Most that the memory may grow by after that [MB]."""
 
 
-@dataclass(frozen=True)
-class Growth:
-    """What became of a long run.
-
-    Attributes:
-        exit_code: of its process.
-        memory: by how much its resident memory was larger at most than when it had settled [MB].
-        files: the largest size of its folder [MB].
-    """
-
-    exit_code: int
-    memory: float
-    files: float
-
-
-def soak(seconds: float, scene: str = "finger-inflated") -> Growth:
-    """Let a scene run in real time, steered by nobody; Linux tells of its memory."""
+def soak(seconds: int) -> list[str]:
+    """Run a scene in real time without input; the memory is measured on Linux."""
     with TemporaryDirectory() as folder:
-        arguments = ["run", scene, "--controller", "keyboard", "--speed", "1", "--duration", str(seconds)]
+        arguments = ["run", SCENE, "--controller", "keyboard", "--speed", "1", "--duration", str(seconds)]
         arguments += ["--web", "--web-address", "127.0.0.1:0", "--record-limit", str(ROOM), "-o", folder + "/run"]
         process = subprocess.Popen([*PYTHON, "-m", "taichisoft", *arguments], stdin=subprocess.DEVNULL)
-        looks: list[tuple[float, float]] = []
+        memories: list[tuple[float, float]] = []
         largest, started = 0.0, time.monotonic()
         try:
             while process.poll() is None:
-                looks.append((time.monotonic() - started, _resident_memory(process.pid)))
+                memories.append((time.monotonic() - started, _resident_memory(process.pid)))
                 largest = max(largest, _size(Path(folder)))
                 time.sleep(min(BETWEEN, 0.02 * seconds))
         finally:
             process.kill()
             process.wait()
-    settled = next(memory for moment, memory in looks if moment >= min(SETTLED, 0.5 * seconds))
-    highest = max(memory for moment, memory in looks if moment >= min(SETTLED, 0.5 * seconds))
-    return Growth(process.returncode, highest - settled, largest)
+    later = [memory for moment, memory in memories if moment >= min(SETTLED, 0.5 * seconds)]
+    growth = max(later) - later[0]
+    print(f"# memory grew by {growth:.1f} MB to {max(later):.0f} MB, files {largest:.0f} MB at most")
+    failures = [f"exit code {process.returncode}"] * (process.returncode != 0)
+    return failures + [f"the memory grew by {growth:.1f} MB"] * (growth > GROWTH)
 
 
 def _resident_memory(process: int) -> float:
-    """Of a process [MB]; 0 when it has ended."""
+    """Resident memory of a process [MB]; 0 if it has ended."""
     try:
         lines = Path(f"/proc/{process}/status").read_text().splitlines()
     except OSError:
@@ -62,7 +51,7 @@ def _resident_memory(process: int) -> float:
 
 
 def _size(folder: Path) -> float:
-    """Of all files in a folder [MB]."""
+    """Size of all files in a folder [MB]."""
     total = 0
     for path in folder.rglob("*"):
         try:
@@ -70,3 +59,6 @@ def _size(folder: Path) -> float:
         except OSError:  # it has just been removed
             continue
     return total / 1e6
+
+
+ROWS = {"seconds of a run in real time with a page and a recording": (3600, soak)}

@@ -1,26 +1,18 @@
-"""Mistakes around SOFA's scenes: wrong values of data, texts taken for the other Python, damaged caches of meshes."""
+"""Mistakes around SOFA's scenes: wrong values of data, files taken for the other Python, damaged caches of meshes."""
 
 import os
 import random
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-WRONG = [
-    "float('nan')",
-    "float('inf')",
-    "-3.0",
-    "None",
-    "''",
-    "[]",
-    "[1, 2, 3]",
-    "'x'",
-    "True",
-    "10**400",
-    "{}",
-    "-1e300",
-]
+from taichisoft_benchmarks.faults.damage import DAMAGES
+
+WRONG = (
+    "float('nan')", "float('inf')", "-3.0", "None", "''", "[]", "[1, 2, 3]", "'x'", "True", "10**400", "{}", "-1e300",
+)  # fmt: skip
 DATA = {
     "EulerImplicitSolver": ["rayleighMass", "rayleighStiffness", "firstOrder"],
     "UniformMass": ["totalMass", "vertexMass"],
@@ -77,7 +69,7 @@ def wrong_values(tries: int) -> list[str]:
 
 
 def mistaken_texts(tries: int) -> list[str]:
-    """Files whose Python decides over a quotient, in folders that are packages or none."""
+    """Files whose Python, 2 or 3, decides over a quotient, in folders that are packages or not."""
     failures = []
     with TemporaryDirectory() as made:
         for number in range(tries):
@@ -98,7 +90,7 @@ def mistaken_texts(tries: int) -> list[str]:
 
 
 def damaged_caches(tries: int) -> list[str]:
-    """A kept mesh with a bit turned, cut, emptied or removed: it is as it was after the next run."""
+    """A kept mesh is damaged or removed: the next run makes the same mesh again."""
     failures = []
     with TemporaryDirectory() as made:
         folder = Path(made)
@@ -107,14 +99,11 @@ def damaged_caches(tries: int) -> list[str]:
         whole = kept.read_bytes()
         for number in range(tries):
             dice = random.Random(f"SOFA cache {number}")
-            place, damage = dice.randrange(len(whole)), dice.choice(["bit", "cut", "empty", "gone"])
-            turned = whole[:place] + bytes([whole[place] ^ (1 << dice.randrange(8))]) + whole[place + 1 :]
-            kept.write_bytes({"bit": turned, "cut": whole[:place]}.get(damage, b""))
-            if damage == "gone":
-                kept.unlink()
+            damage = dice.choice([*DAMAGES, None])
+            kept.unlink() if damage is None else kept.write_bytes(damage(whole, dice))
             code, shown, errors = _run(folder, SCENE.format(change=""))
-            if code != 0 or kept.read_bytes() != whole or "made anew" not in shown + errors:
-                failures.append(f"{number}: {damage} at {place}: exit code {code}: {(errors or shown)[-200:]!r}")
+            if code != 0 or kept.read_bytes() != whole or "written again" not in shown + errors:
+                failures.append(f"{number}: exit code {code}: {(errors or shown)[-200:]!r}")
     return failures
 
 
@@ -132,13 +121,8 @@ def _python(arguments: list[str], cache: Path | None = None) -> "subprocess.Comp
     return subprocess.run([sys.executable, *arguments], capture_output=True, text=True, env=environment, check=False)
 
 
-ROWS = {
-    "wrong values of data of SOFA's scenes": wrong_values,
-    "files of SOFA's scenes between Python 2 and 3": mistaken_texts,
-    "damaged caches of SOFA's meshes": damaged_caches,
-}
-TRIES = {
-    "wrong values of data of SOFA's scenes": 100,
-    "files of SOFA's scenes between Python 2 and 3": 100,
-    "damaged caches of SOFA's meshes": 40,
+ROWS: dict[str, tuple[int, Callable[[int], list[str]]]] = {
+    "wrong values of data of SOFA's scenes": (100, wrong_values),
+    "files of SOFA's scenes between Python 2 and 3": (100, mistaken_texts),
+    "damaged caches of SOFA's meshes": (40, damaged_caches),
 }

@@ -1,7 +1,7 @@
-"""Tries with mistakes in them: each must end well, or in one line.
+"""Command lines with mistakes, or about files with mistakes: each must end well, or in one line.
 
-A try is drawn from its number alone, so that one that fails can be made again. Tries run in child processes, a batch in
-each: a crash, and a try that takes too long, are failures like a traceback.
+A try is drawn from its number alone, so that a failure can be repeated: `python -m taichisoft_benchmarks.faults.tries
+KIND FIRST COUNT`. Tries run in child processes, a batch in each: a crash and a hang are failures like a traceback.
 """
 
 import contextlib
@@ -13,55 +13,39 @@ import signal
 import sys
 import tempfile
 import traceback
-from dataclasses import dataclass
-from importlib import import_module
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from taichisoft.child_process import run_python
+from taichisoft_benchmarks.faults import command_lines, mesh_files, mistaken_scenes
 
 SECONDS = 60.0
-"""Most processor time of a try [s]; one that waits for ever is ended with its batch."""
+"""Most processor time of a try [s]; a try that sleeps for ever is ended with its batch."""
 BATCH = 100
 """Tries in one process."""
 LONGEST_LINE = 2000
 """Characters that an error may have."""
 EXIT_CODES = (0, 1, 2)
-KINDS = {
-    "scenes": "taichisoft_benchmarks.faults.scenes",
-    "command lines": "taichisoft_benchmarks.faults.command_lines",
-    "mesh files": "taichisoft_benchmarks.faults.mesh_files",
-    "STEP files": "taichisoft_benchmarks.faults.step_files",
+KINDS: dict[str, tuple[Callable[[], None], Callable[[int], list[str]]]] = {
+    "scenes": (lambda: None, mistaken_scenes.attempt),
+    "command lines": (command_lines.write_files, command_lines.attempt),
+    "mesh files": (mesh_files.write_files, mesh_files.attempt),
+    "STEP files": (mesh_files.write_step_file, mesh_files.attempt_step_file),
 }
-"""What has mistakes in it, and the module whose `write_files` makes what all tries need, and whose `attempt` makes the
-files of a try in the current folder and returns its command line."""
-
-
-@dataclass(frozen=True)
-class Failure:
-    """A try that ended neither well nor in one line.
-
-    Attributes:
-        number: number of the try.
-        what: the command line.
-        problem: how it ended, in one line.
-    """
-
-    number: int
-    what: str
-    problem: str
+"""A function that writes the files that all tries need, and one that writes the files of a try and returns its command
+line; both work in the current folder."""
 
 
 class _TooLong(BaseException):
     """A try took more than SECONDS."""
 
 
-def how_it_went(number: int, arguments: list[str]) -> Failure | None:
-    """Type a command line: None where it ended well or in one line."""
+def how_it_went(arguments: list[str]) -> str:
+    """Run a command line in this process; returns the failure, empty if it ended well or in one line."""
     from taichisoft.command_line import main
 
-    shown = " ".join(arguments)
-    shown = shown if len(shown) <= 200 else shown[:197] + "..."
     before, errors, written = sys.argv, io.StringIO(), io.StringIO()
     sys.argv = ["taichisoft", *arguments]
     signal.signal(signal.SIGPROF, _raise_too_long)
@@ -69,71 +53,84 @@ def how_it_went(number: int, arguments: list[str]) -> Failure | None:
     try:
         with contextlib.redirect_stderr(errors), contextlib.redirect_stdout(written):
             main()
+        return "main returned"
     except SystemExit as end:
-        code = end.code if end.code is not None else 0
+        problem = _problem(end.code if end.code is not None else 0, errors.getvalue(), written.getvalue())
     except _TooLong:
-        return Failure(number, shown, f"no end within {SECONDS:g} s of processor time")
+        problem = f"no end within {SECONDS:g} s of processor time"
     except BaseException as error:
         place = traceback.extract_tb(error.__traceback__)[-1]
         problem = f"{type(error).__name__}: {str(error)[:200]} ({place.filename}, line {place.lineno})"
-        return Failure(number, shown, problem)
     finally:
         signal.setitimer(signal.ITIMER_PROF, 0.0)
         sys.argv = before
-    told = [line for line in errors.getvalue().splitlines() if not line.startswith("taichisoft: TAICHISOFT_DISABLE")]
+    return f"{' '.join(arguments)[:200]}: {problem}" if problem else ""
+
+
+def _problem(code: Any, errors: str, written: str) -> str:
+    """The failure that an exit code and the written text show; empty if they show none."""
+    lines = [line for line in errors.splitlines() if not line.startswith("taichisoft: TAICHISOFT_DISABLE")]
     if code not in EXIT_CODES:
-        return Failure(number, shown, f"exit code {code}")
-    if "Traceback" in errors.getvalue() and "plug-in" not in told[0]:
-        return Failure(number, shown, f"a traceback: {told[-1][:200]}")
-    shows_help = not told and "Usage:" in written.getvalue()  # of a command that wants another one after it
-    if code == 2 and len(told) != 1 and not shows_help:
-        return Failure(number, shown, f"{len(told)} lines of errors: {told[:2]}")
-    if any(len(line) > LONGEST_LINE for line in told):
-        return Failure(number, shown, f"an error of {max(map(len, told))} characters: {told[0][:100]}")
-    return None
+        return f"exit code {code}"
+    if "Traceback" in errors and "plug-in" not in lines[0]:
+        return f"a traceback: {lines[-1][:200]}"
+    shows_help = not lines and "Usage:" in written  # of a command that needs a subcommand
+    if code == 2 and len(lines) != 1 and not shows_help:
+        return f"{len(lines)} lines of errors: {lines[:2]}"
+    if any(len(line) > LONGEST_LINE for line in lines):
+        return f"an error of {max(map(len, lines))} characters: {lines[0][:100]}"
+    return ""
 
 
 def _raise_too_long(_number: int, _frame: Any) -> None:
     raise _TooLong
 
 
-def run_batch(kind: str, first: int, count: int) -> list[Failure]:
-    """Make tries in this process, in a folder of its own."""
-    module = import_module(KINDS[kind])
+def run_batch(kind: str, first: int, count: int) -> list[str]:
+    """Make tries in this process, in a folder of its own; returns a line for each failure."""
+    write_files, attempt = KINDS[kind]
     failures = []
     folder, before = tempfile.mkdtemp(prefix="tries-"), Path.cwd()
     os.chdir(folder)
     try:
-        module.write_files()
+        write_files()
         for number in range(first, first + count):
             print(f"at {number}", file=sys.__stdout__, flush=True)
-            failure = how_it_went(number, module.attempt(number))
-            if failure is not None:
-                failures.append(failure)
+            if failure := how_it_went(attempt(number)):
+                failures.append(f"{number}: {failure}")
     finally:
         os.chdir(before)
         shutil.rmtree(folder, ignore_errors=True)
     return failures
 
 
-def run_tries(kind: str, count: int, first: int = 0) -> list[Failure]:
-    """Make tries in child processes; a batch that crashes goes on after the try that crashed it."""
-    failures: list[Failure] = []
-    done, end = first, first + count
-    while done < end:
-        size = min(BATCH, end - done)
+def run_tries(kind: str, count: int) -> list[str]:
+    """Make tries in child processes; after a crash the next batch begins behind the try that crashed."""
+    failures: list[str] = []
+    done = 0
+    while done < count:
+        size = min(BATCH, count - done)
         child = run_python(["-m", "taichisoft_benchmarks.faults.tries", kind, str(done), str(size)], SECONDS * size)
         lines = child.output.splitlines()
-        reached = max((int(line.split()[1]) for line in lines if line.startswith("at ")), default=done)
-        failures += [Failure(**json.loads(line)) for line in lines if line.startswith("{")]
+        failures += [json.loads(line) for line in lines if line.startswith('"')]
         if child.problem:
-            failures.append(Failure(reached, "", child.problem))
-            done = reached + 1
-        else:
-            done += size
+            done = max((int(line.split()[1]) for line in lines if line.startswith("at ")), default=done)
+            failures.append(f"{done}: {child.problem}")
+            size = 1
+        done += size
     return failures
 
 
+ROWS = {
+    "scenes with one to three mistakes": (1000, partial(run_tries, "scenes")),
+    "command lines with wrong names, values and files": (1000, partial(run_tries, "command lines")),
+    "files of meshes and surfaces with wrong numbers, bytes and lines, or cut off": (
+        300,
+        partial(run_tries, "mesh files"),
+    ),
+    "STEP files of the same kinds": (36, partial(run_tries, "STEP files")),
+}
+
 if __name__ == "__main__":
     for found in run_batch(sys.argv[1], int(sys.argv[2]), int(sys.argv[3])):
-        print(json.dumps(found.__dict__), file=sys.__stdout__)
+        print(json.dumps(found), file=sys.__stdout__)

@@ -1,15 +1,15 @@
-"""The outcome of one repetition of a case, and what measurements share."""
+"""The outcome of one repetition of a case, and functions of all measurements."""
 
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes import Scene
 
 if TYPE_CHECKING:
-    from taichisoft.simulation import Simulation
-    from taichisoft.step.report import StepReport
+    from taichisoft.building import Simulation
+    from taichisoft.step import StepReport
 
 
 @dataclass
@@ -18,9 +18,9 @@ class Measured:
 
     Attributes:
         figures: values by metric; the end of a metric's name is its unit (_ms, _s, _mb).
-        facts: what the case turned out to be.
+        facts: properties of the case, such as its number of nodes.
         phases: time of each phase of the step at the end of the case [ms].
-        does_not: what another program leaves out of the job; empty for taichisoft itself.
+        does_not: parts of the job that another program leaves out; empty for taichisoft itself.
     """
 
     figures: dict[str, float] = field(default_factory=dict)
@@ -30,7 +30,7 @@ class Measured:
 
 
 def peak_memory() -> float:
-    """Largest memory of this process so far [MB]; 0 where the system does not tell."""
+    """Largest memory of this process so far [MB]; 0 if the system does not report it."""
     if sys.platform == "win32":
         return 0.0
     import resource
@@ -41,7 +41,7 @@ def peak_memory() -> float:
 
 def controlled_step(simulation: "Simulation", scene: Scene) -> "Callable[[], StepReport]":
     """A function that makes one step, driven by a new controller of the scene."""
-    from taichisoft.building.run_parts import make_controller
+    from taichisoft.building import make_controller
 
     controller = make_controller(scene)
     controller.reset(simulation.model)

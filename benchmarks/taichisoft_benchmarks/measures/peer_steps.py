@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from taichisoft.scenes.scene import Scene
+from taichisoft.scenes import Scene
 from taichisoft_benchmarks.cases import PeerCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
 from taichisoft_benchmarks.measures.steps import window_medians
@@ -21,7 +21,7 @@ class Peer(Protocol):
     """Another program, set up with a model of ours; node arrays are in the order of the model's soft nodes."""
 
     does_not: str
-    """What the program leaves out of the job."""
+    """Parts of the job that the program leaves out."""
 
     def positions(self) -> np.ndarray:
         """Positions of the nodes [mm], shape (node_count, 3)."""
@@ -30,7 +30,7 @@ class Peer(Protocol):
         """One time step of the scene with these forces on the nodes [mN], shape (node_count, 3)."""
 
     def facts(self) -> dict[str, int]:
-        """What the run turned out to be at its end."""
+        """Properties of the run at its end."""
 
 
 def measure_peer(case: PeerCase, scene: Scene) -> Measured:
@@ -51,12 +51,12 @@ def measure_peer(case: PeerCase, scene: Scene) -> Measured:
 
 
 def set_up_peer(scene: Scene, name: str) -> tuple["Model", Peer]:
-    """The model of a scene, and another program that was given it.
+    """The model of a scene, and another program set up with it.
 
     Raises:
         PeerMissing: the program is not installed, or cannot do the scene.
     """
-    from taichisoft.building.simulation import make_model
+    from taichisoft.building import make_model
 
     model = make_model(scene)
     return model, _factory(name)(model)
@@ -65,10 +65,9 @@ def set_up_peer(scene: Scene, name: str) -> tuple["Model", Peer]:
 def controlled_peer_step(scene: Scene, model: "Model", peer: Peer) -> Callable[[], float]:
     """A function that makes one step under the pressures of the scene's script and returns its time [s].
 
-    The pressure is handed over as forces on the nodes; to compute these is not counted.
+    The pressure acts as forces on the nodes; the time to compute these is not counted.
     """
-    from taichisoft.building.run_parts import make_controller
-    from taichisoft.building.simulation import Simulation
+    from taichisoft.building import Simulation, make_controller
 
     observation = Simulation(model).observe()  # at the start: the scripts look at the time only
     controller = make_controller(scene)
@@ -94,14 +93,16 @@ def pressure_forces(model: "Model", position: np.ndarray, pressure: Mapping[str,
         position: positions of the nodes [mm], shape (node_count, 3).
         pressure: pressure [kPa] by cavity name.
     """
-    from taichisoft.bodies.cavities import CavityVolumes
+    from taichisoft.actuators import ActuatorGeometry
 
-    cavities, volumes = model.cavities, CavityVolumes(model.cavities, model.node_count)
-    volumes.update(position.copy())
-    by_cavity = np.array([pressure.get(name, 0.0) for name in cavities.names])
-    by_entry = np.repeat(by_cavity, np.diff(cavities.surfaces.entry_start))
+    actuators, start = model.actuators, model.initial_state()
+    geometry = ActuatorGeometry(actuators, model.node_count)
+    geometry.update(start.changed(position=position.copy()), model.placed_pull_points(start))
+    loss = np.zeros(actuators.count - len(actuators.names))
+    effort = actuators.joined(np.array([pressure.get(name, 0.0) for name in actuators.names]), loss)
+    by_entry = np.repeat(effort, np.diff(actuators.coordinates.entry_start))
     force = np.zeros((model.node_count, 3))
-    np.add.at(force, cavities.surfaces.entry_node, by_entry[:, None] * volumes.gradient)
+    np.add.at(force, actuators.coordinates.entry_node, by_entry[:, None] * geometry.gradient.soft)
     return force
 
 

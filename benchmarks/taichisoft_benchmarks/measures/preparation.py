@@ -2,16 +2,16 @@
 
 import time
 
-from taichisoft.scenes.shipped import find_file
+from taichisoft.scenes import find_file
+from taichisoft_benchmarks.case_scenes import FINGER, Meshes, scene_of
 from taichisoft_benchmarks.cases import MeshingCase, StartCase
 from taichisoft_benchmarks.measures.measured import Measured, peak_memory
-from taichisoft_benchmarks.scenes import FINGER, Meshes, scene_of
 
 
 def measure_start(case: StartCase, meshes: Meshes) -> Measured:
     """Import, model and first step; a cold case runs with an empty folder for compiled kernels."""
     started = time.perf_counter()
-    from taichisoft.building.simulation import Simulation, make_model
+    from taichisoft.building import Simulation, make_model
 
     imported = time.perf_counter()
     model = make_model(scene_of(case, meshes))

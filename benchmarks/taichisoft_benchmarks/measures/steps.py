@@ -1,4 +1,4 @@
-"""Time per step of a scene: the whole step, its phases, the part of it in Python, and what plug-ins add."""
+"""Time per step of a scene: the whole step, its phases, its part in Python, and the share of plug-ins."""
 
 import time
 from collections.abc import Sequence
@@ -6,24 +6,24 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.plugin_system.hookspecs import hookimpl
-from taichisoft.scenes.scene import Scene
+from taichisoft.plugin_system import hookimpl
+from taichisoft.scenes import Scene
 from taichisoft_benchmarks.cases import PluginsCase, Simulated
 from taichisoft_benchmarks.measures.measured import Measured, controlled_step, peak_memory
 
 PROFILED_STEPS = 30
-"""Largest number of steps after those of a case in which phases are measured."""
+"""Largest number of steps, after the steps of the case, in which phases are measured."""
 
 
 def measure_steps(case: Simulated, scene: Scene) -> Measured:
-    """Make the case's steps, then some more to see the phases: measuring these takes time too.
+    """Make the case's steps, then some more to measure the phases, which takes time too.
 
-    The first step and its preparation are told apart from the rest. `python_ms` is the part of a step that is not
-    spent in kernels, in the steps with phases.
+    The first step and its preparation are a figure of their own. `python_ms` is the part of a step outside kernels, in
+    the steps with phases.
     """
     started = time.perf_counter()
-    from taichisoft.building.simulation import Simulation
-    from taichisoft.running.profile import TOTAL, profiled
+    from taichisoft.building import Simulation
+    from taichisoft.running import TOTAL, profiled
 
     simulation = Simulation(scene)
     step = controlled_step(simulation, scene)
@@ -72,14 +72,12 @@ class Listener:
 def measure_plugins(case: PluginsCase, scene: Scene) -> Measured:
     """Median times around the steps of each window; a step in between leaves the caches as cold as in a run.
 
-    The figures by part are those of the last window. The summary of the contacts stands apart: the report of a step
-    needs it in any case, and the observation takes it over.
+    The figures by part are of the last window. The summary of the contacts is counted apart: the report of a step
+    needs it in any case, and the observation reuses it.
     """
-    from taichisoft.building.run_parts import make_controller
-    from taichisoft.building.simulation import Simulation
-    from taichisoft.control.contact_summary import summarise_contacts
-    from taichisoft.plugin_system.hooks import notify
-    from taichisoft.plugin_system.plugins import register_plugin, unregister_plugin
+    from taichisoft.building import Simulation, make_controller
+    from taichisoft.control import summarise_contacts
+    from taichisoft.plugin_system import notify, register_plugin, unregister_plugin
 
     simulation = Simulation(scene)
     controller = make_controller(scene)

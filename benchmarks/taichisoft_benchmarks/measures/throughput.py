@@ -1,4 +1,4 @@
-"""How many steps of independent runs a machine makes in a second, with a process of one thread on every core."""
+"""Steps per second of independent runs, with a process of one thread on every core."""
 
 import multiprocessing
 import time
@@ -7,8 +7,8 @@ from queue import Queue
 from threading import Barrier
 from typing import Any
 
-from taichisoft.runtime.taichi_start import available_cores
-from taichisoft.scenes.scene import Scene
+from taichisoft.runtime import available_cores
+from taichisoft.scenes import Scene
 from taichisoft_benchmarks.cases import ThroughputCase
 from taichisoft_benchmarks.errors import BenchmarkError, PeerMissing
 from taichisoft_benchmarks.measures.measured import Measured, controlled_step
@@ -21,8 +21,8 @@ PATIENCE = 300.0
 def measure_throughput(case: ThroughputCase, scene: Scene) -> Measured:
     """Make as many runs at once as there are cores, ours and then MuJoCo's; the clock runs from when all are ready.
 
-    A run begins at the scene's start, and its first step is made before: what a start costs stands in the cases of
-    kind "start". MuJoCo makes the part of the job that it can, see `MujocoPeer.does_not`.
+    A run begins at the scene's start, and its first step is made before: the cost of a start is in the cases of
+    kind "start". MuJoCo does a part of the job, see `MujocoPeer.does_not`.
 
     Raises:
         BenchmarkError: a process failed.
@@ -40,7 +40,7 @@ def measure_throughput(case: ThroughputCase, scene: Scene) -> Measured:
 
 def prepare_ours(scene: Scene) -> Callable[[], Any]:
     """A function that makes one step in taichisoft."""
-    from taichisoft.building.simulation import Simulation
+    from taichisoft.building import Simulation
 
     return controlled_step(Simulation(scene), scene)
 
@@ -74,13 +74,13 @@ def _steps_per_second(prepare: Prepare, scene: Scene, steps: int, processes: int
         child.join()
     failures = [answer for answer in answered if isinstance(answer, Exception)]
     if failures:
-        # Those that waited for it have failed too, but not for a reason of their own.
+        # The processes that waited for a failed one fail with it: its error comes first.
         raise next((one for one in failures if isinstance(one, PeerMissing)), failures[0])
     return processes * steps / max(answered)
 
 
 def _run(prepare: Prepare, scene: Scene, steps: int, barrier: Barrier, answers: "Queue[float | Exception]") -> None:
-    """Answer with the seconds of the steps, or with what went wrong."""
+    """Answer with the seconds of the steps, or with the error."""
     try:
         step = prepare(scene)
         step()

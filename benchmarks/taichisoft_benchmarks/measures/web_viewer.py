@@ -1,4 +1,4 @@
-"""A viewer of a web page that draws nothing: it speaks the language of viser's browser part.
+"""A viewer of a web page that draws nothing: it uses the protocol of viser's browser part.
 
 `python -m taichisoft_benchmarks.measures.web_viewer URL` watches until the page goes away, then prints as JSON how
 often a second each surface moved.

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.meshes.volume_mesh import tetrahedron_volumes
+from taichisoft.meshes import tetrahedron_volumes
 from taichisoft_benchmarks.errors import PeerMissing
 
 if TYPE_CHECKING:
-    from taichisoft.bodies.soft_body import SoftBody
+    from taichisoft.bodies import SoftBody
     from taichisoft.model import Model
 
 METRE = 1e-3
@@ -91,5 +91,5 @@ class DrakePeer:
         self._simulator.AdvanceTo(self._step * self._time_step)
 
     def facts(self) -> dict[str, int]:
-        """No facts beyond those that all programs have."""
+        """No facts of its own."""
         return {}

@@ -1,4 +1,4 @@
-"""The sparse factorisations of other libraries, which ours is held against."""
+"""The sparse factorisations of other libraries, to compare with."""
 
 from collections.abc import Callable
 from typing import Any
@@ -15,10 +15,10 @@ SUPERNODAL = 2
 def prepare_cholmod(matrix: sparse.csc_matrix) -> Callable[[], Any]:
     """CHOLMOD through cvxopt's wheel: supernodal Cholesky on BLAS, the yardstick of our own factorisation.
 
-    Its supernodal part is under the GPL, which is why taichisoft compares itself with it and does not use it.
+    Its supernodal part is under the GPL: taichisoft is compared with it and does not use it.
 
     Returns:
-        A function that factorises, with the pattern analysed once and for all, and gives cvxopt's factor.
+        A function that factorises, with the pattern analysed once, and returns cvxopt's factor.
 
     Raises:
         PeerMissing: cvxopt is not installed.
@@ -40,9 +40,9 @@ def prepare_cholmod(matrix: sparse.csc_matrix) -> Callable[[], Any]:
 
 
 def prepare_superlu(matrix: sparse.csc_matrix) -> Callable[[], Any]:
-    """SuperLU through scipy, which anybody has at hand: an LU, with twice the arithmetic and a choice of pivots.
+    """SuperLU through scipy: an LU, with twice the arithmetic and a choice of pivots.
 
     Returns:
-        A function that factorises in symmetric mode, and analyses the pattern anew each time: scipy cannot keep it.
+        A function that factorises in symmetric mode, and analyses the pattern each time: scipy cannot keep it.
     """
     return lambda: splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})

@@ -4,11 +4,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.meshes.ten_nodes import linear_parts
+from taichisoft.meshes import linear_parts
 from taichisoft_benchmarks.errors import PeerMissing
 
 if TYPE_CHECKING:
-    from taichisoft.bodies.soft_body import SoftBody
+    from taichisoft.bodies import SoftBody
     from taichisoft.model import Model
 
 NEEDS = "pip install 'taichisoft[peers]'"
@@ -66,12 +66,12 @@ class MujocoPeer:
         """Make one step with these forces on the nodes [mN], shape (node_count, 3).
 
         Raises:
-            PeerMissing: the motion has become unstable, after which MuJoCo begins anew from rest.
+            PeerMissing: the motion has become unstable, after which MuJoCo restarts from rest.
         """
         self._data.qfrc_applied[self._dof] = force[self._free]
         self._mujoco.mj_step(self._model, self._data)
         if any(self._warned(kind) for kind in ("BADQPOS", "BADQVEL", "BADQACC")):
-            raise PeerMissing("mujoco's motion became unstable, after which it begins anew from rest")
+            raise PeerMissing("mujoco's motion became unstable, after which it restarts from rest")
 
     def facts(self) -> dict[str, int]:
         """Contacts in the last step, and how often a solve stopped early."""
@@ -112,7 +112,7 @@ def _boxes(model: "Model") -> list[str]:
     for body in model.rigid_bodies:
         size = model.scene.rigid_bodies[body.name].box
         if size is None:
-            raise PeerMissing(f"the rigid body '{body.name}' is no box, the only shape that this comparison knows")
+            raise PeerMissing(f"the rigid body '{body.name}' is not a box, the only shape of this comparison")
         boxes.append(
             f'''<body pos="{_numbers(body.start_position)}" quat="{_numbers(body.start_rotation)}"><freejoint/>
                 <geom type="box" size="{_numbers(np.array(size) / 2.0)}" mass="{body.mass}"/></body>'''
@@ -124,7 +124,7 @@ def _planes(model: "Model") -> list[str]:
     planes = []
     for obstacle in model.scene.obstacles.values():
         if obstacle.plane is None:
-            raise PeerMissing("an obstacle is no plane, the only one that this comparison knows")
+            raise PeerMissing("an obstacle is not a plane, the only shape of this comparison")
         point, normal = _numbers(obstacle.plane.point), _numbers(obstacle.plane.normal)
         planes.append(f'<geom type="plane" pos="{point}" zaxis="{normal}" size="{PLANE_SIZE} {PLANE_SIZE} 1"/>')
     return planes

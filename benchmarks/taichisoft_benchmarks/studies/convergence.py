@@ -2,45 +2,40 @@
 
     python -m taichisoft_benchmarks.studies.convergence --output docs/notes/mesh-convergence.md
 
-fills what stands between `<!-- convergence -->` and `<!-- end -->` in the page, and draws the plot beside it. It takes
-some twenty minutes, and needs cvxopt (`pip install 'taichisoft[peers]'`). `--sizes` and `--even-sizes` choose other
-meshes; `--tutorial-meshes DIR` adds the two of SOFA's tutorial, which are not part of the project. What was measured
-of a mesh is kept in `--results`, so that a study that was interrupted goes on.
+fills the section "convergence" of the page, and draws the plot beside it. It takes some twenty minutes. `--sizes` and
+`--even-sizes` choose other meshes; `--tutorial-meshes DIR` adds the two of SOFA's tutorial, which are not part of the
+project. What was measured of a mesh is kept in `--results`, so that a study that was interrupted goes on.
 """
 
-import argparse
 import json
-import re
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 
-from taichisoft.errors import TaichisoftError
-from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.shipped import find_file
-from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.plots import svg_axes
-from taichisoft_benchmarks.scenes import FINGER, TUTORIAL_MESHES, tutorial_surfaces
+from taichisoft.meshes import VolumeMesh
+from taichisoft.scenes import find_file
+from taichisoft_benchmarks.case_scenes import FINGER, TUTORIAL_MESHES, tutorial_surfaces
+from taichisoft_benchmarks.growth_plots import svg_axes
+from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
+from taichisoft_benchmarks.program import run_program
 from taichisoft_benchmarks.studies.extrapolation import Limit, limit_of
 from taichisoft_benchmarks.studies.finger_at_rest import bend
-from taichisoft_benchmarks.studies.quadratic_tetrahedra import quadratic_bend
 from taichisoft_meshing.geometry_file import read_geometry
 from taichisoft_meshing.quality.mesh_quality import measure
 from taichisoft_meshing.scene_meshes import mesh_for_scene
 
-SIZES = (18.0, 12.0, 10.0, 7.75, 6.0, 5.0, 4.0)
+SIZES = "18,12,10,7.75,6,5,4"
 """Largest elements of the graded meshes [mm]."""
-EVEN_SIZES = (12.0, 8.0, 5.0, 3.5)
+EVEN_SIZES = "12,8,5,3.5"
 """Elements of the meshes of one size all over [mm]."""
 MOST_FOR_QUADRATIC = 4500
 """Nodes of the largest mesh that is also computed with quadratic elements: six times as many unknowns."""
-SMOOTHED_DAMPING = 8.0
-"""Rayleigh's factor of the stiffness [s] with which smoothed elements come to rest."""
-MARKED = re.compile(r"(<!-- convergence -->\n).*?(<!-- end -->)", re.DOTALL)
+DAMPING = 8.0
+"""Rayleigh's factor of the stiffness [s] with which elements other than linear ones come to rest."""
 PLOT = "mesh_convergence.svg"
 
 
@@ -122,44 +117,42 @@ def _point(results: Path, name: str, mesh: Any, graded: VolumeMesh | None = None
     kept = results / f"{name}.json"
     if kept.is_file():
         return Point(**json.loads(kept.read_text(encoding="utf-8")))
-    nodes, elements, smoothed = bend(mesh, damping=SMOOTHED_DAMPING, element="smoothed", **body)
+    nodes, elements, smoothed = bend(mesh, damping=DAMPING, element="smoothed", **body)
     linear = bend(mesh, element="linear", **body)[2]
     print(f"{name}: {nodes} nodes, {smoothed:.2f} mm smoothed, {linear:.2f} mm linear", flush=True)
     across = quadratic = None
     if graded is not None:
         across = measure(graded).elements_across_walls
-        quadratic = quadratic_bend(graded) if nodes <= MOST_FOR_QUADRATIC else None
+        if nodes <= MOST_FOR_QUADRATIC:
+            quadratic = bend(mesh, damping=DAMPING, element="quadratic", **body)[2]
     point = Point(name, nodes, elements, across, smoothed, linear, quadratic)
     kept.write_text(json.dumps(asdict(point), indent=2) + "\n", encoding="utf-8")
     return point
 
 
-def page_section(study: Study) -> str:
-    """The study as Markdown: limits and two tables."""
+def page_section(study: Study) -> Iterator[str]:
+    """The study as Markdown: limit and two tables."""
     limit = study.limit
-    graded = [
-        "| size, mm | nodes | tetrahedra | layers | smoothed, mm | of the limit | linear, mm | quadratic, mm |",
-        "|---|---|---|---|---|---|---|---|",
+    yield f"Limit: {limit.value:.1f} ± {limit.doubt:.1f} mm from quadratic elements (± when one mesh is left out).\n"
+    titles = [
+        "size, mm",
+        "nodes",
+        "tetrahedra",
+        "layers",
+        "smoothed, mm",
+        "of the limit",
+        "linear, mm",
+        "quadratic, mm",
     ]
-    for point in study.graded:
-        quadratic = point.quadratic_bend
-        graded.append(
-            f"| {point.name} | {point.nodes} | {point.elements} | {point.across} | {point.bend:.1f} "
-            f"| {point.bend / limit.value:.0%} | {point.linear_bend:.1f} "
-            f"| {'' if quadratic is None else f'{quadratic:.1f}'} |"
-        )
-    others = ["| mesh | nodes | tetrahedra | smoothed, mm | linear, mm |", "|---|---|---|---|---|"]
-    others += [
-        f"| {point.name} | {point.nodes} | {point.elements} | {point.bend:.1f} | {point.linear_bend:.1f} |"
-        for point in (*study.even, *study.tutorial)
-    ]
-    parts = [
-        f"Limit: {limit.value:.1f} ± {limit.doubt:.1f} mm from quadratic elements (± when one mesh is left out).",
-        "\n".join(graded),
-        "Meshes of one size all over, and SOFA's:",
-        "\n".join(others),
-    ]
-    return "\n\n".join(parts)
+    yield heading(titles)
+    for one in study.graded:
+        smoothed, quadratic = f"{one.bend:.1f}", "" if one.quadratic_bend is None else f"{one.quadratic_bend:.1f}"
+        share, linear = f"{one.bend / limit.value:.0%}", f"{one.linear_bend:.1f}"
+        yield row([one.name, one.nodes, one.elements, one.across, smoothed, share, linear, quadratic])
+    yield "\nMeshes of one size all over, and SOFA's:\n"
+    yield heading(["mesh", "nodes", "tetrahedra", "smoothed, mm", "linear, mm"])
+    for one in (*study.even, *study.tutorial):
+        yield row([one.name, one.nodes, one.elements, f"{one.bend:.1f}", f"{one.linear_bend:.1f}"])
 
 
 def draw(study: Study, path: Path) -> None:
@@ -187,30 +180,24 @@ def draw(study: Study, path: Path) -> None:
         axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
 
 
-def main() -> None:
-    """Measure, fill the page in place, draw the plot beside it."""
-    parser = argparse.ArgumentParser(prog="python -m taichisoft_benchmarks.studies.convergence")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="PAGE.md", help="page to fill")
-    parser.add_argument(
-        "--results", type=Path, default=Path("out/convergence"), metavar="DIR", help="where figures are kept"
-    )
-    parser.add_argument("--tutorial-meshes", type=Path, metavar="DIR", help="folder with the meshes of SOFA's tutorial")
-    sizes: dict[str, Any] = {"type": float, "metavar": "MM"}
-    parser.add_argument("--sizes", nargs="+", default=SIZES, help="largest elements of graded meshes [mm]", **sizes)
-    parser.add_argument("--even-sizes", nargs="*", default=EVEN_SIZES, help="elements of even meshes [mm]", **sizes)
-    arguments = parser.parse_args()
-    try:
-        page = arguments.output.read_text(encoding="utf-8")
-        if not MARKED.search(page):
-            raise BenchmarkError(f"{arguments.output}: has no line <!-- convergence -->")
-        graded, even = (sorted(given, reverse=True) for given in (arguments.sizes, arguments.even_sizes))
-        study = measure_all(graded, even, arguments.tutorial_meshes, arguments.results)
-        filled = MARKED.sub(lambda match: f"{match[1]}{page_section(study)}\n{match[2]}", page)
-        arguments.output.write_text(filled, encoding="utf-8")
-        draw(study, arguments.output.with_name(PLOT))
-    except (TaichisoftError, OSError) as error:
-        sys.exit(str(error))
+def main(
+    output: PageOption = None,
+    results: Annotated[Path, typer.Option(metavar="DIR", help="Where figures are kept.")] = Path("out/convergence"),
+    tutorial_meshes: Annotated[Path | None, typer.Option(metavar="DIR", help="Meshes of SOFA's tutorial.")] = None,
+    sizes: Annotated[str, typer.Option(metavar="MM,MM", help="Largest elements of graded meshes.")] = SIZES,
+    even_sizes: Annotated[str, typer.Option(metavar="MM,MM", help="Elements of meshes of one size.")] = EVEN_SIZES,
+) -> None:
+    """How the finger's bend converges with its mesh."""
+    graded, even = (sorted(map(float, filter(None, some.split(","))), reverse=True) for some in (sizes, even_sizes))
+
+    def lines() -> Iterator[str]:
+        study = measure_all(graded, even, tutorial_meshes, results)
+        yield from page_section(study)
+        if output is not None:
+            draw(study, output.with_name(PLOT))
+
+    fill_section(output, "convergence", lines())
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main, "taichisoft_benchmarks.studies.convergence")

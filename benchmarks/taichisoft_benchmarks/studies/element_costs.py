@@ -1,4 +1,4 @@
-"""What each kind of element gives for its time: the bend of the tutorial's finger, and the time of a step."""
+"""Bend of the tutorial's finger and time of a step, by kind of element."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_benchmarks.plots import svg_axes
+from taichisoft_benchmarks.growth_plots import svg_axes
 from taichisoft_benchmarks.studies.finger_at_rest import bend
 
 ELEMENTS = ("linear", "smoothed", "quadratic")
@@ -27,7 +27,7 @@ class Cost:
     Attributes:
         element: kind of its elements.
         poisson_ratio: [-].
-        nodes: their number; quadratic elements have those between the corners, too.
+        nodes: number of nodes, with the middle nodes of quadratic elements.
         bend: largest displacement at 30 kPa, at rest [mm].
         step_ms: processor time of a step of 10 ms on one thread, median [ms].
     """
@@ -59,10 +59,9 @@ def measure_costs(meshes: Sequence[Any] = MESHES) -> list[Cost]:
 
 def _step_time(mesh: Any, body: dict[str, Any]) -> tuple[int, float]:
     """Number of nodes, and processor time of a step while the shipped finger inflates [ms]."""
-    from taichisoft.building.scene_files import load_scene
-    from taichisoft.building.simulation import Simulation
-    from taichisoft.control.control import Control
-    from taichisoft.scenes.file import scene_from_dict
+    from taichisoft.building import Simulation, load_scene
+    from taichisoft.control import Control
+    from taichisoft.scenes import scene_from_dict
 
     tables = load_scene("finger-inflated").model_dump(mode="json", exclude_none=True)
     tables["soft_bodies"]["finger"] |= {"mesh": mesh, **body}

@@ -8,23 +8,18 @@ collection FCLIB (Acary, Bremond, Koziara and Perignon 2014, FCLIB: a collection
 problems).
 """
 
-import argparse
-import sys
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
+import typer
 from scipy.sparse import csr_matrix
 
-from taichisoft.errors import TaichisoftError
-from taichisoft.solver.contact_solver import ContactSolver
-from taichisoft.solver.kernels.actuator_bounds import BOUND_COLUMNS
-from taichisoft.solver.kernels.constraint_problem import Iterate, Problem
-from taichisoft.solver.kernels.sweep import SWEEPS, sweep_repeatedly
+from taichisoft.solver import BOUND_COLUMNS, SWEEPS, ContactSolver, Iterate, Problem, sweep_repeatedly
 from taichisoft_benchmarks.errors import BenchmarkError
+from taichisoft_benchmarks.program import run_program
 
 TOLERANCE = 1e-8
 """Residual at which both methods stop, as a share of the largest entry of q [-]."""
@@ -111,24 +106,18 @@ def sweep_alone(problem: FrictionProblem) -> Answer:
     return Answer(problem.natural_map(iterate.impulse), int(outcome[SWEEPS]), seconds)
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Print the table."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path, help="folder of .npz files")
-    folder = parser.parse_args(arguments).folder
-    try:
-        problems = [read_problem(path) for path in sorted(folder.glob("*.npz"))]
-    except TaichisoftError as error:
-        print(error, file=sys.stderr)
-        return 2
+def main(folder: Annotated[Path, typer.Argument(help="Folder of .npz files.")]) -> None:
+    """Solve contact problems of Siconos and LMGC90 by the engine's solver, beside a plain projected Gauss-Seidel."""
+    problems = [read_problem(path) for path in sorted(folder.glob("*.npz"))]
+    if not problems:
+        raise BenchmarkError(f"{folder}: has no .npz files")
     print("| problem | contacts | natural map | sweeps | s | Gauss-Seidel: natural map | sweeps | s |")
     print("|---|---|---|---|---|---|---|---|")
     for problem in problems:
         answers = (solve(problem), sweep_alone(problem))
         cells = [f"{one.natural_map:.1e} | {one.sweeps} | {one.seconds:.2f}" for one in answers]
         print(f"| {problem.name} | {len(problem.mu)} | {' | '.join(cells)} |", flush=True)
-    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run_program(main, "taichisoft_benchmarks.studies.friction_problems")

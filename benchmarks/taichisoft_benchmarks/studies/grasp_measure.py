@@ -1,26 +1,20 @@
-"""One grasp, measured in a process of its own: close, lift fast, shake, hold.
+"""One grasp, measured in a process of its own: close, lift fast, shake, hold."""
 
-It is `python -m taichisoft_benchmarks.studies.grasp_measure GRASP RESULT`, with two files of JSON.
-"""
-
-import json
 import math
-import sys
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.child_process import run_python
 from taichisoft.errors import TaichisoftError
-from taichisoft_benchmarks.studies.grasp_cases import Grasp
-from taichisoft_benchmarks.studies.grasped_objects import objects
+from taichisoft.worker import WorkerLost, call_apart
+from taichisoft_benchmarks.studies.grasped_objects import OBJECTS
 
 if TYPE_CHECKING:  # a simulation brings Taichi
-    from taichisoft.building.simulation import Simulation
-    from taichisoft.control.control import Control
+    from taichisoft.building import Simulation
+    from taichisoft.control import Control
 
 CLOSED, STILL = 1.2, 1.7
 """When the pressure is reached that rises from 0.2 s on, and when the lift begins [s]."""
@@ -36,35 +30,59 @@ TIME_LIMIT = 600.0
 """Longest duration of a grasp [s of wall-clock time]: it usually takes some 10."""
 
 
+@dataclass(frozen=True)
+class Grasp:
+    """One grasp.
+
+    Attributes:
+        object: a key of `OBJECTS`.
+        exact: whether its round shape is given as such instead of by triangles.
+        mass: of all of it [g].
+        pressure: in the three fingers [kPa].
+        friction: between all bodies [-].
+        element: of the fingers and of a soft object.
+    """
+
+    object: str
+    exact: bool = False
+    mass: float = 30.0
+    pressure: float = 80.0
+    friction: float = 0.6
+    element: str = "linear"
+
+    @property
+    def name(self) -> str:
+        """What `--only` looks for, and the name of the file of its figures."""
+        words = [*self.object.split(), *(["exact"] if self.exact else [])]
+        words += [self.element] if self.element != "linear" else []
+        return "-".join([*words, f"{self.mass:g}g", f"{self.pressure:g}kPa", f"{self.friction:g}"])
+
+
 def measure_in_process(grasp: Grasp) -> dict[str, Any]:
     """Figures of a grasp, see `measure`; only a `problem`, one line, where there are none."""
-    with TemporaryDirectory(prefix="taichisoft-grasp-") as name:
-        job, result = Path(name) / "grasp.json", Path(name) / "result.json"
-        job.write_text(json.dumps(asdict(grasp)), encoding="utf-8")
-        module = "taichisoft_benchmarks.studies.grasp_measure"
-        problem = run_python(["-m", module, job, result], TIME_LIMIT).problem
-        if problem:
-            return {"problem": problem}
-        answer: dict[str, Any] = json.loads(result.read_text(encoding="utf-8"))
-    return answer
+    try:
+        figures: dict[str, Any] = call_apart(f"{__name__}:measure", grasp, time_limit=TIME_LIMIT)
+    except (WorkerLost, TaichisoftError) as error:
+        return {"problem": " ".join(str(error).split())}
+    return figures
 
 
 def measure(grasp: Grasp) -> dict[str, Any]:
-    """Close the fingers, lift what they hold, shake it, hold it.
+    """Close the fingers, lift the object, shake it, hold it.
 
     Returns:
-        lift: how far the object that rose least has risen with a base that rose by 100 mm [mm].
+        lift: least rise of an object while the base rises by 100 mm [mm].
         creep: largest motion of any object in the last second [mm].
         margin: the friction that the fingers can exert over the weight, before the lift [-].
-        steps, unconverged: number of steps, and of those that did not converge.
+        steps, unconverged: number of steps, and of unconverged steps.
         sweeps_median, sweeps_most: of the solver in a step.
-        penetration: deepest reach into the contact distance of 1 mm [mm].
+        penetration: deepest penetration of the contact distance of 1 mm [mm].
         step_ms: median wall-clock time of a step [ms].
 
     Raises:
         TaichisoftError: the scene is refused, or the simulation diverged.
     """
-    from taichisoft.building.simulation import Simulation
+    from taichisoft.building import Simulation
 
     with TemporaryDirectory(prefix="taichisoft-grasp-") as folder:
         simulation = Simulation(scene_of(grasp, Path(folder)))
@@ -94,7 +112,7 @@ def measure(grasp: Grasp) -> dict[str, Any]:
 
 
 class _Grasped:
-    """What is not a finger."""
+    """The bodies of a simulation that are not fingers."""
 
     def __init__(self, simulation: "Simulation"):
         self._simulation = simulation
@@ -120,13 +138,13 @@ def scene_of(grasp: Grasp, folder: Path, step: float = 0.01, damping: float | No
     """The shipped gripper with other objects, whose base may move as fast as it is asked to.
 
     Args:
-        grasp: what is grasped, and how.
+        grasp: the object and how it is grasped.
         folder: where surfaces and meshes are written.
         step: time step [s].
         damping: Rayleigh's factor of the stiffness of the fingers [s]; theirs if None.
     """
-    from taichisoft.building.scene_files import load_scene
-    from taichisoft.scenes.file import scene_from_dict
+    from taichisoft.building import load_scene
+    from taichisoft.scenes import scene_from_dict
 
     overrides = [f"contact.friction={grasp.friction}", f"limits.base_speed={10 * SPEED}", f"time.step={step}"]
     tables = load_scene("gripper", overrides).model_dump(mode="json", exclude_none=True)
@@ -134,15 +152,15 @@ def scene_of(grasp: Grasp, folder: Path, step: float = 0.01, damping: float | No
     for finger in tables["soft_bodies"].values():
         finger["rayleigh_stiffness"] = finger["rayleigh_stiffness"] if damping is None else damping
         finger["element"] = grasp.element
-    made = objects(grasp.object, 1e-3 * grasp.mass, grasp.exact, folder)
+    made = OBJECTS[grasp.object](1e-3 * grasp.mass, grasp.exact, folder)
     tables["rigid_bodies"] = made["rigid_bodies"]
     tables["soft_bodies"] |= {name: {**body, "element": grasp.element} for name, body in made["soft_bodies"].items()}
     return scene_from_dict(tables)
 
 
 def control_at(simulation: "Simulation", pressure: float, time: float) -> "Control":
-    """What is asked for at the end of a step."""
-    from taichisoft.control.control import Control
+    """The request for the end of a step."""
+    from taichisoft.control import Control
 
     part = min(max((time - 0.2) / (CLOSED - 0.2), 0.0), 1.0)
     shaken = min(max(time, SHAKEN_FROM), SHAKEN_TO) - SHAKEN_FROM
@@ -161,17 +179,3 @@ def _rise(time: float) -> float:
     for start, share in ((0.0, 1.0), (speeding, -1.0), (moving, -1.0), (moving + speeding, 1.0)):
         rise += share * ACCELERATION * max(time - start, 0.0) ** 2 / 2
     return rise
-
-
-def main() -> None:
-    """Measure the grasp of one file, and write what was found into the other."""
-    grasp = Grasp(**json.loads(Path(sys.argv[1]).read_text(encoding="utf-8")))
-    try:
-        answer = measure(grasp)
-    except TaichisoftError as error:
-        answer = {"problem": " ".join(str(error).split())}
-    Path(sys.argv[2]).write_text(json.dumps(answer), encoding="utf-8")
-
-
-if __name__ == "__main__":
-    main()

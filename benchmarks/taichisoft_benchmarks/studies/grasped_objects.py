@@ -6,22 +6,21 @@ upright in their own frames, and are turned.
 
 from collections.abc import Callable
 from functools import partial
-from itertools import permutations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import trimesh
 
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.meshes import write_volume_mesh
+from taichisoft_benchmarks.regular_meshes import bar
 
 AXIS = (70.0, 0.0)
 """The axis of the gripper: y and z [mm]."""
 BOTTOM = -121.0
-"""Where the lowest points of the objects are at the start [mm]: the contact distance of 1 mm above the floor."""
+"""x of the lowest points of the objects at the start [mm]: the contact distance of 1 mm above the floor."""
 SIDE = 42.0
-"""Edge of the cube, and diameter of what is round [mm]."""
+"""Edge of the cube, and diameter of round objects [mm]."""
 GAP = 1.0
 """Distance between two objects that are grasped together [mm], which is the contact distance."""
 UPRIGHT = (0.0, 90.0, 0.0)
@@ -31,21 +30,6 @@ CELLS = 4
 
 Tables = dict[str, dict[str, Any]]
 """Bodies by name, in `rigid_bodies` and `soft_bodies`."""
-
-
-def objects(name: str, mass: float, exact: bool, folder: Path) -> Tables:
-    """The tables of what is grasped.
-
-    Args:
-        name: a key of `OBJECTS`.
-        mass: of all of it [kg].
-        exact: whether round ones are given by their shape instead of by triangles.
-        folder: where surfaces and meshes are written.
-
-    Returns:
-        Tables "rigid_bodies" and "soft_bodies".
-    """
-    return OBJECTS[name](mass, exact, folder)
 
 
 def _ball(mass: float, exact: bool, folder: Path) -> Tables:
@@ -112,14 +96,14 @@ def _mug(mass: float, exact: bool, folder: Path) -> Tables:
 
 def _soft_cube(mass: float, exact: bool, folder: Path) -> Tables:
     path = folder / "soft_cube.msh"
-    write_volume_mesh(_block(CELLS, SIDE), path)
+    write_volume_mesh(bar((CELLS,) * 3, (SIDE,) * 3), path)
     table = {
         "mesh": str(path),
         "mass": mass,
         "young_modulus": 100.0,
         "poisson_ratio": 0.3,
         "rayleigh_stiffness": 0.01,
-        "translation": _standing(SIDE / 2)["position"],
+        "translation": (BOTTOM, AXIS[0] - SIDE / 2, AXIS[1] - SIDE / 2),
     }
     return {"rigid_bodies": {}, "soft_bodies": {"soft_cube": table}}
 
@@ -138,9 +122,13 @@ OBJECTS: dict[str, Callable[[float, bool, Path], Tables]] = {
     "mug": _mug,
     "soft cube": _soft_cube,
 }
-"""What is grasped: functions of the mass [kg], of whether a shape is exact, and of a folder for files."""
+"""Functions that give the tables of the grasped objects.
+
+Their arguments are the mass of all of it [kg], whether round objects are given by their shape instead of by triangles,
+and the folder in which surfaces and meshes are written.
+"""
 ROUND = ("ball", "cylinder standing", "cylinder lying")
-"""Those whose shape can be exact."""
+"""Objects whose shape can be exact."""
 
 
 def _rigid(**bodies: dict[str, Any]) -> Tables:
@@ -191,16 +179,3 @@ def _half_ring(radius: float, thickness: float, along: int = 24, around: int = 1
         last = (along - 1) * around
         triangles += [[k, after, along * around], [last + after, last + k, along * around + 1]]
     return trimesh.Trimesh(np.vstack([rings, ends]), triangles)
-
-
-def _block(cells: int, side: float) -> VolumeMesh:
-    """A cube about the origin of so many cells along each edge, each cut into six tetrahedra."""
-    grid = np.stack(np.meshgrid(*3 * [np.arange(cells + 1)], indexing="ij"), axis=-1).reshape(-1, 3)
-    corner = grid[(grid < cells).all(axis=1)]
-    strides = np.array([(cells + 1) ** 2, cells + 1, 1])
-    elements = []
-    for order in permutations(range(3)):  # three edges from the lowest to the highest corner of a cell
-        path = np.cumsum([np.zeros(3, dtype=int), *np.eye(3, dtype=int)[list(order)]], axis=0)
-        inside_out = np.linalg.det(np.eye(3)[list(order)]) < 0
-        elements.append((corner[:, None, :] + path[[0, 2, 1, 3] if inside_out else [0, 1, 2, 3]]) @ strides)
-    return VolumeMesh("soft cube", (grid / cells - 0.5) * side, np.vstack(elements)).check()

@@ -2,24 +2,24 @@
 
     python -m taichisoft_benchmarks.studies.grasps --output docs/validation.md
 
-tries every grasp and fills what stands between `<!-- grasps -->` and `<!-- end -->` in the page; it takes some ten
-minutes. `--element smoothed` does so with fingers of other elements, at lower pressures, and fills what stands after
-`<!-- grasps smoothed -->`. `--only NAME` tries those whose name has NAME in it. What was measured is kept in
-`--results`, a file of JSON for each grasp, and the table shows all that is there: `--only none` draws it again.
+fills the section "grasps" of the page, in some ten minutes. `--element smoothed` tries fingers of other elements, at
+lower pressures, for the section "grasps smoothed". `--only NAME` tries the grasps whose name has NAME in it. What was
+measured is kept in `--results`, a file of JSON for each grasp, and the table shows all of it: `--only none` draws it
+again.
 """
 
-import argparse
 import json
-import re
-import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-from taichisoft.errors import TaichisoftError
-from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.studies.grasp_cases import PRESSURE_SHARES, Grasp, all_grasps
-from taichisoft_benchmarks.studies.grasp_measure import LIFT, measure_in_process
+import typer
+
+from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
+from taichisoft_benchmarks.program import run_program
+from taichisoft_benchmarks.studies.grasp_measure import LIFT, Grasp, measure_in_process
+from taichisoft_benchmarks.studies.grasped_objects import OBJECTS, ROUND
 
 YIELD = 10.0
 """Largest difference between the lifts of object and base of what counts as held [mm]: the fingers give way."""
@@ -31,13 +31,44 @@ HEADINGS = (
 )  # fmt: skip
 
 
+VARIED: tuple[dict[str, Any], ...] = (
+    {"mass": 12.0, "pressure": 50.0},
+    {"mass": 12.0, "friction": 0.2},
+    {"mass": 60.0, "pressure": 100.0},
+    {"friction": 1.5},
+    {"mass": 100.0, "pressure": 100.0, "friction": 1.0},
+    {"mass": 100.0, "pressure": 120.0, "friction": 1.5},
+)
+"""Variations with a cube and with a ball."""
+
+
+PRESSURE_SHARES = {"linear": 1.0, "smoothed": 0.45, "quadratic": 0.45}
+"""Pressures over the pressure of linear fingers [-]: on the shipped mesh the others bend 2.3 and 2.4 times as far."""
+
+
+def all_grasps(element: str = "linear") -> list[Grasp]:
+    """Every object once, round ones also by their exact shape, and a cube and a ball at other settings.
+
+    The masses stay where fingers of other elements have less pressure, so that these hold with less to spare.
+    """
+    grasps = []
+    for name in OBJECTS:
+        forms = (False, True) if name in ROUND else (False,)
+        grasps += [Grasp(name, exact) for exact in forms]
+    grasps.append(Grasp("cube", mass=12.0, pressure=30.0))  # a ball is out of reach of the fingers then
+    for name, exact in (("cube", False), ("ball", False), ("ball", True)):
+        grasps += [Grasp(name, exact, **changes) for changes in VARIED]
+    share = PRESSURE_SHARES[element]
+    return [replace(grasp, element=element, pressure=share * grasp.pressure) for grasp in grasps]
+
+
 def measure_all(grasps: Sequence[Grasp], folder: Path) -> None:
     """Try grasps one after the other, and keep what was measured."""
     folder.mkdir(parents=True, exist_ok=True)
     for grasp in grasps:
         figures = measure_in_process(grasp)
         (folder / f"{grasp.name}.json").write_text(json.dumps(figures, indent=2) + "\n", encoding="utf-8")
-        print(f"{grasp.name}: {figures.get('problem') or row(grasp, figures)}", flush=True)
+        print(f"{grasp.name}: {figures.get('problem') or grasp_row(grasp, figures)}", flush=True)
 
 
 def read_all(grasps: Sequence[Grasp], folder: Path) -> dict[Grasp, dict[str, Any]]:
@@ -48,16 +79,15 @@ def read_all(grasps: Sequence[Grasp], folder: Path) -> dict[Grasp, dict[str, Any
 
 def table(measured: Mapping[Grasp, Mapping[str, Any]]) -> str:
     """A table in Markdown, one row a grasp."""
-    lines = [f"| {' | '.join(HEADINGS)} |", "|" + len(HEADINGS) * "---|"]
-    return "\n".join([*lines, *(row(grasp, figures) for grasp, figures in measured.items())])
+    return "\n".join([heading(HEADINGS), *(grasp_row(grasp, figures) for grasp, figures in measured.items())])
 
 
-def row(grasp: Grasp, figures: Mapping[str, Any]) -> str:
-    """What was measured of a grasp; what went wrong stands in place of figures."""
+def grasp_row(grasp: Grasp, figures: Mapping[str, Any]) -> str:
+    """The line of a grasp; a problem takes the place of the figures."""
     setting = [f"{grasp.object}{', exact' if grasp.exact else ''}"]
     setting += [f"{value:g}" for value in (grasp.mass, grasp.pressure, grasp.friction)]
     if "problem" in figures:
-        return f"| {' | '.join([*setting, '', figures['problem'], *6 * ['']])} |"
+        return row([*setting, "", figures["problem"], *6 * [""]])
     held = abs(figures["lift"] - LIFT) <= YIELD and figures["creep"] <= CREEP
     shown = [
         f"{figures['margin']:.1f}",
@@ -69,36 +99,24 @@ def row(grasp: Grasp, figures: Mapping[str, Any]) -> str:
         f"{figures['penetration']:.2g}",
         f"{figures['step_ms']:.1f}",
     ]
-    return f"| {' | '.join([*setting, *shown])} |"
+    return row([*setting, *shown])
 
 
-def main() -> None:
-    """Try grasps, and fill the page in place."""
-    parser = argparse.ArgumentParser(prog="python -m taichisoft_benchmarks.studies.grasps")
-    parser.add_argument("-o", "--output", type=Path, metavar="PAGE.md", help="page to fill; print the table without it")
-    parser.add_argument("--only", default="", metavar="NAME", help="try those whose name has NAME in it")
-    parser.add_argument(
-        "--results", type=Path, default=Path("out/grasps"), metavar="DIR", help="where figures are kept"
-    )
-    parser.add_argument("--element", choices=PRESSURE_SHARES, default="linear", help="of the fingers")
-    arguments = parser.parse_args()
-    grasps = all_grasps(arguments.element)
-    mark = "<!-- grasps -->" if arguments.element == "linear" else f"<!-- grasps {arguments.element} -->"
-    marked = re.compile(rf"({mark}\n).*?(<!-- end -->)", re.DOTALL)
-    try:
-        if arguments.output and not marked.search(arguments.output.read_text(encoding="utf-8")):
-            raise BenchmarkError(f"{arguments.output}: has no line {mark}")
-        measure_all([grasp for grasp in grasps if arguments.only in grasp.name], arguments.results)
-        drawn = table(read_all(grasps, arguments.results))
-        if arguments.output:
-            page = arguments.output.read_text(encoding="utf-8")  # it may have changed in the meantime
-            filled = marked.sub(lambda match: f"{match[1]}{drawn}\n{match[2]}", page)
-            arguments.output.write_text(filled, encoding="utf-8")
-        else:
-            print(drawn)
-    except (TaichisoftError, OSError) as error:
-        sys.exit(str(error))
+def main(
+    output: PageOption = None,
+    only: Annotated[str, typer.Option(metavar="NAME", help="Try the grasps whose name has NAME in it.")] = "",
+    results: Annotated[Path, typer.Option(metavar="DIR", help="Where figures are kept.")] = Path("out/grasps"),
+    element: Annotated[Literal["linear", "smoothed", "quadratic"], typer.Option(help="Of the fingers.")] = "linear",
+) -> None:
+    """Grasps with the shipped gripper."""
+    grasps = all_grasps(element)
+
+    def lines() -> Iterator[str]:
+        measure_all([grasp for grasp in grasps if only in grasp.name], results)
+        yield table(read_all(grasps, results))
+
+    fill_section(output, "grasps" if element == "linear" else f"grasps {element}", lines())
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main, "taichisoft_benchmarks.studies.grasps")

@@ -1,25 +1,23 @@
-"""The measured beam of Dragon Skin 10 swings out: its frequency and decay, beside those of the simulated one.
+"""Frequency and decay of the measured beam of Dragon Skin 10, which rings down, beside the simulated beam.
 
     python -m taichisoft_benchmarks.studies.ring_down --measured ../shared/measured/beam --output docs/ring-down.svg
 
 The recorded markers (srl-ethz/diffPD_sim2real, MIT licence) are not part of the project.
 """
 
-import argparse
-import sys
-import tempfile
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import typer
 from scipy.optimize import curve_fit
 
-from taichisoft.errors import TaichisoftError
-from taichisoft.meshes.files import write_volume_mesh
 from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.studies.elements import BEAM, BEAM_DENSITY, BEAM_POISSON_RATIO, BEAM_YOUNG_MODULUS
-from taichisoft_benchmarks.studies.round_meshes import bar
+from taichisoft_benchmarks.growth_plots import svg_axes
+from taichisoft_benchmarks.program import run_program
+from taichisoft_benchmarks.studies.element_errors import BEAM, GRAVITY, beam
+from taichisoft_benchmarks.studies.one_body import TO_REST
 
 LOADS = ("gravity", "load52", "load101")
 TAKES = ("a", "b")
@@ -69,7 +67,7 @@ def measured_swing(path: Path) -> Swing:
     """The mean of the tip's markers in a recorded take.
 
     Raises:
-        BenchmarkError: the file is no such table.
+        BenchmarkError: the file cannot be read as such a table.
     """
     try:
         table = np.genfromtxt(path, delimiter=",", skip_header=1)
@@ -88,7 +86,7 @@ def measured_swings(folder: Path) -> dict[str, list[Swing]]:
     """The takes by load.
 
     Raises:
-        BenchmarkError: a file is missing, or no such table.
+        BenchmarkError: a file cannot be read as such a table.
     """
     name = "realbeam_experiments__beam_{}_V2_{}.csv"
     return {load: [measured_swing(folder / name.format(load, take)) for take in TAKES] for load in LOADS}
@@ -122,32 +120,18 @@ def simulated_swing(
         cells: of the mesh of smoothed elements.
         step: time step [s], shorter than b.
     """
-    from taichisoft.building.simulation import Simulation
-    from taichisoft.control.control import Control
-    from taichisoft.scenes.file import scene_from_dict
+    from taichisoft.control import Control
 
     a, b = damping
-    gravity = np.array([0.0, 0.0, -9810.0])
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "beam.msh"
-        write_volume_mesh(bar(cells, BEAM), path)
-        body = {"mesh": str(path), "density": BEAM_DENSITY, "element": "smoothed", "law": "neo-hookean"}
-        body |= {"young_modulus": BEAM_YOUNG_MODULUS, "poisson_ratio": BEAM_POISSON_RATIO, "rayleigh_mass": a}
-        body |= {"anchors": [{"box": [[0.0, 0.0, 0.0], [0.0, *BEAM[1:]]]}]}
-
-        def simulation(**time: Any) -> Simulation:
-            own = {**body, "rayleigh_stiffness": b - step if time["step"] == step else 0.0}
-            return Simulation(
-                scene_from_dict({"gravity": gravity.tolist(), "time": time, "soft_bodies": {"beam": own}})
-            )
-
-        still, swinging = simulation(step=1e3, newton=50), simulation(step=step)
+    keys: dict[str, Any] = {"element": "smoothed", "law": "neo-hookean", "rayleigh_mass": a}
+    still = beam(cells, TO_REST, **keys)
+    swinging = beam(cells, {"step": step}, rayleigh_stiffness=b - step, **keys)
     nodes = swinging.model.rest_position
     tip = np.isclose(nodes[:, 0], BEAM[0])
     still.step()
     way = (still.state.position - nodes)[tip].mean(axis=0)
     rest = float(np.linalg.norm(way))
-    still.step(Control(gravity=peak * gravity))
+    still.step(Control(gravity=peak * np.array(GRAVITY)))
     swinging.restore(swinging.state.changed(position=still.state.position))
     moved = [still.state.position]
     for _ in range(round(duration / step)):
@@ -158,48 +142,35 @@ def simulated_swing(
 
 
 def draw(measured: list[Swing], simulated: Swing, path: Path) -> None:
-    """Draw the simulated swing over the takes."""
-    import matplotlib
-    from matplotlib.figure import Figure
-
-    matplotlib.rcParams["svg.hashsalt"] = "ring-down"  # the same file every time
-    figure = Figure(figsize=(7.0, 3.2), layout="constrained")
-    axes = figure.subplots()
-    for take, one, marker in zip(TAKES, measured, "ox", strict=True):
-        some = one.time < simulated.time[-1]
-        label = f"measured, take {take}"
-        axes.plot(one.time[some], one.displacement[some], marker, ms=3, mfc="none", color="0.45", label=label)
-    axes.plot(simulated.time, simulated.displacement, color="C0", lw=1.2, label="simulated")
-    axes.set_xlabel("time since the first peak [s]")
-    axes.set_ylabel("tip [mm]")
-    axes.set_xlim(0.0, simulated.time[-1])
-    axes.legend(frameon=False)
-    figure.savefig(path, metadata={"Date": None} if path.suffix == ".svg" else None)
+    """Draw the simulated swing over the takes, as SVG."""
+    with svg_axes(path, (7.0, 3.2)) as axes:
+        for take, one, marker in zip(TAKES, measured, "ox", strict=True):
+            some = one.time < simulated.time[-1]
+            style = {"ms": 3, "mfc": "none", "color": "0.45", "label": f"measured, take {take}"}
+            axes.plot(one.time[some], one.displacement[some], marker, **style)
+        axes.plot(simulated.time, simulated.displacement, color="C0", lw=1.2, label="simulated")
+        axes.set_xlabel("time since the first peak [s]")
+        axes.set_ylabel("tip [mm]")
+        axes.set_xlim(0.0, simulated.time[-1])
+        axes.legend(frameon=False)
 
 
-def main() -> None:
-    """Measure, print, and draw."""
-    parser = argparse.ArgumentParser(prog="python -m taichisoft_benchmarks.studies.ring_down")
-    parser.add_argument("-m", "--measured", type=Path, required=True, metavar="DIR", help="folder of the takes")
-    parser.add_argument("-o", "--output", type=Path, required=True, metavar="PICTURE", help="picture to draw")
-    arguments = parser.parse_args()
-    if not arguments.measured.is_dir():
-        print(f"{arguments.measured}: no such folder; nothing is drawn")
-        return
-    try:
-        swings = measured_swings(arguments.measured)
-        a, b = rayleigh_damping(swings)
-        print(f"Rayleigh's factors: a = {a:.2f} 1/s, b = {1e3 * b:.2f} ms")
-        takes = swings["gravity"]
-        peak = np.mean([one.displacement[0] / one.rest for one in takes])
-        simulated = simulated_swing(float(peak), (a, b), 2.0)
-        for name, one in (*((f"measured, take {take}", one) for take, one in zip(TAKES, takes, strict=True)),
-                          ("simulated", simulated)):  # fmt: skip
-            print(f"{name}: rest {one.rest:.2f} mm, {one.frequency:.2f} Hz, decay {one.decay:.2f} 1/s")
-        draw(takes, simulated, arguments.output)
-    except (TaichisoftError, OSError) as error:
-        sys.exit(str(error))
+def main(
+    measured: Annotated[Path, typer.Option("--measured", "-m", metavar="DIR", help="Folder of the takes.")],
+    output: Annotated[Path, typer.Option("--output", "-o", metavar="FILE.svg", help="Picture to draw.")],
+) -> None:
+    """Frequency and decay of the beam, measured and simulated."""
+    swings = measured_swings(measured)
+    a, b = rayleigh_damping(swings)
+    print(f"Rayleigh's factors: a = {a:.2f} 1/s, b = {1e3 * b:.2f} ms")
+    takes = swings["gravity"]
+    peak = np.mean([one.displacement[0] / one.rest for one in takes])
+    simulated = simulated_swing(float(peak), (a, b), 2.0)
+    named = {f"measured, take {take}": one for take, one in zip(TAKES, takes, strict=True)}
+    for name, one in {**named, "simulated": simulated}.items():
+        print(f"{name}: rest {one.rest:.2f} mm, {one.frequency:.2f} Hz, decay {one.decay:.2f} 1/s")
+    draw(takes, simulated, output)
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main, "taichisoft_benchmarks.studies.ring_down")

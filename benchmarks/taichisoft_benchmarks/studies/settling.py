@@ -1,29 +1,24 @@
-"""How what is held comes to rest: creep from second to second, at other steps and with other damping, as a table.
+"""Settling of held objects: creep from second to second, by time step and damping, as a table.
 
     python -m taichisoft_benchmarks.studies.settling --output docs/validation.md
 
-fills what stands between `<!-- settling -->` and `<!-- end -->` in the page, in some fifteen minutes. Creep by errors
-of the contacts would go on for ever, or change in proportion to the step; what settles because the fingers are viscous
-falls exponentially, with a time constant in proportion to their damping, and the step hardly matters.
+fills the section "settling" of the page, in some fifteen minutes. Creep by errors of the contacts would go on for ever,
+or change in proportion to the step; what settles because the fingers are viscous falls exponentially, with a time
+constant in proportion to their damping, and the step hardly matters.
 """
 
-import argparse
 import math
-import re
-import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
 
-from taichisoft.errors import TaichisoftError
-from taichisoft_benchmarks.errors import BenchmarkError
-from taichisoft_benchmarks.studies.grasp_cases import Grasp
-from taichisoft_benchmarks.studies.grasp_measure import SHAKEN_TO, control_at, scene_of
+from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
+from taichisoft_benchmarks.program import run_program
+from taichisoft_benchmarks.studies.grasp_measure import SHAKEN_TO, Grasp, control_at, scene_of
 
-MARKED = re.compile(r"(<!-- settling -->\n).*?(<!-- end -->)", re.DOTALL)
 DAMPING = 0.1
 """Rayleigh's factor of the stiffness of the shipped fingers [s]."""
 SHOWN = (2, 3, 5, 7)
@@ -60,12 +55,12 @@ def all_holds() -> list[Hold]:
 
 
 def measure(hold: Hold) -> tuple[list[float], float]:
-    """How far the object moves in each second of the hold [mm], and the fastest slip of a contact in the last [mm/s].
+    """Motion of the object in each second of the hold [mm], and the fastest slip of a contact in the last [mm/s].
 
     Raises:
         TaichisoftError: the simulation diverged.
     """
-    from taichisoft.building.simulation import Simulation
+    from taichisoft.building import Simulation
 
     with TemporaryDirectory(prefix="taichisoft-settling-") as folder:
         simulation = Simulation(scene_of(hold.grasp, Path(folder), hold.step, hold.damping))
@@ -81,33 +76,26 @@ def measure(hold: Hold) -> tuple[list[float], float]:
     )
 
 
-def row(hold: Hold, creep: Sequence[float], slip: float) -> str:
+def hold_row(hold: Hold, creep: Sequence[float], slip: float) -> str:
     """A line of the table."""
     grasp, before, last = hold.grasp, *creep[-2:]
     constant = "at rest" if last < ROUND_OFF else "none" if last >= before else f"{1 / math.log(before / last):.2f}"
     entries = [grasp.object, *(f"{value:g}" for value in (grasp.mass, grasp.pressure, grasp.friction))]
     entries += [f"{1e3 * hold.step:g}", f"{hold.damping:g}", *(f"{creep[second - 1]:.2g}" for second in SHOWN)]
-    return f"| {' | '.join([*entries, constant, f'{slip:.1g}'])} |"
+    return row([*entries, constant, f"{slip:.1g}"])
 
 
-def main() -> None:
-    """Measure all, and fill the page in place."""
-    parser = argparse.ArgumentParser(prog="python -m taichisoft_benchmarks.studies.settling")
-    parser.add_argument("-o", "--output", type=Path, metavar="PAGE.md", help="page to fill; print the table without it")
-    output = parser.parse_args().output
-    lines = [f"| {' | '.join(HEADINGS)} |", "|" + len(HEADINGS) * "---|"]
-    try:
-        if output and not MARKED.search(output.read_text(encoding="utf-8")):
-            raise BenchmarkError(f"{output}: has no line <!-- settling -->")
-        for hold in all_holds():
-            lines.append(row(hold, *measure(hold)))
-            print(lines[-1], flush=True)
-        if output:
-            page, drawn = output.read_text(encoding="utf-8"), "\n".join(lines)
-            output.write_text(MARKED.sub(lambda match: f"{match[1]}{drawn}\n{match[2]}", page), encoding="utf-8")
-    except (TaichisoftError, OSError) as error:
-        sys.exit(str(error))
+def page_section() -> Iterator[str]:
+    """The study as Markdown, line by line."""
+    yield heading(HEADINGS)
+    for hold in all_holds():
+        yield hold_row(hold, *measure(hold))
+
+
+def main(output: PageOption = None) -> None:
+    """Settling of held objects, by time step and damping."""
+    fill_section(output, "settling", page_section())
 
 
 if __name__ == "__main__":
-    main()
+    run_program(main, "taichisoft_benchmarks.studies.settling")

@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.control.observation import Observation
+from taichisoft.actuators import Drive, kind_of
+from taichisoft.control import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.drives import PULL, Drive
+from taichisoft_controllers.drives import PULL, driven_by, read_drive
 from taichisoft_controllers.model_names import actuators_called, fingers_called, object_called
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ class GraspSensing:
         if not any(model.scene.gravity):
             raise SceneError("gravity = [0, 0, 0]: the controller 'closed-loop' lifts against it; give it a direction")
         self.object = object_called(None, model)
-        self.actuators = actuators_called(None, drive.actuators(model), drive.kind)
+        self.actuators = actuators_called(None, driven_by(drive, model), kind_of(drive).name)
         self._drive = drive
         self.up = model.scene.up
         self._pairs = {finger: (finger, self.object) for finger in fingers_called(None, model)}
@@ -94,7 +95,7 @@ class GraspSensing:
     def _applied(self, actuator: str, observation: Observation, asked: float) -> float:
         """What an actuator was driven with; a slack cable is paid out as was asked, wherever its finger may stick."""
         is_slack = self._drive is PULL and observation.cable_tensions[actuator] <= 0.0
-        return asked if is_slack else self._drive.read(observation, actuator)
+        return asked if is_slack else read_drive(self._drive, observation, actuator)
 
     def _slip_speed(self, finger: str, observation: Observation) -> float:
         """Speed of a finger that slides as a whole [mm/s], else 0.

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.closed_loop.actuation import Actuation
+from taichisoft_controllers.closed_loop.grasp_actuation import Actuation
 from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 from taichisoft_controllers.closed_loop.grip_force import ForceRegulator, GripSetPoint
@@ -94,7 +94,7 @@ class GraspSequence:
             self._fail(grasp, f"no contact of {', '.join(grasp.missing)} up to {by.highest:g} {by.drive.unit}")
 
     def _grip(self, grasp: Grasp, elapsed: float) -> None:
-        """Press until the force is there; of a set point that was raised, as much as the highest command gives."""
+        """Press until the force is there; a raised set point counts as reached at the highest command."""
         self._regulate(grasp, elapsed)
         reached = abs(self.set_point.force - grasp.force) < SETTLED * self.set_point.force
         strongest = self._regulator.saturated and grasp.force > self._settings.set_point
@@ -112,7 +112,7 @@ class GraspSequence:
         self.height = self._profile.advance(elapsed, waits=slips)
         arrived = self._profile.finished and not grasp.base_held_back
         if self._settled(arrived and grasp.object_speed < RESTING_SPEED, grasp):
-            self._hold_anew(grasp)
+            self._restart_hold(grasp)
             self._enter(Phase.HOLD, grasp)
         else:
             self._fail_if_late(grasp, f"'{self._object}' is not lifted")
@@ -122,7 +122,7 @@ class GraspSequence:
         slips = self._watch(grasp)
         self._regulate(grasp, elapsed)
         if slips or abs(grasp.offset - self._held_at) > self._settings.stillness:
-            self._hold_anew(grasp)
+            self._restart_hold(grasp)
         if grasp.time - self._held_since > self._settings.hold + TIME_ROUND_OFF:
             self._grasps_made += 1
             if self._grasps_made == self._settings.grasps:
@@ -165,7 +165,7 @@ class GraspSequence:
     def _plan_rise(self, rise: float) -> None:
         self._profile = LiftProfile(self.height, self.height + rise, self._settings.lift_time, WAITING_TIME)
 
-    def _hold_anew(self, grasp: Grasp) -> None:
+    def _restart_hold(self, grasp: Grasp) -> None:
         self._held_at, self._held_since = grasp.offset, grasp.time
 
     def _enter(self, phase: Phase, grasp: Grasp) -> None:

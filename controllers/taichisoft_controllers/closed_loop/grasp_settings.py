@@ -4,7 +4,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from taichisoft.scenes.table import NotNegative, Positive
+from taichisoft.scenes import NotNegative, Positive
 from taichisoft_controllers.settings import ControllerSettings
 
 

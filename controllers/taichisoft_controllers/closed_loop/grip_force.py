@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 
-from taichisoft_controllers.closed_loop.actuation import Actuation
+from taichisoft_controllers.closed_loop.grasp_actuation import Actuation
 from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
 
 
@@ -11,7 +11,7 @@ from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
 class GripSetPoint:
     """The set point of a grip force, which rises when the object slips.
 
-    It needs neither the object's weight nor the friction coefficient. An object that slips under a force F tells that
+    Neither the object's weight nor the friction coefficient is needed. An object that slips under a force F shows that
     F is too small: the set point becomes `margin` times F. The force follows, and for as long as the object goes on
     slipping so does the set point. When it sticks, the set point is about `margin` times what that took.
 
@@ -52,7 +52,7 @@ class ForceRegulator:
     Attributes:
         actuation: what it acts through, with the gains, the range and the rate limit.
         tracking_time: the time constant [s].
-        saturated: whether the last command was the highest one, and more was wanted.
+        saturated: whether the last command was the highest one, although the error asked for more.
     """
 
     actuation: Actuation

@@ -3,7 +3,7 @@
 import codecs
 import re
 
-from taichisoft.control.keys import KeyEvent
+from taichisoft.control import KeyEvent
 
 ESCAPE = "\x1b"
 

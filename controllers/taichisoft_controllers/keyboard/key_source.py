@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 from taichisoft.errors import ControllerFailed
 
 if TYPE_CHECKING:
-    from taichisoft.session.session import Session
+    from taichisoft.session import Session
 
 _sources: dict[int, Any] = {}
 
@@ -25,7 +25,7 @@ def begin_keys(session: "Session") -> None:
     if sys.stdin is None or not sys.stdin.isatty():
         if not outputs_give_keys:
             warnings.warn(
-                "standard input is no terminal, so no keys come from there; Ctrl and c ends the run", stacklevel=2
+                "standard input is not a terminal, so no keys come from there; Ctrl and c ends the run", stacklevel=2
             )
         return
     if find_spec("termios") is None:  # as on Windows

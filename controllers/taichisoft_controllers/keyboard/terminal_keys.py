@@ -8,12 +8,12 @@ import threading
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.control.keys import KeyEvent
+from taichisoft.control import KeyEvent
 from taichisoft_controllers.keyboard.key_parser import KeyParser
 from taichisoft_controllers.keyboard.terminal_mode import TerminalMode
 
 if TYPE_CHECKING:
-    from taichisoft.session.session import Session
+    from taichisoft.session import Session
 
 ESCAPE_TIME = 0.15
 """Pause after an Esc [s] that makes it the key, not the beginning of an arrow's sequence."""
@@ -38,7 +38,7 @@ class TerminalKeys:
             file_descriptor: the terminal's.
 
         Raises:
-            termios.error: it is no terminal, or has gone.
+            termios.error: the file is not a terminal, or the terminal has gone.
         """
         self._session = session
         self._fd = file_descriptor
@@ -65,7 +65,7 @@ class TerminalKeys:
         self._mode.end()
 
     def _handle_signals(self) -> None:
-        """Heed suspension, continuation and hang-up; what the process was told to ignore stays ignored.
+        """Handle suspension, continuation and hang-up; signals that the process ignores stay ignored.
 
         Python calls handlers in the main thread alone, and lets no other set them.
         """
@@ -82,7 +82,7 @@ class TerminalKeys:
     def _suspend(self, number: int, _frame: Any) -> None:
         self._mode.end_keys()
         signal.signal(number, signal.SIG_DFL)
-        signal.raise_signal(number)  # stands still here until somebody continues it
+        signal.raise_signal(number)  # the process stops here until it is continued
         signal.signal(number, self._suspend)
         self._resume()
 
@@ -108,7 +108,7 @@ class TerminalKeys:
                 continue
             events = self._receive(parser) if ready else parser.flush()
             if events is None:
-                self._session.stop()  # there is nobody any more who could end it
+                self._session.stop()  # no user is left who could end it
                 return
             for event in events:
                 self._pass_on(event)
@@ -128,7 +128,7 @@ class TerminalKeys:
         return parser.feed(received) if received else None
 
     def _look_for_foreground(self) -> None:
-        """Tell the main thread of `fg` after `bg`, which continues nothing, since nothing stands still."""
+        """Notify the main thread of `fg` after `bg`, for which the shell sends no signal."""
         if self._mode.is_in_foreground and signal.SIGCONT in self._handlers:
             os.kill(os.getpid(), signal.SIGCONT)
 

@@ -25,7 +25,7 @@ _FLAGS = slice(0, 4)
 class TerminalMode:
     """Switches a terminal between its own mode and that for keys.
 
-    In the mode for keys there is no echo and no waiting for the end of a line, and Ctrl with q, s, v or o are keys
+    The mode for keys has no echo and does not wait for the end of a line, and Ctrl with q, s, v or o are keys
     like others. Ctrl with c, z or a backslash still are signals, and output looks as always.
 
     Attributes:
@@ -36,7 +36,7 @@ class TerminalMode:
         """Remember the mode of a terminal, and start the child that puts it back should this process be killed.
 
         Raises:
-            termios.error: it is no terminal, or has gone.
+            termios.error: the file is not a terminal, or the terminal has gone.
         """
         self.is_for_keys = False
         self._fd = file_descriptor
@@ -50,7 +50,7 @@ class TerminalMode:
         """Whether this process has the terminal: after Ctrl and z and `bg` the shell has it."""
         try:
             return os.tcgetpgrp(self._fd) == os.getpgrp()
-        except OSError:  # it does not control this process, so nobody takes it away
+        except OSError:  # the terminal does not control this process, so no other process takes it
             return True
 
     def begin_keys(self) -> None:
@@ -92,7 +92,7 @@ def _attributes_for_keys(own: list[Any]) -> list[Any]:
 def _restore(file_descriptor: int, attributes: list[Any]) -> None:
     """Set a terminal's attributes, drop what was typed and show the cursor; do nothing if the terminal has gone."""
     with contextlib.suppress(termios.error, OSError):
-        # Output need not have drained before: with nobody who reads it any more, it never would.
+        # Output need not have drained before: without a reader it never would.
         termios.tcsetattr(file_descriptor, termios.TCSANOW, attributes)
         termios.tcflush(file_descriptor, termios.TCIFLUSH)
         os.write(file_descriptor, SHOW_CURSOR)

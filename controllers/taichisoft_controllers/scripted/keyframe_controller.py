@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
+from taichisoft.actuators import Drive, kind_of
+from taichisoft.control import Control, Controller, Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.drives import DRIVES, Drive
+from taichisoft_controllers.drives import DRIVES
 from taichisoft_controllers.scripted.script_file import Keyframe
-from taichisoft_controllers.scripted.targets import TRANSLATION, Targets, smoothed
+from taichisoft_controllers.scripted.script_targets import TRANSLATION, Targets, smoothed
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -30,8 +29,8 @@ class KeyframeController(Controller):
         """Lay out the values by the model's cavities and cables.
 
         Raises:
-            SceneError: a keyframe names a finger, cavity or cable that there is not, leaves out a cavity, or a cable
-                that another one names, or wants two things of a cable.
+            SceneError: a keyframe names an unknown finger, cavity or cable, leaves out a cavity, or a cable
+                that another one names, or gives a cable a pull and a tension.
         """
         self._targets = targets = Targets(model)
         efforts = [self._efforts(index) for index in range(len(self._keyframes))]
@@ -75,14 +74,14 @@ class KeyframeController(Controller):
         actuators = [actuator for _, actuator in driven]
         for actuator in actuators:
             if actuators.count(actuator) > 1:
-                raise SceneError(
-                    f"{self._path}: '{actuator}' is given a pull and a tension; keyframes have one of them"
-                )
+                ways = " and a ".join(drive.words for drive, other in driven if other == actuator)
+                raise SceneError(f"{self._path}: '{actuator}' is given a {ways}; keyframes have one of them")
         for index, values in enumerate(efforts):
             for drive, actuator in driven:
                 if self._targets.places[drive, actuator] not in values:
-                    every = f"the {drive.name} of every {drive.kind}"
-                    every += "" if drive.kind == "cavity" else " that another one names"
+                    kind = kind_of(drive)
+                    every = f"the {drive.name} of every {kind.name}"
+                    every += "" if kind.always_driven else " that another one names"
                     where = f"{self._path}: keyframes.{index}.{drive.name}"
                     raise SceneError(f"{where}: does not name '{actuator}'; a keyframe has {every}")
 

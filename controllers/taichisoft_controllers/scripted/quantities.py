@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.control.observation import Observation
+from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, Measured
+from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import actuators_called, called, fingers_called, object_called, pairs_called
 from taichisoft_controllers.scripted.condition import Quantity
@@ -27,7 +28,7 @@ class Kind:
 
     Attributes:
         unit: unit of its values.
-        meaning: what it is when nothing stands in brackets behind it.
+        meaning: the meaning of the name without brackets.
         bind: makes the reading for a key, or for None, of a model; raises SceneError when the key does not fit.
         key: what may stand in brackets, to have one of several; empty when nothing may.
     """
@@ -42,7 +43,7 @@ def bind_quantity(quantity: Quantity, model: "Model") -> Reading:
     """The function that reads a quantity while a model runs.
 
     Raises:
-        SceneError: the key in its brackets is none of the model's, or the model has nothing of the kind.
+        SceneError: the model does not have the key in the brackets, or has nothing of the kind.
     """
     kind = QUANTITIES[quantity.name]
     if quantity.key is not None and not kind.key:
@@ -53,20 +54,15 @@ def bind_quantity(quantity: Quantity, model: "Model") -> Reading:
         raise SceneError(f"{quantity}: {error}") from error
 
 
-def _cavities(values: str, combine: Combine) -> Bind:
-    return _actuators("cavity", lambda model: model.cavities.names, values, combine)
+def _actuators(kind: ActuatorKind, figure: Measured) -> Kind:
+    """The row of a figure of actuators."""
+    combine = sum if figure.total else _mean
 
-
-def _cables(values: str, combine: Combine) -> Bind:
-    return _actuators("cable", lambda model: model.cables.names, values, combine)
-
-
-def _actuators(kind: str, names: Callable[["Model"], Sequence[str]], values: str, combine: Combine) -> Bind:
     def bind(model: "Model", key: str | None) -> Reading:
-        chosen = actuators_called(key, names(model), kind)
-        return lambda seen, elapsed: combine([getattr(seen, values)[name] for name in chosen])
+        chosen = actuators_called(key, model.actuators.names_of(kind), kind.name)
+        return lambda seen, elapsed: combine([getattr(seen, figure.observed)[name] for name in chosen])
 
-    return bind
+    return Kind(figure.unit, figure.meaning, bind, f"finger or {kind.name}")
 
 
 def _fingers(measure: Callable[[Observation, str], float], combine: Combine) -> Bind:
@@ -127,8 +123,7 @@ def _tip_speed(seen: Observation, finger: str) -> float:
 
 
 ON_OBJECT = "of the soft bodies on the object"
-CAVITY, CABLE, FINGER = "finger or cavity", "finger or cable", "finger"
-OBJECT, PAIR, AXIS = "rigid body", "pair of bodies", "x, y or z"
+FINGER, OBJECT, PAIR, AXIS = "finger", "rigid body", "pair of bodies", "x, y or z"
 
 QUANTITIES: Mapping[str, Kind] = {
     "time": Kind("s", "time since the run began", lambda model, key: lambda seen, elapsed: seen.time),
@@ -138,12 +133,12 @@ QUANTITIES: Mapping[str, Kind] = {
     "friction_force": Kind("mN", f"sum of the amounts of friction {ON_OBJECT}", _pairs("friction_forces", sum), PAIR),
     "slip_speed": Kind("mm/s", f"fastest sliding {ON_OBJECT}", _pairs("slip_speeds", max), PAIR),
     "contact_count": Kind("1", f"number of pressing contacts {ON_OBJECT}", _pairs("contact_counts", sum), PAIR),
-    "pressure": Kind("kPa", "mean of all cavities", _cavities("pressures", _mean), CAVITY),
-    "volume": Kind("mm^3", "sum of all cavities", _cavities("volumes", sum), CAVITY),
-    "flow": Kind("mm^3/s", "growth of the volume, sum of all cavities", _cavities("flows", sum), CAVITY),
-    "pull": Kind("mm", "how far cables are pulled in, mean of all", _cables("cable_pulls", _mean), CABLE),
-    "tension": Kind("mN", "tension at the pulled end, mean of all cables", _cables("cable_tensions", _mean), CABLE),
-    "cable_length": Kind("mm", "mean of all cables", _cables("cable_lengths", _mean), CABLE),
+    **{
+        figure.name: _actuators(kind, figure)
+        for kind in ACTUATOR_KINDS
+        for figure in (*kind.drives, kind.value, kind.rate)
+        if figure is not None
+    },
     "bending_angle": Kind(
         "degrees", "turn of the tip against the base, mean of all fingers", _fingers(_bending_angle, _mean), FINGER
     ),

@@ -9,11 +9,11 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator, ValidationError, model_validator
 from pydantic_core import PydanticKnownError
 
+from taichisoft.actuators import ActuatorKind, Drive, kind_of
 from taichisoft.errors import SceneError
 from taichisoft.input_file import parse_toml
-from taichisoft.scenes.table import NotNegative, Positive, Table, Vector
-from taichisoft.scenes.validation_errors import first_problem
-from taichisoft_controllers.drives import DRIVES, PRESSURE, PULL, TENSION, Drive
+from taichisoft.scenes import NotNegative, Positive, Table, Vector, first_problem
+from taichisoft_controllers.drives import DRIVES, table_of_drives
 from taichisoft_controllers.scripted.script_csv import read_keyframes
 
 SUFFIXES = (".toml", ".csv")
@@ -49,7 +49,7 @@ def _efforts(drive: Drive) -> Callable[[Any], Efforts]:
         if not isinstance(value, dict):
             return _number(value)
         if not value:
-            raise ValueError(f"names no finger or {drive.kind}")
+            raise ValueError(f"names no finger or {kind_of(drive).name}")
         flat: dict[str, float] = {}
         for name, inner in value.items():
             path = (*parents, name)
@@ -63,22 +63,30 @@ def _efforts(drive: Drive) -> Callable[[Any], Efforts]:
     return lambda value: check(value)
 
 
-Pressure = Annotated[Efforts, PlainValidator(_efforts(PRESSURE))]
-Pull = Annotated[Efforts, PlainValidator(_efforts(PULL))]
-Tension = Annotated[Efforts, PlainValidator(_efforts(TENSION))]
+def _value(drive: Drive, kind: ActuatorKind) -> tuple[str, Any, str]:
+    of_all = f"{drive.words.capitalize()} of all {kind.plural} [{drive.unit}], or a table by finger or {kind.name}"
+    every = f" that names every {kind.name}" if kind.always_driven else ""
+    return drive.name, Annotated[Efforts, PlainValidator(_efforts(drive))], f"{of_all}{every}."
 
 
-class Keyframe(Table):
+def _target(drive: Drive, kind: ActuatorKind) -> tuple[str, Any, str]:
+    of_all = f"Target of the {drive.words} of all {kind.plural} [{drive.unit}], or a table by finger or {kind.name}"
+    return drive.name, _value(drive, kind)[1], f"{of_all}; what it does not name stays."
+
+
+def _rate(drive: Drive, kind: ActuatorKind) -> tuple[str, Any, str]:
+    return drive.rate, Positive, f"Rate of each {drive.words} on its way [{drive.unit}/s]."
+
+
+Driven: Any = table_of_drives("Driven", Table, _value)
+Moved: Any = table_of_drives("Moved", table_of_drives("Aimed", Table, _target), _rate)
+
+
+class Keyframe(Driven):  # type: ignore[misc] # a table with the keys of the drives
     """The values at a time; between two keyframes they are interpolated."""
 
     time: NotNegative
     """Time since the start of the run [s]; later than that of the keyframe before."""
-    pressure: Pressure | None = None
-    """Pressure of all cavities [kPa], or a table by finger or cavity that names every cavity."""
-    pull: Pull | None = None
-    """How far all cables are pulled in [mm], or a table by finger or cable."""
-    tension: Tension | None = None
-    """Tension of all cables [mN], or a table by finger or cable."""
     base_translation: Vector = (0.0, 0.0, 0.0)
     """Translation from the rest position [mm]; zero when it is not given."""
     base_rotation: Vector = (0.0, 0.0, 0.0)
@@ -91,29 +99,17 @@ class Keyframe(Table):
         return self
 
 
-class Step(Table):
-    """Goes to what it asks for, and ends when it is there or when a condition is true; then the next one begins."""
+class Step(Moved):  # type: ignore[misc] # as above
+    """A motion to targets, which ends on arrival or when a condition is true; then the next step begins."""
 
     name: str = ""
     """Name of the step in messages and in the closing table."""
-    pressure: Pressure | None = None
-    """Target of all cavities [kPa], or a table by finger or cavity; what it does not name stays."""
-    pull: Pull | None = None
-    """Target of how far all cables are pulled in [mm], or a table by finger or cable; what it does not name stays."""
-    tension: Tension | None = None
-    """Target of the tension of all cables [mN], or a table by finger or cable; what it does not name stays."""
     base_translation: Vector | None = None
     """Target of the base, from the rest position [mm]; the base stays when it is not given."""
     base_rotation: Vector | None = None
     """Target of the base, rotation vector about the base pivot [degrees]; the base stays when it is not given."""
     duration: Positive | None = None
     """Duration of the way to all targets [s]; either this or a rate for each thing that moves."""
-    pressure_rate: Positive | None = None
-    """Rate of each pressure on its way [kPa/s]."""
-    pull_speed: Positive | None = None
-    """Speed with which each cable is pulled in or paid out [mm/s]."""
-    tension_rate: Positive | None = None
-    """Rate of each tension on its way [mN/s]."""
     base_speed: Positive | None = None
     """Speed of the base on its straight way [mm/s]."""
     base_turning_speed: Positive | None = None
@@ -172,7 +168,7 @@ class Script(Table):
         return self
 
     def highest(self, drive: Drive) -> float:
-        """The highest value that is asked for in a way to drive; minus infinity when there is none."""
+        """The highest value that is asked for in a way to drive; minus infinity without any."""
         asked = [getattr(entry, drive.name) for entry in (*(self.keyframes or ()), *(self.steps or ()))]
         numbers = [list(value.values()) if isinstance(value, dict) else [value] for value in asked if value is not None]
         return max(itertools.chain(*numbers), default=-math.inf)

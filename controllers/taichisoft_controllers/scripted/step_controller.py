@@ -7,14 +7,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.observation import Observation
+from taichisoft.actuators import Drive
+from taichisoft.control import Control, Controller, Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.drives import DRIVES, Drive
+from taichisoft_controllers.drives import DRIVES, read_drive
 from taichisoft_controllers.scripted.script_file import Step
+from taichisoft_controllers.scripted.script_targets import ROTATION, TRANSLATION, Ramp, Targets
 from taichisoft_controllers.scripted.step_in_progress import StepInProgress, Waiting
-from taichisoft_controllers.scripted.targets import ROTATION, TRANSLATION, Ramp, Targets
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -46,7 +45,7 @@ class StepController(Controller):
         """Check all names; the first step begins with the first observation.
 
         Raises:
-            SceneError: a step names a finger, cavity, cable or body that there is not.
+            SceneError: a step names an unknown finger, cavity, cable or body.
         """
         self._targets = Targets(model)
         self._driven = self._targets.driven_first
@@ -99,13 +98,13 @@ class StepController(Controller):
         return self._current.values
 
     def _reached(self, observation: Observation, values: np.ndarray) -> np.ndarray:
-        """The values that were asked for, but where the scene's limits held them back those that were reached."""
+        """The values that were asked for; where the scene's limits held them back, the values that were reached."""
         if not observation.clipped:
             return values
         reached = values.copy()
         for (drive, actuator), place in self._targets.places.items():
             if actuator in observation.clipped:
-                reached[place] = drive.read(observation, actuator)
+                reached[place] = read_drive(drive, observation, actuator)
         if "base_translation" in observation.clipped:
             reached[TRANSLATION] = observation.base_translation
         if "base_rotation" in observation.clipped:
@@ -113,9 +112,9 @@ class StepController(Controller):
         return reached
 
     def _begin(self, time: float, values: np.ndarray, observation: Observation) -> StepInProgress:
-        """The step after those that have begun, or, after the last, one that does not end; it goes on from `values`.
+        """The next step, or, after the last, a step that does not end; it continues from `values`.
 
-        What was not driven so far goes on from where it is.
+        Actuators that were not driven before continue from their observed values.
         """
         index = len(self._begun)
         self._begun.append(time)
@@ -130,7 +129,7 @@ class StepController(Controller):
         return StepInProgress(time, self._way(step, start, efforts), self._waiting[index], step.hold or 0.0)
 
     def _way(self, step: Step, start: np.ndarray, efforts: Mapping[int, float]) -> Ramp:
-        """The way from the values at the start of a step to its targets, those of actuators by their places."""
+        """The way from the values at the start of a step to its targets; `efforts` has actuators' targets by place."""
         target = start.copy()
         target[list(efforts)] = list(efforts.values())
         if step.base_translation is not None:

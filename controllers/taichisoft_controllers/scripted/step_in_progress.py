@@ -4,17 +4,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.control.observation import Observation
+from taichisoft.control import Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_controllers.scripted.condition import Quantity, Values, read_condition
 from taichisoft_controllers.scripted.quantities import QUANTITIES, Reading, bind_quantity
-from taichisoft_controllers.scripted.targets import Ramp
+from taichisoft_controllers.scripted.script_targets import Ramp
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
 
 ROUND_OFF = 1e-9
-"""Times this close are the same [s]: those of an observation are sums of time steps."""
+"""Times this close are the same [s]: times of observations are sums of time steps."""
 
 
 class Waiting:

@@ -1,1 +1,1 @@
-"""The kinds `step` and `surfaces`: bodies that come from elsewhere, checked, mended and meshed."""
+"""The kinds `step` and `surfaces`: bodies from CAD, checked and meshed."""

@@ -1,5 +1,6 @@
 """A surface file taken apart into closed shells, each in one piece."""
 
+import warnings
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -7,12 +8,11 @@ from pathlib import Path
 import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.surface_files import read_surface
-from taichisoft_meshing.bodies.surface_geometry import joined_sides, undirected_sides
-from taichisoft_meshing.bodies.surface_repair import merge_near_vertices, replace_flat_triangles, wind_alike
+from taichisoft.meshes import enclosed_volume, read_surface
+from taichisoft_meshing.bodies.surface_geometry import NEAR, area_vectors, diagonal, joined_sides, undirected_sides
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +38,7 @@ class Shell:
 
 
 def read_shells(path: Path, scale: float = 1.0) -> list[Shell]:
-    """Read a file of one or more closed surfaces; faults that can be mended are mended, with a warning.
-
-    Args:
-        path: path of an STL, OBJ or PLY file.
-        scale: millimetres in one unit of the file.
+    """Read an STL, OBJ or PLY file of one or more closed surfaces; `scale` is the millimetres in one unit of the file.
 
     Raises:
         MeshError: the file is missing, empty, of another kind, has a NaN, or a surface in it is not closed or touches
@@ -63,19 +59,31 @@ def closed_shells(vertices: np.ndarray, triangles: np.ndarray, source: str) -> l
     Raises:
         MeshError: a part is not closed, has one side only, touches itself, or encloses nothing.
     """
-    triangles = merge_near_vertices(vertices, triangles, source)
-    first, second = _neighbours(vertices, triangles, source)
-    graph = coo_matrix((np.ones(len(first)), (first, second)), shape=(len(triangles), len(triangles)))
-    count, piece = connected_components(graph, directed=False)
-    order = np.argsort(np.unique(piece, return_index=True)[1])
-    names = [source] if count == 1 else [f"{source}, shell {number + 1} of {count}" for number in range(count)]
-    return [
-        _shell(vertices, triangles[piece == number], name) for number, name in zip(order.tolist(), names, strict=True)
-    ]
+    triangles = _with_merged_vertices(vertices, triangles, source)
+    piece = _pieces(len(triangles), _neighbours(vertices, triangles, source))
+    order = np.argsort(np.unique(piece, return_index=True)[1]).tolist()
+    names = [f"{source}, shell {number + 1} of {len(order)}" for number in range(len(order))]
+    named = zip(order, names if len(order) > 1 else [source], strict=True)
+    return [_shell(vertices, triangles[piece == number], name) for number, name in named]
 
 
-def _neighbours(vertices: np.ndarray, triangles: np.ndarray, source: str) -> tuple[np.ndarray, np.ndarray]:
-    """The two triangles at each edge.
+def _with_merged_vertices(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
+    """The triangles with one vertex for all at nearly the same place, without triangles that vanish so."""
+    near = NEAR * diagonal(vertices)
+    pairs = cKDTree(vertices).query_pairs(near, output_type="ndarray")
+    if not len(pairs):
+        return triangles
+    cluster = _pieces(len(vertices), pairs)
+    _, first = np.unique(cluster, return_index=True)
+    merged = f"{len(vertices) - len(first)} vertices lie within {near:.2g} mm of another one and are merged with it"
+    warnings.warn(f"{source}: {merged}", stacklevel=4)
+    triangles = first[cluster][triangles]
+    kept: np.ndarray = triangles[(triangles != np.roll(triangles, 1, axis=1)).all(axis=1)]
+    return kept
+
+
+def _neighbours(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
+    """The two triangles at each edge, shape (edge_count, 2).
 
     Raises:
         MeshError: an edge has fewer or more than two.
@@ -91,33 +99,63 @@ def _neighbours(vertices: np.ndarray, triangles: np.ndarray, source: str) -> tup
                 f"{source}: is not a closed surface: it has {what} ({wrong.sum()}), "
                 f"the first from {begin} to {end} mm; {remedy}"
             )
-    owners = np.argsort(edge.ravel(), kind="stable") // 3
-    return owners[::2], owners[1::2]
+    owners: np.ndarray = np.argsort(edge.ravel(), kind="stable").reshape(-1, 2) // 3
+    return owners
 
 
 def _shell(vertices: np.ndarray, triangles: np.ndarray, source: str) -> Shell:
-    triangles = replace_flat_triangles(vertices, wind_alike(vertices, triangles, source), source)
+    triangles = _facing_one_side(vertices, triangles, source)
     used, corners = np.unique(triangles, return_inverse=True)
     vertices, triangles = vertices[used], corners.reshape(-1, 3).astype(np.int32)
+    _refuse_flat_triangles(vertices, triangles, source)
     _refuse_pinches(vertices, triangles, source)
     volume = enclosed_volume(vertices, triangles)
-    extent = np.ptp(vertices, axis=0).max()
-    if abs(volume) <= 1e-12 * extent**3:
+    if abs(volume) <= 1e-12 * np.ptp(vertices, axis=0).max() ** 3:
         raise MeshError(f"{source}: encloses no volume")
     return Shell(source, vertices, triangles if volume > 0 else np.ascontiguousarray(triangles[:, ::-1]), volume < 0)
 
 
+def _facing_one_side(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.ndarray:
+    """The triangles, all of which face one side of a closed shell."""
+    import trimesh  # takes long, and fingers do without
+
+    mesh = trimesh.Trimesh(vertices, triangles, process=False)
+    if mesh.is_winding_consistent:
+        return triangles
+    trimesh.repair.fix_winding(mesh)
+    if not mesh.is_winding_consistent:
+        raise MeshError(f"{source}: has one side only, like a Moebius strip or a Klein bottle; it encloses nothing")
+    warnings.warn(f"{source}: triangles that face the other way than their neighbours are turned round", stacklevel=5)
+    return np.ascontiguousarray(mesh.faces, dtype=triangles.dtype)
+
+
+def _refuse_flat_triangles(vertices: np.ndarray, triangles: np.ndarray, source: str) -> None:
+    corners = vertices[triangles]
+    longest = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2).max(axis=1)
+    flat = np.flatnonzero(np.linalg.norm(area_vectors(corners), axis=1) <= NEAR * diagonal(vertices) * longest)
+    if len(flat):
+        place = np.round(corners[flat[0]].mean(axis=0), 3).tolist()
+        raise MeshError(
+            f"{source}: triangle {flat[0]} at {place} mm has no area ({len(flat)} such triangles); "
+            "remove them in the program that the surface comes from"
+        )
+
+
 def _refuse_pinches(vertices: np.ndarray, triangles: np.ndarray, source: str) -> None:
     """Around each vertex the triangles must be one fan: two that meet in a tip only are a joint without strength."""
-    _, sides = joined_sides(triangles)
-    begin = sides  # a corner has the number of the side that begins at it
-    end = sides - sides % 3 + (sides + 1) % 3
+    _, begin = joined_sides(triangles)  # a corner has the number of the side that begins at it
+    end = begin - begin % 3 + (begin + 1) % 3
     # Neighbours pass their common edge in opposite directions.
-    links = np.vstack([np.column_stack([begin[:, 0], end[:, 1]]), np.column_stack([end[:, 0], begin[:, 1]])])
-    graph = coo_matrix((np.ones(len(links)), links.T), shape=(triangles.size, triangles.size))
-    fan = connected_components(graph, directed=False)[1]
+    fan = _pieces(triangles.size, np.vstack([np.column_stack([begin[:, i], end[:, 1 - i]]) for i in (0, 1)]))
     fans = np.unique(np.column_stack([triangles.ravel(), fan]), axis=0)[:, 0]
     pinched = np.flatnonzero(np.bincount(fans) > 1)
     if len(pinched):
         place = np.round(vertices[pinched[0]], 3).tolist()
         raise MeshError(f"{source}: touches itself in a single point at {place} mm; widen the joint or part it")
+
+
+def _pieces(count: int, pairs: np.ndarray) -> np.ndarray:
+    """Number of the piece of each of `count` things, of which pairs, shape (pair_count, 2), are joined."""
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    found: np.ndarray = connected_components(graph, directed=False)[1]
+    return found

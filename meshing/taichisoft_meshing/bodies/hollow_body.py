@@ -1,4 +1,4 @@
-"""One outer surface and the cavities in it, told apart and checked: silicone must remain between any two of them."""
+"""One outer surface and the cavities in it, identified and checked: silicone must remain between any two of them."""
 
 import warnings
 from collections.abc import Sequence
@@ -12,7 +12,7 @@ from taichisoft.errors import MeshError
 from taichisoft_meshing.bodies.closed_shells import Shell, read_shells
 from taichisoft_meshing.bodies.surface_crossings import find_crossings
 from taichisoft_meshing.bodies.surface_geometry import NEAR, diagonal
-from taichisoft_meshing.quality.surfaces import winding_numbers
+from taichisoft_meshing.quality.mesh_surfaces import winding_numbers
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class HollowBody:
 
 
 def read_hollow_body(outer: Path, cavities: Sequence[Path] = (), scale: float = 1.0) -> HollowBody:
-    """Read a body from surface files; faults that can be mended are mended, with a warning.
+    """Read a body from surface files.
 
     Args:
         outer: file of the outside, and perhaps of cavities.
@@ -74,26 +74,28 @@ def hollow_body(shells: Sequence[Shell], cavities: Sequence[Shell] = ()) -> Holl
     every = [*shells, *cavities]
     _refuse_crossings(every, outermost)
     depth = np.sum(_is_inside(every), axis=1)
-    for cavity, around in zip(cavities, depth[len(shells) :], strict=True):
-        if around == 0:
+    outside = [shell for shell, around in zip(every, depth, strict=True) if around == 0]
+    for shell, around in zip(every, depth, strict=True):
+        if around == 0 and any(shell is cavity for cavity in cavities):
             raise MeshError(
-                f"{cavity.source}: the cavity is not inside {outermost.source}: it spans {_extent(cavity)}, "
+                f"{shell.source}: the cavity is not inside {outermost.source}: it spans {_extent(shell)}, "
                 f"the body {_extent(outermost)}; both files must have the same axes and unit"
             )
-    outside = [shell for shell, around in zip(every, depth, strict=True) if around == 0]
-    if len(outside) != 1:
-        raise _several_bodies(outside)
-    for shell, around in zip(every, depth, strict=True):
         if around > 1:
             raise MeshError(f"{shell.source}: lies inside a cavity (it spans {_extent(shell)}); remove it")
-    (outer,) = outside
-    inner = [shell for shell in every if shell is not outer]
+    if len(outside) != 1:
+        volumes = ", ".join(f"{body.volume:.4g}" for body in outside)
+        source = outside[0].source.partition(", shell ")[0]
+        raise MeshError(
+            f"{source}: has {len(outside)} bodies, of {volumes} mm^3, where one is expected; keep one of them"
+        )
+    inner = [shell for shell in every if shell is not outermost]
     for shell in inner:
-        if shell not in cavities and shell.was_inward == outer.was_inward:
+        if shell in known and shell.was_inward == outermost.was_inward:
             warnings.warn(f"{shell.source}: faces the same way as the outer surface; taken for a cavity", stacklevel=2)
-    if outer.was_inward:
-        warnings.warn(f"{outer.source}: is inside out; its triangles are turned round", stacklevel=2)
-    return HollowBody(outer, tuple(inner))
+    if outermost.was_inward:
+        warnings.warn(f"{outermost.source}: is inside out; its triangles are turned round", stacklevel=2)
+    return HollowBody(outermost, tuple(inner))
 
 
 def _same(one: Shell, other: Shell) -> bool:
@@ -139,12 +141,6 @@ def _is_inside(shells: Sequence[Shell]) -> np.ndarray:
     inside = np.column_stack([winding_numbers(points, shell.vertices[shell.triangles]) > 0.5 for shell in shells])
     np.fill_diagonal(inside, False)
     return inside
-
-
-def _several_bodies(bodies: Sequence[Shell]) -> MeshError:
-    volumes = ", ".join(f"{body.volume:.4g}" for body in bodies)
-    source = bodies[0].source.partition(", shell ")[0]
-    return MeshError(f"{source}: has {len(bodies)} bodies, of {volumes} mm^3, where one is expected; keep one of them")
 
 
 def _extent(shell: Shell) -> str:

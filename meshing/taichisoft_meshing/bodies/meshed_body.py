@@ -1,4 +1,4 @@
-"""The tetrahedra of a gmsh session as a mesh, with named surfaces, and volumes compared with those of the drawing."""
+"""The tetrahedra of a gmsh session as a mesh, with named surfaces, and volumes compared with the drawing."""
 
 import warnings
 from collections.abc import Sequence
@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.surface import enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, element_volumes
+from taichisoft.meshes import VolumeMesh, boundary_triangles, element_volumes, enclosed_volume
 from taichisoft_meshing.bodies.tables import Base
 from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, tetrahedra
-from taichisoft_meshing.quality.surfaces import cavity_names
+from taichisoft_meshing.quality.mesh_surfaces import cavity_names
 
 SAID, REFUSED = 0.1, 0.25
 """Errors of a curved volume as shares of it [-], at which a warning is given, and at which the mesh is refused: flat
@@ -20,11 +19,11 @@ triangles cut some of it off."""
 
 
 def meshed_body(gmsh: Any, shells: Sequence[Sequence[int]], source: str) -> VolumeMesh:
-    """The tetrahedra of a session, with the groups "silicone", "outer" and those of the cavities.
+    """The tetrahedra of a session, with the groups "silicone", "outer" and one for each cavity.
 
     Args:
         gmsh: the module, with a mesh.
-        shells: gmsh's numbers of the surfaces of the outside, then of those of each cavity.
+        shells: gmsh's numbers of the surfaces of the outside, then of each cavity.
         source: begins every error.
 
     Raises:
@@ -41,7 +40,7 @@ def meshed_body(gmsh: Any, shells: Sequence[Sequence[int]], source: str) -> Volu
 
 
 def shells_of_solid(occ: Any, solid: int) -> list[list[int]]:
-    """Faces of the outside of a solid, then those of each void, in OpenCASCADE's order.
+    """Faces of the outside of a solid, then the faces of each void, in OpenCASCADE's order.
 
     Args:
         occ: `gmsh.model.occ`.
@@ -74,7 +73,7 @@ def with_base(mesh: VolumeMesh, base: Base | None) -> VolumeMesh:
 
 
 def compare_volumes(mesh: VolumeMesh, silicone: float, cavities: Sequence[float], tolerance: float | None) -> None:
-    """Compare the volumes of a mesh with those of its body [mm^3].
+    """Compare the volumes of a mesh with its body's [mm^3].
 
     Args:
         mesh: the result of `meshed_body`.

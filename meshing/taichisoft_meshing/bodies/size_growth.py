@@ -48,7 +48,7 @@ def follow_curvature(gmsh: Any, sizes: FittedSizes, shells: Sequence[Shell], fea
         gmsh: the module, after `set_sizes`.
         sizes: sizes of its elements.
         shells: the given triangles; none when all of them are flat.
-        feature_angle: angle between two triangles above which their edge is sharp, and no curved surface [rad].
+        feature_angle: angle between two triangles above which their edge is sharp, not part of a curved surface [rad].
     """
     gmsh.option.setNumber("Mesh.MeshSizeFromCurvature", 0)
     if sizes.curvature == 0 or not shells:

@@ -8,12 +8,11 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.file_kind import require_suffix
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.meshes import VolumeMesh, require_suffix
 from taichisoft_meshing.bodies.meshed_body import compare_volumes, meshed_body, shells_of_solid
 from taichisoft_meshing.bodies.size_growth import set_sizes
 from taichisoft_meshing.bodies.tables import FittedSizes
-from taichisoft_meshing.curved_sides import CurvedSides, bent, curved_sides
+from taichisoft_meshing.curved_sides import CurvedSides, curve_sides, curved_sides
 from taichisoft_meshing.gmsh_session import SURFACE_ALGORITHMS, first_success, gmsh_session
 
 SUFFIXES = (".step", ".stp")
@@ -76,7 +75,7 @@ def mesh_step(
         solid: the body.
         sizes: of its elements.
         source: begins every error.
-        curved: whether the middles of the sides on its surfaces are wanted, too.
+        curved: whether the middles of the sides on its surfaces are computed, too.
 
     Raises:
         MeshError: gmsh fails, or a volume comes out wrong.
@@ -89,7 +88,7 @@ def mesh_step(
         gmsh.model.mesh.generate(3)
         mesh = meshed_body(gmsh, shells, source)
         sides = curved_sides(gmsh, mesh.nodes, mesh.elements) if curved else None
-        shaped = mesh if sides is None else bent(mesh, sides)[0]
+        shaped = mesh if sides is None else curve_sides(mesh, sides)[0]
         compare_volumes(shaped, solid.volume, solid.cavity_volumes, FLAT_TOLERANCE if solid.flat else None)
         return mesh, sides
 
@@ -109,25 +108,17 @@ def _refuse_broken_step(path: Path) -> None:
         raise MeshError(f"{path}: no such file; a STEP file ({', '.join(SUFFIXES)}) is needed") from error
     except OSError as error:
         raise MeshError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if not text.strip():
-        raise MeshError(f"{path}: is empty; a STEP file is needed")
     if not text.lstrip("\xef\xbb\xbf \t\r\n").startswith(FIRST):
-        raise MeshError(f"{path}: is no STEP file: it does not begin with {FIRST}")
+        raise MeshError(f"{path}: is not a STEP file: it does not begin with {FIRST}")
     if LAST not in text:
         raise MeshError(f"{path}: stops too early: it does not end with {LAST}; write it again")
     for section in SECTIONS:
         if not re.search(rf"\b{section}\s*[;(]", text):
-            raise MeshError(f"{path}: is no STEP file: it has no section {section}")
-    _refuse_not_finite(text, path)
-
-
-def _refuse_not_finite(text: str, path: Path) -> None:
+            raise MeshError(f"{path}: is not a STEP file: it has no section {section}")
     # Names may read like numbers; blanks take their places, so that lines keep their numbers.
-    bare = QUOTED.sub(lambda quoted: " " * len(quoted[0]), text)
-    wrong = NOT_FINITE.search(bare)
+    wrong = NOT_FINITE.search(QUOTED.sub(lambda quoted: " " * len(quoted[0]), text))
     if wrong is not None:
-        line = text.count("\n", 0, wrong.start()) + 1
-        number = wrong[0].strip("(), \t\r\n")
+        line, number = text.count("\n", 0, wrong.start()) + 1, wrong[0].strip("(), \t\r\n")
         raise MeshError(f"{path}: line {line} has the number {number}, which is not finite; write the file again")
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.meshes.edge_crossings import common_points, pairs_of_meeting_boxes
+from taichisoft.meshes import common_points, pairs_of_meeting_boxes
 from taichisoft_meshing.bodies.surface_geometry import NEAR, angles_between, area_vectors, diagonal, joined_sides
 
 SAME_SHELL_NEAR = 1e-9

@@ -1,4 +1,4 @@
-"""The mesher of bodies between closed surfaces, which gmsh meshes anew, or keeps triangle by triangle."""
+"""The mesher of bodies between closed surfaces, which gmsh remeshes, or keeps triangle by triangle."""
 
 import math
 from collections.abc import Sequence
@@ -9,7 +9,7 @@ from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.meshes import VolumeMesh
 from taichisoft_meshing.bodies.closed_shells import Shell
 from taichisoft_meshing.bodies.hollow_body import HollowBody
 from taichisoft_meshing.bodies.meshed_body import compare_volumes, meshed_body

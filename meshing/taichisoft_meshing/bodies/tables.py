@@ -1,4 +1,4 @@
-"""The tables that geometry files of bodies from elsewhere share: their base and the sizes of their elements."""
+"""The tables that geometry files of bodies from CAD share: their base and the sizes of their elements."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -7,7 +7,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field, model_validator
 
-from taichisoft.scenes.table import Positive, Table, Vector
+from taichisoft.scenes import Positive, Table, Vector
 from taichisoft_meshing.bodies.surface_geometry import NEAR, diagonal
 from taichisoft_meshing.size_search import element_count, refuse_too_many
 
@@ -18,24 +18,17 @@ PRESETS = {"coarse": 12.0, "medium": 24.0, "fine": 48.0}
 
 
 class Base(Table):
-    """The triangles of the outer surface by which a gripper holds the body; they lie in a plane, or in a box."""
+    """The triangles of the outer surface in a plane, by which a gripper holds the body."""
 
-    point: Vector | None = None
+    point: Vector
     """A point anywhere in the plane [mm]."""
-    normal: Vector | None = None
+    normal: Vector
     """Normal of the plane, of any length [-]."""
-    box: tuple[Vector, Vector] | None = None
-    """Lower and upper corner [mm]; a triangle belongs when its three nodes lie inside."""
-    alternatives = (("point", "box"),)
 
     @model_validator(mode="after")
-    def _check_selection(self) -> "Base":
-        if (self.point is None) != (self.normal is None):
-            raise ValueError("a plane needs both, point and normal; a box has neither")
-        if self.normal is not None and not any(self.normal):
+    def _check_normal(self) -> "Base":
+        if not any(self.normal):
             raise ValueError("normal = [0, 0, 0]: has no direction")
-        if self.box is not None and any(low > high for low, high in zip(*self.box, strict=True)):
-            raise ValueError("the first corner of a box must be below the second in x, y and z")
         return self
 
     def select(self, nodes: np.ndarray, triangles: np.ndarray) -> np.ndarray:
@@ -44,24 +37,19 @@ class Base(Table):
         Raises:
             ValueError: no triangle belongs to it.
         """
-        near = NEAR * diagonal(nodes)
-        if self.box is not None:
-            lower, upper = np.array(self.box)
-            inside = np.all((nodes >= lower - near) & (nodes <= upper + near), axis=1)
-        else:
-            normal = np.array(self.normal, dtype=float)
-            inside = np.abs((nodes - np.array(self.point)) @ (normal / np.linalg.norm(normal))) <= near
-        chosen: np.ndarray = inside[triangles].all(axis=1)
+        heights = (nodes - np.array(self.point)) @ (np.array(self.normal) / np.linalg.norm(self.normal))
+        chosen: np.ndarray = (np.abs(heights) <= NEAR * diagonal(nodes))[triangles].all(axis=1)
         if not chosen.any():
             lower, upper = np.round(nodes.min(axis=0), 3).tolist(), np.round(nodes.max(axis=0), 3).tolist()
-            where = "in this box" if self.box is not None else "in this plane"
-            raise ValueError(f"base: no triangle of the outer surface lies {where}; it spans {lower} to {upper} mm")
+            raise ValueError(
+                f"base: no triangle of the outer surface lies in this plane; it spans {lower} to {upper} mm"
+            )
         return chosen
 
 
 @dataclass(frozen=True)
 class FittedSizes:
-    """Sizes of the tetrahedra in a certain body; the attributes are those of `Sizes`, and none is left open."""
+    """Sizes of the tetrahedra in a certain body; the attributes of `Sizes`, all of them known."""
 
     largest: float
     smallest: float

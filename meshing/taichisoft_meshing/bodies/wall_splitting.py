@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles
+from taichisoft.meshes import VolumeMesh, boundary_triangles
 from taichisoft_meshing.bodies.surface_geometry import undirected_sides
 from taichisoft_meshing.bodies.tables import FittedSizes
 from taichisoft_meshing.gmsh_session import TETRAHEDRON, TRIANGLE, gmsh_session

@@ -1,1 +1,1 @@
-"""The commands `taichisoft mesh` and `taichisoft mesh-info`, their options, and what they show."""
+"""The commands `taichisoft mesh` and `taichisoft mesh info`, their options, and what they show."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from taichisoft.errors import MeshError
-from taichisoft_meshing.commands import options
+from taichisoft_meshing.commands import mesh_options
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -17,7 +17,7 @@ STAGES = ("meshing", "measuring", "writing")
 
 
 def mesh(
-    files: Annotated[list[str], options.FILE],
+    files: Annotated[list[str], mesh_options.FILE],
     output: Annotated[
         Path,
         typer.Option(
@@ -31,35 +31,30 @@ def mesh(
     surfaces: Annotated[
         bool, typer.Option("--surfaces", help="FILEs are surfaces (STL, OBJ, PLY): the outer one, then cavities.")
     ] = False,
-    keep_surface: Annotated[
-        bool, typer.Option("--keep-surface", help="With --surfaces: keep their triangles instead of meshing them anew.")
-    ] = False,
-    size: options.Size = None,
-    nodes: options.Nodes = None,
-    preset: options.Preset = None,
-    set_: options.Set = None,
-    force: options.Force = False,
+    size: mesh_options.Size = None,
+    nodes: mesh_options.Nodes = None,
+    preset: mesh_options.Preset = None,
+    set_: mesh_options.Set = None,
+    force: mesh_options.Force = False,
 ) -> None:
     """Mesh a finger, a body from CAD, or what a plug-in knows of another kind, with tetrahedra."""
     from rich.console import Console  # --help need not wait for any of these
 
-    from taichisoft.running.messages import print_line, print_warning
+    from taichisoft.running import print_line, print_warning
     from taichisoft_meshing.mesh_job import require_fit
     from taichisoft_meshing.mesh_process import make_mesh_apart
     from taichisoft_meshing.mesh_set import prepare, write_output
-    from taichisoft_meshing.quality.table import mesh_tables
+    from taichisoft_meshing.quality.quality_tables import mesh_tables
 
     if step and surfaces:
         raise MeshError("--step and --surfaces: only one of them can be given")
-    if keep_surface and not surfaces:
-        raise MeshError("--keep-surface: goes with --surfaces")
     if len(files) > 1 and not surfaces:
         raise MeshError(f"{files[1]}: one file is meshed at a time; several need --surfaces")
-    asked = options.asked_size(size, nodes, preset)
+    asked = mesh_options.asked_size(size, nodes, preset)
     if step or surfaces:
-        job = options.cad_job("step" if step else "surfaces", files, keep_surface, set_, asked)
+        job = mesh_options.cad_job("step" if step else "surfaces", files, set_, asked)
     else:
-        job = options.geometry_job(files[0], set_, asked)
+        job = mesh_options.geometry_job(files[0], set_, asked)
     prepare(output)
     console = Console()
     with stages_bar(console, job.file.name) as stage:

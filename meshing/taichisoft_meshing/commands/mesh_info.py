@@ -1,4 +1,4 @@
-"""`taichisoft mesh-info`: the figures of any mesh or surface that can be read."""
+"""`taichisoft mesh info`: the figures of any mesh or surface that can be read."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,7 +10,7 @@ from taichisoft.errors import GoalMissed
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taichisoft.meshes.volume_mesh import VolumeMesh
+    from taichisoft.meshes import VolumeMesh
 
 
 def mesh_info(
@@ -29,13 +29,11 @@ def mesh_info(
     from rich.console import Console  # --help need not wait for any of these
 
     from taichisoft.errors import MeshError
-    from taichisoft.meshes.file_kind import require_suffix
-    from taichisoft.meshes.files import VOLUME_SUFFIXES
-    from taichisoft.meshes.surface_files import SURFACE_SUFFIXES
-    from taichisoft.running.messages import print_line
-    from taichisoft.scenes.shipped import find_file
+    from taichisoft.meshes import SURFACE_SUFFIXES, VOLUME_SUFFIXES, require_suffix
+    from taichisoft.running import print_line
+    from taichisoft.scenes import find_file
     from taichisoft_meshing.mesh_set import prepare_folder
-    from taichisoft_meshing.quality.limits import summary
+    from taichisoft_meshing.quality.quality_limits import summary
 
     suffixes = (*VOLUME_SUFFIXES, *SURFACE_SUFFIXES)
     path = require_suffix(find_file(file, "meshes", suffixes, error=MeshError), "mesh or surface", suffixes)
@@ -52,15 +50,15 @@ def mesh_info(
 
 
 def _show_mesh(console: "Console", path: Path, output: Path | None) -> list[str]:
-    """Print and write the figures of a mesh; returns what speaks against it."""
+    """Print and write the figures of a mesh; returns its problems."""
     from taichisoft.errors import MeshError
-    from taichisoft.meshes.files import read_unchecked_mesh
-    from taichisoft.running.messages import print_warning
+    from taichisoft.meshes import read_unchecked_mesh
+    from taichisoft.running import print_warning
     from taichisoft_meshing.mesh_record import mesh_figures, write_record
-    from taichisoft_meshing.quality.limits import QualityLimits, cautions, faults, missed_limits
     from taichisoft_meshing.quality.mesh_quality import measure
-    from taichisoft_meshing.quality.picture import draw_report
-    from taichisoft_meshing.quality.table import mesh_tables
+    from taichisoft_meshing.quality.quality_limits import QualityLimits, cautions, faults, missed_limits
+    from taichisoft_meshing.quality.quality_tables import mesh_tables
+    from taichisoft_meshing.quality.report_picture import draw_report
 
     mesh = read_unchecked_mesh(path)
     refused = []
@@ -86,20 +84,20 @@ def _show_mesh(console: "Console", path: Path, output: Path | None) -> list[str]
 def _can_be_measured(mesh: "VolumeMesh") -> bool:
     import numpy as np
 
-    from taichisoft.meshes.coordinates import LARGEST
+    from taichisoft.meshes import LARGEST
 
     inside = (mesh.elements >= 0).all() and (mesh.elements < len(mesh.nodes)).all()
     return bool(mesh.elements.size and inside and (np.abs(mesh.nodes) <= LARGEST).all())
 
 
 def _show_surface(console: "Console", path: Path, output: Path | None) -> list[str]:
-    """Print and write the figures of a surface; returns what speaks against it."""
+    """Print and write the figures of a surface; returns its problems."""
     import numpy as np
 
-    from taichisoft.meshes.surface_files import read_surface
+    from taichisoft.meshes import read_surface
     from taichisoft_meshing.mesh_record import surface_figures, write_record
-    from taichisoft_meshing.quality.surfaces import connected_pieces, measure_surface
-    from taichisoft_meshing.quality.table import surface_table
+    from taichisoft_meshing.quality.mesh_surfaces import connected_pieces, measure_surface
+    from taichisoft_meshing.quality.quality_tables import surface_table
 
     vertices, triangles = read_surface(path)
     surface = measure_surface(path.stem, vertices, triangles)

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft_meshing.finger.dimensions import FingerDimensions, starts
+from taichisoft_meshing.finger.finger_dimensions import FingerDimensions, starts
 
 Vector = tuple[float, float, float]
 
@@ -71,7 +71,7 @@ def chamber_boxes(finger: FingerDimensions) -> list[Box]:
 
 
 def stiff_layer_box(finger: FingerDimensions) -> Box | None:
-    """The box of the layer of stiffer silicone; None when there is none."""
+    """The box of the layer of stiffer silicone; or None."""
     layer = finger.stiff_layer
     if layer.thickness == 0:
         return None

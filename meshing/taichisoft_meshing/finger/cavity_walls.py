@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from taichisoft_meshing.finger.boxes import Box, chamber_boxes, channel_box, slot_boxes
-from taichisoft_meshing.finger.dimensions import FingerDimensions
+from taichisoft_meshing.finger.finger_dimensions import FingerDimensions
 
 THIN = 1.5
 """Largest thickness of a thin wall over that of the thinnest: a thicker one bends little [-]."""

@@ -5,7 +5,7 @@ import numpy as np
 from taichisoft.errors import MeshError
 from taichisoft_meshing.finger.boxes import TOUCH, stiff_layer_box
 from taichisoft_meshing.finger.parameters import FingerParameters
-from taichisoft_meshing.quality.surfaces import cavity_names, skins_and_cavities
+from taichisoft_meshing.quality.mesh_surfaces import cavity_names, skins_and_cavities
 
 
 def element_groups(finger: FingerParameters, nodes: np.ndarray, elements: np.ndarray) -> dict[str, np.ndarray]:

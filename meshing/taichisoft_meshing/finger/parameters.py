@@ -2,7 +2,7 @@
 
 from pydantic import BaseModel, model_validator
 
-from taichisoft_meshing.finger.dimensions import FingerDimensions, end, starts
+from taichisoft_meshing.finger.finger_dimensions import FingerDimensions, end, starts
 from taichisoft_meshing.geometry_file import ROUNDING, at_least, at_most
 from taichisoft_meshing.size_search import element_count, refuse_too_many
 

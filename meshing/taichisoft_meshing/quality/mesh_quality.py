@@ -6,8 +6,8 @@ import numpy as np
 from scipy.sparse import coo_matrix
 from scipy.sparse.csgraph import connected_components
 
-from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
-from taichisoft_meshing.quality.surfaces import SurfaceQuality, cavities_outside, measure_surfaces
+from taichisoft.meshes import VolumeMesh, element_volumes
+from taichisoft_meshing.quality.mesh_surfaces import SurfaceQuality, cavities_outside, measure_surfaces
 from taichisoft_meshing.quality.tetrahedra import dihedral_angles, edge_lengths, neighbours, radius_ratios
 from taichisoft_meshing.quality.walls import WallQuality, measure_walls
 
@@ -18,12 +18,12 @@ class MeshQuality:
 
     Attributes:
         node_count: number of nodes.
-        order: 1 for tetrahedra of four nodes, 2 for those of ten.
+        order: 1 for tetrahedra of four nodes, 2 for ten.
         volumes: signed volume of each element [mm^3], shape (element_count,).
         radius_ratios: radius ratio of each element [-], shape (element_count,); 1 for a regular one.
         dihedral_angles: angles between the faces of each element [degrees], shape (element_count, 6).
         edges: shortest and longest edge of each element [mm], shape (element_count, 2).
-        duplicate_nodes: number of nodes that stand where another one stands.
+        duplicate_nodes: number of nodes at the position of another node.
         components: number of pieces of the mesh, in which elements are joined by faces.
         surfaces: figures of the outer skin, of every cavity, and of the other surface groups.
         outside: names of cavities that are not fully inside the outer skin.

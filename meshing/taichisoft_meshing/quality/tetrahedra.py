@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from taichisoft.meshes.volume_mesh import tetrahedron_volumes
+from taichisoft.meshes import tetrahedron_volumes
 
 # Start and end of each edge, and the two other corners.
 EDGES = ((0, 1, 2, 3), (0, 2, 3, 1), (0, 3, 1, 2), (1, 2, 0, 3), (1, 3, 2, 0), (2, 3, 0, 1))

@@ -1,1 +1,1 @@
-"""What each type of component of SOFA means here: a table with one entry each."""
+"""The components of SOFA: a table with the translation of each type."""

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft_sofa.components.cable_areas import METHODS, areas
+from taichisoft_sofa.components.cable_areas import METHODS, list_areas
 from taichisoft_sofa.components.contacts import surface_triangles
 from taichisoft_sofa.components.draft import Cable, Cavity
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
@@ -18,24 +18,24 @@ if TYPE_CHECKING:
 PRESSURE, VOLUME = "pressure", "volumeGrowth"
 
 
-def value_by(component: "Component") -> str:
-    """Whether a cavity's value is a pressure or a growth of its volume; scenes may write their numbers."""
+def value_type(component: "Component") -> str:
+    """Type of a cavity's value, PRESSURE or VOLUME; scenes may also write their numbers."""
     given = text(component, "valueType", default=PRESSURE)
     return {"0": PRESSURE, "1": VOLUME}.get(given, given)
 
 
-def by_force(cable: "Component") -> bool:
-    """Whether a cable's value is a force, else how far it is pulled in."""
+def is_driven_by_force(cable: "Component") -> bool:
+    """Whether a cable's value is a force, else a displacement."""
     return text(cable, "valueType", default="displacement") in ("force", "1")
 
 
 def cavity(component: "Component", draft: "SceneDraft") -> None:
-    """A closed surface on whose walls a pressure acts."""
+    """Translate a closed surface with a pressure on its walls."""
     body = draft.body_of(component)
     if body is None:
         return
-    if value_by(component) not in (PRESSURE, VOLUME):
-        draft.refuse(component, f"valueType '{value_by(component)}'; valid: {PRESSURE}, {VOLUME}")
+    if value_type(component) not in (PRESSURE, VOLUME):
+        draft.refuse(component, f"valueType '{value_type(component)}'; valid: {PRESSURE}, {VOLUME}")
         return
     triangles = numbers(component, "triangles").astype(np.int64).reshape(-1, 3)
     quads = numbers(component, "quads").astype(np.int64).reshape(-1, 4)
@@ -55,7 +55,7 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
 
 
 def cable(component: "Component", draft: "SceneDraft") -> None:
-    """A cable through points of a body, or to areas of its surface."""
+    """Translate a cable through points of a body, or to areas of its surface."""
     body = draft.body_of(component)
     if body is None:
         return
@@ -68,6 +68,6 @@ def cable(component: "Component", draft: "SceneDraft") -> None:
     if not len(indices) or indices.min() < 0 or indices.max() >= len(points):
         draft.refuse(component, f"indices must be among the {len(points)} points of its MechanicalObject")
         return
-    places = points[indices].tolist() if method == "point" else areas(component, points, draft)
+    places = points[indices].tolist() if method == "point" else list_areas(component, points, draft)
     if places:
         body.cables.append(Cable(component, places))

@@ -18,16 +18,16 @@ if TYPE_CHECKING:
 METHODS = ("point", "sphere", "geodesic")
 
 
-def areas(component: "Component", points: np.ndarray, draft: "SceneDraft") -> list[Any]:
-    """The places of a cable as a native scene lists them; none where the component was refused.
+def list_areas(component: "Component", points: np.ndarray, draft: "SceneDraft") -> list[Any]:
+    """The points and areas of a cable in the format of a native scene; empty if the component was refused.
 
-    A vertex nearer than the radius pulls with the share radius - distance; the distance is measured in space, or along
+    A vertex within the radius has the weight radius - distance, with the distance measured in space, or along
     the edges of the surface.
 
     Args:
         component: the cable.
-        points: of the mechanical object in its node [mm], shape (count, 3).
-        draft: is told what is refused and how the result departs.
+        points: points of the mechanical object in the cable's node [mm], shape (count, 3).
+        draft: draft of the scene, which records refusals and departures.
     """
     method, link = text(component, "method", default="point"), text(component, "surfaceTopology")
     topology = component.linked("surfaceTopology") if link else nearest(node_of(component), TOPOLOGIES)

@@ -1,4 +1,4 @@
-"""Data that follow from other data: importing this module makes the tree compute them."""
+"""Data computed from other data; importing this module registers them."""
 
 from collections.abc import Callable
 from functools import partial
@@ -6,15 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_sofa.components import other_data as other_data  # what is computed has a kind, too
+from taichisoft_sofa.components import other_data as other_data  # declares the kinds of computed data
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES
 from taichisoft_sofa.components.loaders import (
     CORNERS,
     OTHER_NAMES,
     container_cells,
     container_position,
-    loaded,
     loader_position,
+    read_loader,
 )
 from taichisoft_sofa.components.selections import (
     CELLS_IN,
@@ -32,12 +32,12 @@ ENGINES = ("BoxROI", "SphereROI")
 
 
 def _loader_cells(loader: Component, kind: str) -> np.ndarray:
-    cells: np.ndarray = getattr(loaded(loader), kind)
+    cells: np.ndarray = getattr(read_loader(loader), kind)
     return cells
 
 
 def _position(state: Component) -> np.ndarray:
-    if (width := width_of(state)) not in WIDTHS:  # nothing here acts on such a state, but its scene may read it
+    if (width := width_of(state)) not in WIDTHS:  # such a state has no effect here, but its scene may read it
         return np.reshape(_given(state, "position"), (-1, max(width, 1)))
     return start_position(state)
 
@@ -64,7 +64,7 @@ def _declare(type_name: str, computed: dict[str, tuple[Any, Callable[[Component]
 
 
 def _cells(function: Callable[..., np.ndarray]) -> dict[str, tuple[Any, Callable[[Component], Any]]]:
-    """The data for every kind of cell, under all names of it."""
+    """The data of every kind of cell, under all names."""
     return {
         name: (index_rows(corners), partial(function, kind=kind))
         for kind, corners in CORNERS.items()

@@ -1,4 +1,4 @@
-"""How contacts are found and solved, and the surfaces that touch."""
+"""Contact pipeline, response and collision surfaces."""
 
 import re
 from typing import TYPE_CHECKING
@@ -18,27 +18,27 @@ if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
 
 DEFAULT_FRICTION = 0.8
-"""Friction coefficient of SOFA's frictional contacts where the scene gives none."""
+"""Default friction coefficient of SOFA's frictional contacts [-]."""
 WITHOUT_FRICTION = "PenalityContactForceField"
-"""The response that SOFA takes where the scene names none."""
+"""SOFA's default response."""
 
 
 def role(name: str) -> "Callable[[Component, SceneDraft], None]":
-    """An entry that takes part in contact under a name: "pipeline", "broad phase", "response", "distance"."""
+    """Make the entry of a component with a role in contact: "pipeline", "broad phase", "response", "distance"."""
 
-    def take_part(component: "Component", draft: "SceneDraft") -> None:
+    def set_role(component: "Component", draft: "SceneDraft") -> None:
         draft.pipeline[name] = component
 
-    take_part.__doc__ = f"The {name} of contacts."
+    set_role.__doc__ = f"The {name} of contacts."
 
-    return take_part
+    return set_role
 
 
 def friction_of(response: "Component", draft: "SceneDraft") -> float:
-    """Friction coefficient that a contact manager gives to all pairs of bodies; 0 where its contacts have none in SOFA.
+    """Friction coefficient of a contact manager for all pairs of bodies [-]; 0 if its contacts have none in SOFA.
 
     Raises:
-        SceneError: it is no number from 0 on.
+        SceneError: the coefficient is not a number of 0 or more.
     """
     sources = {name: text(response, name) for name in ("responseParams", "response", "default")}
     kind = (sources["response"] or sources["default"] or WITHOUT_FRICTION).partition("?")[0]
@@ -63,7 +63,7 @@ def distances_of(distance: "Component") -> tuple[float, float]:
 
 
 def collision_model(component: "Component", draft: "SceneDraft") -> None:
-    """Points, edges and triangles of one surface; the models of a node are one here."""
+    """Translate a collision model; all models of a node are one surface."""
     body = draft.body_of(component)
     if body is None:
         return
@@ -81,5 +81,5 @@ def collision_model(component: "Component", draft: "SceneDraft") -> None:
 
 
 def surface_triangles(topology: "Component") -> np.ndarray:
-    """Triangles of a container, its quads cut in two, shape (count, 3)."""
+    """Triangles of a container, with quads split in two, shape (count, 3)."""
     return np.vstack([computed(topology, "triangles", 3), split_quads(computed(topology, "quads", 4))])

@@ -1,4 +1,4 @@
-"""The data of components that are read here: their kinds, SOFA's defaults, and the numbers that are valid."""
+"""Declarations of the data that are read: kinds, SOFA's defaults, and valid ranges."""
 
 from taichisoft_sofa.components import older_names as older_names  # declared under the present names
 from taichisoft_sofa.components.states import is_rigid, width_of

@@ -1,4 +1,4 @@
-"""What the components of a scene say about its bodies, gathered before a native scene is made of it."""
+"""Draft of a scene: data of its components by body, gathered before a native scene is made."""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -16,13 +16,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Material:
-    """A force field of tetrahedra; several on the same tetrahedra add up.
+    """A force field of tetrahedra; force fields on the same tetrahedra add up.
 
     Attributes:
         component: the force field.
         tetrahedra: point indices, shape (count, 4).
-        young_modulus: [kPa], shape (count,).
-        poisson_ratio: [-], shape (count,).
+        young_modulus: Young's moduli [kPa], shape (count,).
+        poisson_ratio: Poisson's ratios [-], shape (count,).
         corotation: "edges" or "polar".
         law: the native law of elasticity.
     """
@@ -40,11 +40,11 @@ class Mass:
     """The mass of a body.
 
     Attributes:
-        component: what gives it.
-        total: mass of the body [kg]; None where it is given by each point or by volume.
+        component: the mass component.
+        total: mass of the body [kg]; None if given by point or by volume.
         each: mass of each point [kg].
         density: mass by volume [kg/mm^3].
-        inertia: inertia of a rigid body by mass [mm^2], shape (3, 3); None where the scene gives none.
+        inertia: inertia of a rigid body over mass [mm^2], shape (3, 3), or None.
     """
 
     component: "Component"
@@ -61,9 +61,9 @@ class Anchor:
     Attributes:
         component: the springs or the constraint.
         points: indices of the points, shape (count,).
-        stiffness: [mN/mm] of each point.
+        stiffness: stiffness per point [mN/mm].
         directions: axes along which they are held.
-        follows_rest: whether the points follow `rest_position`, else they stay where they were at the start.
+        follows_rest: whether the points follow `rest_position`, else their initial positions.
     """
 
     component: "Component"
@@ -82,7 +82,7 @@ class Surface:
         points: positions at the start, of rigid bodies in their own frame [mm], shape (count, 3).
         triangles: point indices, shape (count, 3).
         groups: collision groups.
-        self_collision: whether it may touch itself.
+        self_collision: whether the surface may touch itself.
     """
 
     component: "Component"
@@ -112,13 +112,13 @@ class Cable:
 
 @dataclass
 class Body:
-    """Everything that hangs on one mechanical object which follows no other.
+    """All data of one independent mechanical object.
 
     Attributes:
         state: the mechanical object.
-        position: its points or poses at the start, shape (count, 3) or (count, 7).
+        position: initial points [mm] or poses, shape (count, 3) or (count, 7).
         surfaces: collision surfaces by the path of their node.
-        colours: colours of what is shown of it, "#rrggbb".
+        colours: colours of its visual models, "#rrggbb".
     """
 
     state: "Component"
@@ -138,27 +138,27 @@ class Body:
 
     @property
     def rigid(self) -> bool:
-        """Whether it consists of rigid bodies."""
+        """Whether the points are frames of rigid bodies."""
         return is_rigid(self.state)
 
 
 @dataclass
 class SceneDraft:
-    """What is known of a scene while its components are gone through, in the order of the tree.
+    """Data gathered from the components of a scene, in the order of the tree.
 
     Attributes:
-        exact: whether SOFA's reading is kept where the usual one departs from it.
+        exact: whether to follow SOFA exactly where the default departs from it.
         effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so: an impulse, or in first order
             the same.
-        bodies: one for each independent mechanical object, by the identity of that component.
+        bodies: one body per independent mechanical object, by the identity of the component.
         solvers: time integration by node.
         linear_solvers: linear solvers by node.
         corrections: constraint corrections by node.
-        pipeline: what takes part in finding and solving contacts, by role.
+        pipeline: components of the contact pipeline, by role.
         free_motion: whether the animation loop solves constraints.
-        appearance: what the native table of this name gets.
-        departures: what is done otherwise than in SOFA: lines, in their order.
-        refused: what cannot be done, one line each.
+        appearance: entries of the native table `appearance`.
+        departures: differences from SOFA, one line each.
+        refused: components or values that cannot be translated, one line each.
     """
 
     exact: bool = False
@@ -174,15 +174,15 @@ class SceneDraft:
     refused: list[str] = field(default_factory=list)
 
     def refuse(self, component: "Component", why: str) -> None:
-        """Note that a component cannot be translated, and why."""
+        """Record that a component cannot be translated, and why."""
         self.refused.append(f"{described(component)}: {why}")
 
     def depart(self, line: str) -> None:
-        """Note a departure, once."""
+        """Record a difference from SOFA, once."""
         self.departures[line] = None
 
     def body_of(self, component: "Component") -> Body | None:
-        """The body on which a component acts; refused where there is none."""
+        """The body on which a component acts; without one, the component is refused and the result is None."""
         state = independent_state(node_of(component))
         if state is None:
             self.refuse(component, "acts on nothing: there is no MechanicalObject in its node or above")
@@ -192,19 +192,19 @@ class SceneDraft:
         return self.bodies[id(state)]
 
     def points_of(self, component: "Component") -> np.ndarray:
-        """Points of the mechanical object in a component's node, which may follow its body's, shape (count, 3)."""
+        """Points of the mechanical object in a component's node, mapped or independent [mm], shape (count, 3)."""
         state = in_node(node_of(component), {STATE})
         if state is None:
             state = independent_state(node_of(component))
         return np.zeros((0, 3)) if state is None else start_position(state)[:, :3]
 
     def has_points(self, component: "Component", named: np.ndarray, count: int) -> bool:
-        """Whether all indices that a component names are those of a point; refused where one is not.
+        """Whether all indices of a component are valid; otherwise the component is refused.
 
         Args:
             component: the component.
             named: indices of points, of any shape.
-            count: number of points that there are.
+            count: number of points.
         """
         outside = named[(named < 0) | (named >= count)]
         if len(outside):
@@ -212,7 +212,7 @@ class SceneDraft:
         return not len(outside)
 
     def above(self, node: "Node", by_node: "dict[int, Component]") -> "Component | None":
-        """What a node, or the nearest one above it, has."""
+        """The component in `by_node` of a node, or of the nearest node above it, or None."""
         return next((by_node[id(above)] for above in upwards(node) if id(above) in by_node), None)
 
     def is_mapped(self, component: "Component") -> bool:

@@ -15,39 +15,39 @@ if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import SceneDraft
 
 HELD = 1e12
-"""Stiffness [mN/mm] that holds a point where a constraint fixes it."""
+"""Stiffness for points fixed by a constraint [mN/mm]."""
 SPRING = 100.0
-"""Stiffness [mN/mm] of the springs of rest shapes in SOFA where the scene gives none."""
+"""SOFA's default stiffness of rest shape springs [mN/mm]."""
 ENGINES = {"BoxROI", "SphereROI"}
 HYPERELASTIC = {"StVenantKirchhoff": "hooke", "NeoHookean": "neo-hookean"}
-"""Native laws by SOFA's names."""
+"""Native laws, by SOFA's names."""
 COROTATIONS = {"large": "edges", "qr": "edges", "polar": "polar", "polar2": "polar", "svd": "polar"}
 
 
 def animation_loop(component: Component, draft: "SceneDraft") -> None:
-    """FreeMotionAnimationLoop solves constraints; the default loop has none."""
+    """Translate the animation loop: FreeMotionAnimationLoop solves constraints, the default loop does not."""
     draft.free_motion = component.type_name.startswith("FreeMotion")
 
 
 def time_integration(component: Component, draft: "SceneDraft") -> None:
-    """The implicit Euler method with Rayleigh damping, of the bodies in its node and below."""
+    """Translate implicit Euler with Rayleigh damping, for the bodies in its node and below."""
     draft.solvers[id(node_of(component))] = component
     if flag(component, "trapezoidalScheme", False):
         draft.refuse(component, "trapezoidalScheme; only the implicit Euler method is there")
 
 
 def linear_solver(component: Component, draft: "SceneDraft") -> None:
-    """Any linear solver: the system is solved directly here."""
+    """Accept any linear solver: the system is solved directly."""
     draft.linear_solvers[id(node_of(component))] = component
 
 
 def constraint_correction(component: Component, draft: "SceneDraft") -> None:
-    """Contacts and actuators act on bodies that have one."""
+    """Translate a constraint correction: contacts and actuators act on bodies with one."""
     draft.corrections[id(node_of(component))] = component
 
 
 def uniform_mass(component: Component, draft: "SceneDraft") -> None:
-    """The same mass at every point, or mass and inertia of a rigid body."""
+    """Translate equal masses of all points, or mass and inertia of a rigid body."""
     body = draft.body_of(component)
     if body is None:
         return
@@ -72,7 +72,7 @@ def uniform_mass(component: Component, draft: "SceneDraft") -> None:
 
 
 def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
-    """A mass that the volume of each element gives to its corners."""
+    """Translate a mass by volume, which each element distributes to its corners."""
     body = draft.body_of(component)
     if body is None:
         return
@@ -91,7 +91,7 @@ def mass_by_volume(component: Component, draft: "SceneDraft") -> None:
 
 
 def _inertia(values: np.ndarray) -> np.ndarray | None:
-    """The inertia by mass [mm^2] in "mass volume inertia", whole or its six different numbers; None where none is."""
+    """Inertia over mass [mm^2] in "mass volume inertia", with nine or six numbers, or None."""
     if len(values) in (11, 12):
         return values[2:11].reshape(3, 3)
     if len(values) == 10:
@@ -103,10 +103,10 @@ def _inertia(values: np.ndarray) -> np.ndarray | None:
 
 
 def young_modulus(component: Component, count: int) -> np.ndarray:
-    """Young's modulus that a force field gives each of its tetrahedra [kPa], shape (count,).
+    """Young's modulus of each tetrahedron of a force field [kPa], shape (count,).
 
     Raises:
-        SceneError: it gives neither one number nor one for each.
+        SceneError: the data is neither one number nor one per tetrahedron.
     """
     return _of_tetrahedra(component, "youngModulus", 5000.0, count)
 
@@ -119,7 +119,7 @@ def _of_tetrahedra(component: Component, name: str, default: float, count: int) 
 
 
 def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
-    """Linear corotational elasticity of the tetrahedra of the nearest topology."""
+    """Translate linear corotational elasticity of the tetrahedra of the nearest topology."""
     body = draft.body_of(component)
     if body is None:
         return
@@ -136,7 +136,7 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
 
 
 def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
-    """A law of rubber for the tetrahedra of the nearest topology, by the moduli that it has at rest."""
+    """Translate a law of rubber for the tetrahedra of the nearest topology, by its moduli at rest."""
     body = draft.body_of(component)
     if body is None:
         return
@@ -147,7 +147,7 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
     if len(values) != 2 or values[0] <= 0.0:
         draft.refuse(component, f"ParameterSet = {values.tolist()}; {material} has two, of which the first is positive")
         return
-    # The second one is Lame's lambda, or the bulk modulus.
+    # The second parameter is Lame's lambda, or the bulk modulus.
     shear = values[0]
     dilation = values[1] if material == "StVenantKirchhoff" else values[1] - 2.0 * shear / 3.0
     ratio = dilation / (2.0 * (dilation + shear))
@@ -166,7 +166,7 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
 
 
 def _tetrahedra_of(component: Component, draft: "SceneDraft") -> np.ndarray:
-    """The tetrahedra of the nearest topology that has some, shape (count, 4); none is refused."""
+    """Tetrahedra of the nearest topology with tetrahedra, shape (count, 4); without one, it is refused."""
     link = text(component, "topology")
     topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_tetrahedra)
     tetrahedra = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
@@ -180,7 +180,7 @@ def _has_tetrahedra(topology: Component) -> bool:
 
 
 def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
-    """Springs from points to their rest positions; without points, of all points."""
+    """Translate springs from points to their rest positions; without indices, from all points."""
     body = draft.body_of(component)
     if body is None:
         return
@@ -195,7 +195,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     chosen = points if len(points) else every
     if not len(stiffness):
         stiffness = np.array([SPRING])
-    # As in SOFA, where the first one is that of all points unless there is one for each.
+    # As in SOFA: the first stiffness holds for all points unless there is one per point.
     each = stiffness if len(stiffness) == len(chosen) else np.full(len(chosen), stiffness[0])
     for value in np.unique(each):
         body.anchors.append(Anchor(component, chosen[each == value], float(value), follows_rest=True))
@@ -203,7 +203,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
 
 
 def fixed_points(component: Component, draft: "SceneDraft") -> None:
-    """Points that never move, or not along some of the axes."""
+    """Translate points fixed along all or some axes."""
     body = draft.body_of(component)
     if body is None:
         return
@@ -222,12 +222,12 @@ def fixed_points(component: Component, draft: "SceneDraft") -> None:
 
 
 def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> None:
-    """SOFA selects anew whenever rest positions change, and may hold other points then."""
+    """Record that SOFA repeats a selection whenever rest positions change, and may then hold other points."""
     data = component.findData(name)
     parent = data.getParent() if data is not None else None
     source = parent.owner if parent is not None else None
     if isinstance(source, Component) and canonical(source.type_name) in ENGINES and flag(source, "doUpdate", True):
         draft.depart(
-            f"{source.getPathName()}: selects its points once, at the start; SOFA does so anew whenever rest positions "
+            f"{source.getPathName()}: selects its points once, at the start; SOFA repeats this whenever rest positions "
             "change (doUpdate)"
         )

@@ -1,4 +1,4 @@
-"""Which components of the tree belong together: what a component acts on, and which topology it uses."""
+"""Relations of components in the tree: the object on which a component acts, and its topology."""
 
 from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
@@ -35,14 +35,14 @@ LOADERS = {"MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader"}
 
 
 def node_of(component: "Component") -> "Node":
-    """The node that a component was added to.
+    """The node of a component.
 
     Raises:
-        SceneError: none.
+        SceneError: the component is in no node.
     """
     node = component.getContext()
     if node is None:
-        raise SceneError(f"{component.describe()} ({component.place}) stands in no node")
+        raise SceneError(f"{component.describe()} ({component.place}) is in no node")
     return node
 
 
@@ -52,7 +52,7 @@ def in_node(node: "Node", types: set[str]) -> "Component | None":
 
 
 def upwards(node: "Node") -> "Iterator[Node]":
-    """A node and those above it, along the first parent of each."""
+    """A node and its ancestors, along the first parent of each."""
     here: Node | None = node
     while here is not None:
         yield here
@@ -63,7 +63,7 @@ def upwards(node: "Node") -> "Iterator[Node]":
 def nearest(
     node: "Node", types: set[str], fits: "Callable[[Component], bool]" = lambda component: True
 ) -> "Component | None":
-    """The first component of one of these types that fits, in a node or, failing that, in those above it."""
+    """The first component of one of these types that fits, in a node or else in its ancestors, or None."""
     for above in upwards(node):
         for component in above.objects:
             if canonical(component.type_name) in types and fits(component):
@@ -72,12 +72,12 @@ def nearest(
 
 
 def mapping_of(state: "Component") -> "Component | None":
-    """The mapping by which a mechanical object follows another one; None if it moves on its own."""
+    """The mapping by which a mechanical object follows another, or None."""
     return in_node(node_of(state), MAPPINGS)
 
 
 def independent_state(node: "Node") -> "Component | None":
-    """The mechanical object on whose motion everything in a node depends; None if there is none."""
+    """The independent mechanical object on which everything in a node depends, or None."""
     for above in upwards(node):
         state = in_node(above, {STATE})
         if state is not None and mapping_of(state) is None:

@@ -1,4 +1,4 @@
-"""Data that loaders and topology containers compute: points and cells, placed."""
+"""Data computed by loaders and topology containers: transformed points, and cells."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes.volume_mesh import boundary_triangles
+from taichisoft.meshes import boundary_triangles
 from taichisoft_sofa.components.graph import LOADERS, TOPOLOGIES, in_node, nearest, node_of
 from taichisoft_sofa.components.reading import computed, described, is_given, number, numbers, text, vector
 from taichisoft_sofa.meshes.loaded_mesh import LoadedMesh
@@ -21,17 +21,17 @@ if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
 
 CORNERS = {"edges": 2, "triangles": 3, "quads": 4, "tetrahedra": 4, "hexahedra": 8}
-"""Number of corners of each kind of cell that loaders and containers have."""
+"""Number of corners of each kind of cell."""
 
 OTHER_NAMES = {"tetrahedra": ("tetras",), "hexahedra": ("hexas",)}
-"""Older names of the data with them."""
+"""Older names of the data with cells."""
 
 
-def loaded(loader: "Component") -> LoadedMesh:
-    """The mesh of a loader, as it stands in the file.
+def read_loader(loader: "Component") -> LoadedMesh:
+    """The mesh of a loader, as in the file.
 
     Raises:
-        SceneError: it names no file, or the file is missing or unreadable.
+        SceneError: the loader names no file, or the file is missing or unreadable.
     """
     name = text(loader, "filename", "fileMesh", "fileTopology")
     if not name:
@@ -43,22 +43,22 @@ def loaded(loader: "Component") -> LoadedMesh:
 
 
 def file_finder(component: "Component") -> Callable[[str], Path | None]:
-    """What finds the files that a scene names: its tree, or, while the scene still builds that, the scene that runs."""
+    """Function that finds the files of a scene: of its tree, or, during the construction, of the running scene."""
     root = node_of(component).getRoot()
     find: Callable[[str], Path | None] = getattr(root, "_find_file", None) or running().find_file
     return find
 
 
 def loader_position(loader: "Component") -> np.ndarray:
-    """Points of a loader [mm], scaled, turned and shifted, shape (count, 3)."""
+    """Points of a loader [mm], scaled, rotated and translated, shape (count, 3)."""
     scale = vector(loader, "scale3d", default=[number(loader, "scale", default=1.0)] * 3)
     rotation = vector(loader, "rotation", "rotation2", default=(0.0, 0.0, 0.0))
     translation = vector(loader, "translation", "translation2", default=(0.0, 0.0, 0.0))
-    return placed_by_loader(loaded(loader).points, scale.tolist(), rotation.tolist(), translation.tolist())
+    return placed_by_loader(read_loader(loader).points, scale.tolist(), rotation.tolist(), translation.tolist())
 
 
 def source_of(component: "Component") -> "Component | None":
-    """The component that `src` names, else the loader of a container's own node; None where it reads a file itself."""
+    """The component of `src`, else the loader in the container's node; None if the container reads a file itself."""
     link = text(component, "src")
     if link:
         return component.linked("src")
@@ -78,7 +78,7 @@ def container_position(container: "Component") -> np.ndarray:
 
 
 def container_cells(container: "Component", kind: str) -> np.ndarray:
-    """Cells of a topology container: those of its source, or, for triangles, the faces of a body that it is to have."""
+    """Cells of a topology container: the cells of its source, or the boundary triangles of a mapping's input."""
     for name in (kind, *OTHER_NAMES.get(kind, ())):
         if is_given(container, name):
             return numbers(container, name).astype(np.int64).reshape(-1, CORNERS[kind])
@@ -89,14 +89,14 @@ def container_cells(container: "Component", kind: str) -> np.ndarray:
     if source is not None:
         return computed(source, kind, CORNERS[kind])
     own = text(container, "filename", "fileTopology")
-    return getattr(loaded(container), kind) if own else np.zeros((0, CORNERS[kind]), dtype=np.int64)
+    return getattr(read_loader(container), kind) if own else np.zeros((0, CORNERS[kind]), dtype=np.int64)
 
 
 def _input_of(mapping: "Component") -> "Component":
-    """The container whose tetrahedra a mapping turns into triangles."""
+    """The container with the tetrahedra from which a mapping makes triangles."""
     link = text(mapping, "input")
     parent = next(iter(node_of(mapping).parents), None)
     found = mapping.linked("input") if link else None if parent is None else nearest(parent, TOPOLOGIES)
     if found is None or canonical(found.type_name) not in TOPOLOGIES:
-        raise SceneError(f"{described(mapping)}: input '{link}' is no container of tetrahedra")
+        raise SceneError(f"{described(mapping)}: input '{link}' is not a container of tetrahedra")
     return found

@@ -1,12 +1,12 @@
-"""Data that components have in SOFA and that are not read here.
+"""Data of SOFA's components that are not read.
 
-Those that decide in SOFA how bodies move are listed where a scene gives them another value than SOFA's default. The
-others say how something is drawn, or how equations are solved, and are listed nowhere.
+Data that affect the motion of bodies in SOFA are reported if a scene changes their default. Other data concern drawing
+or the solution of equations, and are not reported.
 """
 
 from typing import Any
 
-from taichisoft_sofa.components import declarations as declarations  # what is read is declared first
+from taichisoft_sofa.components import declarations as declarations  # data that are read are declared first
 from taichisoft_sofa.tree.kinds import declare_unused, declare_without_effect
 
 LOOPS = ("FreeMotionAnimationLoop", "DefaultAnimationLoop")
@@ -77,7 +77,7 @@ UNUSED: dict[tuple[str, ...], dict[str, Any]] = {
         **{"contactRestitution": 0.0, "contactResponse": ""},
     },
 }
-"""Data that decide in SOFA how bodies move, with SOFA's defaults."""
+"""Data that affect the motion of bodies in SOFA, with SOFA's defaults."""
 
 WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     LOOPS: """
@@ -210,7 +210,7 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
         stereoMode stereoStrategy stereoShift filename
     """,
 }
-"""Data without which bodies move just the same, by type."""
+"""Data without effect on the motion of bodies, by type."""
 
 
 for _types, _data in UNUSED.items():

@@ -1,4 +1,4 @@
-"""Values of a component's data, as the translation needs them."""
+"""Typed access to the values of a component's data."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -14,13 +14,13 @@ if TYPE_CHECKING:
 
 
 def is_given(component: "Component", name: str) -> bool:
-    """Whether the scene wrote a data."""
+    """Whether the scene wrote to a data."""
     data = component.findData(name)
     return data is not None and data.is_set()
 
 
 def value_of(component: "Component", *names: str) -> Any:
-    """The value of the first of these data that the scene wrote; None where it wrote none of them."""
+    """The value of the first of these data that the scene wrote, or None."""
     for name in names:
         data = component.findData(name)
         if data is not None and data.is_set():
@@ -29,10 +29,10 @@ def value_of(component: "Component", *names: str) -> Any:
 
 
 def numbers(component: "Component", *names: str, default: Sequence[float] = ()) -> np.ndarray:
-    """All numbers of the first of these data that the scene wrote, in one row; `default` where it wrote none.
+    """Numbers of the first of these data that the scene wrote, else `default`, flattened, shape (n,).
 
     Raises:
-        SceneError: it is no list of numbers.
+        SceneError: the value is not a list of numbers.
     """
     value = value_of(component, *names)
     if value is None:
@@ -47,7 +47,7 @@ def number(component: "Component", *names: str, default: float) -> float:
     """The first number of a data.
 
     Raises:
-        SceneError: there is none.
+        SceneError: the data has no number.
     """
     found = numbers(component, *names, default=[default])
     if not len(found):
@@ -56,10 +56,10 @@ def number(component: "Component", *names: str, default: float) -> float:
 
 
 def vector(component: "Component", *names: str, default: Sequence[float]) -> np.ndarray:
-    """As many numbers as `default` has.
+    """Numbers of a data, as many as in `default`.
 
     Raises:
-        SceneError: there are more or fewer.
+        SceneError: the number of numbers differs.
     """
     found = numbers(component, *names, default=default)
     if len(found) != len(default):
@@ -68,10 +68,10 @@ def vector(component: "Component", *names: str, default: Sequence[float]) -> np.
 
 
 def flag(component: "Component", name: str, default: bool) -> bool:
-    """True or false.
+    """A data that is true or false.
 
     Raises:
-        SceneError: it is something else.
+        SceneError: the value is neither.
     """
     value = value_of(component, name)
     if value is None:
@@ -84,13 +84,13 @@ def flag(component: "Component", name: str, default: bool) -> bool:
 
 
 def text(component: "Component", *names: str, default: str = "") -> str:
-    """A text."""
+    """A data as text."""
     value = value_of(component, *names)
     return default if value is None else str(value).strip()
 
 
 def computed(component: "Component", name: str, width: int) -> np.ndarray:
-    """Rows of `width` numbers that the scene wrote or that the component computes; none where it has no such data."""
+    """Rows of `width` numbers, written by the scene or computed; no rows if the component has no such data."""
     data = component.findData(name)
     value = None if data is None else data.read_value()
     dtype = np.float64 if name in ("position", "rest_position") else np.int64
@@ -100,5 +100,5 @@ def computed(component: "Component", name: str, width: int) -> np.ndarray:
 
 
 def described(component: "Component") -> str:
-    """A component's type, path and line in the scene, as errors begin."""
+    """Type, path and line of a component, for error messages."""
     return f"{component.type_name} '{component.getPathName()}' ({component.place})"

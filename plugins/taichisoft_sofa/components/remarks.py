@@ -1,4 +1,4 @@
-"""What a scene gives a component in vain: data that count in SOFA alone, and names that nothing here knows."""
+"""Data of a scene without effect: data with an effect in SOFA only, and unknown data."""
 
 import difflib
 import functools
@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
 
 LONGEST = 60
-"""Characters of a value in a line."""
+"""Largest number of characters of a value in a line."""
 
 
 def remarks(component: "Component") -> Iterator[str]:
-    """One line for each data that the scene wrote and that has no effect, unless it has none in SOFA either."""
+    """One line for each data of the scene without effect, unless it has no effect in SOFA either."""
     known = {**OF_COMPONENTS, **declared(component.type_name)}
     for name, data in component.data_by_name.items():
         if not data.is_set() or data.is_own():
@@ -38,7 +38,7 @@ def _hint(type_name: str, name: str) -> str:
 
 
 def _is_default(value: Any, known: Declared) -> bool:
-    """Whether a value is SOFA's default, which for vectors is none at all, or zeros."""
+    """Whether a value is SOFA's default, for vectors an empty one or zeros."""
     if isinstance(value, np.ndarray):
         return not value.any()
     return bool(value == (known.default if known.default is not None else value))

@@ -1,4 +1,4 @@
-"""What the ROI engines select: points and cells inside boxes and spheres."""
+"""ROI engines: selection of points and cells inside boxes and spheres."""
 
 from typing import TYPE_CHECKING
 
@@ -22,7 +22,7 @@ CELLS_IN = {
     "tetrahedraInROI": "tetrahedra",
     "hexahedraInROI": "hexahedra",
 }
-"""Data with the cells that an engine selects, and the kind of each."""
+"""Data with the selected cells of an engine, and their kinds."""
 INDICES_OF = {
     "edgeIndices": "edges",
     "triangleIndices": "triangles",
@@ -30,14 +30,14 @@ INDICES_OF = {
     "tetrahedronIndices": "tetrahedra",
     "hexahedronIndices": "hexahedra",
 }
-"""Data with the indices of those cells."""
+"""Data with the indices of the selected cells."""
 
 DUST = 8.0 * np.finfo(np.float64).eps ** 2
-"""A coordinate below this share of the largest is 0: it is the round-off of a round-off."""
+"""A coordinate below this fraction of the largest counts as 0, because it is a round-off error."""
 
 
 def region_of(engine: "Component") -> Inside:
-    """What lies inside the region of an engine, or on its faces."""
+    """Predicate for points inside the region of an engine, or on its faces."""
     if canonical(engine.type_name) == "SphereROI":
         centres, radii = numbers(engine, "centers").reshape(-1, 3), numbers(engine, "radii")
         if len(radii) not in (1, len(centres)):
@@ -49,10 +49,10 @@ def region_of(engine: "Component") -> Inside:
 
 
 def engine_points(engine: "Component") -> np.ndarray:
-    """The points among which an engine selects, shape (count, 3); unless the scene is read exactly, 0 where they are 0.
+    """The points among which an engine selects [mm], shape (count, 3), without round-off errors of zeros.
 
-    SOFA places meshes twice, see `placed_by_loader`, which leaves 1e-30 where the file has 0, and nodes outside boxes
-    that end there.
+    SOFA transforms meshes twice, see `placed_by_loader`, which leaves 1e-30 in place of 0, and thus nodes outside boxes
+    that end at 0. If the scene is read exactly, the round-off errors are kept.
     """
     points = _given_points(engine)
     if getattr(node_of(engine).getRoot(), "_exact", False) or not points.size:
@@ -61,7 +61,7 @@ def engine_points(engine: "Component") -> np.ndarray:
 
 
 def lost_to_round_off(engine: "Component") -> np.ndarray:
-    """Indices of the points that are selected, but that SOFA leaves out or takes for the round-off of a zero."""
+    """Indices of the selected points whose selection in SOFA depends on the round-off error of a zero."""
     region = region_of(engine)
     return np.flatnonzero(region(engine_points(engine)) != region(_given_points(engine)))
 
@@ -75,12 +75,12 @@ def _given_points(engine: "Component") -> np.ndarray:
         if loader is not None:
             return computed(loader, "position", 3)
         state = nearest(node_of(engine), {STATE})
-    # Of frames the origins count.
+    # Frames are selected by their origins.
     return np.zeros((0, 3)) if state is None else computed(state, "rest_position", width_of(state))[:, :3]
 
 
 def engine_cells(engine: "Component", kind: str) -> np.ndarray:
-    """The cells among which an engine selects: its own data, or those of the topology in its node."""
+    """The cells among which an engine selects: its own data, or the cells of the topology in its node."""
     if is_given(engine, kind):
         return numbers(engine, kind).reshape(-1, CORNERS[kind]).astype(np.int64)
     topology = in_node(node_of(engine), TOPOLOGIES)

@@ -1,4 +1,4 @@
-"""Where the points of a mechanical object stand at the start."""
+"""Initial positions and velocities of mechanical objects."""
 
 import re
 from typing import TYPE_CHECKING
@@ -21,12 +21,12 @@ WIDTHS = (3, 7)
 
 
 def is_rigid(state: "Component") -> bool:
-    """Whether a mechanical object has positions and rotations, of rigid bodies."""
+    """Whether a mechanical object has frames of rigid bodies."""
     return width_of(state) == 7
 
 
 def width_of(state: "Component") -> int:
-    """How many numbers a mechanical object has for each of its points or frames; 0 where its template is unknown."""
+    """Numbers per point or frame of a mechanical object; 0 for an unknown template."""
     template = text(state, "template", default="Vec3").partition(",")[0]
     if template.startswith("Rigid"):
         return 3 if template.startswith("Rigid2") else 7
@@ -38,7 +38,7 @@ def start_position(state: "Component") -> np.ndarray:
     """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7).
 
     Raises:
-        SceneError: they are no rows of three or seven numbers, or the template is of neither.
+        SceneError: the positions are not rows of three or seven numbers, or the template is unknown.
     """
     width = width_of(state)
     if width not in WIDTHS:
@@ -59,17 +59,17 @@ def start_position(state: "Component") -> np.ndarray:
 
 
 def _axes(state: "Component", letter: str) -> list[float]:
-    """The older way to give a translation (dx, dy, dz) or a rotation (rx, ry, rz)."""
+    """Translation (dx, dy, dz) or rotation (rx, ry, rz) in the older format."""
     return [number(state, f"{letter}{axis}", default=0.0) for axis in "xyz"]
 
 
 def _source(state: "Component", width: int) -> np.ndarray:
-    """What a mechanical object begins with: its own data, what it is linked to, or its node's topology or loader."""
+    """Source of the positions of a mechanical object: its own data, a link, or its node's topology or loader."""
     for name in ("position", "rest_position"):
         if is_given(state, name):
             found = numbers(state, name)
             if found.size % width:
-                raise SceneError(f"{described(state)}: {name} has {found.size} numbers; they are no rows of {width}")
+                raise SceneError(f"{described(state)}: {name} has {found.size} numbers; they are not rows of {width}")
             return found.reshape(-1, width)
     if width == 7:
         return np.zeros((0, 7))
@@ -85,10 +85,10 @@ def _source(state: "Component", width: int) -> np.ndarray:
 
 
 def start_velocity(state: "Component") -> np.ndarray:
-    """Velocity that all points of a mechanical object have at the start: (3,) [mm/s], or (6,) with [rad/s] of a frame.
+    """Common initial velocity of all points of a mechanical object: (3,) [mm/s], or (6,) with [rad/s] for a frame.
 
     Raises:
-        SceneError: its points have different ones, or some have none.
+        SceneError: the points have different velocities, or some have none.
     """
     width = 6 if is_rigid(state) else 3
     rows = numbers(state, "velocity")

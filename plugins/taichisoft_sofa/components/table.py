@@ -1,4 +1,4 @@
-"""The table of components: what each type contributes, which do not matter, and which cannot be done."""
+"""The table of components: translations by type, types without effect, and purposes of unknown types."""
 
 from collections.abc import Callable
 
@@ -10,11 +10,11 @@ Contribution = Callable[[Component, SceneDraft], None]
 
 
 def _is_read(component: Component, draft: SceneDraft) -> None:
-    """Loaders, containers, engines and mappings: other components read them."""
+    """Accept loaders, containers, engines and mappings, which other components read."""
 
 
 def _selection(component: Component, draft: SceneDraft) -> None:
-    """Other components read what an engine selects."""
+    """Accept an engine, and record points whose selection differs from SOFA's by round-off."""
     lost = selections.lost_to_round_off(component)
     if len(lost):
         draft.depart(
@@ -24,7 +24,7 @@ def _selection(component: Component, draft: SceneDraft) -> None:
 
 
 def _state(component: Component, draft: SceneDraft) -> None:
-    """A mechanical object that follows no other one is a body."""
+    """Make a body of an independent mechanical object."""
     if not draft.is_mapped(component):
         draft.body_of(component)
 
@@ -152,7 +152,7 @@ UNDERSTOOD: dict[str, Contribution] = {
     "OglSceneFrame": visuals.axes,
     **dict.fromkeys(("Camera", "InteractiveCamera"), visuals.camera),
 }
-"""What each type contributes to the draft of a scene."""
+"""Translation of each type to the draft of a scene."""
 
 IGNORED = {
     "RequiredPlugin",
@@ -190,7 +190,7 @@ IGNORED = {
     "ExtraMonitor",
     "Visual3DText",
     "PythonMainScriptController",
-    # what changes meshes while a scene runs, or computes shapes of elements: nothing changes them here
+    # modifiers of meshes, and geometry algorithms: meshes never change here
     "TetrahedronSetTopologyModifier",
     "TetrahedronSetTopologyAlgorithms",
     "TetrahedronSetGeometryAlgorithms",
@@ -204,7 +204,7 @@ IGNORED = {
     "PointSetTopologyAlgorithms",
     "PointSetGeometryAlgorithms",
 }
-"""Types without which a scene moves just the same."""
+"""Types without effect on the motion of a scene."""
 
 PURPOSES = {
     "ForceField": "forces on the bodies",
@@ -223,9 +223,9 @@ PURPOSES = {
     "Controller": "what happens while the scene runs",
     "Actuator": "an actuator",
 }
-"""What a type of component whose name ends so is for."""
+"""Purpose of a type of component, by the end of its name."""
 
 
 def purpose(type_name: str) -> str:
-    """What an unknown component would be needed for, by its name."""
+    """Purpose of an unknown component, by its name."""
     return next((what for ending, what in PURPOSES.items() if type_name.endswith(ending)), "an unknown purpose")

@@ -1,4 +1,4 @@
-"""Colours of what is shown, and the axes in the corner."""
+"""Appearance: colours, axes and camera."""
 
 import re
 from typing import TYPE_CHECKING, Any
@@ -25,11 +25,11 @@ NAMED = {
     "yellow": "#ffff00",
     "gray": "#808080",
 }
-"""The colours that scenes may give by their names."""
+"""Colours by name."""
 
 
 def visual_model(component: "Component", draft: "SceneDraft") -> None:
-    """The colour of a body; its opacity has no effect."""
+    """Translate the colour of a body; its opacity has no effect."""
     colour = _colour(component, draft)
     if colour is None or independent_state(node_of(component)) is None:
         return
@@ -39,19 +39,19 @@ def visual_model(component: "Component", draft: "SceneDraft") -> None:
 
 
 def background(component: "Component", draft: "SceneDraft") -> None:
-    """The colour behind the scene; an image has no effect."""
+    """Translate the background colour; an image has no effect."""
     colour = _colour(component, draft)
     if colour is not None:
         draft.appearance["background"] = colour
 
 
 def axes(component: "Component", draft: "SceneDraft") -> None:
-    """Whether the axes stand in a corner of pictures."""
+    """Show the axes in a corner of pictures."""
     draft.appearance["frame"] = flag(component, "draw", True)
 
 
 def camera(component: "Component", draft: "SceneDraft") -> None:
-    """Where the camera stands in pictures, where a scene says so by `position` and `lookAt`."""
+    """Translate the camera, if the scene gives `position` and `lookAt`."""
     eye, target = numbers_of(component, "position"), numbers_of(component, "lookAt")
     if len(eye) == 3:
         draft.appearance["eye"] = eye.tolist()
@@ -60,20 +60,20 @@ def camera(component: "Component", draft: "SceneDraft") -> None:
 
 
 def _colour(component: "Component", draft: "SceneDraft") -> str | None:
-    """The colour that a component has in the scene, as "#rrggbb"; None where it has none or a wrong one."""
+    """Colour of a component as "#rrggbb"; None without a valid one."""
     value = value_of(component, "color")
     if value is None:
         return None
     colour = read_colour(value)
     if colour is None:
-        draft.depart(f"{described(component)}: color = {value!r} is no colour; it gets the usual one")
+        draft.depart(f"{described(component)}: color = {value!r} is not a colour; it gets the usual one")
     return colour
 
 
 def read_colour(value: Any) -> str | None:
-    """A colour of SOFA as "#rrggbb": a name, digits, or three or four numbers from 0 to 1; None of what is no colour.
+    """Convert a colour of SOFA, a name, digits, or three or four numbers from 0 to 1, to "#rrggbb"; None if invalid.
 
-    The opacity is left out: pictures show soft bodies translucent, so that what is in them is seen.
+    The opacity is ignored: pictures show soft bodies translucent, so that their interior is visible.
     """
     if isinstance(value, str):
         text = NAMED.get(value.strip().lower(), value.strip().lower())

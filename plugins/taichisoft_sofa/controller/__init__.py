@@ -1,1 +1,1 @@
-"""The scene's own controllers, live: what they read is the present state, what they write steers the run."""
+"""Live control by a scene's own controllers: they read the present state, and their writes steer the run."""

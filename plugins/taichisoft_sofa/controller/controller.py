@@ -1,4 +1,4 @@
-"""The controller "sofa": a run is steered by the controllers that its SOFA scene defines."""
+"""The controller "sofa", which runs the controllers of a SOFA scene."""
 
 import sys
 import warnings
@@ -6,10 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.control.control import Control
-from taichisoft.control.controller import Controller
-from taichisoft.control.keys import KeyEvent
-from taichisoft.control.observation import Observation
+from taichisoft.control import Control, Controller, KeyEvent, Observation
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_sofa.controller.reads import RunValues
 from taichisoft_sofa.controller.writes import SceneWrites
@@ -23,11 +20,11 @@ KEY_EVENTS = ("KeypressedEvent", "KeyreleasedEvent")
 
 
 class SofaController(Controller):
-    """Lets the controllers of a SOFA scene drive its native translation.
+    """Runs the controllers of a SOFA scene on its native translation.
 
-    They are told of keys and steps as in SOFA: of the end of a step, of the keys pressed since, of the beginning of the
-    next step. Terminals do not say when a key is let go: it is after one step. Where the scene has no controllers, its
-    pressures and cables keep the values that it gives them.
+    They receive events in the order of SOFA: end of a step, keys pressed since, beginning of the next step. Terminals
+    do not report released keys, so a key is released after one step. Without controllers, pressures and cables keep
+    their values in the scene.
     """
 
     def __init__(self, scene: str, python_path: Sequence[str] = (), exact: bool = False):
@@ -35,8 +32,8 @@ class SofaController(Controller):
 
         Args:
             scene: path of the SOFA scene.
-            python_path: folders of libraries that it imports.
-            exact: whether the translation keeps SOFA's reading where the usual one departs from it.
+            python_path: folders of libraries that the scene imports.
+            exact: whether the translation follows SOFA exactly where the default departs from it.
 
         Raises:
             SceneError: the scene cannot be read.
@@ -44,21 +41,21 @@ class SofaController(Controller):
         self._scene, self._exact = Path(scene), exact
         self._folders = [Path(folder) for folder in python_path]
         self._fresh: SceneTree | None = self._load()
-        heeds_keys = any(
+        handles_keys = any(
             controller.handles_event(event) for controller in self._fresh.controllers for event in KEY_EVENTS
         )
-        self.bindings = {"any": "what the scene does with it"} if heeds_keys else {}
-        # Without a terminal nobody steers, and a run that waits for keys would never end.
-        self.interactive = heeds_keys and sys.stdin is not None and sys.stdin.isatty()
+        self.bindings = {"any": "what the scene does with it"} if handles_keys else {}
+        # Without a terminal there are no keys, and a run that waits for keys would never end.
+        self.interactive = handles_keys and sys.stdin is not None and sys.stdin.isatty()
 
     def _load(self) -> SceneTree:
         return load_tree(self._scene, self._folders)
 
     def reset(self, model: "Model") -> None:
-        """Execute the scene anew, and let it see and steer a run of `model`.
+        """Execute the scene again, and connect it to a run of `model`.
 
         Raises:
-            ControllerFailed: one of its controllers failed, or the model is not that of the scene.
+            ControllerFailed: a controller of the scene failed, or the model belongs to another scene.
         """
         self._tree, self._fresh = self._fresh or self._load(), None
         translation = translate(self._tree, self._exact)
@@ -74,12 +71,12 @@ class SofaController(Controller):
         self._stepped = False
 
     def key(self, event: KeyEvent) -> None:
-        """Keep a key for the scene, which is told of it between two steps."""
+        """Queue a key, which the scene receives between two steps."""
         if event.value is None:
             self._pressed.append(event)
 
     def control(self, observation: Observation) -> Control:
-        """Tell the scene what happens, and ask for what it wrote."""
+        """Send the events to the scene, and return the request by its writes."""
         self._values.observe(observation)
         step = self._writes.time_step
         if self._stepped:
@@ -96,7 +93,7 @@ class SofaController(Controller):
         return self._writes.control()
 
     def summary(self) -> dict[str, Any]:
-        """The scene's controllers, for the table that closes a run."""
+        """Names of the scene's controllers, for the closing table of a run."""
         names = sorted({controller.type_name for controller in self._tree.controllers}) if self._has_run else []
         return {"controllers of the scene": ", ".join(names)} if names else {}
 

@@ -1,4 +1,4 @@
-"""What a scene's controllers read while a run goes on: positions, velocities, volumes, forces of the present state."""
+"""Live data for a scene's controllers: positions, velocities, volumes and forces of the present state."""
 
 import functools
 from collections.abc import Callable
@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.bodies.embedding import embed
-from taichisoft.bodies.rotations import matrices_from_quaternions
-from taichisoft.control.observation import Observation
+from taichisoft.bodies import embed, matrices_from_quaternions
+from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.state import State
 from taichisoft_sofa.components.graph import STATE, independent_state, mapping_of, node_of
@@ -25,10 +24,10 @@ if TYPE_CHECKING:
 
 
 class RunValues:
-    """Gives the data of a scene's components the values that they have in a run."""
+    """Provides the data of a scene's components with their values in a run."""
 
     def __init__(self, tree: SceneTree, translation: Translation, model: "Model"):
-        """Let the tree's data ask here.
+        """Register as the provider of the tree's data.
 
         Raises:
             SceneError: the model lacks a soft body of the translation.
@@ -53,15 +52,15 @@ class RunValues:
                 self._provide_cable(component, model)
 
     def observe(self, observation: Observation) -> None:
-        """From now on the data have the values of this observation."""
+        """Provide the values of this observation from now on."""
         self._observation = observation
         for data, value in self._provided:
-            data.take()  # what was written to it has no effect on the run: from now on it is what the run says again
+            data.take()  # discard what the scene wrote: the data shows the run's value again
             data.provider = value
 
     @property
     def _seen(self) -> Observation:
-        assert self._observation is not None  # nothing is asked before the first step
+        assert self._observation is not None  # data are not read before the first step
         return self._observation
 
     @property
@@ -72,7 +71,7 @@ class RunValues:
         return state
 
     def _provide(self, data: Data | None, value: Callable[[], Any]) -> None:
-        """Let a data have a value once there is an observation."""
+        """Provide a data with a value, once there is an observation."""
         if data is not None:
             self._provided.append((data, value))
 
@@ -85,7 +84,7 @@ class RunValues:
         if name in translation.soft:
             part, nodes = translation.soft[name], soft[name].nodes
             fixed = start_position(state)
-            carriers = functools.cache(lambda: _carriers(state, part))  # most are never asked for
+            carriers = functools.cache(lambda: _carriers(state, part))  # computed on demand, since most are never read
 
             def points(values: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
                 own, weights = carriers()
@@ -105,8 +104,7 @@ class RunValues:
 
     def _provide_cavity(self, cavity: Component, model: "Model") -> None:
         name = self._names[cavity]
-        number = model.cavities.names.index(name)
-        rest = float(model.initial_state().cavity_volume[number])
+        rest = float(model.cavities.rest_value[model.cavities.names.index(name)])
         for data, value in {
             "cavityVolume": lambda: self._seen.volumes[name],
             "initialCavityVolume": lambda: rest,
@@ -116,24 +114,24 @@ class RunValues:
             self._provide(cavity.findData(data), value)
 
     def _provide_cable(self, cable: Component, model: "Model") -> None:
-        number = model.cables.names.index(self._names[cable])
-        rest = float(model.cables.rest_length[number])
+        name = self._names[cable]
+        rest = float(model.cables.rest_value[model.cables.names.index(name)])
         for data, value in {
-            "cableLength": lambda: float(self._state.cable_length[number]),
+            "cableLength": lambda: self._seen.cable_lengths[name],
             "cableInitialLength": lambda: rest,
-            "displacement": lambda: rest - float(self._state.cable_length[number]),
-            "force": lambda: float(self._state.cable_tension[number]) / self._effort_of_value,
+            "displacement": lambda: rest - self._seen.cable_lengths[name],
+            "force": lambda: self._seen.cable_tensions[name] / self._effort_of_value,
         }.items():
             self._provide(cable.findData(data), value)
 
 
 def _no_force(state: Component) -> np.ndarray:
-    """Nothing computes the force that SOFA has there, and an empty array would be mistaken for it."""
+    """Refuse to read a force, which is not computed; an empty array would be misleading."""
     raise SceneError(f"{described(state)}: force is not known in a run; cables have force, cavities have pressure")
 
 
 def _carriers(state: Component, part: SoftPart) -> tuple[np.ndarray, np.ndarray]:
-    """Native nodes that carry the points of a mechanical object, and their weights; no weight where none does."""
+    """Native nodes that carry the points of a mechanical object, and their weights, 0 for points without nodes."""
     points = start_position(state)
     if mapping_of(state) is None:
         place = np.full(len(points), -1)

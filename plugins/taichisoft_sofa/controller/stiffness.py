@@ -1,4 +1,4 @@
-"""Young's moduli that a scene's controllers change: they count from `reinit()` on, as in SOFA."""
+"""Changes of Young's moduli by a scene's controllers, which take effect at `reinit()`, as in SOFA."""
 
 from dataclasses import replace
 
@@ -9,17 +9,17 @@ from taichisoft_sofa.components.draft import Material
 from taichisoft_sofa.components.dynamics import young_modulus
 from taichisoft_sofa.components.reading import described, flag
 from taichisoft_sofa.translation.parts import SoftPart
-from taichisoft_sofa.translation.soft_bodies import add_up
+from taichisoft_sofa.translation.soft_bodies import add_moduli
 
 ROUND_OFF = 1e-9
-"""Shares of Young's modulus, and Poisson's ratios, that differ by less are the same."""
+"""Largest difference of equal Young's moduli, relative, and of equal Poisson's ratios [-]."""
 
 
 class PartStiffness:
-    """The force fields of a soft body, which add up to the moduli of its native materials."""
+    """The force fields of a soft body, whose sum gives the moduli of its native materials."""
 
     def __init__(self, name: str, part: SoftPart):
-        """Take the stiffness of the scene.
+        """Store the initial stiffness of the scene.
 
         Args:
             name: the body's native name.
@@ -29,13 +29,13 @@ class PartStiffness:
         self._names = [name, *(f"{name}.regions.{index}" for index in regions)]
         self._tetrahedra = part.points[part.elements]
         self._material = part.material
-        # One element stands for its material.
+        # One element represents its material.
         self._first = np.array([np.argmax(part.material == number) for number in range(len(self._names))])
         self._fields = tuple(part.body.materials)
-        self._young, self._poisson = add_up(self._tetrahedra, self._fields)
+        self._young, self._poisson = add_moduli(self._tetrahedra, self._fields)
 
     def begin(self) -> None:
-        """Take what was asked for up to now for the scene itself."""
+        """Take the requests up to now as the initial state of the scene."""
         for field in self._fields:
             field.component.reinit_requested = False
 
@@ -43,13 +43,13 @@ class PartStiffness:
         """The moduli [kPa] that have changed since the last call, by native material.
 
         Raises:
-            SceneError: no modulus of a native material does what the force fields do.
+            SceneError: no modulus of a native material is equivalent to the force fields.
         """
         fields = tuple(map(_present, self._fields))
         changed = [new for new, old in zip(fields, self._fields, strict=True) if new is not old]
         if not changed:
             return {}
-        young, poisson = add_up(self._tetrahedra, fields)
+        young, poisson = add_moduli(self._tetrahedra, fields)
         where = described(changed[0].component)
         if np.abs(poisson - self._poisson).max() > ROUND_OFF:
             raise SceneError(
@@ -58,7 +58,7 @@ class PartStiffness:
             )
         if (np.abs(young - young[self._first][self._material]) > ROUND_OFF * np.abs(young)).any():
             raise SceneError(
-                f"{where}: its new youngModulus makes tetrahedra differ that were of one stiffness; give those that "
+                f"{where}: its new youngModulus makes tetrahedra of one stiffness differ; give tetrahedra that "
                 "will change another youngModulus from the start"
             )
         before = self._young[self._first]
@@ -68,7 +68,7 @@ class PartStiffness:
 
 
 def _present(field: Material) -> Material:
-    """A force field with the moduli that it works with now; itself where they are what they were."""
+    """A force field with its present moduli; the same object if unchanged."""
     component = field.component
     if not component.reinit_requested and not flag(component, "updateStiffness", False):
         return field

@@ -1,13 +1,13 @@
-"""What a scene's controllers write while a run goes on, as what the run is asked for."""
+"""Writes of a scene's controllers during a run, converted to requests."""
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.control.control import Control
+from taichisoft.control import Control
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.actuators import VOLUME, by_force, value_by
+from taichisoft_sofa.components.actuators import VOLUME, is_driven_by_force, value_type
 from taichisoft_sofa.components.reading import described, flag, is_given, number
 from taichisoft_sofa.components.table import IGNORED
 from taichisoft_sofa.controller.stiffness import PartStiffness
@@ -22,22 +22,22 @@ from taichisoft_sofa.tree.node import Node
 if TYPE_CHECKING:
     from taichisoft.model import Model
 
-HEEDED = {
+USED = {
     "SurfacePressureConstraint": {"value", "valueIndex", "maxPressureVariation", "maxVolumeGrowthVariation"},
     "CableConstraint": {"value", "valueIndex", "pullPoint", "maxDispVariation"},
     "MechanicalObject": {"rest_position"},
     "TetrahedronFEMForceField": {"youngModulus", "updateStiffness"},
     "Node": {"gravity"},
 }
-"""Data whose changes have an effect, by type of component; of nodes, those of the root."""
+"""Data whose changes have an effect, by type of component; for nodes, data of the root."""
 SILENT = {"name", "listening", "printLog", "bbox", "animate"}
-"""Data whose changes nobody expects to move a body."""
+"""Data whose changes are not expected to move a body."""
 APPEARANCE = {"OglModel", "VisualModel", "BackgroundSetting", "OglSceneFrame"}
-"""Types whose changes concern pictures alone."""
+"""Types whose changes affect pictures only."""
 
 
 class SceneWrites:
-    """Turns what is written to the tree into what the run is asked for."""
+    """Converts writes to the tree to requests of the run."""
 
     def __init__(self, tree: SceneTree, translation: Translation, model: "Model"):
         """Find the data that steer the run.
@@ -58,7 +58,7 @@ class SceneWrites:
                 if name not in model.cables.names:
                     raise SceneError(f"has a cable '{name}' that the run does not have")
                 self._cables.append((component, name))
-        lengths = dict(zip(model.cables.names, model.cables.rest_length, strict=True))
+        lengths = dict(zip(model.cables.names, model.cables.rest_value, strict=True))
         self._paid_out = {
             name: number(cable, "cableInitialLength", default=lengths[name]) - lengths[name]
             for cable, name in self._cables
@@ -70,7 +70,7 @@ class SceneWrites:
         self._revisions: dict[int, int] = {}
 
     def begin(self) -> None:
-        """Take what is written up to now for the scene itself; what is written from now on are changes."""
+        """Take all writes up to now as the initial state; later writes are changes."""
         for data in self._rest.values():
             data.take()
         self._gravity.take()
@@ -80,7 +80,7 @@ class SceneWrites:
             place = cable.findData("pullPoint")
             if place is not None:
                 place.take()
-        self._told: set[int] = set()
+        self._reported: set[int] = set()
         self._before: dict[int, float] = {}
         self._watched = [(owner, owner.data_revision) for owner in self._changeable()]
         self._revisions = {
@@ -88,11 +88,11 @@ class SceneWrites:
         }
 
     def control(self) -> Control:
-        """What the run is asked for."""
+        """The request by the writes since the last call."""
         pressure, growth = {}, {}
         for cavity, name in self._cavities:
             value = _present(cavity)
-            if value_by(cavity) == VOLUME:
+            if value_type(cavity) == VOLUME:
                 growth[name] = self._varied(cavity, value, "maxVolumeGrowthVariation", "volumeGrowth")
             else:
                 value = self._varied(cavity, value, "maxPressureVariation", "pressure")
@@ -100,7 +100,7 @@ class SceneWrites:
         tension, pull, pull_points = {}, {}, {}
         for cable, name in self._cables:
             value = _present(cable)
-            if by_force(cable):
+            if is_driven_by_force(cable):
                 tension[name] = value * self._translation.effort_of_value
             else:
                 pull[name] = self._varied(cable, value, "maxDispVariation", "displacement") - self._paid_out[name]
@@ -128,10 +128,10 @@ class SceneWrites:
         )
 
     def _varied(self, actuator: Component, value: float, limit: str, quantity: str) -> float:
-        """The value, at most so far from the quantity's as the scene allows.
+        """The value, limited to the variation of the quantity that the scene allows.
 
-        SOFA compares with what a growth or a displacement was at the beginning of the last step, not of this one: so it
-        changes by the allowed variation every two steps.
+        SOFA compares with a growth or displacement at the beginning of the last step, not of this one: so it changes by
+        the allowed variation every two steps.
         """
         if not is_given(actuator, limit):
             return value
@@ -142,7 +142,7 @@ class SceneWrites:
         return min(max(value, middle - variation), middle + variation)
 
     def without_effect(self) -> Iterator[str]:
-        """One line for each data that was written to, and each change of the tree, that nothing here follows; once."""
+        """One line for each write and each change of the tree without effect, once."""
         for place, (owner, revision) in enumerate(self._watched):
             if owner.data_revision != revision:
                 self._watched[place] = owner, owner.data_revision
@@ -152,12 +152,12 @@ class SceneWrites:
                 yield f"{line}, which has no effect in a run"
 
     def _unused_writes(self, owner: Base) -> Iterator[str]:
-        of_type = HEEDED.get(canonical(owner.type_name), set())
-        heeded = set() if isinstance(owner, Node) and owner is not self._tree.root else of_type
+        of_type = USED.get(canonical(owner.type_name), set())
+        used = set() if isinstance(owner, Node) and owner is not self._tree.root else of_type
         for data in owner.data_by_name.values():
-            known = data.name in heeded | SILENT or id(data) in self._told
+            known = data.name in used | SILENT or id(data) in self._reported
             if not known and data.revision > self._revisions.get(id(data), 0):
-                self._told.add(id(data))
+                self._reported.add(id(data))
                 where = f"{owner.described()} ({data.place})"
                 yield f"{where}: the scene writes to '{data.name}', which has no effect in a run"
 
@@ -169,7 +169,7 @@ class SceneWrites:
 
 
 def known_data(owner: Base, name: str) -> Data:
-    """A data that every owner of its type has."""
+    """A data that exists in every owner of its type."""
     data = owner.findData(name)
     assert data is not None
     return data
@@ -186,7 +186,7 @@ def _present(component: Component) -> float:
 
 
 def _targets(part: SoftPart, rest: np.ndarray, data: Data) -> np.ndarray:
-    """Where the anchored nodes are held: at the new rest positions, those of fixed points where they were."""
+    """Positions of the anchors: the new rest positions [mm], or unchanged ones for fixed points."""
     if len(rest) != len(part.body.position):
         raise SceneError(f"{data.linkpath}: has {len(rest)} points; {len(part.body.position)} are needed")
     held = part.points[part.anchored]

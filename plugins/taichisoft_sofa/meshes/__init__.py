@@ -1,1 +1,1 @@
-"""Mesh files as SOFA's loaders read and place them."""
+"""Mesh files, read and transformed as by SOFA's loaders."""

@@ -1,4 +1,4 @@
-"""What a loader of SOFA makes of a file."""
+"""The mesh of a SOFA loader."""
 
 from dataclasses import dataclass, field
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def no_cells(corners: int) -> np.ndarray:
-    """An empty array of cells with so many corners."""
+    """An empty array of cells, shape (0, corners)."""
     return np.zeros((0, corners), dtype=np.int64)
 
 
@@ -15,7 +15,7 @@ class LoadedMesh:
     """Points and cells in the order of the file.
 
     Attributes:
-        points: positions, shape (point_count, 3).
+        points: positions [mm], shape (point_count, 3).
         edges: point indices, shape (edge_count, 2).
         triangles: point indices, shape (triangle_count, 3).
         quads: point indices, shape (quad_count, 4).
@@ -32,5 +32,5 @@ class LoadedMesh:
 
 
 def split_quads(quads: np.ndarray) -> np.ndarray:
-    """Two triangles for each quad, shape (2 * quad_count, 3)."""
+    """Split each quad in two triangles, shape (2 * quad_count, 3)."""
     return quads[:, [[0, 1, 2], [0, 2, 3]]].reshape(-1, 3)

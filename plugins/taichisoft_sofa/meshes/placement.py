@@ -1,7 +1,6 @@
 """Scale, rotation and translation as SOFA's loaders and mechanical objects apply them, to the last bit.
 
-Rotations are turns about the fixed x, y and z axes, in this order. The last bit matters where a box selects nodes that
-lie on its faces.
+Rotations are about the fixed x, y and z axes, in this order. The last bit matters if a box selects nodes on its faces.
 """
 
 import math
@@ -11,7 +10,7 @@ import numpy as np
 
 
 def rotation_matrix(degrees: Sequence[float]) -> np.ndarray:
-    """Matrix (3, 3) of turns about the x, y and z axes [degrees], through a quaternion as in SOFA."""
+    """Matrix (3, 3) of rotations about the x, y and z axes [degrees], by way of a quaternion as in SOFA."""
     x, y, z, w = quaternion(degrees)
     return np.array(
         [
@@ -23,7 +22,7 @@ def rotation_matrix(degrees: Sequence[float]) -> np.ndarray:
 
 
 def quaternion(degrees: Sequence[float]) -> tuple[float, float, float, float]:
-    """Unit quaternion (x, y, z, w) of turns about the x, y and z axes [degrees]."""
+    """Unit quaternion (x, y, z, w) of rotations about the x, y and z axes [degrees]."""
     halves = [angle * math.pi / 180.0 / 2.0 for angle in degrees]
     (cx, cy, cz), (sx, sy, sz) = map(math.cos, halves), map(math.sin, halves)
     return (
@@ -35,7 +34,7 @@ def quaternion(degrees: Sequence[float]) -> tuple[float, float, float, float]:
 
 
 def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> np.ndarray:
-    """The quaternion (x, y, z, w) of turning by `second` and then by `first`."""
+    """Quaternion (x, y, z, w) of a rotation by `second`, then by `first`."""
     a, b = np.array(first[:3]), np.array(second[:3])
     return np.array([*(first[3] * b + second[3] * a + np.cross(a, b)), first[3] * second[3] - a @ b])
 
@@ -43,17 +42,17 @@ def multiply_quaternions(first: Sequence[float], second: Sequence[float]) -> np.
 def placed(
     points: np.ndarray, scale: Sequence[float], rotation: Sequence[float], translation: Sequence[float]
 ) -> np.ndarray:
-    """Points (count, 3) scaled, then turned [degrees], then shifted."""
+    """Points (count, 3) [mm] scaled, then rotated [degrees], then translated [mm]."""
     return _transformed(points, rotation_matrix(rotation) * np.asarray(scale), translation)
 
 
 def placed_by_loader(
     points: np.ndarray, scale: Sequence[float], rotation: Sequence[float], translation: Sequence[float]
 ) -> np.ndarray:
-    """Points as a loader leaves them: it places them when it reads the file, and on its initialisation once more.
+    """Points transformed as by a loader: when it reads the file, and again at its initialisation.
 
-    The second time it first takes back the first placement by its inverse, which costs the last digits: a node of a
-    turned mesh that should lie on a plane z = 0 may lie 1e-30 below it, and outside a box that ends there.
+    The second time it first inverts the first transformation, with round-off errors: a node of a rotated mesh that
+    should lie on the plane z = 0 may lie 1e-30 below it, outside a box that ends there.
     """
     matrix = rotation_matrix(rotation) * np.asarray(scale)
     if (matrix == np.eye(3)).all() and not np.any(translation):
@@ -70,7 +69,7 @@ def _transformed(points: np.ndarray, matrix: np.ndarray, shift: Sequence[float])
 
 
 def _inverse(m: np.ndarray) -> np.ndarray:
-    """The inverse by cofactors, whose round-off differs from that of a factorisation."""
+    """Inverse by cofactors, with the round-off errors of SOFA instead of those by a factorisation."""
     determinant = (
         m[0, 0] * m[1, 1] * m[2, 2]
         + m[1, 0] * m[2, 1] * m[0, 2]

@@ -1,4 +1,4 @@
-"""Files that SOFA's loaders read: VTK, STL, OBJ and Gmsh. Points and cells keep the order of the file."""
+"""Readers for the files of SOFA's loaders: VTK, STL, OBJ and Gmsh, in the order of the file."""
 
 import contextlib
 import functools
@@ -13,17 +13,16 @@ from typing import Any
 import numpy as np
 
 from taichisoft.errors import MeshError
-from taichisoft.meshes.file_kind import existing_file, unreadable
-from taichisoft.meshes.msh_reader import is_msh41, read_msh41
+from taichisoft.meshes import existing_file, is_msh41, read_msh41, unreadable
 from taichisoft_sofa.meshes.loaded_mesh import LoadedMesh, no_cells
 from taichisoft_sofa.meshes.stock import STOCK_MESHES
 
-# What meshio calls the cells that a loader hands on.
+# meshio's names of the cells of a loader.
 CELLS = {"edges": "line", "triangles": "triangle", "quads": "quad", "tetrahedra": "tetra", "hexahedra": "hexahedron"}
 
 
 def read_mesh(path: Path) -> LoadedMesh:
-    """Read a mesh that `find_mesh` found, or make the one of SOFA's own that has this name.
+    """Read a mesh found by `find_mesh`, or make the stand-in for a mesh of SOFA's by its name.
 
     Raises:
         MeshError: the file is missing or unreadable, or its format is unknown.
@@ -36,26 +35,26 @@ def read_mesh(path: Path) -> LoadedMesh:
 
 @functools.lru_cache(maxsize=64)
 def _read_file(path: Path, stamp: int) -> LoadedMesh:
-    """Read a file as it stood at the time `stamp`."""
+    """Read a file; `stamp` is its time of modification, as a key of the cache."""
     try:
-        # meshio prints names and reasons as they are; what it found is told below.
+        # Suppress meshio's unescaped messages; errors are reported below.
         with contextlib.redirect_stdout(io.StringIO()), contextlib.redirect_stderr(io.StringIO()):
             mesh = READERS[path.suffix.lower()](path)
-    except (Exception, SystemExit) as error:  # the parsers raise whatever a broken file makes them stumble over
+    except (Exception, SystemExit) as error:  # broken files make the parsers raise any exception
         raise error if isinstance(error, MeshError) else unreadable(path, error) from error
     for array in vars(mesh).values():
-        array.flags.writeable = False  # shared by all who read the file
+        array.flags.writeable = False  # shared by all readers of the file
     return mesh
 
 
 def _read_vtk(path: Path) -> LoadedMesh:
-    """A file of VTK's older format or in XML, whichever its suffix; decimal coordinates in double precision."""
+    """Read a file of VTK's older format or in XML, with decimal coordinates in double precision."""
     import meshio
 
     content = path.read_bytes()
     xml = content.lstrip().startswith((b"<?xml", b"<VTKFile"))
     if xml and not re.search(rb"<VTKFile[^>]*type\s*=\s*[\"']UnstructuredGrid", content):
-        raise MeshError(f"{path}: is XML of VTK, but no UnstructuredGrid; save the mesh as one")
+        raise MeshError(f"{path}: is XML of VTK, but not an UnstructuredGrid; save the mesh as one")
     doubles = re.sub(ASCII_ARRAY if xml else ASCII_POINTS, _in_doubles, content)
     with tempfile.TemporaryDirectory() as folder:
         copy = Path(folder) / f"mesh{'.vtu' if xml else '.vtk'}"
@@ -63,13 +62,13 @@ def _read_vtk(path: Path) -> LoadedMesh:
         return _from_meshio(meshio.read(copy))
 
 
-# Of files with decimal numbers: the head that says in which precision those are to be read.
+# Head of decimal arrays, with the precision in which they are read.
 ASCII_ARRAY = rb"<DataArray[^>]*format\s*=\s*[\"']ascii[\"'][^>]*>|<DataArray(?![^>]*format)[^>]*>"
 ASCII_POINTS = rb"\A[^\n]*\n[^\n]*\n\s*ASCII\b[\s\S]*?\bPOINTS\s+\d+\s+float\b"
 
 
 def _in_doubles(head: re.Match[bytes]) -> bytes:
-    """The head of numbers that are to be read in double precision."""
+    """Replace the precision in the head of an array by double precision."""
     return re.sub(rb"Float32", b"Float64", re.sub(rb"\bfloat\Z", b"double", head[0]))
 
 
@@ -90,7 +89,7 @@ def _from_meshio(mesh: Any) -> LoadedMesh:
 
 
 def _read_stl(path: Path) -> LoadedMesh:
-    """Triangles, whose equal corners become one point where the first of them stands."""
+    """Read triangles; equal corners become one point, in the order of their first occurrence."""
     import trimesh
 
     soup = trimesh.load_mesh(path, process=False)
@@ -101,7 +100,7 @@ def _read_stl(path: Path) -> LoadedMesh:
 
 
 def _read_obj(path: Path) -> LoadedMesh:
-    """Vertices, also those in no face, and faces; those of more than four corners are cut into triangles."""
+    """Read all vertices, with or without faces, and faces; faces of more than four corners become triangles."""
     points: list[list[float]] = []
     faces: dict[int, list[list[int]]] = {2: [], 3: [], 4: []}
     for line in path.read_text(encoding="utf-8", errors="replace").splitlines():

@@ -1,4 +1,4 @@
-"""Stand-ins for the meshes that SOFA brings along, which scenes name without having them: same names, same sizes."""
+"""Stand-ins, with the same names and sizes, for meshes of SOFA itself that scenes use."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,7 +10,7 @@ from taichisoft_sofa.meshes.loaded_mesh import LoadedMesh
 
 
 def _box(lower: tuple[float, float, float], upper: tuple[float, float, float], pieces: int) -> LoadedMesh:
-    """The faces of a box, each cut into pieces x pieces squares of two triangles, facing outward."""
+    """Surface of a box, facing outward, with pieces x pieces squares of two triangles on each face."""
     grid = np.linspace(0.0, 1.0, pieces + 1)
     points = np.array([[x, y, z] for x in grid for y in grid for z in grid])
     number = np.arange(len(points)).reshape(pieces + 1, pieces + 1, pieces + 1)
@@ -20,7 +20,7 @@ def _box(lower: tuple[float, float, float], upper: tuple[float, float, float], p
         for end, turned in ((0, True), (-1, False)):
             face = np.take(number, end, axis=axis)
             corners = np.stack([face[:-1, :-1], face[1:, :-1], face[1:, 1:], face[:-1, 1:]], axis=-1).reshape(-1, 4)
-            # The two axes that remain span a normal along the third one, or against it where that is y.
+            # The cross product of the two other axes points along the third axis, or against it if that is y.
             quads.append(corners[:, ::-1] if turned != (axis == 1) else corners)
     renumbered = np.cumsum(on_surface) - 1
     quad = renumbered[np.vstack(quads)]
@@ -29,7 +29,7 @@ def _box(lower: tuple[float, float, float], upper: tuple[float, float, float], p
 
 
 def _plate(half_width: float) -> LoadedMesh:
-    """A square in the plane y = 0 that faces upward."""
+    """A square in the plane y = 0, facing upward."""
     w = half_width
     corners = [[-w, 0.0, -w], [-w, 0.0, w], [w, 0.0, w], [w, 0.0, -w]]
     return LoadedMesh(np.array(corners), quads=np.array([[0, 1, 2, 3]]))
@@ -41,14 +41,14 @@ STOCK_MESHES: dict[str, Callable[[], LoadedMesh]] = {
     "mesh/floorFlat.obj": lambda: _plate(20.0),
     "mesh/floor.obj": lambda: _box((-74.67, -5.33, -74.67), (74.67, -1.33, 74.67), 1),
 }
-"""What makes each mesh, by the name that scenes give it."""
+"""Functions that make the meshes, by name."""
 
 
 def find_mesh(name: str, find_file: Callable[[str], Path | None]) -> Path:
-    """Where a mesh lies: a file that `find_file` finds, or, for a mesh of SOFA's own, the name that `read_mesh` knows.
+    """Path of a mesh: a file found by `find_file`, or the name of one of SOFA's meshes known to `read_mesh`.
 
     Raises:
-        MeshError: it is nowhere.
+        MeshError: the mesh was not found.
     """
     found = find_file(str(Path(name).expanduser()))
     if found is not None:

@@ -1,1 +1,1 @@
-"""From the tree of a SOFA scene to the tables and files of a native one."""
+"""Translation of the tree of a SOFA scene to the tables and files of a native scene."""

@@ -7,16 +7,16 @@ from taichisoft_sofa.components.draft import SceneDraft
 
 NEEDED = ("pipeline", "broad phase", "response")
 SPACING = 0.8
-"""Distance below which only one of two contacts is kept, as a share of the alarm distance."""
+"""Distance below which only one of two contacts is kept, as a fraction of the alarm distance [-]."""
 
 
 def collides(draft: SceneDraft) -> bool:
-    """Whether contacts are looked for and solved at all."""
+    """Whether the scene detects and solves contacts."""
     return draft.free_motion and all(role in draft.pipeline for role in NEEDED)
 
 
 def contact_table(draft: SceneDraft) -> dict[str, Any]:
-    """Friction and distances; the engine's own where nothing collides."""
+    """Friction and distances; without collisions the engine's defaults."""
     if not collides(draft):
         return {}
     draft.depart(

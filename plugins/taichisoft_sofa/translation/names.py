@@ -1,4 +1,4 @@
-"""Names of bodies, cavities and cables: their nodes' names, as short as they can be told apart."""
+"""Names of bodies, cavities and cables: the shortest distinct names of their nodes."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -12,22 +12,22 @@ if TYPE_CHECKING:
 
 
 def body_names(nodes: "Sequence[Node]") -> list[str]:
-    """A name for the body of each node: the node's own, else that of a node above, where bodies share theirs.
+    """Name the body of each node: by the node, or by an ancestor if bodies share the node's name.
 
-    Three nodes called "ElasticMaterialObject" below "Finger1", "Finger2" and "Finger3" get the names of these.
+    Three nodes "ElasticMaterialObject" below "Finger1", "Finger2" and "Finger3" are named "Finger1", and so on.
     """
     paths = [[clean(above.getName()) for above in upwards(node)] for node in nodes]
     names = [path[0] for path in paths]
     for name, count in Counter(names).items():
         if count > 1:
             same = [index for index, other in enumerate(names) if other == name]
-            for index, better in zip(same, _told_apart([paths[index] for index in same]), strict=True):
+            for index, better in zip(same, _distinct_names([paths[index] for index in same]), strict=True):
                 names[index] = better
     return unique(names)
 
 
-def _told_apart(paths: list[list[str]]) -> list[str]:
-    """The names at the lowest level above on which the paths all differ, else the whole paths."""
+def _distinct_names(paths: list[list[str]]) -> list[str]:
+    """Names at the lowest level at which all paths differ, else the whole paths."""
     for level in range(1, min(map(len, paths))):
         names = [path[level] for path in paths]
         if len(set(names)) == len(names):
@@ -36,7 +36,7 @@ def _told_apart(paths: list[list[str]]) -> list[str]:
 
 
 def actuator_names(components: "Sequence[Component]") -> list[str]:
-    """A name for each actuator of a body: that of its node, or its own where several share a node."""
+    """Name each actuator of a body: by its node, or by its own name if several share a node."""
     nodes = [node_of(component) for component in components]
     sharing = Counter(map(id, nodes))
     return [
@@ -46,7 +46,7 @@ def actuator_names(components: "Sequence[Component]") -> list[str]:
 
 
 def unique(names: list[str]) -> list[str]:
-    """The names, of which those that stand there twice get a number."""
+    """Make names unique by numbers."""
     taken: set[str] = set()
     numbers: dict[str, int] = {}
     found = []
@@ -61,5 +61,5 @@ def unique(names: list[str]) -> list[str]:
 
 
 def clean(name: str) -> str:
-    """A name without the signs that join names in a native scene."""
+    """Replace the characters that join names in a native scene."""
     return name.translate(str.maketrans("./|", "___")) or "unnamed"

@@ -1,4 +1,4 @@
-"""What a translation consists of, and the files that go with it."""
+"""The result of a translation, with its files."""
 
 import hashlib
 from dataclasses import dataclass, field
@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import taichisoft
-from taichisoft.meshes.files import write_volume_mesh
-from taichisoft.meshes.surface_files import write_stl
-from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft.meshes import VolumeMesh, write_stl, write_volume_mesh
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import Body
@@ -19,15 +17,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SoftPart:
-    """A soft body as it was made of a draft.
+    """A translated soft body.
 
     Attributes:
-        body: what it was made of.
-        points: SOFA's index of each of its nodes, shape (node_count,).
-        elements: node indices of its tetrahedra, shape (element_count, 4).
-        material: number of the native material of each of them: 0 the body's own, from 1 on those of its regions.
+        body: body of the draft.
+        points: SOFA's index of each node, shape (node_count,).
+        elements: node indices of the tetrahedra, shape (element_count, 4).
+        material: number of each element's native material: 0 for the body's own, from 1 for regions, (element_count,).
         anchored: native indices of the anchored nodes, rising, shape (anchor_count,).
-        anchored_follows: whether each of them follows `rest_position`, else it is fixed, shape (anchor_count,).
+        anchored_follows: whether each anchored node follows `rest_position`, else it is fixed, shape (anchor_count,).
     """
 
     body: "Body"
@@ -40,20 +38,20 @@ class SoftPart:
 
 @dataclass
 class Translation:
-    """A scene of SOFA as a native one.
+    """A native scene made of a SOFA scene.
 
     Attributes:
-        tables: what the native scene would have in TOML; files are named as `files` has them.
+        tables: tables of the native scene, with file names as in `files`.
         files: meshes and surfaces.
-        names: native names by component: bodies by their mechanical objects, cavities and cables by their constraints.
-        effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so.
-        signs: 1 by cavity whose walls face outward, seen from the air; -1 where a pressure shrinks it.
+        names: native names of bodies, cavities and cables, by mechanical object or constraint.
+        effort_of_value: pressure [kPa] or tension [mN] per unit of SOFA's value.
+        signs: 1 for a cavity whose walls face outward, seen from the air; -1 if a pressure shrinks it.
         soft: soft bodies by native name.
         rigid: rigid bodies by native name.
-        departures: what is done otherwise than in SOFA, one line each.
+        departures: differences from SOFA, one line each.
         understood: number of components of each type that were translated.
-        ignored: number of components of each type without which the scene moves just the same.
-        refused: what cannot be done, one line each.
+        ignored: number of components of each type without effect on the motion.
+        refused: components or values that cannot be translated, one line each.
     """
 
     tables: dict[str, Any] = field(default_factory=dict)
@@ -70,24 +68,24 @@ class Translation:
 
 
 class MeshFiles:
-    """The meshes and surfaces of a translation, by the names of their files; written once they are needed."""
+    """The meshes and surfaces of a translation, by file name; written on demand."""
 
     def __init__(self) -> None:
         self._volumes: dict[str, VolumeMesh] = {}
         self._surfaces: dict[str, tuple[np.ndarray, np.ndarray]] = {}
 
     def volume(self, name: str, mesh: VolumeMesh) -> str:
-        """Add a mesh of tetrahedra and return the name of its file."""
+        """Add a mesh of tetrahedra; returns its file name."""
         self._volumes[f"{name}.msh"] = mesh
         return f"{name}.msh"
 
     def surface(self, name: str, points: np.ndarray, triangles: np.ndarray) -> str:
-        """Add a surface and return the name of its file."""
+        """Add a surface; returns its file name."""
         self._surfaces[f"{name}.stl"] = points, triangles
         return f"{name}.stl"
 
     def fingerprint(self) -> str:
-        """A hash of everything that would be written."""
+        """Hash of all content to be written."""
         whole = hashlib.sha256(taichisoft.__version__.encode())
         for name, mesh in self._volumes.items():
             for array in (mesh.nodes, mesh.elements, *mesh.element_groups.values()):
@@ -106,7 +104,7 @@ class MeshFiles:
         """Write all files into a folder.
 
         Raises:
-            MeshError: one cannot be written.
+            MeshError: a file cannot be written.
         """
         for name, mesh in self._volumes.items():
             write_volume_mesh(mesh, folder / name)

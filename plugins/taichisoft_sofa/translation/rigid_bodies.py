@@ -15,11 +15,11 @@ from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.tree.kinds import canonical
 
 UNIT_INERTIA = np.eye(3)
-"""The inertia by mass [mm^2] that SOFA, and STLIB, take where the scene gives none."""
+"""Default inertia over mass of SOFA and STLIB [mm^2]."""
 
 
 def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
-    """Put a rigid body into a translation."""
+    """Add a rigid body to a translation."""
     if len(body.position) != 1:
         draft.refuse(body.state, f"has {len(body.position)} rigid frames; one is known")
         return
@@ -32,7 +32,7 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Transl
     mass = body.mass.total if body.mass.total is not None else body.mass.each or 0.0
     pose = body.position[0]
     shape: dict[str, Any] = {"surface": translation.files.surface(name, points, triangles)}
-    if not len(triangles):  # what cannot be seen has no shape, but a native body has one
+    if not len(triangles):  # an invisible body has no shape in SOFA, but a native body needs one
         shape = {"box": [1.0, 1.0, 1.0]}
     table: dict[str, Any] = {
         **shape,
@@ -52,7 +52,7 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Transl
     elif draft.exact or not len(triangles):
         table["inertia"] = (mass * UNIT_INERTIA).tolist()
     else:
-        draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA takes that of 1 mm^2 by mass")
+        draft.depart(f"{body.node.getPathName()}: has the inertia of its shape; SOFA assumes 1 mm^2 per mass")
     _note_lost_weight(body, float(mass), draft)
     translation.tables.setdefault("rigid_bodies", {})[name] = table
     translation.names[body.state] = name
@@ -60,7 +60,7 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Transl
 
 
 def add_obstacle(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
-    """Put something that stands still into a translation; without anything to touch it, it is nothing."""
+    """Add an obstacle to a translation; without surfaces or collisions it is omitted."""
     points, triangles = joined_surfaces(body)
     if not len(triangles) or not collides(draft):
         return
@@ -73,7 +73,7 @@ def add_obstacle(name: str, body: Body, draft: SceneDraft, translation: Translat
 
 
 def joined_surfaces(body: Body) -> tuple[np.ndarray, np.ndarray]:
-    """The points and triangles of all collision surfaces of a body."""
+    """Points and triangles of all collision surfaces of a body."""
     points, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for surface in body.surfaces.values():
         points.append(surface.points)
@@ -83,20 +83,20 @@ def joined_surfaces(body: Body) -> tuple[np.ndarray, np.ndarray]:
 
 
 def groups_of(body: Body) -> list[int]:
-    """The collision groups of all surfaces of a body."""
+    """Collision groups of all surfaces of a body."""
     return sorted({group for surface in body.surfaces.values() for group in surface.groups})
 
 
 def degrees(quaternion: np.ndarray) -> list[float]:
-    """Turns about the x, y and z axes, in this order [degrees], of a quaternion (x, y, z, w)."""
+    """Rotations about the x, y and z axes, in this order [degrees], of a quaternion (x, y, z, w)."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # where the middle turn is a right angle, one solution of many is as good
+        warnings.simplefilter("ignore")  # if the middle rotation is a right angle, any solution will do
         turns: list[float] = Rotation.from_quat(quaternion).as_euler("xyz", degrees=True).tolist()
     return turns
 
 
 def _note_lost_weight(body: Body, mass: float, draft: SceneDraft) -> None:
-    """SOFA's conjugate gradient stops before its first iteration where the load is small: nothing then falls."""
+    """Record the lost weight: SOFA's conjugate gradient stops before its first iteration if the load is small."""
     solver = draft.above(body.node, draft.linear_solvers)
     if solver is None or canonical(solver.type_name) != "CGLinearSolver":
         return

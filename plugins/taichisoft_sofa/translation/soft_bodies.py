@@ -6,10 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.bodies.elements import lame_parameters
-from taichisoft.meshes.surface import count_open_edges, enclosed_volume
-from taichisoft.meshes.volume_mesh import VolumeMesh, tetrahedron_volumes
-from taichisoft_sofa.components.actuators import PRESSURE, by_force, value_by
+from taichisoft.meshes import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
+from taichisoft.scenes import lame_parameters
+from taichisoft_sofa.components.actuators import PRESSURE, is_driven_by_force, value_type
 from taichisoft_sofa.components.draft import Anchor, Body, Mass, Material, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
@@ -21,19 +20,19 @@ from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import canonical
 
 STANDING = 1e12
-"""Stiffness [mN/mm] by which every node of a body is held that nothing moves in SOFA."""
+"""Stiffness that holds every node of a body without a solver in SOFA [mN/mm]."""
 
 PRESSURE_LIMITS = {"lowest_pressure": ("minPressure", 1.0), "highest_pressure": ("maxPressure", 1.0)}
 VOLUME_LIMITS = {"lowest_volume_growth": ("minVolumeGrowth", 1.0), "highest_volume_growth": ("maxVolumeGrowth", 1.0)}
 TENSION_LIMITS = {"lowest_tension": ("minForce", 1.0), "highest_tension": ("maxForce", 1.0)}
 PULL_LIMITS = {"lowest_pull": ("maxNegativeDisp", -1.0), "highest_pull": ("maxPositiveDisp", 1.0)}
-"""Limits of actuators: the data that gives each, and its sign."""
+"""Limits of actuators: data and sign of each."""
 LARGEST = 1e30
-"""Beyond any tension [mN] and pull [mm]: scenes write the largest number there is where they want no limit."""
+"""Beyond any tension [mN] and pull [mm]: scenes use the largest number as no limit."""
 
 
 def body_tetrahedra(body: Body) -> np.ndarray:
-    """The tetrahedra of a body: those of its topology, then those that only a force field has, shape (count, 4)."""
+    """Tetrahedra of a body: from its topology, then additional ones from force fields, shape (count, 4)."""
     topology = _topology(body)
     own = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
     rows = np.vstack([own, *(material.tetrahedra for material in body.materials)])
@@ -46,12 +45,12 @@ def _topology(body: Body) -> Component | None:
 
 
 def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneDraft, translation: Translation) -> None:
-    """Put a soft body into a translation; without a solver it stands still."""
+    """Add a soft body to a translation; without a solver it stands still."""
     moves = solver is not None
     tetrahedra = body_tetrahedra(body)
     if not draft.has_points(_topology(body) or body.state, tetrahedra, len(body.position)):
         return
-    young, poisson = add_up(tetrahedra, body.materials)
+    young, poisson = add_moduli(tetrahedra, body.materials)
     if moves and not body.materials:
         draft.refuse(body.state, "moves, but no force field gives its tetrahedra a stiffness")
         return
@@ -64,18 +63,18 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
         tetrahedra, young, poisson = tetrahedra[young > 0.0], young[young > 0.0], poisson[young > 0.0]
     points, corners = np.unique(tetrahedra, return_inverse=True)
     elements = corners.reshape(-1, 4)
-    nodes = body.position[points]
+    node_position = body.position[points]
     if len(points) < len(body.position):
         unused = len(body.position) - len(points)
         draft.depart(f"{body.node.getPathName()}: {unused} points that belong to no tetrahedron are left out")
-    inverted = tetrahedron_volumes(nodes, elements) < 0.0
-    # The first edge and the plane of the first two stay what they are: so does the rotation of the element.
+    inverted = tetrahedron_volumes(node_position, elements) < 0.0
+    # Keeps the first edge and the plane of the first two edges, and so the rotation of the element.
     elements[inverted] = elements[inverted][:, [1, 0, 2, 3]]
     element_material, regions = _regions(young, poisson)
     groups = {f"material{number}": np.flatnonzero(element_material == number) for number in range(1, len(regions))}
     table: dict[str, Any] = {
         "points_outside": "extrapolated",
-        "mesh": translation.files.volume(name, VolumeMesh(name, nodes, elements, {}, groups)),
+        "mesh": translation.files.volume(name, VolumeMesh(name, node_position, elements, {}, groups)),
         "element": "linear",
         **_mass(body.mass if moves else None, len(points), len(body.position)),
         "young_modulus": regions[0]["young_modulus"],
@@ -97,10 +96,10 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
             body.materials[1].component, "force fields of one body must take law and rotation of elements alike"
         )
     table["corotation"], table["law"] = next(iter(kinds), ("edges", "hooke"))
-    place = np.full(len(body.position), -1)
-    place[points] = np.arange(len(points))
+    node_of_point = np.full(len(body.position), -1)
+    node_of_point[points] = np.arange(len(points))
     anchors = body.anchors if moves else [Anchor(body.state, np.arange(len(body.position)), STANDING, False)]
-    table["anchors"] = _anchors(anchors, place)
+    table["anchors"] = _anchors(anchors, node_of_point)
     _add_surfaces(name, body, table, draft, translation)
     _add_cavities(name, body, table, draft, translation)
     _add_cables(name, body, table, draft, translation)
@@ -108,14 +107,14 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     translation.names[body.state] = name
     held, follows = np.zeros(len(points), dtype=bool), np.ones(len(points), dtype=bool)
     for anchor in anchors:
-        nodes = place[anchor.points]
+        nodes = node_of_point[anchor.points]
         held[nodes[nodes >= 0]] = True
         follows[nodes[nodes >= 0]] &= anchor.follows_rest
     translation.soft[name] = SoftPart(body, points, elements, element_material, np.flatnonzero(held), follows[held])
 
 
-def add_up(tetrahedra: np.ndarray, materials: Sequence[Material]) -> tuple[np.ndarray, np.ndarray]:
-    """Young's modulus and Poisson's ratio of each tetrahedron whose force fields add up; 0 where there is none."""
+def add_moduli(tetrahedra: np.ndarray, materials: Sequence[Material]) -> tuple[np.ndarray, np.ndarray]:
+    """Young's modulus [kPa] and Poisson's ratio of the sum of force fields on each tetrahedron; 0 without any."""
     place = {tuple(sorted(row)): index for index, row in enumerate(tetrahedra.tolist())}
     lame, young = np.zeros((len(tetrahedra), 2)), np.zeros(len(tetrahedra))
     poisson, differs = np.full(len(tetrahedra), np.nan), np.zeros(len(tetrahedra), dtype=bool)
@@ -134,26 +133,26 @@ def add_up(tetrahedra: np.ndarray, materials: Sequence[Material]) -> tuple[np.nd
 
 
 def _regions(young: np.ndarray, poisson: np.ndarray) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """The number of each element's material, and all materials, the commonest first."""
+    """Number of each element's material, and all materials, the most frequent first."""
     kinds, kind_of = np.unique(np.column_stack([young, poisson]), axis=0, return_inverse=True)
     kind_of = kind_of.reshape(-1)
     counts = Counter(kind_of.tolist())
     order = sorted(counts, key=lambda kind: (-counts[kind], kind))
     number_of = np.argsort(np.array(order))
-    # A body that stands still needs no stiffness, but a native one has some.
-    found = [{"young_modulus": kinds[kind, 0] or 1.0, "poisson_ratio": kinds[kind, 1]} for kind in order]
-    return number_of[kind_of], [{key: float(value) for key, value in region.items()} for region in found]
+    # A static body may have no stiffness in SOFA, but a native body needs one.
+    materials = [{"young_modulus": kinds[kind, 0] or 1.0, "poisson_ratio": kinds[kind, 1]} for kind in order]
+    return number_of[kind_of], [{key: float(value) for key, value in region.items()} for region in materials]
 
 
 def merged_triangles(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
-    """Triangles in which vertices at the same place are one, as they will be read from the file."""
+    """Triangles with vertices at the same place merged, as when read from the file."""
     _, same = np.unique(points, axis=0, return_inverse=True)
     merged = same.reshape(-1)[triangles]
     return merged[(merged != np.roll(merged, 1, axis=1)).all(axis=1)]
 
 
 def _mass(mass: Mass | None, kept: int, all_points: int) -> dict[str, float]:
-    """Mass or density; points that are left out take their share of the mass with them."""
+    """Mass or density, without the share of omitted points."""
     if mass is None:
         return {"mass": 1.0}
     if mass.density:
@@ -164,10 +163,10 @@ def _mass(mass: Mass | None, kept: int, all_points: int) -> dict[str, float]:
     return {"mass": mass.total if mass.total is not None and kept == all_points else each * kept}
 
 
-def _anchors(anchors: list[Anchor], place: np.ndarray) -> list[dict[str, Any]]:
+def _anchors(anchors: list[Anchor], node_of_point: np.ndarray) -> list[dict[str, Any]]:
     tables = []
     for anchor in anchors:
-        nodes = np.unique(place[anchor.points])
+        nodes = np.unique(node_of_point[anchor.points])
         nodes = nodes[nodes >= 0]
         if len(nodes) and anchor.stiffness > 0.0:
             table = {"nodes": nodes.tolist(), "stiffness": anchor.stiffness}
@@ -187,7 +186,7 @@ def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
                 "than twice the contact distance; in SOFA neighbours in the mesh alone are left out"
             )
     if table.get("self_contact") and not all(surface.self_collision for surface in surfaces):
-        draft.depart(f"{name}: all its surfaces touch themselves, of which selfCollision asks it of some")
+        draft.depart(f"{name}: all its surfaces touch themselves; selfCollision is set for some of them")
     if not surfaces or not collides(draft):
         table["collides"] = False
     names = unique([clean(node_of(surface.component).getName()) for surface in surfaces])
@@ -212,15 +211,15 @@ def _add_cavities(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
             component, VOLUME_LIMITS, 1.0
         )
         table.setdefault("cavities", {})[cavity_name] = {"surface": path, **limits}
-        if value_by(component) == PRESSURE:
+        if value_type(component) == PRESSURE:
             _note_stops(component, VOLUME_LIMITS, draft)
         translation.names[component] = f"{name}.{cavity_name}"
         translation.signs[component] = sign
 
 
 def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
-    taken = list(table.get("cavities", {}))
-    names = unique([*taken, *actuator_names([cable.component for cable in body.cables])])[len(taken) :]
+    cavities = list(table.get("cavities", {}))
+    names = unique([*cavities, *actuator_names([cable.component for cable in body.cables])])[len(cavities) :]
     for cable_name, cable in zip(names, body.cables, strict=True):
         component = cable.component
         made: dict[str, Any] = {"points": cable.places, "pull_point_moves": False}
@@ -230,21 +229,21 @@ def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft,
             made["rod"] = True
         made |= _limits(component, TENSION_LIMITS, draft.effort_of_value)
         made |= _limits(component, PULL_LIMITS, 1.0)
-        if by_force(component):
+        if is_driven_by_force(component):
             _note_stops(component, PULL_LIMITS, draft)
         table.setdefault("cables", {})[cable_name] = made
         translation.names[component] = f"{name}.{cable_name}"
 
 
 def _note_stops(component: Component, names: Mapping[str, tuple[str, float]], draft: SceneDraft) -> None:
-    """SOFA counts the response of what a force or pressure drives twice when it looks whether a stop is reached."""
+    """Record that stops engage later than in SOFA, which counts the response to a force or pressure twice."""
     given = [data for data, _ in names.values() if is_given(component, data)]
     if given:
         draft.depart(f"{component.getPathName()}: {' and '.join(given)} engages where it is reached; in SOFA earlier")
 
 
 def _limits(component: Component, names: Mapping[str, tuple[str, float]], factor: float) -> dict[str, float]:
-    """The native limits of an actuator; a negative factor makes the smallest of its values the largest."""
+    """Native limits of an actuator; a negative factor exchanges lowest and highest."""
     found = {
         key: max(-LARGEST, min(LARGEST, sign * factor * number(component, data, default=0.0)))
         for key, (data, sign) in names.items()
@@ -252,5 +251,5 @@ def _limits(component: Component, names: Mapping[str, tuple[str, float]], factor
     }
     if factor >= 0.0:
         return found
-    turned = {"lowest": "highest", "highest": "lowest"}
-    return {f"{turned[end]}_{what}": limit for key, limit in found.items() for end, _, what in [key.partition("_")]}
+    opposite = {"lowest": "highest", "highest": "lowest"}
+    return {f"{opposite[end]}_{what}": limit for key, limit in found.items() for end, _, what in [key.partition("_")]}

@@ -1,10 +1,10 @@
-"""The whole translation of a scene."""
+"""Translation of a scene."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components import computed as computed  # the tree computes data from here on
+from taichisoft_sofa.components import computed as computed  # registers computed data
 from taichisoft_sofa.components.draft import Body, SceneDraft
 from taichisoft_sofa.components.graph import upwards
 from taichisoft_sofa.components.reading import described, flag
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from taichisoft_sofa.tree.node import Node
 
 MOST_BODIES = 1000
-"""Most bodies of a scene."""
+"""Largest number of bodies of a scene."""
 BODIES = ("soft_bodies", "rigid_bodies", "obstacles")
-"""Native tables in which a body may be."""
+"""Native tables of bodies."""
 
 
 def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     """Make a native scene of a tree.
 
     Args:
-        tree: what `load_tree` gave.
-        exact: whether to keep SOFA's reading where the usual one departs from it.
+        tree: result of `load_tree`.
+        exact: whether to follow SOFA exactly where the default departs from it.
 
     Returns:
-        The translation; its `refused` says what could not be translated.
+        The translation; `refused` lists what could not be translated.
     """
     root = tree.root
     root._exact, root._find_file = exact, tree.find_file
@@ -67,17 +67,17 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     if draft.appearance:
         translation.tables["appearance"] = draft.appearance
     translation.departures += draft.departures
-    translation.refused += dict.fromkeys(draft.refused)  # several components may stumble over the same value
+    translation.refused += dict.fromkeys(draft.refused)  # several components may refuse the same value
     return translation
 
 
 def _is_active(node: "Node") -> bool:
-    data = node.findData("activated")  # not by its attribute, which looks among all components and children first
+    data = node.findData("activated")  # an attribute would search all components and children first
     return data is None or bool(data.read_value())
 
 
 def _gather(component: "Component", draft: SceneDraft, translation: Translation) -> None:
-    """Let a component contribute to the draft."""
+    """Add a component to the draft."""
     kind = component.type_name
     contribute = UNDERSTOOD.get(kind) or UNDERSTOOD.get(canonical(kind))
     if kind in IGNORED or canonical(kind) in IGNORED:
@@ -95,7 +95,7 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
 
 
 def _is_first_order(draft: SceneDraft) -> bool:
-    """Whether bodies move without inertia; all must move alike."""
+    """Whether bodies move without inertia; mixed scenes are refused."""
     moved = [solver for body in draft.bodies.values() if (solver := _moved_by(body, draft)) is not None]
     kinds = {flag(solver, "firstOrder", False) for solver in moved}
     if len(kinds) > 1:
@@ -104,7 +104,7 @@ def _is_first_order(draft: SceneDraft) -> bool:
 
 
 def is_controller(component: "Component") -> bool:
-    """Whether a component is the scene's own program."""
+    """Whether a component is a controller defined by the scene."""
     from taichisoft_sofa.tree.component import Component
 
     return type(component) is not Component
@@ -112,7 +112,7 @@ def is_controller(component: "Component") -> bool:
 
 def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
     bodies = list(draft.bodies.values())
-    if len(bodies) > MOST_BODIES:  # each has meshes and surfaces of its own, which would be written first
+    if len(bodies) > MOST_BODIES:  # each has its own meshes and surfaces, which would be written first
         draft.refuse(bodies[MOST_BODIES].state, f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
         return
     for name, body in zip(body_names([body.node for body in bodies]), bodies, strict=True):
@@ -124,11 +124,11 @@ def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
             if body.colours and name in translation.tables.get(kind, {}):
                 translation.tables[kind][name]["colour"] = body.colours[0]
         if flag(body.state, "showObject", False) and name in translation.tables.get("rigid_bodies", {}):
-            translation.tables["rigid_bodies"][name]["axes"] = True  # of a soft one SOFA shows the points
+            translation.tables["rigid_bodies"][name]["axes"] = True  # for soft bodies SOFA shows the points
 
 
 def _add_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
-    """Make a body what it is: rigid, soft, or something that stands still."""
+    """Add a body as a rigid body, soft body or obstacle."""
     solver = _moved_by(body, draft)
     if not body.rigid and len(body_tetrahedra(body)):
         add_soft_body(name, body, solver, draft, translation)
@@ -141,7 +141,7 @@ def _add_body(name: str, body: Body, draft: SceneDraft, translation: Translation
 
 
 def _moved_by(body: Body, draft: SceneDraft) -> "Component | None":
-    """The solver that moves a body; None where it stands still."""
+    """The solver that moves a body; None if it stands still."""
     solver = draft.above(body.node, draft.solvers)
     if solver is None or not draft.free_motion or draft.above(body.node, draft.corrections) is not None:
         return solver

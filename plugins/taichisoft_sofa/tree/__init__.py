@@ -1,1 +1,1 @@
-"""What a SOFA scene builds: nodes, components and their data."""
+"""The tree of a SOFA scene: nodes, components and their data."""

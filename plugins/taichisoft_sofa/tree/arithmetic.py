@@ -1,4 +1,4 @@
-"""Data in expressions: scenes add, compare, index and loop over them as if they were their values."""
+"""Arithmetic on data: scenes add, compare, index and iterate over data like values."""
 
 import operator
 from collections.abc import Callable, Iterator
@@ -8,7 +8,7 @@ import numpy as np
 
 
 class Arithmetic:
-    """What has a value, and is used in its stead."""
+    """Base class of objects that act as their value in expressions."""
 
     value: Any
     __hash__ = object.__hash__
@@ -71,7 +71,7 @@ class Arithmetic:
 
 
 def _operand(item: Any) -> Any:
-    """The value of what stands for one; lists as arrays, so that they are added number by number."""
+    """The value of an operand; lists become arrays, so that they are added elementwise."""
     value = item.value if isinstance(item, Arithmetic) else item
     return np.asarray(value) if isinstance(value, list | tuple) else value
 

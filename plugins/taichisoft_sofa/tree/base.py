@@ -1,4 +1,4 @@
-"""What components and nodes have in common: a name, data, and attributes that are those data."""
+"""Base class of components and nodes: name, data, and access to data by attributes."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
@@ -16,7 +16,7 @@ from taichisoft_sofa.tree.place import Place, here
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.links import Branch
 
-# What every component and node has.
+# Data of every component and node.
 COMMON = {
     "name": Declared(TEXT),
     "tags": Declared(TEXTS),
@@ -25,7 +25,7 @@ COMMON = {
     "componentState": Declared(TEXT, "Valid"),
     "bbox": Declared(ANY),
 }
-# Their attributes that are no data of SOFA's.
+# Attributes that are not data of SOFA.
 INTERNAL = {"data_by_name", "place", "type_name", "data_revision", "initialised", "reinit_requested"}
 _made = count()
 
@@ -34,11 +34,11 @@ class Base(ABC):
     """A component or node.
 
     Attributes:
-        type_name: its type, as the scene writes it.
-        data_by_name: its data by their names: those that the scene wrote to or asked for.
-        place: the line that made it.
-        data_revision: how often its data were written to.
-        initialised: whether the scene is complete; what is written from then on replaces what follows from other data.
+        type_name: type, as written in the scene.
+        data_by_name: data that the scene wrote or read, by name.
+        place: line of the scene that made it.
+        data_revision: number of writes to its data.
+        initialised: whether the scene is complete; later writes replace computed values.
     """
 
     type_name: str
@@ -49,7 +49,7 @@ class Base(ABC):
     _order: int
 
     def __new__(cls, *_arguments: Any, **_named: Any) -> Self:
-        # Not in __init__, which classes of scenes may leave out.
+        # Not in __init__, which classes of scenes may not call.
         made = super().__new__(cls)
         made.data_by_name = {}
         made.place = here()
@@ -63,25 +63,25 @@ class Base(ABC):
 
     @abstractmethod
     def declared_data(self, name: str) -> Declared | None:
-        """What is known of a data of this type."""
+        """Declaration of a data of this type, or None."""
 
     @abstractmethod
     def has_known_data(self) -> bool:
-        """Whether all data of this type are known, so that any other name is a mistake."""
+        """Whether all data of this type are declared, so that any other name is an error."""
 
     def computed_by(self, _data: Data) -> Callable[[], Any] | None:
-        """What gives the value of a data that follows from others; none where it does not."""
+        """Function that computes a data from other data, or None."""
         return None
 
     def findData(self, name: str) -> Data | None:
-        """A data by its name; None where there is none."""
+        """A data by name, or None."""
         found = self.data_by_name.get(name)
         if found is None and (self.declared_data(name) or not self.has_known_data()):
             found = self.data_by_name[name] = Data(name, self)
         return found
 
     def getData(self, name: str, *_rest: Any) -> Data | None:
-        """A data by its name; None where there is none."""
+        """A data by name, or None."""
         return self.findData(name)
 
     def addData(
@@ -94,7 +94,7 @@ class Base(ABC):
         default: Any = None,
         **_rest: Any,
     ) -> Data:
-        """Add a data of its own: its name, its type as SOFA calls it (`Vec3d`, `vector<int>`) and its value."""
+        """Add a data by name, SOFA's type (`Vec3d`, `vector<int>`) and value."""
         if isinstance(name, Data):
             self.data_by_name[name.name] = name
             return name
@@ -104,11 +104,11 @@ class Base(ABC):
         return added
 
     def addNewData(self, name: str, _group: str, _help: str, type: str, value: Any) -> Data:
-        """Add a data of its own, in the older generation."""
+        """Add a data, in the older generation."""
         return self.addData(name, value, type=type)
 
     def set_all(self, values: Mapping[str, Any]) -> None:
-        """Write to the data that `values` names, made here where nothing is known of the type."""
+        """Write to the data named in `values`; data of unknown types are made."""
         # The kinds of other data may depend on the template.
         for name, value in sorted(values.items(), key=lambda item: item[0] not in ("name", "template")):
             data = self.data_by_name.get(name)
@@ -121,56 +121,56 @@ class Base(ABC):
         return self.data_by_name
 
     def getDataFields(self) -> dict[str, Any]:
-        """The values of its data by their names."""
+        """Values of the data by name."""
         return {name: data.value for name, data in self.data_by_name.items()}
 
     # Names and paths.
 
     @abstractmethod
     def link_start(self) -> "Branch":
-        """The node from which its links start."""
+        """The node from which links start."""
 
     def getName(self) -> str:
-        """Its name."""
+        """Name."""
         data = self.data_by_name.get("name")
         return str(data.read_value()) if data is not None and data.is_set() else self.type_name
 
     def setName(self, name: str, *_number: int) -> None:
-        """Give it another name."""
+        """Set the name."""
         self.set_all({"name": name})
 
     def getClassName(self) -> str:
-        """Its type."""
+        """Type."""
         return self.type_name
 
     @abstractmethod
     def getPathName(self) -> str:
-        """The path from the root to it, such as /finger/loader."""
+        """Path from the root, such as /finger/loader."""
 
     @property
     def linkpath(self) -> LinkPath:
-        """The path that leads to it, as data take it."""
+        """Link to this object, for data."""
         return LinkPath(f"@{self.getPathName()}", self)
 
     def getLinkPath(self) -> LinkPath:
-        """The path that leads to it, as data take it."""
+        """Link to this object, for data."""
         return self.linkpath
 
     def getAsACreateObjectParameter(self) -> LinkPath:
-        """The path that leads to it, as data take it."""
+        """Link to this object, for data."""
         return self.linkpath
 
     def described(self) -> str:
-        """What errors call it."""
+        """Description for error messages."""
         return f"{self.type_name} '{self.getPathName()}'"
 
     def linked_data(self, path: str, same_name: str) -> Data | None:
-        """The data that a path leads to, in a component that of the same name; None if it leads nowhere."""
+        """Target of a link to a data; for a link to a component its data `same_name`; None for a broken link."""
         found = path.target if isinstance(path, LinkPath) else follow(path, self.link_start(), self)
         return found.findData(same_name) if isinstance(found, Base) else found
 
     def linked(self, name: str) -> Any:
-        """The component, node or data that a link among the data leads to, such as `src`; None if it leads nowhere."""
+        """Target of a data that is a link, such as `src`: component, node or data; None for a broken link."""
         data = self.findData(name)
         if data is None or not data.is_set():
             return None
@@ -199,32 +199,32 @@ class Base(ABC):
             data.set(value)
 
     def takes_data(self, name: str, _value: Any) -> bool:
-        """Whether writing to an attribute writes to a data, and does not just remember something for the scene."""
+        """Whether writing to an attribute writes to a data, instead of a plain attribute of the scene."""
         return name in self.data_by_name or self.declared_data(name) is not None
 
     def missing_attribute(self, name: str) -> str:
-        """The error about an attribute that is not there."""
+        """Message about a missing attribute."""
         known = sorted({*self.data_by_name, *COMMON, *self.known_names()})
         return f"{self.described()} has no '{name}'; {nearest(name, known, 'there are')}"
 
     def known_names(self) -> list[str]:
-        """The names of what it has besides its data."""
+        """Valid names besides the data."""
         return []
 
     def __repr__(self) -> str:
         return f"<{self.described()}>"
 
-    # What SOFA calls.
+    # Called by SOFA.
 
     def init(self) -> None:
-        """Nothing; scenes' own classes do what they need once the scene is complete."""
+        """Do nothing; classes of scenes override this for the complete scene."""
 
     def reinit(self) -> None:
-        """Nothing; components remember that they were asked to."""
+        """Do nothing; components record the request."""
 
 
 def _type_of(value: Any) -> str:
-    """The type of a data whose scene gives a value alone."""
+    """Type of a data that was added by value only."""
     names = {bool: "bool", int: "int", float: "double", str: "string"}
     if isinstance(value, np.ndarray) and value.ndim == 1:
         return "vector<double>"

@@ -1,4 +1,4 @@
-"""Which numbers a data may have."""
+"""Valid ranges of the numbers of data."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,10 +11,10 @@ class Bounds:
     """A range of numbers.
 
     Attributes:
-        lowest: the least number.
-        highest: the greatest number.
-        ends: whether the least and the greatest number are valid themselves.
-        infinite: whether an infinite number is valid, as a limit that is none.
+        lowest: smallest number.
+        highest: largest number.
+        ends: whether `lowest` and `highest` themselves are valid.
+        infinite: whether infinity is valid, for no limit.
     """
 
     lowest: float = -np.inf
@@ -23,7 +23,7 @@ class Bounds:
     infinite: bool = False
 
     def problem(self, value: Any) -> str:
-        """What is wrong with a number or an array of numbers, and what would be valid; "" where nothing is."""
+        """Error in a number or an array of numbers, with the valid range; "" if valid."""
         numbers = np.asarray(value)
         if numbers.dtype.kind not in "fiu" or not numbers.size:
             return ""

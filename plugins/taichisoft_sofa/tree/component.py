@@ -10,17 +10,17 @@ from taichisoft_sofa.tree.data import Data
 from taichisoft_sofa.tree.kinds import TEXT, Declared, canonical, declared
 from taichisoft_sofa.tree.place import Place
 
-# What gives the data that follow from others, such as the positions that a loader reads: by type of component and name
-# of data, a function of the component. It reads what the scene wrote with `Data.given`.
+# Functions that compute data, such as the positions of a loader, by type of component and name of data. Their argument
+# is the component; they read values of the scene by `Data.given`.
 COMPUTED: dict[str, dict[str, Callable[[Any], Any]]] = {}
 OF_COMPONENTS = {**COMMON, "template": Declared(TEXT), "src": Declared(TEXT)}
 
 
 class Component(Base):
-    """A component, which scenes call an object.
+    """A component, called an object in scenes.
 
     Attributes:
-        reinit_requested: whether `reinit` was called, and nobody has seen to it yet.
+        reinit_requested: whether `reinit` was called and not yet processed.
     """
 
     _context: Base | None
@@ -45,62 +45,62 @@ class Component(Base):
         self.set_all(data or {})
 
     def declared_data(self, name: str) -> Declared | None:
-        """What is known of a data of this type."""
+        """Declaration of a data of this type, or None."""
         return declared(self.type_name).get(name) or OF_COMPONENTS.get(name)
 
     def has_known_data(self) -> bool:
-        """Whether anything was declared of this type."""
+        """Whether the type has declarations."""
         return bool(declared(self.type_name)) or canonical(self.type_name) in COMPUTED
 
     def computed_by(self, data: Data) -> Callable[[], Any] | None:
-        """What gives the value of a data that follows from others."""
+        """Function that computes a data from other data, or None."""
         function = COMPUTED.get(canonical(self.type_name), {}).get(data.name)
         return None if function is None else lambda: function(self)
 
     def findData(self, name: str) -> Data | None:
-        """A data by its name; None where there is none."""
+        """A data by name, or None."""
         if name not in self.data_by_name and name in COMPUTED.get(canonical(self.type_name), {}):
             self.data_by_name[name] = Data(name, self)
         return super().findData(name)
 
     def takes_data(self, name: str, value: Any) -> bool:
-        """Values are data of the component, even where nothing is known of them; functions and such are not."""
+        """True for values, even of unknown data; False for functions and other objects."""
         return super().takes_data(name, value) or isinstance(
             value, bool | int | float | str | list | tuple | np.ndarray | Data
         )
 
     def known_names(self) -> list[str]:
-        """The names of the data that its type is known to have."""
+        """Names of the declared data of the type."""
         return [*declared(self.type_name), *COMPUTED.get(canonical(self.type_name), {})]
 
     def link_start(self) -> Any:
-        """The node that it was added to."""
+        """The node of the component."""
         return self._context if self._context is not None else NOWHERE
 
     def getPathName(self) -> str:
-        """The path from the root to it, such as /finger/loader."""
+        """Path from the root, such as /finger/loader."""
         return f"{self._context.getPathName().rstrip('/') if self._context is not None else ''}/{self.getName()}"
 
     def getContext(self) -> Any:
-        """The node that it was added to."""
+        """The node of the component."""
         return self._context
 
     def getTemplateName(self) -> str:
-        """Its template, such as Vec3."""
+        """Template, such as Vec3."""
         template = self.findData("template")
         return "" if template is None else str(template.read_value())
 
     def getCategories(self) -> list[str]:
-        """Its categories, which are not recorded."""
+        """Categories, which are not recorded."""
         return []
 
     def reinit(self) -> None:
-        """Ask for what the component does when its data changed, such as stiffness from Young's modulus."""
+        """Request an update after changes of data, such as of the stiffness by Young's modulus."""
         self.reinit_requested = True
 
 
 class _Nowhere:
-    """Where the links of a component start that was not added to any node."""
+    """Start of the links of a component without a node."""
 
     parents: tuple[Any, ...] = ()
     objects: tuple[Any, ...] = ()

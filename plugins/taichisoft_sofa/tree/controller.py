@@ -1,4 +1,4 @@
-"""Controllers that a scene defines: objects of its own that are told of keys and steps."""
+"""Controllers defined by a scene: components that receive events of keys and steps."""
 
 from abc import abstractmethod
 from typing import Any
@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
 
-# What the older generation calls an event, and what its method is given of it.
+# Method of the older generation for each event, and its arguments.
 OLDER = {
     "KeypressedEvent": ("onKeyPressed", "key"),
     "KeyreleasedEvent": ("onKeyReleased", "key"),
@@ -18,7 +18,7 @@ OLDER = {
 
 
 class PythonComponent(Component):
-    """A component of a class that a scene defines; its attributes are its own, but for those that are declared data."""
+    """A component of a class of the scene; attributes other than declared data are plain Python attributes."""
 
     def __new__(cls, *arguments: Any, **named: Any) -> "PythonComponent":
         made: Any = super().__new__(cls, *arguments, **named)
@@ -29,32 +29,32 @@ class PythonComponent(Component):
         self.set_all({name: value for name, value in named.items() if self.declared_data(name) is not None})
 
     def has_known_data(self) -> bool:
-        """Always: those of all components, and those that it adds."""
+        """True: common data, and data added by the scene."""
         return True
 
     def takes_data(self, name: str, value: Any) -> bool:
-        """Only to data that it has: other attributes are the class's own."""
+        """True for existing data; other attributes are plain Python attributes."""
         is_value = isinstance(value, bool | int | float | str | list | tuple | np.ndarray | Data)
         return is_value and (name in self.data_by_name or self.declared_data(name) is not None)
 
     @abstractmethod
     def handle_event(self, event: str, content: dict[str, Any]) -> None:
-        """Tell it of an event, if it has a method for that."""
+        """Call the method for an event, if defined."""
 
     @abstractmethod
     def handles_event(self, event: str) -> bool:
-        """Whether it has a method for an event."""
+        """Whether a method for an event is defined."""
 
 
 class Controller(PythonComponent):
-    """A controller for SofaPython3: its method for a key that is pressed is onKeypressedEvent, and so on."""
+    """A controller of SofaPython3, with methods such as onKeypressedEvent for a pressed key."""
 
     def handles_event(self, event: str) -> bool:
-        """Whether it has a method for an event."""
+        """Whether a method for an event is defined."""
         return hasattr(type(self), f"on{event}") or hasattr(type(self), "onEvent")
 
     def handle_event(self, event: str, content: dict[str, Any]) -> None:
-        """Tell it of an event, if it has a method for that."""
+        """Call the method for an event, if defined."""
         method = getattr(self, f"on{event}", None)
         if not callable(method):
             method = getattr(self, "onEvent", None)
@@ -62,18 +62,18 @@ class Controller(PythonComponent):
             method({"type": event, **content})
 
     def scene_is_complete(self) -> None:
-        """What SOFA does once the scene is complete."""
+        """Initialise the controller of a complete scene, as SOFA does."""
         self.init()
         self.bwdInit()
         if self.handles_event("SimulationInitDoneEvent"):
             self.handle_event("SimulationInitDoneEvent", {})
 
     def bwdInit(self) -> None:
-        """Nothing; scenes' own classes may do what needs all others to be ready."""
+        """Do nothing; classes of scenes override this, with all other components initialised."""
 
 
 class PythonScriptController(PythonComponent):
-    """A controller for SofaPython, the older generation, which is given the node that it is for."""
+    """A controller of SofaPython, the older generation, which receives its node."""
 
     def __new__(cls, context: Any = None, *arguments: Any, **named: Any) -> "PythonScriptController":
         # Classes of scenes define __init__ without calling ours.
@@ -85,17 +85,17 @@ class PythonScriptController(PythonComponent):
         return made
 
     def handles_event(self, event: str) -> bool:
-        """Whether it has a method for an event."""
+        """Whether a method for an event is defined."""
         return event in OLDER and hasattr(type(self), OLDER[event][0])
 
     def handle_event(self, event: str, content: dict[str, Any]) -> None:
-        """Tell it of an event, if it has a method for that."""
+        """Call the method for an event, if defined."""
         if self.handles_event(event):
             method, argument = OLDER[event]
             getattr(self, method)(content[argument])
 
     def scene_is_complete(self) -> None:
-        """What SOFA does once the scene is complete."""
+        """Initialise the controller of a complete scene, as SOFA does."""
         for method in ("createGraph", "initGraph", "bwdInitGraph"):
             if hasattr(type(self), method):
                 getattr(self, method)(self._context)

@@ -1,4 +1,4 @@
-"""Data of a component: what a scene wrote, what follows from it, and what a run knows of it."""
+"""Data of a component: values written by the scene, computed from other data, or provided by a run."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,7 +15,7 @@ from taichisoft_sofa.tree.place import Place, asked_by_older_code, here
 
 
 class Owner(Protocol):
-    """What data belongs to: a component or a node."""
+    """Owner of data: a component or a node."""
 
     data_revision: int
     initialised: bool
@@ -28,10 +28,10 @@ class Owner(Protocol):
 
 
 class LinkPath(str):
-    """The path of a data, component or node, which remembers what it leads to when the tree around it changes.
+    """The path of a data, component or node, with a reference to its target that survives changes of the tree.
 
     Attributes:
-        target: what the path leads to.
+        target: target of the path.
     """
 
     target: Any
@@ -45,17 +45,17 @@ class LinkPath(str):
 class Data(Arithmetic):
     """One data of a component or node.
 
-    A scene writes numbers, texts, lists, arrays or links to it, and reads values of its kind. What is read is, in this
-    order: what a run provides; what was written since the component was initialised; what follows from other data; what
-    the scene gave.
+    A scene writes numbers, texts, lists, arrays or links to it, and reads values of its kind. The value read is the
+    first available of: value provided by a run; value written since the initialisation of the component; value computed
+    from other data; value written before.
 
     Attributes:
-        name: its name.
-        owner: the component or node that has it.
-        revision: how often it was written to.
-        place: the line that wrote to it last.
-        provider: gives the value that it has in a run, where one goes on.
-        names_given: how often any name was written, of whatever component or node.
+        name: name.
+        owner: component or node of the data.
+        revision: number of writes.
+        place: line of the last write.
+        provider: function that returns the value in a run, or None.
+        names_given: number of writes to names of any component or node.
     """
 
     names_given = 0
@@ -68,7 +68,7 @@ class Data(Arithmetic):
         self.provider: Callable[[], Any] | None = None
         self._own = Declared(kind, default, None) if kind is not None else None
         self._written: Any = None
-        self._converted: tuple[Kind, Any, Any] | None = None  # a kind, what was converted to it, and the result
+        self._converted: tuple[Kind, Any, Any] | None = None  # kind, converted value, and result
         self._rows: tuple[NDArray[Any], list[Any]] | None = None
         self._parent: Data | None = None
         self._path: str | None = None
@@ -78,11 +78,11 @@ class Data(Arithmetic):
         self._computing = False
         self._provided: tuple[object, Any] | None = None
 
-    # What it is.
+    # Description.
 
     @property
     def kind(self) -> Kind:
-        """The kind of its values."""
+        """Kind of the values."""
         known = self._declared()
         if known is None:
             return ANY
@@ -90,18 +90,18 @@ class Data(Arithmetic):
 
     @property
     def linkpath(self) -> LinkPath:
-        """The path that leads to it, as other data take it."""
+        """Link to this data, for other data."""
         return LinkPath(f"@{self.owner.getPathName()}.{self.name}", self)
 
     def described(self) -> str:
-        """What errors call it."""
+        """Description for error messages."""
         return f"data '{self.name}' of {self.owner.described()}"
 
     # Reading.
 
     @property
     def value(self) -> Any:
-        """Its value: a number, a text, or an array, which is a copy; for older code a list of rows in its place."""
+        """Value: a number, a text, or a copy of an array; for older code a list of rows instead."""
         value = self.read_value()
         if (rows := self._older_rows(value)) is not None:
             return [list(row) for row in rows]
@@ -112,7 +112,7 @@ class Data(Arithmetic):
         self.set(value)
 
     def array(self) -> NDArray[Any]:
-        """Its numbers, not to be written to."""
+        """Read-only array of numbers."""
         value = self.read_value()
         if isinstance(value, str) or value is None:
             value = numbers(value or "")
@@ -121,10 +121,10 @@ class Data(Arithmetic):
         return view
 
     def read_value(self) -> Any:
-        """Its value, of which arrays are not copied.
+        """Value, without a copy of arrays.
 
         Raises:
-            SceneError: A link leads nowhere, or a value is not of the kind.
+            SceneError: a link is broken, or a value is not of the kind.
         """
         if self.provider is not None and self.revision == self._taken:
             return self._provide(self.provider)
@@ -135,7 +135,7 @@ class Data(Arithmetic):
         return self.given()
 
     def given(self) -> Any:
-        """What was written to it, or what its link leads to, as a value of its kind; its default without that."""
+        """Written value or target of the link, converted to the kind; else the default."""
         if self._path is not None:
             self._parent = self.owner.linked_data(self._path, self.name)
             if self._parent is None:
@@ -151,15 +151,15 @@ class Data(Arithmetic):
         return self._convert(known.default)
 
     def is_set(self) -> bool:
-        """Whether anything was written to it."""
+        """Whether a value was written."""
         return self.revision > 0
 
     def is_own(self) -> bool:
-        """Whether the scene added it, to a component that has no such data by itself."""
+        """Whether the scene added this data to the component."""
         return self._own is not None
 
     def written_text(self) -> str:
-        """What was written to it, as the scene has it, for lists and errors."""
+        """Written value as in the scene, for lists and errors."""
         if self._parent is not None or self._path is not None:
             return str(self._path or (self._parent and self._parent.linkpath))
         return str(self._written)
@@ -167,14 +167,14 @@ class Data(Arithmetic):
     # Writing.
 
     def set(self, value: Any, place: Place | None = None) -> None:
-        """Write to it.
+        """Write a value.
 
         Args:
-            value: A value, a text that stands for one, or another data or its path to follow.
-            place: the line that writes; the one that is being executed when it is not given.
+            value: value, text of a value, or another data or its path as a link.
+            place: line of the write; None: the line being executed.
 
         Raises:
-            SceneError: the value is not of its kind.
+            SceneError: the value is not of the data's kind.
         """
         self.place = place or here()
         self._parent = self._path = self._written = self._converted = None
@@ -197,26 +197,26 @@ class Data(Arithmetic):
 
     @contextmanager
     def writeable(self, _shape: Any = None) -> Iterator[NDArray[Any]]:
-        """Its numbers as an array to change, which is written back at the end."""
+        """Yield the numbers as an array to change, which is written back at the end."""
         changed = np.array(self.array())
         yield changed
         self.set(changed.copy())
         changed.flags.writeable = False
 
     def take(self) -> Any:
-        """What was written to it since the last call, as a value of its kind; None if nothing was.
+        """Value written since the last call, converted to the kind, or None.
 
-        While there is something to take it is also what is read, in place of what the provider gives.
+        Until this call, reading returns the written value instead of the provider's.
         """
         if self.revision == self._taken:
             return None
         self._taken = self.revision
         return self.given()
 
-    # As if it were its value.
+    # Access like the value itself.
 
     def __getitem__(self, index: Any) -> Any:
-        # Without a copy of all: scenes loop over the nodes of a mesh.
+        # Without a copy of the whole array: scenes loop over the nodes of a mesh.
         value = self.read_value()
         rows = self._older_rows(value)
         item = value[index] if rows is None else rows[index]
@@ -232,50 +232,50 @@ class Data(Arithmetic):
     writeableArray = writeable
 
     def getName(self) -> str:
-        """Its name."""
+        """Name."""
         return self.name
 
     def setName(self, name: str) -> None:
-        """Give it another name."""
+        """Set the name."""
         self.name = name
 
     def getOwner(self) -> Any:
-        """The component or node that has it."""
+        """Component or node of the data."""
         return self.owner
 
     def getLinkPath(self) -> LinkPath:
-        """The path that leads to it, as other data take it."""
+        """Link to this data, for other data."""
         return self.linkpath
 
     def getAsACreateObjectParameter(self) -> LinkPath:
-        """The path that leads to it, as other data take it."""
+        """Link to this data, for other data."""
         return self.linkpath
 
     def isSet(self) -> bool:
-        """Whether anything was written to it."""
+        """Whether a value was written."""
         return self.is_set()
 
     def unset(self) -> None:
-        """Forget what was written to it."""
+        """Remove the written value."""
         self._written = self._converted = self._parent = self._path = None
         self._overrides = False
         self.revision = self._taken = 0
         self.owner.data_revision += 1
 
     def setParent(self, parent: Any) -> None:
-        """Follow another data, or the one that a path leads to."""
+        """Link to another data or a path."""
         self.set(parent)
 
     def getParent(self) -> "Data | None":
-        """The data that it follows."""
+        """Target of the link, or None."""
         return self._parent
 
     def hasParent(self) -> bool:
-        """Whether it follows another data."""
+        """Whether the data is a link to another data."""
         return self._parent is not None or self._path is not None
 
     def read(self, text: str) -> bool:
-        """Write a text to it; whether that is of its kind."""
+        """Write a text; returns whether it is of the data's kind."""
         try:
             self.set(text)
         except SceneError:
@@ -283,53 +283,53 @@ class Data(Arithmetic):
         return True
 
     def getValue(self, index: int = 0) -> Any:
-        """A number of it."""
+        """One number of the value."""
         return self.array().ravel()[index]
 
     def getValueString(self) -> str:
-        """Its value as a text."""
+        """Value as a text."""
         value = self.read_value()
         return " ".join(f"{item:g}" for item in value.ravel()) if isinstance(value, np.ndarray) else str(value)
 
     def getSize(self) -> int:
-        """How many rows it has."""
+        """Number of rows."""
         return len(self)
 
     def typeName(self) -> str:
-        """What kind of values it has."""
+        """Name of the kind of values."""
         return self.kind.name
 
     getValueTypeString = typeName
 
     def tolist(self) -> Any:
-        """Its value as lists."""
+        """Value as lists."""
         return self.array().tolist()
 
     toList = tolist
 
     def updateIfDirty(self) -> None:
-        """Nothing: it is always up to date."""
+        """Do nothing: values are computed on access."""
 
     def isDirty(self) -> bool:
-        """Whether it waits to be computed: never, since that is done when it is read."""
+        """False: values are computed on access."""
         return False
 
     def setPersistent(self, _persistent: bool) -> None:
-        """Nothing: no scene is written back."""
+        """Do nothing: scenes are not saved."""
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of its array."""
+        """Shape of the array."""
         return self.array().shape
 
     @property
     def size(self) -> int:
-        """How many numbers it has."""
+        """Number of numbers."""
         return self.array().size
 
     @property
     def ndim(self) -> int:
-        """How many dimensions its array has."""
+        """Number of dimensions of the array."""
         return self.array().ndim
 
     def __call__(self, *_arguments: Any, **_named: Any) -> Any:
@@ -346,14 +346,14 @@ class Data(Arithmetic):
         return self._own or self.owner.declared_data(self.name)
 
     def _is_path(self, value: Any) -> bool:
-        """Whether a value is to be followed: where nothing is known of the data, only a path that names one."""
+        """Whether a value is a link; for undeclared data, only the path of an existing data is."""
         if not isinstance(value, str) or not value.lstrip().startswith("@"):
             return False
         kind = self.kind
         return kind not in (LINK, TEXT) and (kind is not ANY or "." in value.rpartition("/")[2].strip("."))
 
     def _convert(self, value: Any) -> Any:
-        """Something as a value of its kind, which changes with other data; the same again is not converted again."""
+        """Convert a value to the data's kind, which may depend on other data; the last conversion is cached."""
         kind = self.kind
         if kind is ANY:
             return value
@@ -369,7 +369,7 @@ class Data(Arithmetic):
         return self._converted[2]
 
     def _older_rows(self, value: Any) -> list[Any] | None:
-        """The rows of an array as the older generation gives them, if it is older code that asks."""
+        """Rows of an array for code of the older generation; None for other code."""
         if not isinstance(value, np.ndarray) or not (width := self.kind.row) or not asked_by_older_code():
             return None
         if self._rows is None or self._rows[0] is not value:
@@ -377,7 +377,7 @@ class Data(Arithmetic):
         return self._rows[1]
 
     def _provide(self, provider: Callable[[], Any]) -> Any:
-        """What a run gives, asked for once in a moment: scenes loop over the nodes of a mesh."""
+        """Value by the provider, cached within a moment, since scenes loop over the nodes of a mesh."""
         moment = now()
         if moment is None:
             return provider()
@@ -386,7 +386,7 @@ class Data(Arithmetic):
         return self._provided[1]
 
     def _compute(self, compute: Callable[[], Any]) -> Any:
-        """What follows from other data, kept until some data of the owner is written to."""
+        """Computed value, cached until a data of the owner is written."""
         if self._computed is None or self._computed[0] != self.owner.data_revision:
             self._computing = True
             try:

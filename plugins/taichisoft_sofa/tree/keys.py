@@ -1,8 +1,8 @@
-"""The characters by which SOFA calls keys."""
+"""SOFA's characters of keys."""
 
 import string
 
-# The names of Sofa.constants.Key, and the character that a controller is given for each.
+# The names of Sofa.constants.Key, and the characters passed to controllers.
 KEYS = {
     "leftarrow": chr(18),
     "uparrow": chr(19),
@@ -20,9 +20,9 @@ KEYS = {
 
 
 def character(key: str) -> str | None:
-    """The character that a controller is given for a key: by its name (`uparrow`, or just `up`), or typed.
+    """The character passed to controllers for a key, given by name (`uparrow` or `up`) or as typed; None if unknown.
 
-    Letters are given as capitals, whether or not they were typed as such; a key that SOFA has no character for is none.
+    Letters are passed as capitals, however they were typed. SOFA has no character for some keys.
     """
     for name in (key, f"{key}arrow"):
         if name in KEYS:

@@ -1,4 +1,4 @@
-"""What kind of value a data has: how text, numbers and lists become it."""
+"""Kinds of values of data: conversion from text, numbers and lists."""
 
 import re
 from collections.abc import Callable, Mapping
@@ -14,11 +14,11 @@ from taichisoft_sofa.tree.bounds import FINITE, Bounds
 TRUE = {"true", "t", "yes", "1"}
 FALSE = {"false", "f", "no", "0"}
 LARGEST_INTEGER = 2**53
-"""Floating-point numbers tell larger ones no longer apart."""
+"""Larger integers are not distinct as floating-point numbers."""
 
 
 class WrongValue(ValueError):
-    """A value is not of its data's kind; the text says what it is and what would be valid."""
+    """A value is not of its data's kind; the message has the value and what would be valid."""
 
 
 @dataclass(frozen=True)
@@ -26,11 +26,10 @@ class Kind:
     """A kind of value.
 
     Attributes:
-        name: what it is called in errors.
-        convert: makes a value of this kind of what a scene wrote; raises WrongValue.
-        empty: makes the value of a data that nothing was written to.
-        row: how many numbers the older generation puts in a row of the list that it gives for such a value; 0: the
-            value is no list there.
+        name: name in error messages.
+        convert: converts a value written by a scene; raises WrongValue.
+        empty: makes the value of a data without a written value.
+        row: numbers per row of the list that the older generation returns for such a value; 0: not a list there.
     """
 
     name: str
@@ -45,13 +44,13 @@ KindOf = Kind | Callable[[Any], Kind]
 
 @dataclass(frozen=True)
 class Declared:
-    """A data that a type of component has.
+    """Declaration of a data of a type of component.
 
     Attributes:
-        kind: its kind.
-        default: its value while nothing was written to it; none: that of its kind.
-        bounds: which numbers it may have; any where a scene adds the data itself.
-        unused: whether it decides in SOFA how bodies move, and has no effect here.
+        kind: kind of the values.
+        default: value without a written one; None: the kind's.
+        bounds: range of valid numbers; unlimited for data added by a scene.
+        unused: whether the data affects the motion of bodies in SOFA, but not here.
     """
 
     kind: KindOf
@@ -60,16 +59,16 @@ class Declared:
     unused: bool = False
 
 
-# The data that each type of component has, by its name.
+# Declared data of each type of component, by name.
 KINDS: dict[str, dict[str, Declared]] = {}
 # Other names of a type: {"EulerImplicit": "EulerImplicitSolver"}.
 ALIASES: dict[str, str] = {}
 
 
 def declare(type_name: str, /, **data: "KindOf | tuple[Any, ...]") -> None:
-    """Say which data a type of component has: `box=vectors(6)`; with a default, `youngModulus=(SCALAR, 5000)`.
+    """Declare data of a type of component: `box=vectors(6)`, or with a default `youngModulus=(SCALAR, 5000)`.
 
-    After the default may stand the bounds of its numbers: `youngModulus=(SCALAR, 5000, ABOVE_0)`.
+    Bounds of the numbers may follow the default: `youngModulus=(SCALAR, 5000, ABOVE_0)`.
     """
     known = KINDS.setdefault(canonical(type_name), {})
     for name, declared in data.items():
@@ -77,7 +76,7 @@ def declare(type_name: str, /, **data: "KindOf | tuple[Any, ...]") -> None:
 
 
 def declare_unused(type_name: str, /, **defaults: Any) -> None:
-    """Say which data of a type decide in SOFA how bodies move and have no effect here, with SOFA's defaults."""
+    """Declare data of a type that affect the motion of bodies in SOFA but not here, with SOFA's defaults."""
     known = KINDS.setdefault(canonical(type_name), {})
     for name, default in defaults.items():
         kind = {bool: BOOL, int: INTEGER, float: SCALAR, tuple: VECTOR}.get(type(default), TEXT)
@@ -85,32 +84,32 @@ def declare_unused(type_name: str, /, **defaults: Any) -> None:
 
 
 def declare_without_effect(type_name: str, names: str) -> None:
-    """Say which other data a type has: how it is drawn, or how equations are solved. Any value of them is valid."""
+    """Declare data of a type for drawing or the solution of equations, for which any value is valid."""
     known = KINDS.setdefault(canonical(type_name), {})
     for name in names.split():
         known.setdefault(name, Declared(ANY))
 
 
 def canonical(type_name: str) -> str:
-    """The name under which a type of component is known, whichever of its names a scene uses."""
+    """Present name of a type of component, given any of its names."""
     return ALIASES.get(type_name, type_name)
 
 
 def declared(type_name: str) -> Mapping[str, Declared]:
-    """The data that a type of component is known to have; none for a type that nobody declared."""
+    """Declared data of a type of component by name; empty for an undeclared type."""
     return KINDS.get(canonical(type_name), {})
 
 
 def numbers(value: Any, dtype: type = float, bools: bool = False) -> NDArray[Any]:
-    """The numbers of a text, a number, or a list of such, nested or not; shape (n,).
+    """Numbers of a text, a number, or a nested list of these, shape (n,).
 
     Args:
-        value: what a scene wrote.
+        value: value written by a scene.
         dtype: type of the numbers: float or int.
-        bools: whether true and false are numbers, too.
+        bools: whether true and false are valid.
 
     Raises:
-        WrongValue: something in it is no number, or no integer.
+        WrongValue: an entry is not a number, or not an integer.
     """
     if isinstance(value, str):
         return np.array([_number(word, dtype, bools) for word in value.split()], dtype)
@@ -120,14 +119,14 @@ def numbers(value: Any, dtype: type = float, bools: bool = False) -> NDArray[Any
         found = np.empty(0, object)
     if found.dtype.kind in ("fiub" if bools else "fiu"):
         if dtype is int and np.any(broken := (found != np.floor(found)) | (np.abs(found) > LARGEST_INTEGER)):
-            raise WrongValue(f"{found[broken].flat[0]:g} is no integer")
+            raise WrongValue(f"{found[broken].flat[0]:g} is not an integer")
         return np.array(found, dtype).ravel()
     if isinstance(value, list | tuple | np.ndarray):
         parts = [numbers(item, dtype, bools) for item in value]
         return np.concatenate(parts) if parts else np.empty(0, dtype)
     if hasattr(value, "array"):
         return numbers(value.array(), dtype, bools)
-    raise WrongValue(f"{value!r} is no number")
+    raise WrongValue(f"{value!r} is not a number")
 
 
 def _number(word: str, dtype: type, bools: bool) -> float:
@@ -136,14 +135,14 @@ def _number(word: str, dtype: type, bools: bool) -> float:
     try:
         number = float(word)
     except ValueError:
-        raise WrongValue(f"'{word}' is no number") from None
+        raise WrongValue(f"'{word}' is not a number") from None
     if dtype is int and not (number.is_integer() and abs(number) <= LARGEST_INTEGER):
-        raise WrongValue(f"'{word}' is no integer")
+        raise WrongValue(f"'{word}' is not an integer")
     return number
 
 
 def _indices(value: Any) -> NDArray[Any]:
-    """Indices, of which a text may give ranges such as 3-7; shape (n,)."""
+    """Indices, shape (n,); a text may have ranges such as 3-7."""
     if isinstance(value, str) and "-" in value:
         found: list[int] = []
         for word in value.split():
@@ -191,7 +190,7 @@ def _texts(value: Any) -> list[str]:
 def _rows(value: Any, width: int, dtype: type) -> NDArray[Any]:
     found = _indices(value) if dtype is int else numbers(value, dtype)
     if len(found) % width:
-        raise WrongValue(f"{len(found)} numbers are no rows of {width}")
+        raise WrongValue(f"{len(found)} numbers are not rows of {width}")
     return found.reshape(-1, width)
 
 
@@ -213,9 +212,9 @@ TEXTS = Kind("texts", _texts, list)
 VECTOR = Kind("numbers", numbers, lambda: np.empty(0), 1)
 BOOLS = Kind("true or false each", _bools, lambda: np.empty(0, bool), 1)
 INDICES = Kind("indices", _indices, lambda: np.empty(0, int), 1)
-# Whatever the scene wrote.
+# Any value.
 ANY = Kind("anything", lambda value: value, lambda: None)
-# The path of another component, which is not followed when the data is read.
+# The path of another component, which is not resolved when the data is read.
 LINK = Kind("a link", _text, lambda: "")
 
 
@@ -251,7 +250,7 @@ SINGLE = {
 
 
 def kind_called(type_name: str) -> Kind:
-    """The kind of a data whose type a scene names as SOFA does: `double`, `Vec3d`, `vector<Vec3d>`, `string`."""
+    """Kind of a data by SOFA's name of the type: `double`, `Vec3d`, `vector<Vec3d>`, `string`."""
     if type_name in SINGLE:
         return SINGLE[type_name]
     if width := re.fullmatch(r"Vec(\d+)[dfiu]?", type_name):

@@ -1,4 +1,4 @@
-"""Paths from one component to another, as links have them: @loader.position, @../finger1/boxROI.indices, @/Config."""
+"""Paths of links between components: @loader.position, @../finger1/boxROI.indices, @/Config."""
 
 import re
 from collections.abc import Sequence
@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 
 class Branch(Protocol):
-    """A node, as far as paths are concerned."""
+    """Interface of a node for paths."""
 
     @property
     def parents(self) -> Sequence[Any]: ...
@@ -18,14 +18,14 @@ class Branch(Protocol):
 
 
 def follow(path: str, start: Branch, owner: Any = None) -> Any:
-    """What a path leads to: a component, a node, or a data; None if it leads nowhere.
+    """Resolve a path to a component, a node or a data; None for a broken path.
 
     Args:
-        path: the path, with its @ or without.
-        start: the node at which it starts.
-        owner: the component whose path it is; @[-1] is the one added before it.
+        path: path, with or without @.
+        start: node at which the path starts.
+        owner: component with the path; @[-1] is the component added before it.
 
-    A path that begins with a name is looked for in the node, then in the nodes above it.
+    A path that begins with a name is searched in the node, then in its ancestors.
     """
     path = path.strip().removeprefix("@")
     folder, slash, last = path.rpartition("/")
@@ -50,7 +50,7 @@ def _first_above(node: Branch, names: list[str], owner: Any) -> Any:
 
 
 def _descend(place: Any, names: list[str], owner: Any) -> Any:
-    """What stands at the end of names from a node on; a component of the last name goes before a node."""
+    """Resolve a list of names from a node; for the last name, components take precedence over nodes."""
     for index, name in enumerate(names):
         if place is None or not hasattr(place, "own_object"):
             return None
@@ -67,7 +67,7 @@ def _descend(place: Any, names: list[str], owner: Any) -> Any:
 
 
 def _neighbour(node: Branch, owner: Any, offset: int) -> Any:
-    """The component that was added so many places after another, or before it where that is negative."""
+    """The component added `offset` places after `owner`, before it if negative."""
     objects = list(node.objects)
     here = next((index for index, item in enumerate(objects) if item is owner), len(objects))
     return objects[here + offset] if 0 <= here + offset < len(objects) else None

@@ -1,4 +1,4 @@
-"""Reading a SOFA scene: its file is executed, and what it builds is kept as a tree."""
+"""Loading of a SOFA scene: its file is executed, and builds a tree."""
 
 import contextlib
 from collections.abc import Iterator, Sequence
@@ -11,12 +11,12 @@ from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.controller import PythonComponent
 from taichisoft_sofa.tree.keys import character
 from taichisoft_sofa.tree.modules import SceneModules
-from taichisoft_sofa.tree.moment import one_moment
+from taichisoft_sofa.tree.moment import frozen_time
 from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.place import ORIGIN, Origin, Place
 from taichisoft_sofa.tree.scene_modules import LIBRARIES
 
-# Where to get what scenes import and do not bring along.
+# Sources of libraries that scenes import.
 SOURCES = {
     **dict.fromkeys(("stlib3", "splib3", "stlib", "splib"), "github.com/SofaDefrost/STLIB, its folder python3/src"),
     "softrobots": "github.com/SofaDefrost/SoftRobots, its folder python3",
@@ -24,15 +24,15 @@ SOURCES = {
 
 
 DEEPEST = 200
-"""Most levels of nodes: more are a scene's mistake, and what follows parents would end in a RecursionError."""
+"""Largest depth of nodes: more are an error of the scene, and would cause a RecursionError."""
 
 
 class SceneTree:
-    """What a scene built.
+    """The tree built by a scene.
 
     Attributes:
         path: file of the scene.
-        root: the node above all.
+        root: root node.
     """
 
     def __init__(self, path: Path, python_path: Sequence[Path]) -> None:
@@ -41,37 +41,37 @@ class SceneTree:
         self._modules = SceneModules(path.parent, python_path)
 
     def nodes(self) -> Iterator[Node]:
-        """All nodes, each once, from above to below."""
+        """All nodes, each once, from the root down."""
         return self.root.walk()
 
     def components(self) -> Iterator[Component]:
-        """All components, node by node, in the order in which they were added."""
+        """All components, node by node, in the order of their addition."""
         for node in self.nodes():
             yield from node.objects
 
     @property
     def controllers(self) -> list[PythonComponent]:
-        """The controllers that the scene defines, in the order in which they were made."""
+        """Controllers defined by the scene, in the order of their construction."""
         found = (component for component in self.components() if isinstance(component, PythonComponent))
         return sorted(found, key=lambda controller: controller._order)
 
     @property
     def converted(self) -> list[str]:
-        """One line for each file that was in Python 2, and was converted when it was loaded."""
+        """One line for each file in Python 2 that was converted."""
         return [
             f"{file} is in Python 2 ({why}): it is converted, and the quotient of integers is an integer"
             for file, why in self._modules.converted.items()
         ]
 
     def find_file(self, name: str) -> Path | None:
-        """A file that the scene names: beside the scene, or in a folder that it registered; None if there is none."""
+        """A file of the scene: beside the scene, or in a folder registered by the scene; None if missing."""
         return self._modules.find_file(name)
 
     def initialise(self) -> None:
-        """Do what SOFA does once the scene is complete: tell its controllers, of which older ones get their node.
+        """Initialise the controllers of the complete scene, as SOFA does.
 
         Raises:
-            SceneError: one of them failed.
+            SceneError: a controller failed.
         """
         for item in (*self.nodes(), *self.components()):
             item.initialised = True
@@ -80,67 +80,67 @@ class SceneTree:
                 controller.scene_is_complete()
 
     def key_pressed(self, key: str, ctrl: bool = False) -> None:
-        """Tell the controllers of a key, as `keys.character` takes it.
+        """Send a pressed key to the controllers, see `keys.character`.
 
         Args:
-            key: name of the key, or the character that it types; a capital letter is typed with Shift.
-            ctrl: whether Ctrl is held.
+            key: name of the key, or its character; a capital letter is typed with Shift.
+            ctrl: whether Ctrl is pressed.
 
         Raises:
             ControllerFailed: one of them failed.
         """
-        self._tell_key("KeypressedEvent", key, ctrl)
+        self._send_key("KeypressedEvent", key, ctrl)
 
     def key_released(self, key: str, ctrl: bool = False) -> None:
-        """Tell the controllers of a key that was let go; arguments and errors as in `key_pressed`."""
-        self._tell_key("KeyreleasedEvent", key, ctrl)
+        """Send a released key to the controllers; arguments and errors as for `key_pressed`."""
+        self._send_key("KeyreleasedEvent", key, ctrl)
 
-    def _tell_key(self, event: str, key: str, ctrl: bool) -> None:
+    def _send_key(self, event: str, key: str, ctrl: bool) -> None:
         if (known := character(key)) is not None:
             shift = len(key) == 1 and key.isupper()
-            self._tell(event, {"key": known, "isShiftPressed": shift, "isCtrlPressed": ctrl})
+            self._send_event(event, {"key": known, "isShiftPressed": shift, "isCtrlPressed": ctrl})
 
     def animate_begin(self, dt: float) -> None:
-        """Tell the controllers of a step that begins; `dt` is its length [s].
+        """Send the beginning of a step of length `dt` [s] to the controllers.
 
         Raises:
             ControllerFailed: one of them failed.
         """
-        self._tell("AnimateBeginEvent", {"dt": dt})
+        self._send_event("AnimateBeginEvent", {"dt": dt})
 
     def animate_end(self, dt: float) -> None:
-        """Tell the controllers of a step that has ended; `dt` was its length [s].
+        """Send the end of a step of length `dt` [s] to the controllers.
 
         Raises:
             ControllerFailed: one of them failed.
         """
-        self._tell("AnimateEndEvent", {"dt": dt})
+        self._send_event("AnimateEndEvent", {"dt": dt})
 
-    def _tell(self, event: str, content: dict[str, Any]) -> None:
-        told = [controller for controller in self.controllers if controller.handles_event(event)]
-        if told:
+    def _send_event(self, event: str, content: dict[str, Any]) -> None:
+        receivers = [controller for controller in self.controllers if controller.handles_event(event)]
+        if receivers:
             with self._running(ControllerFailed):
-                for controller in told:
+                for controller in receivers:
                     controller.handle_event(event, content)
 
     @contextlib.contextmanager
     def _running(self, failure: type[TaichisoftError]) -> Iterator[SceneModules]:
-        """Where the scene's code can run; what it raises is an error of one line."""
+        """Context for the scene's code; its exceptions become errors of one line."""
         try:
-            with self._modules, one_moment():
+            with self._modules, frozen_time():
                 yield self._modules
         except TaichisoftError as error:
             raise failure(str(error)) from error
         except KeyboardInterrupt:
             raise
-        except BaseException as error:  # whatever a scene's code raises, it ends the scene alone
+        except BaseException as error:  # any exception of a scene's code ends only the scene
             raise failure(_line(error, self.path)) from error
 
 
 def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> SceneTree:
     """Execute a scene's `createScene`.
 
-    A scene is a program, which runs with the rights of who loads it.
+    A scene is a program, which runs with the rights of the user.
 
     Args:
         path: file of the scene: .py or .pyscn.
@@ -156,7 +156,7 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
     for folder in folders:
         if not folder.is_dir():
             raise SceneError(f"{folder}: no such folder to find a scene's libraries in")
-    # Any other program that was named by mistake is not started.
+    # A program without this function, named by mistake, is not executed.
     try:
         source = path.read_bytes()
     except OSError as error:
@@ -175,7 +175,7 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
 
 
 def _depth(root: Node) -> int:
-    """How many nodes stand above each other, along the longest way."""
+    """Number of levels of nodes."""
     level, depth = [root], 0
     while level:
         level, depth = list({id(child): child for node in level for child in node.children}.values()), depth + 1
@@ -183,7 +183,7 @@ def _depth(root: Node) -> int:
 
 
 def _line(error: BaseException, path: Path) -> str:
-    """One line about what a scene's code raised, with the line of the scene that did."""
+    """Message about an exception of a scene's code, with the line of the scene."""
     if isinstance(error, ModuleNotFoundError) and error.name:
         library, _, inside = error.name.partition(".")
         if library in LIBRARIES and inside:
@@ -198,13 +198,13 @@ def _line(error: BaseException, path: Path) -> str:
         return f"{error.filename}, line {error.lineno}: {error.msg}"
     try:
         said = " ".join(str(error).split())
-    except Exception:  # an error of the scene's own whose text fails
+    except Exception:  # an exception of the scene whose text fails
         said = ""
     return f"{_place(error, path)}: {type(error).__name__}{': ' if said else ''}{said}"
 
 
 def _place(error: BaseException, path: Path) -> str:
-    """The innermost line of the scene's own files that led to an error, and the line of a library that it called."""
+    """Innermost line of the scene's files that led to an error, and the line of a called library."""
     of_scene: Place | Path = path
     of_library = None
     traceback: TracebackType | None = error.__traceback__

@@ -1,4 +1,4 @@
-"""While a scene runs: our modules in place of SOFA's, and afterwards this Python as it was before."""
+"""Environment of a running scene: modules in place of SOFA's, removed afterwards."""
 
 import importlib.util
 import sys
@@ -15,16 +15,16 @@ from taichisoft_sofa.tree.place import PACKAGE, here
 from taichisoft_sofa.tree.scene_modules import SceneFinder, SceneLoader, is_ours
 from taichisoft_sofa.tree.stand_ins import stand_ins
 
-# The scenes that are running, innermost last: a scene may load another.
+# Running scenes, innermost last, since a scene may load another.
 _running: list["SceneModules"] = []
 
 
 class SceneModules:
-    """A context in which a scene's code can run: `with modules: ...`, as often as needed.
+    """A reusable context for a scene's code: `with modules: ...`.
 
-    Inside, `import Sofa` and the like give our modules, and the scene's folder and `python_path` are searched first. On
-    leaving, `sys.modules`, `sys.path`, `sys.meta_path` are as they were; what the scene imported is kept here, and is
-    there again the next time.
+    Inside, `import Sofa` and similar imports return our modules, and the scene's folder and `python_path` are searched
+    first. On exit, `sys.modules`, `sys.path` and `sys.meta_path` are restored; the scene's modules are kept for the
+    next entry.
 
     Args:
         folder: the folder of the scene.
@@ -77,11 +77,11 @@ class SceneModules:
 
     @property
     def converted(self) -> dict[Path, str]:
-        """The files that were in Python 2, with the reason."""
+        """Files in Python 2, with the reason."""
         return self._finder.converted
 
     def add_folder(self, folder: Path) -> None:
-        """Let modules be found in one more folder."""
+        """Add a folder to search for modules."""
         if folder not in self._finder.folders:
             self._finder.folders.append(folder)
 
@@ -101,18 +101,18 @@ class SceneModules:
         return self._modules[name]
 
     def find_file(self, name: str) -> Path | None:
-        """A file that the scene names: beside the scene, or in a folder that it registered; None if there is none."""
+        """A file of the scene: beside the scene, or in a folder registered by the scene; None if missing."""
         found = (folder / name for folder in (self.folder, *self._repositories))
         return next((file for file in found if file.is_file()), None)
 
     def _hidden(self) -> list[str]:
-        """Modules of others that are called like one of the scene's, with what is inside of them."""
+        """Other modules with the names of modules of the scene, and their submodules."""
         ours = self._names | {name.partition(".")[0] for name in self._modules}
         taken = {name for name in ours if name in sys.modules}
         return [name for name in sys.modules if name.partition(".")[0] in taken] if taken else []
 
     def _is_of_scene(self, module: Any) -> bool:
-        """Whether a module that was imported while the scene ran belongs to it, or knows our modules for SOFA's."""
+        """Whether a module imported by the scene belongs to it, or refers to our modules in place of SOFA's."""
         if str(getattr(module, "__name__", "")).startswith("taichisoft"):
             return False
         if is_ours(module) or any(_lies_in(module, Path(entry)) for entry in self._added_path):
@@ -125,27 +125,27 @@ class SceneModules:
 
 
 def running() -> SceneModules:
-    """The modules of the scene that is running."""
+    """Modules of the running scene."""
     if not _running:
         raise RuntimeError("no scene is running")
     return _running[-1]
 
 
 def _names_of_modules(folder: Path) -> set[str]:
-    """The modules and packages in a folder that a scene can import; Python's own and ours go before them."""
+    """Names of the modules and packages in a folder, except Python's own and ours, which take precedence."""
     files = {file.stem for file in folder.glob("*.py")} | {file.parent.name for file in folder.glob("*/__init__.py")}
     return {name for name in files - sys.stdlib_module_names if not name.startswith("taichisoft")}
 
 
 def _lies_in(module: Any, folder: Path) -> bool:
-    """Whether a module is in a folder, and not in an environment of Python's there."""
+    """Whether a module is in a folder, outside Python environments in it."""
     places = [getattr(module, "__file__", None), *list(getattr(module, "__path__", None) or ())]
     paths = [Path(place) for place in places if isinstance(place, str)]
     return any(path.is_relative_to(folder) and "site-packages" not in path.parts for path in paths)
 
 
 def _python_script(node: Node, data: dict[str, Any]) -> PythonScriptController:
-    """The controller that a scene of the older generation names by its file and class."""
+    """The controller of a scene of the older generation, by its file and class."""
     scene = running()
     name, class_name = str(data.get("filename", "")), str(data.get("classname", ""))
     file = scene.find_file(name)

@@ -1,4 +1,4 @@
-"""Moments of a run: while a scene's code runs nothing moves, so that what a run provides is asked for once."""
+"""Moments of a run: the state is constant while a scene's code runs, so that provided values are cached."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -7,8 +7,8 @@ _moments: list[object] = []
 
 
 @contextmanager
-def one_moment() -> Iterator[None]:
-    """Until the end of this context nothing moves."""
+def frozen_time() -> Iterator[None]:
+    """Context within which the state is constant."""
     _moments.append(_moments[-1] if _moments else object())
     try:
         yield
@@ -17,5 +17,5 @@ def one_moment() -> Iterator[None]:
 
 
 def now() -> object | None:
-    """The present moment, another object each time; None where things may move at any time."""
+    """The present moment, a new object for each; None if the state may change at any time."""
     return _moments[-1] if _moments else None

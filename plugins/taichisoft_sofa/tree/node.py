@@ -22,12 +22,12 @@ OF_NODES = {
     "activated": Declared(BOOL, True),
     "nbMortalNodes": Declared(INTEGER),
 }
-# What makes components of a type that are more than their data: functions of the node and the data.
+# Functions of node and data that make components of special types.
 MAKERS: dict[str, Callable[["Node", dict[str, Any]], Component]] = {}
 
 
 class Members(list[Any]):
-    """The children, parents or components of a node, also by their names."""
+    """The children, parents or components of a node, also accessible by name."""
 
     def __contains__(self, item: object) -> bool:
         return any(item is member or item == member.getName() for member in self)
@@ -38,14 +38,14 @@ class Members(list[Any]):
         return super().__getitem__(key)
 
     def at(self, index: int) -> Any:
-        """The member at a place."""
+        """The member at an index."""
         return self[index]
 
 
 class Node(Base):
-    """A node.
+    """A node of the tree.
 
-    Its children and components are attributes by their names, and so are its data.
+    Children, components and data are attributes by name.
     """
 
     _children: list["Node"]
@@ -70,7 +70,7 @@ class Node(Base):
     # Building.
 
     def addObject(self, kind: Any, **data: Any) -> Any:
-        """Add a component: by its type and data, or one that is made already, such as a controller."""
+        """Add a component by type and data, or an existing one, such as a controller."""
         if isinstance(kind, Node):
             return self.addChild(kind)
         if isinstance(kind, Component):
@@ -95,7 +95,7 @@ class Node(Base):
         return self.addObject(kind, **data)
 
     def addChild(self, child: Any, **data: Any) -> "Node":
-        """Add a node below: a new one by its name, or one that is made already, which may have other parents too."""
+        """Add a new child node by name, or an existing node, which may also have other parents."""
         if isinstance(child, str):
             child = Node(child, **data)
         child = getattr(child, "node", child) if not isinstance(child, Node) else child
@@ -110,17 +110,17 @@ class Node(Base):
         return child
 
     def createChild(self, name: str, **data: Any) -> "Node":
-        """Add a new node below this one, in the older generation."""
+        """Add a new child node, in the older generation."""
         return self.addChild(name, **data)
 
     def add(self, made: Any, **data: Any) -> Any:
-        """Add what a function of this node makes, or what addObject and addChild take."""
+        """Add the result of a function of this node, or an argument of addObject or addChild."""
         if isinstance(made, str | Base):
             return self.addObject(made, **data)
         return made(self, **data)
 
     def removeChild(self, child: Any) -> Any:
-        """Take a node away, given itself or its name."""
+        """Remove a child node, given itself or its name."""
         found: Any = self.getChild(child, warning=False) if isinstance(child, str) else child
         if not any(found is known for known in self._children):
             raise ValueError(f"{self.described()}.removeChild: has no child '{child}'")
@@ -130,7 +130,7 @@ class Node(Base):
         return found
 
     def removeObject(self, component: Any) -> None:
-        """Take a component away, given itself or its name."""
+        """Remove a component, given itself or its name."""
         found: Any = self.own_object(component) if isinstance(component, str) else component
         if not any(found is known for known in self._objects):
             raise ValueError(f"{self.described()}.removeObject: has no object '{component}'")
@@ -140,13 +140,13 @@ class Node(Base):
         found._context = None
 
     def moveChild(self, child: "Node", former: "Node | None" = None) -> None:
-        """Take a node over from another parent, or from all."""
+        """Move a node here from another parent, or from all its parents."""
         for parent in [former] if former is not None else child.parents:
             parent.removeChild(child)
         self.addChild(child)
 
     def detachFromGraph(self) -> None:
-        """Take it away from all nodes above it."""
+        """Remove the node from all parents."""
         for parent in self.parents:
             parent.removeChild(self)
 
@@ -161,25 +161,25 @@ class Node(Base):
         return component
 
     def _note(self, what: str, item: Base) -> None:
-        """Remember a change of a tree that was complete; those of the scene's own programs take part in a run."""
+        """Record a change of a complete tree; changes by the scene's own controllers affect a run."""
         root = self.getRoot()
         own_program = isinstance(item, Component) and type(item) is not Component
         if root.initialised and not own_program and (isinstance(item, Component) or any(item.walk_components())):
             root._changes.append((item, f"{here()}: the scene {what} {item.described()}"))
 
     def changes_of_tree(self) -> list[tuple[Base, str]]:
-        """What was added and removed since the last call, each with a line; of the root, once the scene is complete."""
+        """Objects added or removed since the last call, with a line for each; for the root of a complete scene."""
         changes, self._changes = self._changes, []
         return changes
 
     def walk_components(self) -> Iterator[Component]:
-        """All components of it and of the nodes below it."""
+        """All components of the node and its descendants."""
         for node in self.walk():
             yield from node._objects
 
     def _free_name(self, name: str) -> str:
-        """A name that no component has: the type, or with the first number that is free."""
-        if self._names_given != Data.names_given:  # somebody was named since: most scenes add one after the other
+        """An unused name for a component: the type, or the type with the first free number."""
+        if self._names_given != Data.names_given:  # names have changed since; most scenes only add
             self._taken = {item.getName() for item in self._objects}
             self._names_given, self._numbers = Data.names_given, {}
         if name not in self._taken:
@@ -194,33 +194,33 @@ class Node(Base):
 
     @property
     def children(self) -> Members:
-        """The nodes below it, in the order in which they were added."""
+        """Child nodes, in the order of their addition."""
         return Members(self._children)
 
     @property
     def parents(self) -> Members:
-        """The nodes above it."""
+        """Parent nodes."""
         return Members(self._parents)
 
     @property
     def objects(self) -> Members:
-        """Its components, in the order in which they were added."""
+        """Components, in the order of their addition."""
         return Members(self._objects)
 
     def getChildren(self) -> Members:
-        """The nodes below it."""
+        """Child nodes."""
         return self.children
 
     def getParents(self) -> Members:
-        """The nodes above it."""
+        """Parent nodes."""
         return self.parents
 
     def getObjects(self) -> Members:
-        """Its components."""
+        """Components."""
         return self.objects
 
     def getChild(self, name: str, warning: bool = True) -> "Node | None":
-        """A node below it, by its name or a path such as finger/cavity; None if there is none."""
+        """A descendant by name or a path such as finger/cavity, or None."""
         first, _, rest = str(name).partition("/")
         found = next((child for child in self._children if child.getName() == first), None)
         if found is not None and rest:
@@ -230,11 +230,11 @@ class Node(Base):
         return found
 
     def own_object(self, name: str) -> Component | None:
-        """One of its components by its name; None if there is none."""
+        """A component of this node by name, or None."""
         return next((item for item in self._objects if item.getName() == name), None)
 
     def getObject(self, name: str, warning: bool = True) -> Any:
-        """A component, by its name or a path such as cavity/loader; None if there is none."""
+        """A component by name or a path such as cavity/loader, or None."""
         found = self.own_object(str(name))
         if found is None and ("/" in name or name.startswith("@")):
             found = follow(str(name), self)
@@ -245,7 +245,7 @@ class Node(Base):
         return found
 
     def hasObject(self, name: str) -> bool:
-        """Whether one of its components has a name."""
+        """Whether a component of this node has a name."""
         return self.own_object(name) is not None
 
     def _first(self, ending: str, index: int = 0) -> Component | None:
@@ -253,40 +253,40 @@ class Node(Base):
         return found[index] if index < len(found) else None
 
     def getMechanicalState(self) -> Component | None:
-        """Its MechanicalObject."""
+        """MechanicalObject of the node, or None."""
         return self._first("MechanicalObject")
 
     def getMass(self) -> Component | None:
-        """Its mass."""
+        """Mass of the node, or None."""
         return self._first("Mass")
 
     def getForceField(self, index: int = 0) -> Component | None:
-        """One of its force fields."""
+        """A force field of the node, or None."""
         return self._first("ForceField", index)
 
     def getMechanicalMapping(self) -> Component | None:
-        """Its mapping."""
+        """Mapping of the node, or None."""
         return self._first("Mapping")
 
     def getRoot(self) -> "Node":
-        """The node above all."""
+        """Root of the tree."""
         return self._parents[0].getRoot() if self._parents else self
 
     @property
     def root(self) -> "Node":
-        """The node above all."""
+        """Root of the tree."""
         return self.getRoot()
 
     def getRootContext(self) -> "Node":
-        """The node above all."""
+        """Root of the tree."""
         return self.getRoot()
 
     def getContext(self) -> "Node":
-        """Itself."""
+        """The node itself."""
         return self
 
     def walk(self) -> Iterator["Node"]:
-        """It and all nodes below it, each once, from above to below."""
+        """The node and all descendants, each once, from the top down."""
         seen: set[int] = set()
         waiting = [self]
         while waiting:
@@ -305,34 +305,34 @@ class Node(Base):
             place = getattr(place, name)
         return place
 
-    # What it is.
+    # Description.
 
     def declared_data(self, name: str) -> Declared | None:
-        """What is known of a data of nodes."""
+        """Declaration of a data of nodes, or None."""
         return OF_NODES.get(name)
 
     def has_known_data(self) -> bool:
-        """Always: SOFA's nodes all have the same data."""
+        """True: all nodes of SOFA have the same data."""
         return True
 
     def link_start(self) -> "Node":
-        """Itself."""
+        """The node itself."""
         return self
 
     def known_names(self) -> list[str]:
-        """The names of its children, its components, and the data of nodes."""
+        """Names of children, components, and declared data of nodes."""
         return [*(item.getName() for item in (*self._objects, *self._children)), *OF_NODES]
 
     def getPathName(self) -> str:
-        """The path from the root to it, such as /finger; that of the root is /."""
+        """Path from the root, such as /finger; the root's is /."""
         return f"{self._parents[0].getPathName().rstrip('/')}/{self.getName()}" if self._parents else "/"
 
     def getRootPath(self) -> str:
-        """The path from it to the root, such as ../../."""
+        """Path to the root, such as ../../."""
         return "../" * (self.getPathName().count("/") if self._parents else 0)
 
     def described(self) -> str:
-        """What errors call it."""
+        """Description for error messages."""
         return f"node '{self.getPathName() if self._parents else self.getName()}'"
 
     def __getattr__(self, name: str) -> Any:
@@ -345,26 +345,26 @@ class Node(Base):
     def __hash__(self) -> int:
         return id(self)
 
-    # What scenes ask of a node that simulates.
+    # Queries of a simulation.
 
     def getGravity(self) -> Any:
-        """Its gravity."""
+        """Gravity."""
         return self.gravity.value
 
     def setGravity(self, gravity: Any) -> None:
-        """Write to its gravity."""
+        """Set gravity."""
         self.gravity = gravity
 
     def getDt(self) -> float:
-        """Its time step."""
+        """Time step."""
         return float(self.dt)
 
     def getTime(self) -> float:
-        """The time that has passed."""
+        """Simulated time."""
         return float(self.time)
 
     def getRootDt(self) -> float:
-        """The time step of the root."""
+        """Time step of the root."""
         return self.getRoot().getDt()
 
     def isInitialized(self) -> bool:
@@ -372,4 +372,4 @@ class Node(Base):
         return self.initialised
 
     def init(self) -> None:
-        """Nothing: components are made ready when they are read."""
+        """Do nothing: components are initialised on access."""

@@ -1,7 +1,7 @@
-"""The libraries of scenes under their older names, where only their present generation is at hand.
+"""Older names of scene libraries, if only their present generation is available.
 
-`stlib` and `splib` give the functions of `stlib3` and `splib3`, as scenes of the older generation call them: prefabs
-are attached to a node, their first argument or `attachedTo`, and rigid bodies have the components that they had.
+`stlib` and `splib` provide the functions of `stlib3` and `splib3` for scenes of the older generation: prefabs are
+attached to a node, the first argument or `attachedTo`, and rigid bodies have their older components.
 """
 
 import functools
@@ -18,7 +18,7 @@ from taichisoft_sofa.tree.prefab import Prefab
 from taichisoft_sofa.tree.scene_modules import OurLoader
 
 PRESENT = {"stlib": "stlib3", "splib": "splib3"}
-# The order of arguments of prefabs of the older generation.
+# Order of the arguments of prefabs in the older generation.
 ARGUMENTS = {
     "ElasticMaterialObject": (
         "attachedTo",
@@ -41,17 +41,17 @@ RIGID_BODIES = ("RigidObject", "Cube", "Floor", "Sphere")
 
 
 class OlderLibraries(MetaPathFinder, OurLoader):
-    """Finds stlib and splib, after everything else did not."""
+    """Finds stlib and splib as the last finder."""
 
     def find_spec(self, name: str, _path: Sequence[str] | None, _target: Any = None) -> ModuleSpec | None:
-        """Where such a module is; None if the present generation has none in its place."""
+        """Specification of such a module; None if the present generation has no counterpart."""
         present = present_name(name)
         if present is None or not _exists(present):
             return None
         return ModuleSpec(name, self, is_package=True)
 
     def exec_module(self, module: ModuleType) -> None:
-        """Take over what the module of the present generation has."""
+        """Copy the contents of the module of the present generation."""
         present = importlib.import_module(str(present_name(module.__name__)))
         for name, item in vars(present).items():
             if not name.startswith("__") and not isinstance(item, ModuleType):
@@ -59,7 +59,7 @@ class OlderLibraries(MetaPathFinder, OurLoader):
 
 
 def present_name(name: str) -> str | None:
-    """The present name of a module of an older library."""
+    """Present name of a module of an older library, or None."""
     library, _, rest = name.partition(".")
     present = PRESENT.get(library)
     return present and (f"{present}.{rest}" if rest else present)
@@ -79,7 +79,7 @@ def _as_before(name: str, item: Any) -> Any:
 
 
 def _attached(prefab: type[Prefab], arguments: Sequence[str]) -> Callable[..., Prefab]:
-    """A prefab as a function that attaches it to a node."""
+    """Convert a prefab to a function that attaches it to a node."""
 
     @functools.wraps(prefab, updated=())
     def made(*given: Any, **named: Any) -> Prefab:
@@ -92,7 +92,7 @@ def _attached(prefab: type[Prefab], arguments: Sequence[str]) -> Callable[..., P
 
 
 def _rigid_body(make: Callable[..., Node]) -> Callable[..., Node]:
-    """A rigid body with the names that its solvers had, and with the correction that lets contacts move it."""
+    """Make a rigid body with the older names of its solvers, and with a constraint correction for contacts."""
 
     @functools.wraps(make)
     def made(*given: Any, **named: Any) -> Node:

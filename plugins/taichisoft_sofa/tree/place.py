@@ -1,4 +1,4 @@
-"""Where in a scene something was written, and by which generation of SOFA's Python."""
+"""Lines of a scene's code, and the generation of SOFA's Python for which it is written."""
 
 import sys
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from types import FrameType
 from typing import NamedTuple
 
 PACKAGE = __name__.partition(".")[0]
-# The global variable of a module that says where it comes from.
+# Global variable of a module with its origin.
 ORIGIN = "__sofa_origin__"
 
 
@@ -23,11 +23,11 @@ class Place(NamedTuple):
 
 @dataclass(frozen=True)
 class Origin:
-    """Where a module comes from that was loaded for a scene.
+    """Origin of a module loaded for a scene.
 
     Attributes:
-        of_scene: whether it lies in the scene's own folder, and is not one of a library.
-        older: whether it is written for SofaPython, the generation before SofaPython3.
+        of_scene: whether the module is in the scene's own folder and not part of a library.
+        older: whether the module is written for SofaPython, the generation before SofaPython3.
     """
 
     of_scene: bool
@@ -35,7 +35,7 @@ class Origin:
 
 
 def here() -> Place | None:
-    """The line that is being executed: of the scene's own files if one is, else of a library, else outside of us."""
+    """Line being executed: in the scene's own files if possible, else in a library, else outside this package."""
     library = outside = None
     for frame in _frames_outside():
         origin = frame.f_globals.get(ORIGIN)
@@ -49,7 +49,7 @@ def here() -> Place | None:
 
 
 def asked_by_older_code() -> bool:
-    """Whether the code that called us is written for SofaPython, the generation before SofaPython3."""
+    """Whether the calling code is written for SofaPython, the generation before SofaPython3."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None and _is_ours(frame):
         frame = frame.f_back
@@ -62,7 +62,7 @@ def _place(frame: FrameType) -> Place:
 
 
 def _frames_outside() -> Iterator[FrameType]:
-    """The frames of the callers that are not ours, innermost first."""
+    """Frames of callers outside this package, innermost first."""
     frame: FrameType | None = sys._getframe(1)
     while frame is not None:
         if not _is_ours(frame):

@@ -1,4 +1,4 @@
-"""Prefabs: nodes that fill themselves from parameters, as scenes and SOFA's libraries define them."""
+"""Prefabs: nodes built from parameters, defined by scenes and SOFA's libraries."""
 
 from typing import Any
 
@@ -6,7 +6,7 @@ from taichisoft_sofa.tree.node import Node
 
 
 class RawPrefab(Node):
-    """A node of a class that a scene defines."""
+    """A node of a class defined by a scene."""
 
     def __init__(self, *_arguments: Any, **named: Any) -> None:
         self.type_name = "Node"
@@ -20,12 +20,12 @@ class RawPrefab(Node):
         type: str = "",
         default: Any = None,
     ) -> None:
-        """Add a data that the prefab is made from."""
+        """Add a parameter of the prefab as a data."""
         self.addData(name, default, type=type)
 
 
 class Prefab(RawPrefab):
-    """A node that is filled by its method `init`, from the data that its class lists as its parameters."""
+    """A node whose content is made by its method `init`, from the parameters listed in its class."""
 
     prefabParameters: list[dict[str, Any]] = []  # noqa: RUF012
     prefabData: list[dict[str, Any]] = []  # noqa: RUF012

@@ -1,4 +1,4 @@
-"""Scenes in Python 2: converted when they are loaded, line by line, so that errors name the lines as they stand."""
+"""Conversion of scenes in Python 2 at loading, line by line, so that errors have the original line numbers."""
 
 import ast
 import functools
@@ -13,20 +13,20 @@ from taichisoft.errors import SceneError
 from taichisoft_sofa.tree.python2_marks import is_older, why_python2
 from taichisoft_sofa.tree.python2_names import DIVIDE, OF_STRING, STRING
 
-# Fixers of fissix's that only tidy up, that add a line for an import, which `NAMES` makes needless, or that take
-# away what decides over division.
+# Excluded fixers of fissix: fixers of style; fixers that add a line for an import, for which `NAMES` suffices; and
+# fixers that remove the information on division.
 TIDY = {"idioms", "set_literal", "ws_comma", "asserts"}
 LEFT_OUT = TIDY | {"intern", "reduce", "reload", "operator", "types", "buffer", "future"}
 
 
 @dataclass(frozen=True)
 class Program:
-    """The code of a file.
+    """A compiled file.
 
     Attributes:
-        code: to be executed as a module.
-        python2: why the file is in Python 2, with the line; "" where it is in Python 3.
-        older: whether it is written for SofaPython, the generation before SofaPython3.
+        code: code of the module.
+        python2: reason why the file is in Python 2, with the line; "" for Python 3.
+        older: whether the file is written for SofaPython, the generation before SofaPython3.
     """
 
     code: CodeType
@@ -35,14 +35,14 @@ class Program:
 
 
 def compiled(path: Path, in_package: bool = False) -> Program:
-    """The program in a file.
+    """Compile a file, converted from Python 2 if necessary.
 
     Args:
         path: the file.
-        in_package: whether it is a module of a package, whose neighbours Python 2 imports by their names alone.
+        in_package: whether the file is in a package, within which Python 2 imports modules by their bare names.
 
     Raises:
-        SceneError: it is in neither Python 3 nor Python 2.
+        SceneError: the file is in neither Python 3 nor Python 2.
     """
     source = path.read_bytes()
     try:
@@ -77,7 +77,7 @@ def _quotient(left: ast.expr, right: ast.expr, place: ast.AST) -> ast.expr:
 
 
 class _String(ast.NodeTransformer):
-    """Takes what Python 3 left out of the module `string` from `OF_STRING`."""
+    """Replaces functions of the module `string` that Python 3 does not have, see `OF_STRING`."""
 
     def visit_Attribute(self, node: ast.Attribute) -> ast.expr:
         self.generic_visit(node)
@@ -101,7 +101,7 @@ class _String(ast.NodeTransformer):
 def _tool(in_package: bool) -> Any:
     from fissix.refactor import RefactoringTool, get_fixers_from_package
 
-    # Only modules of packages find their neighbours by a relative import.
+    # Relative imports are possible in packages only.
     left_out = LEFT_OUT if in_package else LEFT_OUT | {"import"}
     every = get_fixers_from_package("fissix.fixes")
     return RefactoringTool([name for name in every if name.rpartition("fix_")[2] not in left_out])
@@ -117,7 +117,7 @@ def _converted(path: Path, source: bytes, error: Exception | None, in_package: b
     except (ParseError, TokenError, SyntaxError, IndentationError) as second:
         line = getattr(error, "lineno", None) or getattr(second, "lineno", None) or 1
         what = getattr(error, "msg", None) or str(second)
-        raise SceneError(f"{path}, line {line}: neither Python 3 nor Python 2: {what}; mend the line") from second
+        raise SceneError(f"{path}, line {line}: neither Python 3 nor Python 2: {what}; correct the line") from second
     imports = (node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module == "__future__")
     if not any(alias.name == "division" for node in imports for alias in node.names):
         tree = _Division().visit(tree)
@@ -130,7 +130,7 @@ def _decoded(source: bytes) -> str:
 
 
 def _without_tabs(text: str) -> str:
-    """The text with its indentation in spaces; a tab goes to the next multiple of 8, as in Python 2."""
+    """Replace tabs in the indentation by spaces, up to the next multiple of 8 as in Python 2."""
     from fissix.pgen2 import tokenize as python2
 
     inside: set[int] = set()
@@ -139,7 +139,7 @@ def _without_tabs(text: str) -> str:
             if kind == python2.STRING:
                 inside |= set(range(first + 1, last + 1))
     except (python2.TokenError, IndentationError):
-        pass  # the conversion finds it again, and says so
+        pass  # the conversion reports the error
     lines = text.split("\n")
     return "\n".join(line if number in inside else _spaces(line) for number, line in enumerate(lines, 1))
 

@@ -1,4 +1,4 @@
-"""How a file shows that it is in Python 2, although Python 3 can parse it."""
+"""Detection of files in Python 2 that Python 3 can parse."""
 
 import ast
 import builtins
@@ -17,23 +17,23 @@ PRESENT_SYNTAX = (
     *(ast.JoinedStr, ast.AnnAssign, ast.Nonlocal, ast.YieldFrom, ast.AsyncFunctionDef, ast.Await),
     *(ast.NamedExpr, ast.Match, ast.MatMult),
 )
-"""Syntax that Python 2 refuses."""
+"""Syntax that is not valid in Python 2."""
 
 
 def is_older(tree: ast.Module) -> bool:
-    """Whether a file has something that only SofaPython has, the generation before SofaPython3."""
+    """Whether a file uses a feature of SofaPython only, the generation before SofaPython3."""
     return any(_older_mark(node) for node in ast.walk(tree))
 
 
 def why_python2(tree: ast.Module, path: Path, in_package: bool) -> str:
-    """Why a file that Python 3 can parse is in Python 2, with the line; "" where it is in Python 3.
+    """Reason why a file that Python 3 can parse is in Python 2, with the line; "" for Python 3.
 
-    A file with syntax or imports that only Python 3 and SofaPython3 have is in Python 3, whatever else it has.
+    A file with syntax or imports of Python 3 or SofaPython3 only is in Python 3, regardless of the rest.
 
     Args:
-        tree: the file as Python 3 parses it.
+        tree: the file, parsed by Python 3.
         path: the file.
-        in_package: whether it is a module of a package, whose neighbours Python 2 imports by their names alone.
+        in_package: whether the file is in a package, within which Python 2 imports modules by their bare names.
     """
     if any(_only_python3(node) for node in ast.walk(tree)):
         return ""
@@ -55,7 +55,7 @@ def _line(node: ast.AST) -> int:
 
 
 def _only_python3(node: ast.AST) -> bool:
-    """Whether Python 2, or SofaPython, refuses this."""
+    """Whether a node is not valid in Python 2 or SofaPython."""
     if isinstance(node, PRESENT_SYNTAX):
         return True
     if isinstance(node, ast.FunctionDef):
@@ -73,7 +73,7 @@ def _only_python3(node: ast.AST) -> bool:
 
 
 def _older_mark(node: ast.AST) -> str:
-    """What only SofaPython has, if this is that."""
+    """Feature of SofaPython only in a node, or ""."""
     if isinstance(node, ast.ClassDef) and any(ast.unparse(base).endswith(OLDER_CLASS) for base in node.bases):
         return OLDER_CLASS
     called = node.func if isinstance(node, ast.Call) else None
@@ -83,15 +83,15 @@ def _older_mark(node: ast.AST) -> str:
 
 
 def _prints_to(node: ast.AST) -> str:
-    """The statement `print >> file`, which Python 3 takes for a shift."""
+    """Detect the statement `print >> file`, which Python 3 parses as a shift."""
     shifts = isinstance(node, ast.BinOp) and isinstance(node.op, ast.RShift) and isinstance(node.left, ast.Name)
     return "print >>" if shifts and node.left.id == "print" else ""  # type: ignore[attr-defined]
 
 
 def _unguarded_names(tree: ast.Module) -> Iterator[tuple[str, ast.expr | ast.ImportFrom]]:
-    """Names that Python 3 does not know and Python 2 does, but for those whose absence the file provides for.
+    """Names of Python 2 that Python 3 does not have, except names whose absence the file handles.
 
-    It does so where it defines them, where a star import may, and where it tries, or asks for the version.
+    The file does so if it defines the name, has a star import, or uses the name within `try` or a check of the version.
     """
     bound = set(_bound(tree))
     guarded = {id(inside) for node in ast.walk(tree) if _guards(node) for inside in ast.walk(node)}
@@ -115,7 +115,7 @@ def _alias(alias: ast.alias) -> str:
 
 
 def _guards(node: ast.AST) -> bool:
-    """Whether what is inside need not be there: what is tried, and what depends on the version of Python."""
+    """Whether a node guards its content: `try`, or a check of the version of Python."""
     if isinstance(node, ast.Try):
         return bool(node.handlers)
     if not isinstance(node, ast.If | ast.IfExp):
@@ -125,7 +125,7 @@ def _guards(node: ast.AST) -> bool:
 
 
 def _bound(tree: ast.Module) -> Iterator[str]:
-    """All names that a file gives to something."""
+    """All names bound in a file."""
     for node in ast.walk(tree):
         if isinstance(node, ast.Name) and not isinstance(node.ctx, ast.Load):
             yield node.id
@@ -146,7 +146,7 @@ def _imported(node: ast.Import | ast.ImportFrom) -> list[str]:
 
 
 def _is_neighbour_alone(name: str, path: Path) -> bool:
-    """Whether a module is beside a file, and nowhere else where Python 3 looks for it."""
+    """Whether a module is beside a file, and not found elsewhere by Python 3."""
     beside = (path.parent / f"{name}.py").exists() or (path.parent / name / "__init__.py").exists()
     if not beside or name in sys.stdlib_module_names or name in sys.modules:
         return False

@@ -1,4 +1,4 @@
-"""What Python 2 had without an import, or in its module `string`, and Python 3 has not."""
+"""Names of Python 2, built in or in the module `string`, that Python 3 does not have."""
 
 import functools
 import importlib
@@ -10,14 +10,14 @@ from typing import Any
 GONE = {
     *("xrange", "unicode", "basestring", "raw_input", "unichr", "long", "execfile", "reduce", "reload", "cmp", "file"),
 }
-"""Names that Python 3 does not know."""
+"""Built-in names that Python 3 does not have."""
 
 DIVIDE = "__python2_divide__"
 STRING = "__python2_string__"
 
 
 def divide(dividend: Any, divisor: Any) -> Any:
-    """A quotient as Python 2 takes it: that of integers is an integer."""
+    """Divide as in Python 2: the quotient of integers is an integer."""
     if isinstance(dividend, int) and isinstance(divisor, int):
         return dividend // divisor
     return dividend / divisor
@@ -44,7 +44,7 @@ OF_STRING: dict[str, Any] = {
     "lowercase": string.ascii_lowercase,
     "uppercase": string.ascii_uppercase,
 }
-"""What Python 3 leaves out of the module `string`."""
+"""Functions of the module `string` that Python 3 does not have."""
 
 NAMES: dict[str, Any] = {
     DIVIDE: divide,
@@ -55,4 +55,4 @@ NAMES: dict[str, Any] = {
     "cmp": lambda first, second: (first > second) - (first < second),
     "file": open,
 }
-"""Global variables that a module in Python 2 has besides its own."""
+"""Additional global variables of a module in Python 2."""

@@ -1,4 +1,4 @@
-"""How a scene's own modules and SOFA's libraries are found and executed, without a trace in this Python afterwards."""
+"""Import of a scene's own modules and of SOFA's libraries, without lasting effects on this Python."""
 
 import importlib.util
 import sys
@@ -13,26 +13,26 @@ from taichisoft_sofa.tree.place import ORIGIN, Origin
 from taichisoft_sofa.tree.python2 import compiled
 from taichisoft_sofa.tree.python2_names import NAMES
 
-# The libraries of scenes: wherever they are found, they are executed with our modules for SOFA's.
+# Libraries of scenes, always executed with our modules in place of SOFA's.
 LIBRARIES = ("stlib3", "splib3", "softrobots", "stlib", "splib")
 
 
 class OurLoader(Loader):
-    """Marks the modules that are loaded for a scene."""
+    """Base class of loaders, which marks modules loaded for a scene."""
 
     def create_module(self, _spec: ModuleSpec) -> ModuleType | None:
-        """Python's own kind of module."""
+        """None: Python makes the module."""
         return None
 
 
 class SceneLoader(OurLoader):
-    """Executes a file, which may be in Python 2, and remembers of the module where it is from.
+    """Executes a file, which may be in Python 2, and records the origin of the module.
 
     Args:
         file: the file.
-        of_scene: whether it is one of the scene's own, and not of a library.
-        converted: gets the file where it is in Python 2, with the reason.
-        in_package: whether it is a module of a package, or the package itself.
+        of_scene: whether the file is the scene's own, not a library's.
+        converted: receives the file and the reason if the file is in Python 2.
+        in_package: whether the file is a package or in one.
     """
 
     def __init__(self, file: Path, of_scene: bool, converted: dict[Path, str], in_package: bool = False) -> None:
@@ -51,16 +51,16 @@ class SceneLoader(OurLoader):
         exec(program.code, vars(module))
 
     def get_source(self, _name: str) -> str:
-        """The text of the file, for tracebacks."""
+        """Text of the file, for tracebacks."""
         return self.file.read_text(encoding="utf-8", errors="replace")
 
 
 class SceneFinder(MetaPathFinder):
-    """Finds the modules in the scene's folder and those of its libraries.
+    """Finds the modules in the scene's folder and in its libraries.
 
     Attributes:
-        folders: where it looks, besides sys.path for libraries.
-        converted: files that were in Python 2, with the reason.
+        folders: folders to search, besides sys.path for libraries.
+        converted: files in Python 2, with the reason.
     """
 
     def __init__(self, folder: Path, python_path: Sequence[Path]) -> None:
@@ -70,10 +70,10 @@ class SceneFinder(MetaPathFinder):
         self._python_path = python_path
 
     def find_spec(self, name: str, path: Sequence[str] | None, _target: Any = None) -> ModuleSpec | None:
-        """Where a module is; None if it is none of ours to find."""
+        """Specification of a module; None for other modules."""
         above, _, last = name.rpartition(".")
         if above:
-            # Not the one above alone, which may be a folder without an __init__.py.
+            # Check the top package: the direct parent may be a folder without an __init__.py.
             if not is_ours(sys.modules.get(name.partition(".")[0])):
                 return None
             folders = [Path(entry) for entry in path or ()]
@@ -90,7 +90,7 @@ class SceneFinder(MetaPathFinder):
         return None
 
     def _is_of_scene(self, name: str, file: Path) -> bool:
-        """Whether a module is one of the scene's own: not of a library, even if that lies in the scene's folder."""
+        """Whether a module is the scene's own and not part of a library, even of one in the scene's folder."""
         of_library = name.partition(".")[0] in LIBRARIES or any(
             file.is_relative_to(folder) and folder.is_relative_to(self.folder) for folder in self._python_path
         )

@@ -1,4 +1,4 @@
-"""The modules that a scene imports as SOFA's: what they have of ours, and one line where something is missing."""
+"""Stand-ins for SOFA's modules, with an error of one line for missing names."""
 
 import logging
 from collections.abc import Callable
@@ -18,13 +18,13 @@ LOG = logging.getLogger("taichisoft_sofa.scene")
 
 
 class StandIn(ModuleType):
-    """A module in place of one of SOFA's."""
+    """A module in place of a module of SOFA."""
 
     def __init__(self, name: str, **contents: Any) -> None:
         super().__init__(name, "In place of SOFA's module, while a scene is read by taichisoft.")
         self.__path__: list[str] = []
         vars(self).update(contents)
-        # What `from Sofa.constants import *` takes.
+        # For `from Sofa.constants import *`.
         self.__all__ = [key for key in contents if not key.startswith("_")]
 
     def __getattr__(self, name: str) -> Any:
@@ -35,28 +35,28 @@ class StandIn(ModuleType):
 
 
 class Repository:
-    """Folders in which a scene's files are looked for."""
+    """Folders in which a scene's files are searched."""
 
     def __init__(self, folders: list[Path]) -> None:
         self._folders = folders
 
     def addFirstPath(self, folder: str) -> None:
-        """Look in a folder before all others."""
+        """Add a folder to search before all others."""
         self._folders.insert(0, Path(folder).absolute())
 
     def addLastPath(self, folder: str) -> None:
-        """Look in a folder after all others."""
+        """Add a folder to search after all others."""
         self._folders.append(Path(folder).absolute())
 
     def getFile(self, name: str) -> str:
-        """The path of a file; its name if there is none."""
+        """Path of a file; its name if not found."""
         return next((str(folder / name) for folder in self._folders if (folder / name).is_file()), name)
 
     findFile = getFile
 
 
 def stand_ins(repositories: list[Path]) -> dict[str, ModuleType]:
-    """Our modules in place of SOFA's, by their names; the scene's folders of files are added to `repositories`."""
+    """Our modules in place of SOFA's, by name; folders of files that the scene adds go to `repositories`."""
     messages = {f"msg_{level}": _message(number) for level, number in LEVELS.items()}
     core = StandIn(
         "Sofa.Core",
@@ -111,7 +111,7 @@ LEVELS = {
 
 
 def _message(level: int) -> Callable[..., None]:
-    """A function that logs what a scene says: a message, perhaps after what it is about."""
+    """Make a function that logs a scene's messages, optionally preceded by their subject."""
 
     def message(*said: Any) -> None:
         about = [item.getPathName() if isinstance(item, Base) else str(item) for item in said]

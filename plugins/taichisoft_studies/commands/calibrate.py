@@ -1,4 +1,4 @@
-"""`taichisoft calibrate`: parameters whose runs repeat what was measured."""
+"""`taichisoft study calibrate`: parameters whose runs repeat what was measured."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -7,40 +7,39 @@ from typing import Annotated, Any
 
 import typer
 
-from taichisoft_studies.commands import options
-from taichisoft_studies.extras import StudyError, require
+from taichisoft_studies.commands import study_options
+from taichisoft_studies.errors import StudyError, require
 
 FIT, PICTURE = "fit.json", "fit.png"
 
 
 def calibrate(
     study: Annotated[str, typer.Argument(help="Study file (.toml), or the name of a shipped one.")],
-    output: options.Output,
+    output: study_options.Output,
     data: Annotated[
         list[Path] | None,
         typer.Option("--data", help="Measured data (CSV), one for each experiment that names none (repeatable)."),
     ] = None,
-    jobs: options.Jobs = None,
-    scheduler: options.Scheduler = None,
-    dashboard: options.Dashboard = None,
+    jobs: study_options.Jobs = None,
+    scheduler: study_options.Scheduler = None,
+    dashboard: study_options.Dashboard = None,
 ) -> None:
     """Fit parameters to measured curves, with an interval of confidence and a plot of the data over the fit."""
-    require("taichisoft calibrate", "distributed")
+    require("taichisoft study calibrate", "distributed")
     from rich.console import Console
 
     from taichisoft.atomic_file import atomic_file
-    from taichisoft.running.messages import print_line
-    from taichisoft_studies.calibrate import calibrate as fit_parameters
-    from taichisoft_studies.calibration_file import Calibration
-    from taichisoft_studies.measured_data import read_measurement
+    from taichisoft.running import print_line
+    from taichisoft_studies.calibration_file import Calibration, read_measurement
+    from taichisoft_studies.least_squares import calibrate as fit_parameters
     from taichisoft_studies.study_file import check_study, find_study, read_tables
 
     path = find_study(study)
     tables: dict[str, Any] = read_tables(path)
-    options.add_cluster(tables, jobs, scheduler, dashboard)
-    options.add_plugins(tables)
+    study_options.add_cluster(tables, jobs, scheduler, dashboard)
+    study_options.add_plugins(tables)
     asked = check_study(Calibration, tables, str(path))
-    options.load_plugins(asked)
+    study_options.load_plugins(asked)
     files = _files(asked, path, data or [])
     measured = [
         read_measurement(experiment, file, f"{path}: experiments.{index}")
@@ -53,7 +52,7 @@ def calibrate(
         print_line(console, f"{said}: cost {cost:.6g}")
 
     most = len(measured) * 2 * len(asked.parameters)
-    with options.announced_workers(console, asked.cluster, most, output) as workers:
+    with study_options.announced_workers(console, asked.cluster, most, output) as workers:
         fit = fit_parameters(asked, measured, output, workers, tried)
     for key, value in fit.values.items():
         low, high = fit.intervals[key]
@@ -90,7 +89,7 @@ def _draw(study: Any, measured: Any, fit: Any, files: Sequence[Path], path: Path
     from matplotlib.figure import Figure
 
     from taichisoft.atomic_file import atomic_file
-    from taichisoft_plugins.plots.figure import figure_bytes
+    from taichisoft_outputs.plots.figure import figure_bytes
 
     count = sum(len(experiment.curves) for experiment in study.experiments)
     figure = Figure(figsize=(6.0, 2.6 * count), layout="constrained")

@@ -1,4 +1,4 @@
-"""`taichisoft compare`: several runs beside each other."""
+"""`taichisoft study compare`: several runs in one picture, and the keys and metrics in which they differ."""
 
 import csv
 from pathlib import Path
@@ -6,9 +6,9 @@ from typing import Annotated, Any
 
 import typer
 
-from taichisoft_studies.extras import StudyError
+from taichisoft_studies.errors import StudyError
 
-TABLE = "comparison.csv"
+TABLE, PICTURE = "comparison.csv", "comparison.png"
 
 
 def compare(
@@ -17,22 +17,19 @@ def compare(
         "out/comparison"
     ),
     only: Annotated[str | None, typer.Option(metavar="NAMES", help="Panels, separated by commas.")] = None,
-    format: Annotated[str, typer.Option(help="Format of the picture: png or svg.")] = "png",
 ) -> None:
     """Plot several runs over each other, and list the keys and metrics in which they differ."""
     from rich.console import Console
     from rich.table import Table
 
     from taichisoft.atomic_file import atomic_file
-    from taichisoft.running.messages import print_line
+    from taichisoft.running import print_line
     from taichisoft.terminal_text import plain
-    from taichisoft_plugins.recording.layout import FILE_NAME
-    from taichisoft_studies.comparison import differences, draw_comparison, labels, run_folder
+    from taichisoft_outputs.recording.layout import FILE_NAME
+    from taichisoft_studies.run_comparison import differences, draw_comparison, labels, run_folder
 
     if len(runs) < 2:
-        raise StudyError("compare: needs two runs or more")
-    if format not in ("png", "svg"):
-        raise StudyError(f"--format {format}: there are: png, svg")
+        raise StudyError("study compare: needs two runs or more")
     folders = [run_folder(run) for run in runs]
     names = labels(folders)
     rows = differences(folders)
@@ -53,8 +50,8 @@ def compare(
         print_line(console, f"no plots: {unrecorded[0]} has no recording (--record)")
         return
     wanted = [name.strip() for name in only.split(",")] if only is not None else None
-    picture = draw_comparison(folders, names, wanted, format)
-    path = output / f"comparison.{format}"
+    picture = draw_comparison(folders, names, wanted, "png")
+    path = output / PICTURE
     with atomic_file(path, StudyError) as partial:
         partial.write_bytes(picture)
     print_line(console, str(path))

@@ -1,4 +1,4 @@
-"""`taichisoft mesh-sweep`: one mesh for each value of a dimension."""
+"""`taichisoft mesh sweep`: one mesh for each value of a dimension."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from taichisoft.errors import GoalMissed
-from taichisoft_meshing.commands import options
-from taichisoft_studies.commands.options import (
+from taichisoft_meshing.commands import mesh_options
+from taichisoft_studies.commands.study_options import (
     Dashboard,
     Jobs,
     Scheduler,
@@ -16,17 +16,18 @@ from taichisoft_studies.commands.options import (
     announced_workers,
     requested_plugins,
 )
-from taichisoft_studies.extras import require
-from taichisoft_studies.study_file import Cluster, Study, check_study
+from taichisoft_studies.errors import require
+from taichisoft_studies.study_file import Cluster, Sweep, check_study
+from taichisoft_studies.varied_values import varied
 
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taichisoft_studies.mesh_plan import Variant
+    from taichisoft_studies.mesh_variants import Variant
 
 
 def mesh_sweep(
-    file: Annotated[str, options.FILE],
+    file: Annotated[str, mesh_options.FILE],
     vary: Annotated[
         list[str],
         typer.Option(
@@ -42,34 +43,33 @@ def mesh_sweep(
     scheduler: Scheduler = None,
     dashboard: Dashboard = None,
     time_limit: Annotated[float, typer.Option(help="Longest time for one mesh \\[s].")] = 3600.0,
-    size: options.Size = None,
-    nodes: options.Nodes = None,
-    preset: options.Preset = None,
-    set_: options.Set = None,
-    force: options.Force = False,
+    size: mesh_options.Size = None,
+    nodes: mesh_options.Nodes = None,
+    preset: mesh_options.Preset = None,
+    set_: mesh_options.Set = None,
+    force: mesh_options.Force = False,
 ) -> None:
     """Mesh every variant of a geometry; one that fails is reported, the others go on, and the exit code is 1.
 
     A variant whose mesh lies there already, of the same inputs, is not meshed again. One command at a time works in a
     folder.
     """
-    require("taichisoft mesh-sweep", "distributed")
+    require("taichisoft mesh sweep", "distributed")
     from rich.console import Console  # --help need not wait for any of these
 
-    from taichisoft.running.folder_lock import locked_folder
-    from taichisoft.running.messages import print_line, print_warning
+    from taichisoft.running import locked_folder, print_line, print_warning
     from taichisoft_meshing.mesh_set import prepare_folder
-    from taichisoft_studies.mesh_plan import plan
-    from taichisoft_studies.mesh_summary import summary_rows, summary_table, write_summary
+    from taichisoft_studies.mesh_variants import plan, summary_rows, summary_table, write_summary
 
-    tables: dict[str, Any] = {}
+    tables: dict[str, Any] = {"scene": file, "vary": varied(vary)}
     add_cluster(tables, jobs, scheduler, dashboard)
-    variants = plan(options.geometry_job(file, set_, options.asked_size(size, nodes, preset)), vary)
-    cluster = check_study(Study, {"scene": file, **tables}, "mesh-sweep").cluster
+    study = check_study(Sweep, tables, "mesh sweep")
+    job = mesh_options.geometry_job(file, set_, mesh_options.asked_size(size, nodes, preset))
+    variants = plan(job, study.vary)
     prepare_folder(output)
     console = Console()
     with locked_folder(output):  # two would move different meshes into folders of the same name
-        outcomes = make_variants(console, variants, output, cluster, force, time_limit)
+        outcomes = make_variants(console, variants, output, study.cluster, force, time_limit)
         rows = summary_rows(variants, outcomes)
         written = write_summary(rows, output)
     console.print(summary_table(rows, str(output)))
@@ -93,8 +93,8 @@ def make_variants(
     Raises:
         StudyError: the workers are gone.
     """
+    from taichisoft_studies.commands.study_options import progress_bar
     from taichisoft_studies.make_mesh import MeshRun, mesh_failure
-    from taichisoft_studies.progress import progress_bar
     from taichisoft_studies.worker_task import do_mesh
     from taichisoft_studies.workers import LOST
 

@@ -1,11 +1,11 @@
-"""Integration domains: what kernels read of them, and their deformation.
+"""Integration domains: the arrays that kernels read, and their deformation.
 
 A domain is a piece of a body with one deformation gradient, F = sum_a x_a g_a^T over its nodes: a quadrature point of
-an element, or what surrounds an edge or a node of the mesh (`bodies/domains.py`). It has any number of nodes. With P
-the first Piola stress and C = dP/dF of an energy (`laws.py`), and w its volume,
+an element, or what surrounds an edge or a node of the mesh (`bodies/element_kinds.py`). It has any number of nodes.
+With P the first Piola stress and C = dP/dF of an energy (`rubber_laws.py`), and w its volume,
     f_a = -w P g_a,   (K_ab)_ij = w sum_kl C_ik,jl (g_a)_k (g_b)_l,
 where C has no negative eigenvalues left. Hooke's law, corotated with the polar rotation, which is frozen in C, has a
-short way to the sums (`hooke_domains.py`); other laws take the general one (`rubber_domains.py`).
+shorter form of the sums (`hooke_domains.py`); `rubber_domains.py` has the general form for other laws.
 """
 
 from typing import NamedTuple
@@ -21,16 +21,16 @@ class Domains(NamedTuple):
     """Integration domains of all soft bodies that have them; an entry is a node of a domain.
 
     Attributes:
-        start: where each domain's entries begin, shape (domain_count + 1,).
+        start: the first entry of each domain, shape (domain_count + 1,).
         node: of each entry, shape (entry_count,).
         gradient: g of each entry, at rest [1/mm], shape (entry_count, 3).
         volume: for which the energies of shape and of volume count [mm^3], shape (domain_count, 2).
-        law: HOOKE, POLYNOMIAL or OGDEN, shape (domain_count,).
-        modulus: of the law, see `laws.py` [kPa], shape (domain_count, 5).
-        exponent: Ogden's [-], shape (domain_count, 3).
+        law: number in LAW_NUMBERS, shape (domain_count,).
+        modulus: in the columns of `principal_stretches.py` [kPa], shape (domain_count, MODULI).
+        pure_number: the law's coefficients without unit, shape (domain_count, PURE_NUMBERS).
         lag: h + b [s], 0 in first order dynamics, shape (domain_count,).
         factor: of K in A, shape (domain_count,).
-        undamped: h / (h + b), the share of the lag and of the factor that is not damping's, shape (domain_count,).
+        undamped: h / (h + b), the share of the lag and of the factor without damping, shape (domain_count,).
     """
 
     start: Integers
@@ -39,14 +39,14 @@ class Domains(NamedTuple):
     volume: ScalarTable
     law: Integers
     modulus: ScalarTable
-    exponent: ScalarTable
+    pure_number: ScalarTable
     lag: Scalars
     factor: Scalars
     undamped: Scalars
 
 
 class Movement(NamedTuple):
-    """Where the nodes are.
+    """Positions and velocities of the nodes.
 
     Attributes:
         position: of the nodes [mm], shape (node_count, 3).
@@ -58,7 +58,7 @@ class Movement(NamedTuple):
 
 
 class DomainSums(NamedTuple):
-    """What the domains add to.
+    """The sums to which the domains add.
 
     Attributes:
         force: f - (h + b) K v on each node [mN], shape (node_count, 3).

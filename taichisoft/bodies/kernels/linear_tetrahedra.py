@@ -5,7 +5,7 @@ corner a is
     f_a = -w R (lambda tr(e) I + 2 mu e) g_a,   e = sym(sum_b u_b g_b^T),   u_b = R^T x_b - X_b,
 and, R being frozen in the step (Mueller and Gross 2004, Interactive Virtual Materials), with G_a = R g_a,
     K_ab = w (lambda G_a G_b^T + mu G_b G_a^T + mu (G_a . G_b) I).
-The gradients of the four corners add up to nothing, and so do the forces: three of each make the fourth.
+The gradients of the four corners add up to zero, and so do the forces: the fourth follows from three.
 """
 
 from typing import NamedTuple
@@ -29,7 +29,7 @@ from taichisoft.runtime.taichi_start import (
 )
 from taichisoft.runtime.waiting import BEGUN, BEGUN_LATER, FINISHED, PATIENCE, reaches
 
-# What a thread does in one go.
+# Elements and blocks of a task.
 ELEMENTS_A_TASK = 128
 BLOCKS_A_TASK = 256
 
@@ -57,7 +57,7 @@ class Elements(NamedTuple):
 
 
 class Deformation(NamedTuple):
-    """Where the nodes are, and the elements' rotations.
+    """Positions and velocities of the nodes, and the elements' rotations.
 
     Attributes:
         position: of the nodes [mm], shape (node_count, 3).

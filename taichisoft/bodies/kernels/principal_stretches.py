@@ -1,35 +1,64 @@
-"""Isotropic hyperelastic laws as energies of the principal stretches: their slopes, and what their tangents need.
+"""Laws of rubber in the principal stretches: slopes of their energies, and what their tangents need.
 
-An energy is that of shape plus that of volume, U(J) = lambda / 2 (J - 1)^2, which have weights of their own. With
-    K = I1 - 3 - 2 (J - 1) + (J - 1)^2,   L = I2 - 3 - 4 (J - 1),
-which are I1 - 3 and I2 - 3 where the volume stays, and 2 e : e for small strains e, those of shape are
-    polynomial  c10 K + c01 L + c20 K^2 + c30 K^3,
-        c10 alone the stable neo-Hookean law of Smith, de Goes and Kim 2018 (Stable Neo-Hookean Flesh Simulation, whose
-        lambda is lambda + mu here), with c01 Mooney and Rivlin's, with c20 and c30 Yeoh's;
-    Ogden       sum_p mu_p / a_p (s1^a_p + s2^a_p + s3^a_p - 3) + mu_p ((J - 1)^2 / 2 - (J - 1)).
-All agree with Hooke's law for small strains, and none has a barrier at J = 0, so that inverted elements can come back.
-
+`taichisoft/rubber_laws.py` has the energies; the energies of shape and of volume have weights of their own.
 The second derivatives by F = U diag(s) V^T have, in the axes of U and V, the Hessian by the stretches, and for each
 pair of axes i, j with the third one k two eigenvalues (Smith, de Goes and Kim 2019, Analytic Eigensystems for Isotropic
 Distortion Energies): of the symmetric part ("flip") and of the antisymmetric part ("twist"),
     flip_k = (psi_i - psi_j) / (s_i - s_j),   twist_k = (psi_i + psi_j) / (s_i + s_j).
 """
 
+from collections.abc import Callable
+from types import FunctionType
+from typing import Any
+
+from taichisoft.bodies.kernels.domain_deformation import DILATION, SHAPE, Domains
+from taichisoft.rubber_laws import RUBBER_LAWS, SMALLEST_STRETCH, InvariantLaw, RubberLaw, StretchLaw
 from taichisoft.runtime.launch import func
-from taichisoft.runtime.taichi_start import ScalarTable, mat3, ti, vec3
+from taichisoft.runtime.taichi_start import mat3, ti, vec3
 
-HOOKE, POLYNOMIAL, OGDEN = range(3)
-# Columns of a material's moduli [kPa]: Lame's lambda, then mu of Hooke's law, or these.
+# Laws of invariants come before laws of stretches.
+_BY_FORM = sorted(RUBBER_LAWS, key=lambda name: isinstance(RUBBER_LAWS[name], StretchLaw))
+LAW_NUMBERS = {name: number for number, name in enumerate(["hooke", *_BY_FORM])}
+HOOKE = LAW_NUMBERS["hooke"]
+FIRST_STRETCH_LAW = 1 + sum(isinstance(law, InvariantLaw) for law in RUBBER_LAWS.values())
+# Columns of a material's moduli [kPa]: Lame's lambda, then mu of Hooke's law or the moduli of each term.
 LAMBDA, MU = 0, 1
-C10, C01, C20, C30 = 1, 2, 3, 4
-OGDEN_TERMS = 3
-MODULI = 5
 
-# Below this stretch a power of Ogden's law goes on as its parabola (Stomakhin et al. 2012, Energetically Consistent
-# Invertible Elasticity): it has no value at negative stretches. A membrane is as thin at 4.5 times its size.
-SMALLEST_STRETCH = 0.05
+
+def term_columns(law: RubberLaw, term: int) -> tuple[list[int], list[int]]:
+    """Columns of the coefficients of a term: of the moduli [kPa] and of the pure numbers."""
+    moduli = sum(one.unit == "kPa" for one in law.coefficients)
+    pure_numbers = len(law.coefficients) - moduli
+    return (
+        [1 + term * moduli + i for i in range(moduli)],
+        [term * pure_numbers + i for i in range(pure_numbers)],
+    )
+
+
+_LAST_TERMS = [term_columns(law, law.terms - 1) for law in RUBBER_LAWS.values()]
+MODULI = 1 + max(column for moduli, _ in _LAST_TERMS for column in moduli)
+PURE_NUMBERS = 1 + max(column for _, numbers in _LAST_TERMS for column in numbers)
+
 # Closer together than this, two stretches count as equal in a difference quotient of slopes.
 EQUAL_STRETCHES = 1e-4
+
+
+def for_kernels(function: Callable[..., Any]) -> Any:
+    """A function of numpy's arithmetic as one of Taichi's: np.exp is ti.exp in it, and so on."""
+    return ti.func(FunctionType(function.__code__, function.__globals__ | {"np": ti}, function.__name__))
+
+
+# Number of the law, derivatives, and columns of each term of each law.
+INVARIANT_TERMS, STRETCH_TERMS = (
+    [
+        (LAW_NUMBERS[name], derivatives, *term_columns(law, term))
+        for name, law in RUBBER_LAWS.items()
+        if isinstance(law, form)
+        for derivatives in [for_kernels(law.derivatives)]
+        for term in range(law.terms)
+    ]
+    for form in (InvariantLaw, StretchLaw)
+)
 
 
 @ti.func
@@ -46,23 +75,32 @@ def off_diagonal(v: vec3) -> mat3:
 
 @ti.func
 def diagonal(v: vec3) -> mat3:
-    """The diagonal matrix of these."""
+    """The diagonal matrix of v."""
     return ti.Matrix([[v[0], 0.0, 0.0], [0.0, v[1], 0.0], [0.0, 0.0, v[2]]])
 
 
 @func
-def polynomial_law(m: ti.i32, modulus: ScalarTable, shape: ti.f64, volume: ti.f64, s: vec3):
-    """Slope and Hessian by the stretches, flips and twists, for weights of the energies of shape and volume."""
+def respond_by_invariants(d: ti.i32, domains: Domains, s: vec3):
+    """Slope and Hessian by the stretches of a domain's energy times its volumes, flips and twists."""
+    shape, volume = domains.volume[d, SHAPE], domains.volume[d, DILATION]
     cofactor = products_of_others(s)
     j = s[0] * cofactor[0]
     squares = s * s
     i1 = squares.sum()
     k = i1 - 3.0 - 2.0 * (j - 1.0) + (j - 1.0) * (j - 1.0)
-    first = shape * (modulus[m, C10] + k * (2.0 * modulus[m, C20] + 3.0 * k * modulus[m, C30]))
-    bend = shape * (2.0 * modulus[m, C20] + 6.0 * k * modulus[m, C30])
-    second = shape * modulus[m, C01]
-    pressure = 2.0 * first * (j - 2.0) - 4.0 * second + volume * modulus[m, LAMBDA] * (j - 1.0)
-    stiffness = 2.0 * first + volume * modulus[m, LAMBDA]
+    first, second, bend = 0.0, 0.0, 0.0
+    for number, derivatives, moduli, pure_numbers in ti.static(INVARIANT_TERMS):
+        if domains.law[d] == number:
+            by_k, by_l, by_k_twice = derivatives(
+                k,
+                *[domains.modulus[d, column] for column in ti.static(moduli)],
+                *[domains.pure_number[d, column] for column in ti.static(pure_numbers)],
+            )
+            first += shape * by_k
+            second += shape * by_l
+            bend += shape * by_k_twice
+    pressure = 2.0 * first * (j - 2.0) - 4.0 * second + volume * domains.modulus[d, LAMBDA] * (j - 1.0)
+    stiffness = 2.0 * first + volume * domains.modulus[d, LAMBDA]
     slope_of_k = 2.0 * s + 2.0 * (j - 2.0) * cofactor
     slope = 2.0 * first * s + 2.0 * second * s * (i1 - squares) + pressure * cofactor
     hessian = (
@@ -77,20 +115,23 @@ def polynomial_law(m: ti.i32, modulus: ScalarTable, shape: ti.f64, volume: ti.f6
 
 
 @func
-def ogden_law(m: ti.i32, modulus: ScalarTable, exponent: ScalarTable, shape: ti.f64, volume: ti.f64, s: vec3):
-    """Slope and Hessian by the stretches, flips and twists, for weights of the energies of shape and volume."""
+def respond_by_sums(d: ti.i32, domains: Domains, s: vec3):
+    """Slope and Hessian by the stretches of a domain's energy times its volumes, flips and twists."""
+    shape, volume = domains.volume[d, SHAPE], domains.volume[d, DILATION]
     cofactor = products_of_others(s)
     j = s[0] * cofactor[0]
     slope, bend = vec3(0.0), vec3(0.0)
-    total = 0.0
-    for p in ti.static(range(OGDEN_TERMS)):
-        mu, power = shape * modulus[m, MU + p], exponent[m, p] - 1.0
-        total += mu
-        for i in ti.static(range(3)):
-            base = ti.max(s[i], SMALLEST_STRETCH)
-            value = mu * ti.pow(base, power)
-            bend[i] += power * value / base
-            slope[i] += value + power * value / base * (s[i] - base)
+    at_rest = 0.0
+    for number, derivatives, moduli, pure_numbers in ti.static(STRETCH_TERMS):
+        if domains.law[d] == number:
+            own_moduli = ti.static([shape * domains.modulus[d, column] for column in moduli])
+            own_numbers = ti.static([domains.pure_number[d, column] for column in pure_numbers])
+            at_rest += derivatives(1.0, *own_moduli, *own_numbers)[0]
+            for i in ti.static(range(3)):
+                base = ti.max(s[i], SMALLEST_STRETCH)
+                own_slope, own_bend = derivatives(base, *own_moduli, *own_numbers)
+                bend[i] += own_bend
+                slope[i] += own_slope + own_bend * (s[i] - base)
     flip, twist = vec3(0.0), vec3(0.0)
     for k in ti.static(range(3)):
         a, b = ti.static((k + 1) % 3), ti.static((k + 2) % 3)
@@ -99,8 +140,8 @@ def ogden_law(m: ti.i32, modulus: ScalarTable, exponent: ScalarTable, shape: ti.
             flip[k] = (slope[a] - slope[b]) / (s[a] - s[b])
         if s[a] + s[b] > EQUAL_STRETCHES:  # where two stretches cancel, the twist has no limit
             twist[k] = (slope[a] + slope[b]) / (s[a] + s[b])
-    pressure = total * (j - 2.0) + volume * modulus[m, LAMBDA] * (j - 1.0)
-    stiffness = total + volume * modulus[m, LAMBDA]
+    pressure = at_rest * (j - 2.0) + volume * domains.modulus[d, LAMBDA] * (j - 1.0)
+    stiffness = at_rest + volume * domains.modulus[d, LAMBDA]
     slope += pressure * cofactor
     hessian = diagonal(bend) + off_diagonal(pressure * s) + stiffness * cofactor.outer_product(cofactor)
     return slope, hessian, flip - pressure * s, twist + pressure * s

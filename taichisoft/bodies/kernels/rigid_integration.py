@@ -25,8 +25,8 @@ class RigidState(NamedTuple):
     """How the rigid bodies move in a step.
 
     Attributes:
-        position: centres of mass before the step, then after it [mm], shape (rigid_count, 3).
-        quaternion: (w, x, y, z) before the step, then after it, shape (rigid_count, 4).
+        position: centres of mass before the step [mm], shape (rigid_count, 3).
+        quaternion: (w, x, y, z) before the step, shape (rigid_count, 4).
         linear, angular: velocities before the step, then after it [mm/s] and [rad/s], shape (rigid_count, 3).
         rotation: body axes in the world at the start, shape (rigid_count, 3, 3).
         free: linear [mm/s] and angular velocity [rad/s] after the step without contacts, shape (rigid_count, 6).

@@ -7,8 +7,6 @@ of neighbouring domains adds to its own copies of the blocks, few enough to stay
 from typing import NamedTuple
 
 from taichisoft.bodies.kernels.domain_deformation import (
-    DILATION,
-    SHAPE,
     Domains,
     DomainSums,
     Movement,
@@ -16,7 +14,8 @@ from taichisoft.bodies.kernels.domain_deformation import (
 )
 from taichisoft.bodies.kernels.hooke_blocks import Quads, vec4
 from taichisoft.bodies.kernels.polar_rotation import polar_rotation
-from taichisoft.bodies.kernels.principal_stretches import OGDEN, SMALLEST_STRETCH, ogden_law, polynomial_law
+from taichisoft.bodies.kernels.principal_stretches import FIRST_STRETCH_LAW, respond_by_invariants, respond_by_sums
+from taichisoft.rubber_laws import SMALLEST_STRETCH
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.symmetric import TINY, positive_part, symmetric_eigen
 from taichisoft.runtime.taichi_start import CHUNK, THREADS, Integers, mat3, ti, vec3
@@ -32,7 +31,7 @@ Octets = ti.types.ndarray(dtype=vec8, ndim=1)
 
 
 class DomainGroups(NamedTuple):
-    """Groups of neighbouring domains, whose sums are made apart; a slot is a block of the matrix in a group.
+    """Groups of neighbouring domains with sums of their own; a slot is the copy of a block of the matrix in a group.
 
     Attributes:
         start: where each group's domains begin, shape (group_count + 1,).
@@ -70,13 +69,13 @@ class GroupSums(NamedTuple):
 
 
 class BlockCopies(NamedTuple):
-    """Which slots make up the blocks of the system matrix that domains have to do with.
+    """The slots that make up each block of the system matrix to which domains add.
 
     Attributes:
-        block: number of each of these blocks in the matrix, shape (count,).
-        start: where the slots of each block begin in the list that follows, shape (count + 1,).
+        block: its number in the matrix, shape (count,).
+        start: the first slot of each block in the list that follows, shape (count + 1,).
         slot: in the order of the groups.
-        node: that of a block on the diagonal, -1 for others, shape (count,).
+        node: of a block on the diagonal, -1 for others, shape (count,).
     """
 
     block: Integers
@@ -95,7 +94,7 @@ def column(matrix: mat3, k: ti.template()) -> vec3:
 def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Domains):
     """Stress, and tangent along the axes of the principal stretches, of a domain.
 
-    With F = R U, and U1 and R1 those of F + h dF/dt, it is linearised where it would be turned but not strained, at
+    With F = R U, and F + h dF/dt = R1 U1, the law is linearised where it would be turned but not strained, at
     R1 U: the stretches grow by U1 - U, which is zero for any rigid motion of the step.
 
     Returns:
@@ -109,15 +108,14 @@ def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Doma
     left = turned @ right
     growth = turned.transpose() @ ahead - stretch
     growth = 0.5 * (right.transpose() @ (growth + growth.transpose()) @ right)
-    shape, dilation = domains.volume[d, SHAPE], domains.volume[d, DILATION]
     slope, flip, twist = vec3(0.0), vec3(0.0), vec3(0.0)
     hessian = ti.Matrix.zero(ti.f64, 3, 3)
-    if domains.law[d] == OGDEN:
-        slope, hessian, flip, twist = ogden_law(d, domains.modulus, domains.exponent, shape, dilation, stretches)
+    if domains.law[d] >= FIRST_STRETCH_LAW:
+        slope, hessian, flip, twist = respond_by_sums(d, domains, stretches)
     else:
-        slope, hessian, flip, twist = polynomial_law(d, domains.modulus, shape, dilation, stretches)
-    # The slope of the Kirchhoff stress by the rate of strain, in axes that turn with the body (Jaumann's rate): damping
-    # that holds nothing that turns, and in which pressures cancel.
+        slope, hessian, flip, twist = respond_by_invariants(d, domains, stretches)
+    # The slope of the Kirchhoff stress by the rate of strain, in axes that turn with the body (Jaumann's rate): this
+    # damping does not resist rotations, and pressures cancel in it.
     viscosity = ti.max(flip + twist, 0.0)
     viscous_hessian = hessian
     for i in ti.static(range(3)):
@@ -156,7 +154,7 @@ def respond_by_stretches(d: ti.i32, deformation: mat3, rate: mat3, domains: Doma
 
 @func
 def set_tangent(worker: ti.i32, left: mat3, hessian: mat3, same: mat3, swapped: vec3, sums: GroupSums):
-    """Turn a tangent along left and right axes to the axes of space, in what it does to forces."""
+    """Turn the forces of a tangent, given along left and right axes, to the axes of space."""
     last = ti.Matrix.zero(ti.f64, 3, 3)
     for k in ti.static(range(3)):
         i, j = ti.static((k + 1) % 3), ti.static((k + 2) % 3)
@@ -217,7 +215,7 @@ def add_domain(d: ti.i32, worker: ti.i32, domains: Domains, movement: Movement, 
 
 @func
 def add_group(t: ti.i32, worker: ti.i32, domains: Domains, movement: Movement, groups: DomainGroups, sums: GroupSums):
-    """Sum what the domains of a group give."""
+    """Sum the contributions of the domains of a group."""
     for slot in range(groups.first_slot[t], groups.first_slot[t + 1]):
         sums.block[slot] = vec8(0.0)
         sums.rest[slot] = vec4(0.0)
@@ -227,7 +225,7 @@ def add_group(t: ti.i32, worker: ti.i32, domains: Domains, movement: Movement, g
 
 @func
 def add_copies(b: ti.i32, copies: BlockCopies, sums: GroupSums, total: DomainSums):
-    """Add to a block of the matrix, and on the diagonal to the node's force, what the groups have."""
+    """Add the sums of the groups to a block of the matrix, and on the diagonal to the node's force."""
     most, rest = vec8(0.0), vec4(0.0)
     for c in range(copies.start[b], copies.start[b + 1]):
         most += sums.block[copies.slot[c]]

@@ -36,7 +36,7 @@ def combine(
 
 @func
 def substitute_back(s: ti.i32, fronts: Fronts, factor: Factor, solution: Substitution, one: ti.i32):
-    """Solve for a front's own entries of L^-T y from those of its rows below."""
+    """Solve for a front's own entries of L^-T y from the entries of its rows below."""
     front, tiles, scalars = ti.static(fronts.table, factor.tiles, factor.scalars)
     x, below = ti.static(solution.x, solution.left_tiles)
     width, columns, start, first = front[s, WIDTH], front[s, COLUMNS], front[s, PANEL], front[s, FIRST_COLUMN]

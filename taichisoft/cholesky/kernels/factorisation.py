@@ -205,7 +205,7 @@ def work_on(
     last_row = ti.min(task[t, LAST_ROW], (columns >> SHIFT) + tiles_in(front[s, BELOW]))
     first_tile, last_tile = task[t, FIRST_UPDATE], ti.min(task[t, LAST_UPDATE], tiles_in(front[s, BELOW]))
     assembles = first_row == 0 and last_row > 0
-    for part in range(2):  # the panel's columns, then those of the update matrix
+    for part in range(2):  # the panel's columns, then the update matrix's columns
         first = ti.select(part == 0, 0, columns + TILE * first_tile)
         last = ti.select(part == 0, ti.select(assembles, columns, 0), columns + TILE * last_tile)
         if part == 0 and assembles:

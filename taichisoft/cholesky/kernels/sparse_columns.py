@@ -1,7 +1,7 @@
 """Columns of L^-1 J^T for sparse J: which supernodes they reach, where these lie in memory, and their elimination.
 
-Columns come in groups of eight, those of a panel. Only supernodes that the elimination tree leads to from a group's
-nodes are visited, and have room.
+Columns come in groups of eight, the columns of a panel. Only supernodes that the elimination tree leads to from a
+group's nodes are visited, and have room.
 """
 
 from typing import NamedTuple

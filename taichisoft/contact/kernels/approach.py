@@ -1,4 +1,4 @@
-"""How far the bodies of a step move towards each other, and where their surfaces will be."""
+"""Approach of the bodies within a step, and the positions of their surfaces ahead."""
 
 from typing import NamedTuple
 
@@ -9,15 +9,15 @@ from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.rotation_matrices import rotation_of_vector
 from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti
 
-# A distance that no two bodies have; kernels know no infinity.
+# Larger than any distance of two bodies; stands for infinity in kernels.
 FAR = 1e30
 
 
-class SoftMotion(NamedTuple):
+class NodeMotion(NamedTuple):
     """Soft bodies at the start of a step.
 
     Attributes:
-        body_start: first node of each body, and the number of nodes, shape (soft_count + 1,).
+        body_start: first node of each body, then the number of nodes, shape (soft_count + 1,).
         position: of the nodes [mm], shape (node_count, 3).
         velocity: of the nodes [mm/s], shape (node_count, 3).
     """
@@ -28,18 +28,18 @@ class SoftMotion(NamedTuple):
 
 
 class BodyPairs(NamedTuple):
-    """What may happen between two bodies in a step; tables are of shape (body_count, body_count).
+    """Approach and reach of each two bodies in a step; tables are of shape (body_count, body_count).
 
     Attributes:
         may_touch, may_pass_through: see `ContactSurfaces`, 0 or 1.
-        least_reach: how far apart contacts are looked for in any case [mm].
-        rigid_radius: of the ball around the centre of mass that holds a rigid body [mm], shape (rigid_count,).
-        centre, radius: the ball that the velocities of each body's points lie in [mm/s], shapes (body_count, 3) and
+        least_reach: lower bound of `reach` [mm].
+        rigid_radius: radius of the bounding ball around the centre of mass of a rigid body [mm], shape (rigid_count,).
+        centre, radius: bounding ball of the velocities of each body's points [mm/s], shapes (body_count, 3) and
             (body_count,).
-        approach: the most by which points of two bodies approach each other in the step [mm].
-        reach: how far apart contacts are looked for [mm], below 0 where bodies cannot touch.
-        nearest: distance of the closest contact found [mm], FAR without any.
-        count: of pairs that could pass through each other in the step; of pairs that were found too close, shape (2,).
+        approach: upper bound of the approach of two bodies in the step [mm].
+        reach: largest distance of contacts to search for [mm], negative if the bodies cannot touch.
+        nearest: distance of the closest contact found [mm], FAR without a contact.
+        count: pairs of bodies that could pass through each other (FAST), contacts found too close (TOO_CLOSE), (2,).
     """
 
     may_touch: IntegerTable
@@ -60,12 +60,12 @@ FAST, TOO_CLOSE = range(2)
 
 @kernel
 def look_ahead(
-    time_step: ti.f64, contact_distance: ti.f64, falls: ti.f64, soft: SoftMotion, rigid: RigidState, pairs: BodyPairs
+    time_step: ti.f64, contact_distance: ti.f64, falls: ti.f64, soft: NodeMotion, rigid: RigidState, pairs: BodyPairs
 ):
-    """Fill in how far bodies approach each other, and the reach if none could pass through another.
+    """Fill in the approach of each two bodies, their reach if none can pass through another, and `count[FAST]`.
 
-    The velocities of a soft body lie in the ball around the box that they span. `falls` is what gravity adds to the
-    way of a step [mm].
+    The velocities of a soft body are bounded by the ball around their bounding box. `falls` is the distance that
+    gravity adds to the motion in a step [mm].
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -95,8 +95,8 @@ def look_ahead(
 
 
 @kernel
-def move_bodies(passed: ti.f64, soft: SoftMotion, rigid: RigidState, poses: Poses):
-    """Where bodies are a time `passed` [s] after the start, if all go on as they move."""
+def move_bodies(passed: ti.f64, soft: NodeMotion, rigid: RigidState, poses: Poses):
+    """Move the bodies from the start of the step by a time `passed` [s] at constant velocities."""
     ti.loop_config(serialize=True)
     for node in range(soft.position.shape[0]):
         poses.node_position[node] = soft.position[node] + passed * soft.velocity[node]
@@ -108,7 +108,10 @@ def move_bodies(passed: ti.f64, soft: SoftMotion, rigid: RigidState, poses: Pose
 
 @kernel
 def measure_nearest(contacts: Contacts, contact_distance: ti.f64, tolerance: ScalarTable, pairs: BodyPairs):
-    """Distance of each pair of bodies by the contacts found, and how many of these are closer than they are kept."""
+    """Fill in the least distance of each two bodies by the contacts found, and count the contacts that are too close.
+
+    A contact is too close if it is nearer than the contact distance less the tolerance of its bodies [mm].
+    """
     ti.loop_config(serialize=True)
     for _ in range(1):
         for first in range(pairs.nearest.shape[0]):

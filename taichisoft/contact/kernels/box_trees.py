@@ -1,4 +1,4 @@
-"""Trees of boxes over the triangles of every surface: boxes that follow the vertices, and a search for those nearby."""
+"""Trees of boxes over the triangles of every surface: update of the boxes, and search for boxes nearby."""
 
 from typing import NamedTuple
 
@@ -8,17 +8,17 @@ from taichisoft.runtime.taichi_start import Integers, ti, vec3
 
 
 class Trees(NamedTuple):
-    """Binary trees of axis-parallel boxes, one per surface, their nodes one after the other in one set of arrays.
+    """Binary trees of axis-parallel boxes, one per surface, with the nodes of all trees in one set of arrays.
 
-    Nodes stand in depth-first order: the first child of node n is n + 1, and behind its last descendant stands
-    `escape[n]`, where a search that passes n over goes on without a stack. For a leaf that is n + 1.
+    Nodes are in depth-first order: the first child of node n is n + 1, and `escape[n]` is the node after its last
+    descendant, where a search that skips n continues without a stack. For a leaf `escape[n]` is n + 1.
 
-    Every vertex and every edge that can touch belongs to one leaf, whose box holds it; what belongs to a node stands
-    in lists: those of node n are `vertex[vertex_start[n] : vertex_start[n + 1]]` and the like, empty for inner nodes.
+    Every vertex and every edge that can touch belongs to one leaf, whose box contains it. The vertices of node n are
+    `vertex[vertex_start[n] : vertex_start[n + 1]]`, likewise its triangles, corners and edges; empty for inner nodes.
 
     Attributes:
-        root: first node of each surface, and the number of nodes, shape (surface_count + 1,).
-        escape: the node behind the last descendant, shape (node_count,).
+        root: first node of each surface, then the number of nodes, shape (surface_count + 1,).
+        escape: node after the last descendant, shape (node_count,).
         triangle_start, triangle: triangles of each leaf.
         corner_start, corner: vertices of these triangles, each once.
         vertex_start, vertex: vertices that belong to each leaf and can touch.
@@ -39,12 +39,12 @@ class Trees(NamedTuple):
 
 @kernel
 def refit(surfaces: Integers, trees: Trees, moved: MovedSurfaces):
-    """Boxes of the given surfaces: leaves hold their vertices, other nodes their children."""
+    """Update the boxes of `surfaces`: a leaf's box contains its corners, an inner node's box its children."""
     ti.loop_config(serialize=True)
     for k in range(surfaces.shape[0]):
         first, behind = trees.root[surfaces[k]], trees.root[surfaces[k] + 1]
         for backwards in range(behind - first):
-            node = behind - 1 - backwards  # children stand behind their parents
+            node = behind - 1 - backwards  # children come after their parents
             if trees.escape[node] == node + 1:
                 low = moved.position[trees.corner[trees.corner_start[node]]]
                 high = low
@@ -62,13 +62,13 @@ def refit(surfaces: Integers, trees: Trees, moved: MovedSurfaces):
 
 @func
 def meets(node: ti.i32, low: vec3, high: vec3, moved: MovedSurfaces) -> ti.i32:
-    """Whether a node's box meets the box from `low` to `high`."""
+    """Whether a node's box intersects the box from `low` to `high` [mm]."""
     return (moved.lower[node] <= high).all() and (moved.upper[node] >= low).all()
 
 
 @func
 def meets_beam(node: ti.i32, start: vec3, axis: vec3, radius: ti.f64, moved: MovedSurfaces) -> ti.i32:
-    """Whether the ball around a node's box comes closer than `radius` to the line through `start` along `axis`."""
+    """Whether the ball around a node's box is within `radius` [mm] of the line through `start` along `axis`."""
     away = 0.5 * (moved.lower[node] + moved.upper[node]) - start
     across = away - away.dot(axis) * axis
     largest = radius + 0.5 * (moved.upper[node] - moved.lower[node]).norm()
@@ -83,7 +83,7 @@ def squared_distance(node: ti.i32, p: vec3, moved: MovedSurfaces) -> ti.f64:
 
 @func
 def find_leaves(surface: ti.i32, low: vec3, high: vec3, trees: Trees, moved: MovedSurfaces, found: Integers) -> ti.i32:
-    """List the leaves of a surface that meet the box from `low` to `high` in `found`; returns how many."""
+    """Write the leaves of a surface that intersect the box from `low` to `high` to `found`; returns their number."""
     count = 0
     node = trees.root[surface]
     behind = trees.root[surface + 1]

@@ -1,4 +1,4 @@
-"""Which contacts take part in the constraint problem of a step, and which of the last step they continue."""
+"""Choice of the contacts in the constraint problem of a step, and their match with contacts of the last step."""
 
 from typing import NamedTuple
 
@@ -6,14 +6,14 @@ from taichisoft.contact.kernels.contacts import Contacts
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti, vec3
 
-ALIKE = 0.7  # cosine: the two walls of a groove each keep their contacts
+ALIKE = 0.7  # least cosine between normals of one neighbourhood: the two walls of a groove are two
 NONE, WANTED, BEFORE, NEW = range(4)
 # Entries of `Choice.count`.
 TAKING_PART, ADDED = range(2)
 
 
 class LastContacts(NamedTuple):
-    """The contacts of the last step, of which some pushed, in arrays with room for more.
+    """The contacts of the last step, in arrays with spare capacity.
 
     Attributes:
         count: number of contacts, shape (1,).
@@ -31,14 +31,14 @@ class LastContacts(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """Which contacts take part, in arrays with room for more.
+    """The contacts that take part in the constraint problem, in arrays with spare capacity.
 
     Attributes:
-        status: NONE; WANTED, of which the worst of each neighbourhood is to take part; BEFORE and NEW for those that
-            take part already, shape (capacity,).
-        wanted: 1 for contacts that should take part, those that do already too, shape (capacity,).
-        gap: at the end of the step [mm]; the least is the worst, shape (capacity,).
-        count: of contacts that take part, and of those that were added last, shape (2,).
+        status: NONE: left out; WANTED: candidate, of which the worst of each neighbourhood will take part; BEFORE, NEW:
+            takes part since earlier or since the last call, shape (capacity,).
+        wanted: 1 for contacts that should take part, whether or not they do already, shape (capacity,).
+        gap: gap at the end of the step [mm]; the smallest is the worst, shape (capacity,).
+        count: number of contacts that take part (TAKING_PART), and number added last (ADDED), shape (2,).
     """
 
     status: Integers
@@ -49,9 +49,10 @@ class Choice(NamedTuple):
 
 @kernel
 def continue_contacts(contacts: Contacts, last: LastContacts, radius: ti.f64, choice: Choice, impulse: Vectors):
-    """Let the contact nearest to each one that pushed take part, with its impulse; those of all others are 0.
+    """Continue each contact of the last step that pushed: the nearest new contact takes part with its impulse.
 
-    It has the same bodies, a normal that is alike, and lies within `radius` [mm]; each is taken once at most.
+    The new contact has the same bodies and a similar normal, lies within `radius` [mm], and continues one contact at
+    most. The impulses of all other contacts become 0.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -83,10 +84,10 @@ def continue_contacts(contacts: Contacts, last: LastContacts, radius: ti.f64, ch
 
 @kernel
 def choose_worst(contacts: Contacts, spacing: ScalarTable, all_count: ti.i32, choice: Choice):
-    """Let the worst of the wanted contacts of each neighbourhood take part.
+    """Add the worst wanted contact of each neighbourhood.
 
-    A neighbourhood are contacts of the same bodies, alike in normal, closer to each other than their bodies' `spacing`
-    [mm]. With `all_count` those that took part before count as well: none is wanted next to them.
+    A neighbourhood consists of contacts of the same bodies with similar normals, closer to each other than `spacing`
+    [mm] of their bodies. If `all_count` is not 0, no contact is added in the neighbourhood of one that takes part.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):

@@ -21,10 +21,10 @@ def find_contacts(
     found: Contacts,
     contacts: Contacts,
 ):
-    """All contacts nearer than the `reach` of their two bodies, and those slipped through by up to `depth` [mm].
+    """Find all contacts closer than the `reach` of their two bodies or penetrating by up to `depth` [mm].
 
-    A reach of less than 0 leaves a pair of bodies out, shape (body_count, body_count).
-    If there are more than `found` has room for, its count tells, and `contacts` is not filled.
+    A negative `reach` [mm], shape (body_count, body_count), skips a pair of bodies. If the capacity of `found` does not
+    suffice, its count exceeds the capacity, and `contacts` is not filled.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -38,7 +38,7 @@ def find_contacts(
 
 @kernel
 def order_contacts(space: SearchSpace, found: Contacts, contacts: Contacts):
-    """Write all contacts found to `contacts` in their order, if there is room for them."""
+    """Write all contacts found to `contacts` in the order of their places, if the capacity suffices."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         if found.count[0] <= found.distance.shape[0]:

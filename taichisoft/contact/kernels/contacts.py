@@ -1,4 +1,4 @@
-"""The contacts of a step, as kernels see them."""
+"""The contacts of a step in arrays for kernels."""
 
 from typing import NamedTuple
 
@@ -20,21 +20,22 @@ from taichisoft.runtime.taichi_start import (
 
 ivec3 = ti.types.vector(3, ti.i32)
 
-# Columns of the place of a contact in the order of all.
+# Columns of `SearchSpace.place`.
 GROUP, FIRST_FEATURE, SECOND_FEATURE, PLACE_COLUMNS = range(4)
 
 
 class Contacts(NamedTuple):
-    """Pairs of points on two surfaces, in arrays with room for more; the first body of a pair has the lower number.
+    """Pairs of points on two surfaces, in arrays with spare capacity; the first body has the lower number.
 
     Attributes:
-        count: number of contacts, shape (1,); what stands behind them in the other arrays means nothing.
+        count: number of contacts, shape (1,); entries of the other arrays beyond it are undefined.
         bodies: numbers of the two bodies, shape (capacity, 2).
-        vertices: three vertices of each side's feature, repeated where it has fewer, -1 on a plane, (capacity, 2, 3).
-        weights: barycentric weights of the points in them, shape (capacity, 2, 3).
-        points: the two points [mm], shape (capacity, 2, 3); on a plane the foot of the other point.
+        vertices: three vertices of each side's feature, repeated for edges and vertices, -1 on a plane, shape
+            (capacity, 2, 3).
+        weights: barycentric weights of the points in these vertices, shape (capacity, 2, 3).
+        points: the two points [mm], shape (capacity, 2, 3); on a plane the projection of the other point.
         normal: unit vector from the first body to the second, shape (capacity, 3).
-        distance: [mm], negative when the surfaces have slipped through each other, shape (capacity,).
+        distance: distance of the points [mm], negative if the surfaces penetrate each other, shape (capacity,).
     """
 
     count: Integers
@@ -47,7 +48,7 @@ class Contacts(NamedTuple):
 
     @classmethod
     def with_room(cls, capacity: int) -> "Contacts":
-        """Arrays for so many contacts, none in them yet."""
+        """Empty arrays for `capacity` contacts."""
         return cls(
             count=np.zeros(1, dtype=np.int32),
             bodies=np.zeros((capacity, 2), dtype=np.int32),
@@ -59,13 +60,13 @@ class Contacts(NamedTuple):
         )
 
     def trimmed(self) -> "Contacts":
-        """A copy in arrays without room for more."""
+        """A copy without spare capacity."""
         return Contacts(self.count.copy(), *(array[: self.count[0]].copy() for array in self[1:]))
 
 
 @func
 def copy_contact(source: Contacts, c: ti.i32, target: Contacts, k: ti.i32):
-    """Write contact c of `source` to number k of `target`."""
+    """Copy contact c of `source` to index k of `target`."""
     target.distance[k] = source.distance[c]
     target.normal[k] = source.normal[c]
     for side in ti.static(range(2)):
@@ -77,16 +78,16 @@ def copy_contact(source: Contacts, c: ti.i32, target: Contacts, k: ti.i32):
 
 
 class SearchSpace(NamedTuple):
-    """Work space of the search for contacts, with the contacts in the order in which a search through trees finds them.
+    """Work space of the search for contacts, which are in the order in which the search through the trees finds them.
 
     Attributes:
-        leaf: leaves of the other surface near a feature, shape (most_leaves,).
-        triangle, weights: triangles within reach of a vertex, and the barycentric weights of the points closest to it,
-            shapes (most_triangles,) and (most_triangles, 3).
-        deepest: least distance of a vertex of each pair of surfaces below 0, 0 for none [mm], shape (pair_count,).
-        place: place of each contact found in the order of all: the GROUP of features that it belongs to, and the
-            number of each feature, shape (capacity, PLACE_COLUMNS).
-        order, spare: the order of the places, and work space to find it, shape (capacity,).
+        leaf: leaves of the other surface near a feature, shape (largest leaf count,).
+        triangle, weights: triangles within reach of a vertex, and the barycentric weights of the points closest to the
+            vertex, shapes (n,) and (n, 3) with the largest triangle count n of a surface.
+        deepest: most negative distance of a vertex of each pair of surfaces, 0 without penetration [mm], (pair_count,).
+        place: sort key of each contact: the GROUP of its features, and the numbers of both features, shape
+            (capacity, PLACE_COLUMNS).
+        order, spare: contacts sorted by place, and work space of the sorting, shape (capacity,).
     """
 
     leaf: Integers
@@ -110,9 +111,10 @@ def append(
     space: SearchSpace,
     found: Contacts,
 ) -> ti.i32:
-    """Add a contact, whose sides are still to be set, and return its number.
+    """Add a contact without its sides, and return its index.
 
-    One that finds no room is counted and takes the number of the last: the caller makes room and starts again.
+    Beyond the capacity a contact is counted and overwrites the last one: the caller must enlarge the arrays and repeat
+    the search.
     """
     c = ti.min(found.count[0], found.distance.shape[0] - 1)
     found.count[0] = found.count[0] + 1
@@ -128,7 +130,7 @@ def append(
 
 @func
 def set_side(c: ti.i32, side: ti.i32, vertices: ivec3, weights: vec3, point: vec3, found: Contacts):
-    """The feature of one side of a contact, and the point on it."""
+    """Set the feature of one side of a contact, and the point on it [mm]."""
     for k in ti.static(range(3)):
         found.vertices[c, side, k] = vertices[k]
     found.weights[c, side] = weights
@@ -149,7 +151,7 @@ def append_points(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Add a contact of two points on things without vertices."""
+    """Add a contact of two points on features without vertices, such as planes and round shapes."""
     c = append(group, feature, k, first_body, second_body, normal, distance, space, found)
     set_side(c, 0, ivec3(-1), vec3(0.0), first_point, found)
     set_side(c, 1, ivec3(-1), vec3(0.0), second_point, found)

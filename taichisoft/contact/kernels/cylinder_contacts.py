@@ -1,7 +1,7 @@
 """Narrow phase: cylinders against each other.
 
-The nearest points of two cylinders are on their sides where these cross, or one of them is on a rim. Along a rim the
-distance from the other cylinder can have several minima.
+The nearest points of two cylinders are on their crossing sides, or one of them is on a rim. Along a rim the distance
+from the other cylinder can have several minima.
 """
 
 import math
@@ -14,7 +14,7 @@ from taichisoft.runtime.taichi_start import ti
 
 SAME_PLACE = 1e-6  # [mm]
 ROUNDING = 1e-9  # of unit vectors
-CROSSING = 2 * (RIM_POINTS + QUARTERS)  # number of the contact of two sides, between those of the two cylinders' rims
+CROSSING = 2 * (RIM_POINTS + QUARTERS)  # key of the contact of two sides, between the keys of both rims
 
 
 @func
@@ -27,7 +27,7 @@ def cylinder_against_cylinder(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contacts of two cylinders: of their sides where they cross, and of each rim where it is nearest."""
+    """Store the contacts of two cylinders: of their crossing sides, and of each rim at its nearest points."""
     for side in range(2):
         mine, other = shapes.shape_pairs[pair, side], shapes.shape_pairs[pair, 1 - side]
         for end in range(2):
@@ -57,8 +57,7 @@ def cylinder_against_cylinder(
 
 @func
 def rim_point(angle: ti.f64, end: ti.i32, s: ti.i32, shapes: Shapes, there: MovedShapes):
-    """The point of a rim of cylinder s at an angle from where the load leans, and the unit vector to it from the
-    axis."""
+    """Point of a rim of cylinder s at an angle [rad] from the direction of `lean`, and its radial unit vector."""
     first = there.lean[s, end]
     outward = ti.cos(angle) * first + ti.sin(angle) * there.axis[s].cross(first)
     middle = there.centre[s] + ti.select(end == 0, -1.0, 1.0) * shapes.half_length[s] * there.axis[s]
@@ -67,7 +66,7 @@ def rim_point(angle: ti.f64, end: ti.i32, s: ti.i32, shapes: Shapes, there: Move
 
 @func
 def rim_slope(angle: ti.f64, end: ti.i32, mine: ti.i32, other: ti.i32, shapes: Shapes, there: MovedShapes) -> ti.f64:
-    """How the signed distance of a rim's point from the other cylinder grows with the angle, over the radius [-]."""
+    """Derivative of the signed distance between rim point and other cylinder by the angle, over the radius [-]."""
     x, outward = rim_point(angle, end, mine, shapes, there)
     _distance, out, _where = signed_distance(x, other, shapes, there)
     return out.dot(there.axis[mine].cross(outward))
@@ -87,10 +86,11 @@ def rim_against_cylinder(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contacts of one rim: minima of the distance along it, and on an end that faces it a quarter of a turn
-    from the least one, or all of RIM_POINTS where it is level.
+    """Store the contacts of one rim.
 
-    Minima are looked for between RIM_POINTS and found by halving.
+    These are the minima of the distance along the rim, and on an end that faces the other cylinder the points a quarter
+    of a turn from the least minimum, or all RIM_POINTS of a level end. Minima are bracketed between RIM_POINTS and
+    found by bisection.
     """
     sector = 2.0 * math.pi / RIM_POINTS
     facing = ti.abs(there.axis[mine].dot(there.axis[other]))
@@ -149,10 +149,10 @@ def touch_rim(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contact of a rim's point, if the way to the other cylinder leaves the end that it belongs to.
+    """Store the contact of a rim point, if the direction to the other cylinder leaves the end of the rim.
 
-    At a minimum it leaves the side as well; at other points of an end it may lead `inward` across the rim (cosine).
-    `where` is the side of the pair, the end, and the number of the point on it.
+    At a minimum the direction also leaves the side; at other points of an end it may lead `inward` across the rim
+    (cosine). `where` is the side of the pair, the end, and the number of the point on the rim.
     """
     side, end, k = where[0], where[1], where[2]
     x, outward = rim_point(angle, end, mine, shapes, there)

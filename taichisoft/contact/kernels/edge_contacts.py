@@ -1,8 +1,8 @@
 """Narrow phase: edges of one surface against the edges of another.
 
 Where two edges cross over each other, and the direction between them leaves both surfaces, the distance has a local
-minimum; one that has slipped through has a negative distance and keeps its normal. Contact normals point from the
-first surface of the pair to the second.
+minimum. A penetrating contact has a negative distance and keeps its normal. Contact normals point from the first
+surface of the pair to the second.
 """
 
 from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets, meets_beam
@@ -24,11 +24,11 @@ def edges_against_edges(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Crossing edges of two surfaces within their bodies' reach, or slipped through by up to that and `depth`.
+    """Find crossing edges of two surfaces within their bodies' reach, or penetrating by up to the reach and `depth`.
 
-    Crossed edges that are deeper than the deepest vertex inside are left out. Where a block has sunk a little into the
-    rim of a table, its vertical edge and the table's edge also look as if they had slipped through each other, sideways
-    and by far more: that is not the way out.
+    Crossed edges deeper than the deepest vertex inside are excluded. Where a block has sunk a little into the rim of a
+    table, its vertical edge and the table's edge also appear to penetrate each other, but sideways and by far more:
+    pushing them apart would be wrong.
     """
     for pair in range(surfaces.pairs.shape[0]):
         mine, theirs = surfaces.pairs[pair, 0], surfaces.pairs[pair, 1]

@@ -1,7 +1,7 @@
 """Where the distance from a point or edge to a triangulated surface is a local minimum, and on which side.
 
-The side is told by pseudo-normals (Baerentzen and Aanaes 2005, Signed Distance Computation Using the Angle Weighted
-Pseudonormal), which know inside from outside at edges and corners too.
+The side follows from pseudo-normals (Baerentzen and Aanaes 2005, Signed Distance Computation Using the Angle Weighted
+Pseudonormal), which separate inside from outside at edges and corners too.
 """
 
 import math
@@ -13,12 +13,12 @@ from taichisoft.runtime.taichi_start import Vectors, ti, vec3
 # Edges of a deformed flat patch are slightly convex or concave at random: normals may leave an edge's normal cone
 # by this much (sine of the angle).
 CONE_TOLERANCE = 0.1
-CONE_CHORD = 2.0 * math.sin(0.5 * math.asin(CONE_TOLERANCE))  # between unit vectors that are this far apart
+CONE_CHORD = 2.0 * math.sin(0.5 * math.asin(CONE_TOLERANCE))  # distance of unit vectors at this angle
 
 
 @func
 def closest_on_triangle(p: vec3, a: vec3, b: vec3, c: vec3) -> vec3:
-    """Barycentric weights of the closest point; exactly 0 for corners not involved (Ericson 2005, section 5.1.5)."""
+    """Barycentric weights of the point closest to p; exactly 0 for other corners (Ericson 2005, section 5.1.5)."""
     ab, ac = b - a, c - a
     d1, d2 = ab.dot(p - a), ac.dot(p - a)
     d3, d4 = ab.dot(p - b), ac.dot(p - b)
@@ -66,7 +66,7 @@ def edge_pseudonormal(e: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
 
 @func
 def vertex_pseudonormal(v: ti.i32, surfaces: Surfaces, position: Vectors) -> vec3:
-    """Sum of the normals of the triangles around a vertex, weighted by their angles there."""
+    """Sum of the normals of the triangles around a vertex, weighted by their angles at the vertex."""
     normal = vec3(0.0)
     for k in range(surfaces.fan_start[v], surfaces.fan_start[v + 1]):
         t = surfaces.fan[k] // 3
@@ -111,9 +111,9 @@ def inward(t: ti.i32, start: ti.i32, end: ti.i32, surfaces: Surfaces, position: 
 
 @func
 def is_local_minimum(t: ti.i32, weights: vec3, away: vec3, surfaces: Surfaces, position: Vectors) -> ti.i32:
-    """Whether the distance grows in every direction from a closest point on triangle t; `away` leads to the point.
+    """Whether the distance grows in every direction from the closest point on triangle t.
 
-    True for one triangle only of those that share the corner or edge.
+    `away` is the vector from the closest point. At a shared corner or edge, one triangle only has the minimum.
     """
     zeros = 0
     corner = 0
@@ -145,11 +145,11 @@ def is_local_minimum(t: ti.i32, weights: vec3, away: vec3, surfaces: Surfaces, p
 
 @func
 def in_normal_cone(e: ti.i32, normal: vec3, surfaces: Surfaces, position: Vectors) -> ti.i32:
-    """Whether a direction away from the surface leaves edge e between the normals of its triangles."""
+    """Whether an outward direction at edge e lies between the normals of its triangles."""
     inside = 1
     for k in ti.static(range(2)):
         t = surfaces.edge_triangles[e, k]
-        if t >= 0:  # nested: behind `and` Taichi would call the function in any case
+        if t >= 0:  # nested: after `and` Taichi would always call the function
             across = inward(t, surfaces.edges[e, 0], surfaces.edges[e, 1], surfaces, position)
             if normal.dot(across) > CONE_TOLERANCE:
                 inside = 0
@@ -158,7 +158,7 @@ def in_normal_cone(e: ti.i32, normal: vec3, surfaces: Surfaces, position: Vector
 
 @func
 def normal_cone(e: ti.i32, surfaces: Surfaces, position: Vectors):
-    """A unit vector, and how far from it others can lie that are in the normal cone of edge e and leave the surface."""
+    """Axis of the normal cone of edge e, and the largest distance of an outward unit vector in it from the axis."""
     first = face_normal(surfaces.edge_triangles[e, 0], surfaces, position)
     axis = first
     spread = 2.0

@@ -1,7 +1,7 @@
-"""Round shapes that are not triangulated: spheres, capsules and cylinders, and where they are.
+"""Round shapes without triangles: spheres, capsules and cylinders.
 
-A sphere is a capsule of no length: all points nearer to a segment of the axis than the radius. A cylinder has flat ends
-instead of round ones.
+A capsule is all points closer to a segment than the radius; a sphere is a capsule of length 0. A cylinder has flat
+ends.
 """
 
 from typing import NamedTuple
@@ -15,20 +15,20 @@ SHAPE, SURFACE, IS_SOFT, SURFACE_PAIR_COLUMNS = range(4)
 
 
 class Shapes(NamedTuple):
-    """What the shapes are, what carries them, and what they can touch.
+    """Geometry and owners of the shapes, and the surfaces and shapes that they can touch.
 
     Attributes:
         body: number of each shape's body, shape (shape_count,).
         owner: number of the rigid body that carries a shape, or STATIC, shape (shape_count,).
         flat: 1 for flat ends (cylinder), 0 for round ones (sphere, capsule), shape (shape_count,).
-        radius: [mm], shape (shape_count,).
+        radius: radius [mm], shape (shape_count,).
         half_length: half the length of the axis, without round ends [mm], shape (shape_count,).
-        local_centre: middle of the axis; on a rigid body in its axes, from its centre of mass [mm], (shape_count, 3).
+        local_centre: middle of the axis, on a rigid body in body axes from the centre of mass [mm], (shape_count, 3).
         local_axis, local_side: unit vectors along and across the axis, in the same axes, shape (shape_count, 3).
-        moving: shapes that can move, shape (moving_count,).
-        surface_pairs: SHAPE and SURFACE that can touch, and whether the surface IS_SOFT, shape
+        moving: numbers of the shapes that can move, shape (moving_count,).
+        surface_pairs: numbers of a SHAPE and a SURFACE that can touch, and whether the surface IS_SOFT, shape
             (pair_count, SURFACE_PAIR_COLUMNS).
-        shape_pairs: shapes that can touch, the first of the lower body number, shape (shape_pair_count, 2).
+        shape_pairs: numbers of two shapes that can touch, the lower body number first, shape (shape_pair_count, 2).
     """
 
     body: Integers
@@ -45,13 +45,13 @@ class Shapes(NamedTuple):
 
 
 class MovedShapes(NamedTuple):
-    """Where the shapes are.
+    """Current positions of the shapes.
 
     Attributes:
         centre: middles of the axes [mm], shape (shape_count, 3).
         axis, side: unit vectors along and across the axes, shape (shape_count, 3).
-        lean: unit vectors across the axes on which the rims of level ends are divided, of the end at the beginning of
-            the axis and of that at its end, shape (shape_count, 2, 3).
+        lean: unit vectors across the axes from which the rims of level ends are divided, for the end at the beginning
+            and the end at the tip of the axis, shape (shape_count, 2, 3).
     """
 
     centre: Vectors
@@ -62,7 +62,7 @@ class MovedShapes(NamedTuple):
 
 @kernel
 def move_shapes(shapes: Shapes, poses: Poses, there: MovedShapes):
-    """Shapes of rigid bodies follow their poses."""
+    """Move the shapes of rigid bodies to their poses."""
     ti.loop_config(serialize=True)
     for s in range(shapes.owner.shape[0]):
         owner = shapes.owner[s]

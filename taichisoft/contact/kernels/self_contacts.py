@@ -1,11 +1,11 @@
 """Narrow phase: vertices and edges of a surface against the rest of the same surface.
 
-A surface is near itself everywhere, along the skin and through the thickness of every wall. What tells a contact from a
-neighbourhood is the shape at rest: features that are nearer to each other there than a limit never touch. It is twice
-the depth to which something that has slipped through is pushed out, so that a wall would have to be pressed to half of
-its thickness until its two sides took each other for what has slipped through.
+A surface is close to itself everywhere, along the skin and through the thickness of every wall. The rest shape
+separates contacts from neighbours: features closer to each other at rest than a limit never touch. The limit is twice
+the depth to which penetrations are pushed out, so that a wall would have to be pressed to half of its thickness before
+its two sides counted as penetrating.
 
-Sides are told as for two surfaces; besides, a vertex touches only what its own surface faces there.
+Inside and outside follow as for two surfaces; besides, a vertex touches only what its own outward normal faces.
 """
 
 from typing import NamedTuple
@@ -26,10 +26,10 @@ from taichisoft.contact.kernels.vertex_contacts import COINCIDENT, on_triangle
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.taichi_start import Integers, Scalars, ScalarTable, Vectors, ti, vec3
 
-FIRST_GROUP = 1 << 22  # behind the groups of contacts between different surfaces
+FIRST_GROUP = 1 << 22  # after the groups of contacts between different surfaces
 
-# Both features are of one body: the one that is farther along this direction is the second side, so that contacts
-# beside each other have normals that are alike, whichever of the two has the vertex.
+# Both features are of one body: the one farther along this direction is the second side, so that neighbouring contacts
+# have similar normals, whichever feature is the vertex.
 ALONG = (1.0, 0.618, 0.383)
 
 
@@ -41,10 +41,10 @@ class SelfTouching(NamedTuple):
     """The surfaces that touch themselves.
 
     Attributes:
-        surface: their numbers, shape (count,).
-        rest: positions of the vertices of all surfaces at rest [mm], shape (vertex_count, 3).
-        limits: NEAR, the distance at rest below which features never touch, and DEPTH, to which something may have
-            slipped through to be pushed out [mm], shape (2,).
+        surface: numbers of the surfaces, shape (count,).
+        rest: rest positions of the vertices of all surfaces [mm], shape (vertex_count, 3).
+        limits: NEAR, the distance at rest below which features never touch, and DEPTH, the largest penetration that is
+            pushed out [mm], shape (2,).
     """
 
     surface: Integers
@@ -62,9 +62,9 @@ def find_self_contacts(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Add the contacts of surfaces with themselves nearer than the reach of their body [mm] to those found before.
+    """Add the self-contacts closer than the reach of their body [mm] to `found`.
 
-    A reach of less than 0 leaves a pair of bodies out, here a body with itself, shape (body_count, body_count).
+    `reach_of_bodies` is of shape (body_count, body_count); a body with a negative entry on the diagonal is skipped.
     """
     ti.loop_config(serialize=True)
     for k in range(touching.surface.shape[0]):
@@ -113,7 +113,7 @@ def touch_itself(
     space: SearchSpace,
     found: Contacts,
 ) -> ti.f64:
-    """Store the contacts of vertex v with the triangles of the leaves nearby; how deep it has slipped through [mm]."""
+    """Store the contacts of vertex v with the triangles of the leaves nearby; returns its penetration [mm]."""
     p = moved.position[v]
     facing_here = vertex_pseudonormal(v, surfaces, moved.position)
     behind = -1
@@ -129,7 +129,7 @@ def touch_itself(
                 away = p - on_triangle(t, w, surfaces, moved.position)
                 distance = away.norm()
                 is_minimum = 0
-                if distance < reach:  # nested: behind `and` Taichi would call the function in any case
+                if distance < reach:  # nested: after `and` Taichi would always call the function
                     is_minimum = is_local_minimum(t, w, away, surfaces, moved.position)
                 if is_minimum:
                     u = closest_on_corners(touching.rest[v], corners, touching.rest)
@@ -155,7 +155,7 @@ def touch_itself(
 
 @func
 def closest_on_corners(p: vec3, corners: ivec3, position: Vectors) -> vec3:
-    """Barycentric weights of the point of a triangle of these vertices that is closest to p."""
+    """Barycentric weights of the point closest to p of the triangle with vertices `corners`."""
     return closest_on_triangle(p, position[corners[0]], position[corners[1]], position[corners[2]])
 
 
@@ -230,7 +230,7 @@ def cross_edge(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contact of edges e and f, if they cross over each other at a distance from `least` to `reach`."""
+    """Store the contact of edges e and f, if they cross at a distance between `least` and `reach` [mm]."""
     a, c = position[surfaces.edges[e, 0]], position[surfaces.edges[f, 0]]
     along, other = position[surfaces.edges[e, 1]] - a, position[surfaces.edges[f, 1]] - c
     lengths, cosine = along.norm_sqr() * other.norm_sqr(), along.dot(other)
@@ -242,7 +242,7 @@ def cross_edge(
         gap = c + q * other - a - s * along
         distance = gap.norm()
         apart_at_rest = 0.0
-        if distance < reach:  # nested: behind `and` Taichi would call the function in any case
+        if distance < reach:  # nested: after `and` Taichi would always call the function
             apart_at_rest = segment_distance(e, f, surfaces, touching.rest)
         if distance < reach and apart_at_rest >= touching.limits[NEAR]:
             normal = along.cross(other).normalized()
@@ -276,7 +276,7 @@ def is_backward(normal: vec3) -> ti.i32:
 
 @func
 def segment_distance(e: ti.i32, f: ti.i32, surfaces: Surfaces, position: Vectors) -> ti.f64:
-    """Distance of two edges (Ericson 2005, Real-Time Collision Detection, section 5.1.9)."""
+    """Distance of edges e and f [mm] (Ericson 2005, Real-Time Collision Detection, section 5.1.9)."""
     a, c = position[surfaces.edges[e, 0]], position[surfaces.edges[f, 0]]
     along, other = position[surfaces.edges[e, 1]] - a, position[surfaces.edges[f, 1]] - c
     r = a - c

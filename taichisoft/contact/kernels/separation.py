@@ -1,4 +1,4 @@
-"""How the contacts of a step come apart or close: where they act, how fast, and which may push."""
+"""Arms, gap rates and velocities of the contacts of a step, and which contacts may push."""
 
 from typing import NamedTuple
 
@@ -11,31 +11,28 @@ from taichisoft.contact.kernels.surface_vertices import Carriers
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.taichi_start import SOFT, Integers, Scalars, ScalarTable, Vectors, VectorTable, ti, vec3
 
-# A contact is expected to push if it would close within this many steps as it moves now.
+# A contact is expected to push if it would close within this number of steps at its present velocity.
 STEPS_AHEAD = 2.0
-# Entries of `Separation.terms`: the time step [s]; the distance that surfaces are kept apart [mm]; the tolerance of
-# velocities [mm/s]; 1 where depth at the start stays and is moved out later, else 0; 1 where any contact gives back.
-TIME_STEP, CONTACT_DISTANCE, TOLERANCE, KEEPS_DEPTH, GIVES_BACK, TERMS = range(6)
+# Entries of `terms`, common to all contacts: time step [s]; contact distance [mm]; tolerance of velocities [mm/s];
+# 1 if penetrations at the start are kept and moved out later, else 0; 1 if any contact has restitution, else 0.
+TIME_STEP, CONTACT_DISTANCE, TOLERANCE, KEEPS_DEPTH, HAS_RESTITUTION, TERM_COUNT = range(6)
 
 
 class Separation(NamedTuple):
-    """All contacts of a step as the active set sees them, in arrays with room for more.
+    """Quantities of all contacts of a step for the active set, in arrays with spare capacity.
 
     Attributes:
-        terms: what holds for all of them, shape (TERMS,); its entries stand above.
-        arm: from the centre of mass of the rigid body on each side to the point there, when the contact was measured
-            [mm], shape (capacity, 2, 3).
-        gap_rate: normal velocity at which the gap closes in the step, negative where it must open [mm/s], shape
+        arm: from the centre of mass of the rigid body on each side to the point on that side, at the time of the
+            measurement [mm], shape (capacity, 2, 3).
+        gap_rate: normal velocity at which the gap closes in the step, negative if the gap must open [mm/s], shape
             (capacity,).
         speed: normal velocity of the second point relative to the first [mm/s], shape (capacity,).
-        touching: by how much less than the contact distance the two bodies may be apart [mm], shape (capacity,).
-        depth: by how much less than the contact distance a contact was apart at the start of the step [mm], 0 or
-            negative, shape (capacity,).
-        kept_depth: what of it is still there at the end [mm], shape (capacity,).
-        deepest: the contact with the least depth, -1 without any, shape (1,).
+        touching: tolerated intrusion into the contact distance [mm], shape (capacity,).
+        depth: distance less the contact distance at the start of the step if negative, else 0 [mm], shape (capacity,).
+        kept_depth: part of `depth` that remains at the end of the step [mm], shape (capacity,).
+        deepest: index of the contact with the smallest depth, -1 without one, shape (1,).
     """
 
-    terms: Scalars
     arm: VectorTable
     gap_rate: Scalars
     speed: Scalars
@@ -45,15 +42,15 @@ class Separation(NamedTuple):
     deepest: Integers
 
     @classmethod
-    def with_room(cls, capacity: int, terms: np.ndarray) -> "Separation":
-        """Arrays for so many contacts."""
+    def with_room(cls, capacity: int) -> "Separation":
+        """Arrays for `capacity` contacts."""
         numbers = (np.zeros(capacity) for _ in range(5))
-        return cls(terms, np.zeros((capacity, 2, 3)), *numbers, np.zeros(1, dtype=np.int32))
+        return cls(np.zeros((capacity, 2, 3)), *numbers, np.zeros(1, dtype=np.int32))
 
 
 @func
 def turned(vector: vec3, turn: vec3) -> vec3:
-    """A vector turned by a rotation vector [rad] (Rodrigues)."""
+    """Rotate a vector by the rotation vector `turn` [rad] (Rodrigues)."""
     angle = turn.norm()
     result = vector
     if angle > 0.0:
@@ -66,6 +63,7 @@ def turned(vector: vec3, turn: vec3) -> vec3:
 @kernel
 def begin_separation(
     first_rigid: ti.i32,
+    terms: Scalars,
     contacts: Contacts,
     fraction: Scalars,
     gap_tolerance: ScalarTable,
@@ -76,18 +74,18 @@ def begin_separation(
     separation: Separation,
     choice: Choice,
 ):
-    """Arms, speeds, depths and gap rates at the start of a step, with the velocities from before.
+    """Measure arms, speeds, depths and gap rates at the start of a step, and mark the contacts expected to push.
 
-    Wanted are the contacts that are expected to push. Each was measured after a `fraction` of the step.
+    The velocities are those before the step; each contact was measured after a `fraction` of the step.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
-        time_step, fastest, least_depth = separation.terms[TIME_STEP], 0.0, 0.0
+        time_step, fastest, least_depth = terms[TIME_STEP], 0.0, 0.0
         separation.deepest[0] = -1
         for c in range(contacts.count[0]):
             touching = gap_tolerance[contacts.bodies[c, 0], contacts.bodies[c, 1]]
             separation.touching[c] = touching
-            passed, gap = time_step * fraction[c], contacts.distance[c] - separation.terms[CONTACT_DISTANCE]
+            passed, gap = time_step * fraction[c], contacts.distance[c] - terms[CONTACT_DISTANCE]
             place_arms(c, first_rigid, passed, gap, contacts, is_round, rigid, separation)
             speed = relative_speed(c, first_rigid, contacts, carriers, node_velocity, rigid, separation)
             fastest = ti.min(fastest, speed)
@@ -100,21 +98,22 @@ def begin_separation(
                 least_depth = depth
                 separation.deepest[0] = c
             separation.speed[c] = speed
-            separation.kept_depth[c] = separation.terms[KEEPS_DEPTH] * depth
+            separation.kept_depth[c] = terms[KEEPS_DEPTH] * depth
             separation.gap_rate[c] = (gap - separation.kept_depth[c] - passed * speed) / time_step
         for c in range(contacts.count[0]):
             rate, speed = separation.gap_rate[c], separation.speed[c]
             choice.gap[c] = time_step * (rate + speed) + separation.kept_depth[c]
             choice.wanted[c] = rate + STEPS_AHEAD * speed <= 0.0
-            # An impact may throw anything at its neighbours, as fast as the fastest approach.
+            # An impact may throw a body at its neighbours as fast as the fastest approach.
             closes = time_step * (rate + speed + 2.0 * fastest) < separation.touching[c]
-            if separation.terms[GIVES_BACK] != 0.0 and closes:
+            if terms[HAS_RESTITUTION] != 0.0 and closes:
                 choice.wanted[c] = 1
 
 
 @kernel
 def find_violated(
     first_rigid: ti.i32,
+    terms: Scalars,
     contacts: Contacts,
     carriers: Carriers,
     node_velocity: Vectors,
@@ -123,17 +122,17 @@ def find_violated(
     choice: Choice,
     wanted_count: Integers,
 ):
-    """Speeds and gaps with other velocities. Wanted are those left out that these close, and they are counted."""
+    """Update speeds and gaps to new velocities; mark and count the excluded contacts that would close."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         wanted_count[0] = 0
-        time_step = separation.terms[TIME_STEP]
+        time_step = terms[TIME_STEP]
         for c in range(contacts.count[0]):
             speed = relative_speed(c, first_rigid, contacts, carriers, node_velocity, rigid, separation)
             separation.speed[c] = speed
             kept = separation.kept_depth[c]
             choice.gap[c] = time_step * (separation.gap_rate[c] + speed) + kept
-            least = ti.min(kept - time_step * separation.terms[TOLERANCE], -separation.touching[c])
+            least = ti.min(kept - time_step * terms[TOLERANCE], -separation.touching[c])
             choice.wanted[c] = 0
             if choice.gap[c] < least and choice.status[c] < BEFORE:
                 choice.wanted[c] = 1
@@ -151,12 +150,12 @@ def place_arms(
     rigid: RigidState,
     separation: Separation,
 ):
-    """Arms of a contact that was measured a time `passed` [s] after the start, with the velocities from before.
+    """Fill in the arms of a contact measured a time `passed` [s] after the start with the velocities before the step.
 
-    They are those of that time, the `gap` [mm] too. But where a corner or an edge touches at the start already, by a
-    gap below `touching`, and goes on to touch, the arms of the middle of that time: over them the impulse does the work
-    that belongs to the change of the gap, and a body that topples over a corner gains no energy. A round surface passes
-    its contact on from vertex to vertex instead.
+    The arms, like the `gap` [mm], are taken at the time of the measurement. For a corner or an edge that already
+    touches at the start, with a gap below `touching`, they are taken at half that time: then the work of the impulse
+    matches the change of the gap, and a body that topples over a corner gains no energy. A round surface passes its
+    contact on from vertex to vertex instead.
     """
     turns = 0
     start_gap = gap
@@ -181,7 +180,7 @@ def place_arms(
 
 @func
 def is_corner(c: ti.i32, side: ti.i32, contacts: Contacts, is_round: Integers) -> ti.i32:
-    """Whether a contact is at a corner or edge of a rigid body, which stands for no round surface."""
+    """Whether a contact is at a sharp corner or edge of a rigid body, not at one that represents a round surface."""
     sharp = 0
     weights = contacts.weights[c, side]
     if contacts.vertices[c, side, 0] >= 0 and weights[0] * weights[1] * weights[2] == 0.0:

@@ -29,7 +29,7 @@ def shapes_against_planes(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Points of the moving shapes closer to a plane than their reach; below it is inside, however deep."""
+    """Find points of the moving shapes closer to a plane than their reach; everything below the plane is inside."""
     for plane in range(planes.point.shape[0]):
         up = planes.normal[plane]
         for i in range(shapes.moving.shape[0]):
@@ -50,9 +50,9 @@ def shapes_against_planes(
 def shapes_against_shapes(
     reaches: ScalarTable, first_group: ti.i32, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts
 ):
-    """Pairs of shapes closer than the reach of their bodies."""
+    """Find contacts of two shapes closer than the reach of their bodies."""
     for pair in range(shapes.shape_pairs.shape[0]):
-        # The axis of a shape with round ends is seen from the other shape; from a longer one rather than a sphere.
+        # The axis of the shape with round ends is measured from the other shape, from the longer one of two.
         seen, s = shapes.shape_pairs[pair, 0], shapes.shape_pairs[pair, 1]
         if shapes.flat[seen] or (shapes.flat[s] == 0 and shapes.half_length[seen] > shapes.half_length[s]):
             seen, s = s, seen
@@ -77,8 +77,10 @@ def axis_against_shape(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contacts of a sphere or capsule, `seen` from shape s: where its axis is nearest, and, where the two lie
-    side by side, at both ends of that part."""
+    """Store the contacts of a sphere or capsule `seen` with shape s.
+
+    They are at the nearest point of its axis, or, if the shapes lie side by side, at both ends of the common part.
+    """
     half = shapes.half_length[seen] * there.axis[seen]
     a, b = there.centre[seen] - half, there.centre[seen] + half
     share = 0.0

@@ -1,7 +1,7 @@
-"""Signed distances from round shapes, exact, and the points of a shape that can touch a plane.
+"""Exact signed distances from round shapes, and the points of a shape that can touch a plane.
 
 All shapes are convex, and so are their signed distances: along a segment there is one minimum, where the slope changes
-its sign.
+sign.
 """
 
 import math
@@ -10,25 +10,25 @@ from taichisoft.contact.kernels.round_shapes import MovedShapes, Shapes
 from taichisoft.runtime.launch import func
 from taichisoft.runtime.taichi_start import ti, vec3
 
-# Where a point lies: beside the axis, beyond an end of it, or (flat ends only) beyond the side and an end both.
+# Position of a point: beside the axis, beyond an end of the axis, or (flat ends only) beyond both side and end.
 SIDE, END, RIM = range(3)
 
 TINY = 1e-12  # [mm]
-HALVINGS = 60  # of a segment: to the last bit
+HALVINGS = 60  # bisections of a segment, to the last bit
 
-# An end whose rim is level with a plane to this [mm] stands on as many points as this, which begin at the direction in
-# which the load leans: without a lowest point a choice of few would depend on round-off, and a standing cylinder rock.
+# An end whose rim is level with a plane to LEVEL [mm] stands on RIM_POINTS points, counted from the direction in which
+# the load leans: without a lowest point a choice of few points would depend on round-off, and a standing cylinder rock.
 LEVEL = 5e-4
 RIM_POINTS = 16
-# An end that faces a plane, at more than 60 degrees to the axis, stands on its lowest point and three others a quarter
-# of a turn apart.
+# An end that faces a plane at more than 60 degrees to the axis stands on its lowest point and three others at quarter
+# turns.
 FACING = 0.5 * math.sqrt(3.0)
 QUARTERS = 4
 
 
 @func
 def signed_distance(x: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes):
-    """Distance of a point from shape s [mm], negative inside, its gradient (the outward normal), and where x lies."""
+    """Distance of x from shape s [mm], negative inside, its gradient (the outward normal), and SIDE, END or RIM."""
     axis, radius, half = there.axis[s], shapes.radius[s], shapes.half_length[s]
     away = x - there.centre[s]
     along = away.dot(axis)
@@ -65,7 +65,7 @@ def signed_distance(x: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes):
 
 @func
 def lowest_along(a: vec3, b: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes) -> ti.f64:
-    """Share of the way from a to b where the signed distance from shape s is least, found by halving."""
+    """Fraction of the segment from a to b at the least signed distance from shape s, found by bisection."""
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
@@ -85,9 +85,9 @@ def lowest_along(a: vec3, b: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes
 
 @func
 def side_by_side(a: vec3, b: vec3, where: ti.i32, s: ti.i32, shapes: Shapes, there: MovedShapes):
-    """The part of the segment from a to b (shares of the way) that lies beside the axis of s, or beyond its flat end.
+    """Part of the segment from a to b beside the axis of s, or beyond its flat end: two fractions of the segment.
 
-    Where a segment lies along the side, or on an end, the distance has no single minimum: both ends of this part touch.
+    If a segment lies along the side or on an end, the distance has no single minimum: both ends of this part touch.
     """
     axis, half, radius = there.axis[s], shapes.half_length[s], shapes.radius[s]
     start, way = a - there.centre[s], b - a
@@ -110,7 +110,7 @@ def side_by_side(a: vec3, b: vec3, where: ti.i32, s: ti.i32, shapes: Shapes, the
 
 @func
 def ball_count(normal: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes) -> ti.i32:
-    """How many balls stand for shape s against a plane with this normal, see `ball`."""
+    """Number of balls that represent shape s against a plane with this normal, see `ball`."""
     count = 1
     if shapes.half_length[s] > 0.0:
         count = 2
@@ -126,10 +126,10 @@ def ball_count(normal: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes) -> t
 
 @func
 def ball(k: ti.i32, count: ti.i32, normal: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes):
-    """Centre and radius of the k-th of `count` balls inside shape s that reach as far as it does against `normal`.
+    """Centre and radius [mm] of the k-th of `count` balls inside shape s that reach as far as s against `normal`.
 
-    Of round ends they are the ends themselves. Of a cylinder they touch its rims at their points farthest against the
-    normal, or at several points of the end that faces it.
+    For round ends the balls are the ends themselves. For a cylinder they touch the rims at the points farthest against
+    the normal, or at several points of an end that faces it.
     """
     axis, radius, half = there.axis[s], shapes.radius[s], shapes.half_length[s]
     centre = there.centre[s]

@@ -1,4 +1,4 @@
-"""The search for contacts of round shapes, in kernels that only scenes with such shapes launch, and compile."""
+"""Search for contacts of round shapes, in kernels that only scenes with such shapes compile and launch."""
 
 from taichisoft.contact.kernels.box_trees import Trees
 from taichisoft.contact.kernels.contacts import Contacts, SearchSpace
@@ -9,7 +9,7 @@ from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, S
 from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.taichi_start import ScalarTable, ti
 
-# The groups of these contacts stand behind those of `find_contacts`, whose numbers grow with the pairs of surfaces.
+# First groups, larger than all groups of `find_contacts`, whose numbers grow with the pairs of surfaces.
 ON_SURFACES, ON_PLANES, ON_SHAPES = 1 << 28, 1 << 29, 1 << 30
 
 
@@ -25,7 +25,7 @@ def find_on_surfaces(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Add the contacts of shapes with surfaces, see `shapes_against_surfaces`; their count may exceed the room."""
+    """Add the contacts of shapes with surfaces, see `shapes_against_surfaces`; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         shapes_against_surfaces(reach, depth, ON_SURFACES, surfaces, trees, moved, shapes, there, space, found)
@@ -35,7 +35,7 @@ def find_on_surfaces(
 def find_on_planes(
     reach: ScalarTable, planes: Planes, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts
 ):
-    """Add the contacts of shapes with planes nearer than their reach [mm]; their count may exceed the room."""
+    """Add the contacts of shapes with planes within their reach [mm]; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         shapes_against_planes(reach, ON_PLANES, planes, shapes, there, space, found)
@@ -43,7 +43,7 @@ def find_on_planes(
 
 @kernel
 def find_on_shapes(reach: ScalarTable, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts):
-    """Add the contacts of shapes with each other nearer than their reach [mm]; their count may exceed the room."""
+    """Add the contacts of two shapes within their reach [mm]; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         shapes_against_shapes(reach, ON_SHAPES, shapes, there, space, found)

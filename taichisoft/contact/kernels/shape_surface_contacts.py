@@ -1,8 +1,8 @@
 """Narrow phase: round shapes against the triangles, edges and vertices of surfaces.
 
-A contact is a local minimum of the distance between a shape and a surface. Where it has no single one, as under a
-cylinder that lies on a face, the ends of the line or of the area on which it is least are contacts, and so is every
-vertex of a soft surface within reach. What has sunk in keeps its normal, and its distance is negative.
+A contact is a local minimum of the distance between a shape and a surface. If the minimum is not unique, as under a
+cylinder that lies on a face, the ends of the line or area of least distance are contacts, and so is every vertex of a
+soft surface within reach. A penetrating contact keeps its normal and has a negative distance.
 """
 
 from taichisoft.contact.kernels.box_trees import Trees, find_leaves
@@ -36,8 +36,8 @@ vec4 = ti.types.vector(4, ti.f64)
 FACES, EDGES, VERTICES, FEATURES = range(4)
 
 SAME_PLACE = 1e-6  # [mm]
-# On a rigid surface a vertex beside the axis touches unless the distance falls along an edge by more than this sine:
-# both ends of an edge that lies along a cylinder do.
+# On a rigid surface a vertex beside the axis touches unless the distance falls along an edge by more than this sine;
+# so both ends of an edge that lies along a cylinder touch.
 ALONG = 0.01
 
 
@@ -54,8 +54,7 @@ def shapes_against_surfaces(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Each shape against the surfaces that it can touch, closer than their reach, or sunk in by up to `depth` more than
-    it is thick."""
+    """Find contacts of shapes with surfaces within their reach, or penetrating by up to thickness and `depth`."""
     for pair in range(shapes.surface_pairs.shape[0]):
         s, surface = shapes.surface_pairs[pair, SHAPE], shapes.surface_pairs[pair, SURFACE]
         group = first_group + FEATURES * pair
@@ -106,7 +105,7 @@ def touch_ball(
 ):
     """Store the contacts of ball k of a shape; the vertices of soft surfaces are left to `touch_vertex`.
 
-    `sphere` is its centre and its radius, `limits` are reach and depth.
+    `sphere` is the centre and radius of the ball, `limits` are reach and depth [mm].
     """
     centre, radius = vec3(sphere[0], sphere[1], sphere[2]), sphere[3]
     reach, depth = limits[0], limits[1]
@@ -181,7 +180,7 @@ def touch_face(
                 if w[corner] == 0.0:
                     zeros += 1
             inside = ti.i32(zeros == 0)
-            # Of two triangles of one plane either may have the foot on the edge between them, which is no feature.
+            # Both of two coplanar triangles may have the foot on their common edge, which is not a feature.
             is_on_edge = zeros == 1 and (centre - height * normal - foot).norm() < SAME_PLACE
             if is_on_edge and shapes.surface_pairs[pair, IS_SOFT] == 0:
                 inside = is_local_minimum(t, w, normal, surfaces, moved.position)
@@ -207,7 +206,7 @@ def touch_edge(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contacts of a capsule's or cylinder's inner part with the inside of edge e."""
+    """Store the contacts of the inner part of a capsule or cylinder with the inside of edge e."""
     s = shapes.surface_pairs[pair, SHAPE]
     a, b = moved.position[surfaces.edges[e, 0]], moved.position[surfaces.edges[e, 1]]
     nearest, _out, _where = signed_distance(0.5 * (a + b), s, shapes, there)
@@ -228,7 +227,7 @@ def touch_edge(
                 distance, out, _there = signed_distance(x, s, shapes, there)
                 is_new = ti.i32(k == 0)
                 if k == 0 and first < last:
-                    # Between two ends at the same height the lowest point says nothing more.
+                    # Between two ends at the same height the lowest point adds nothing.
                     lowest = ti.min(share - first, last - share) * (b - a).norm()
                     if lowest < SAME_PLACE or is_level(a, b, first, last, distance, s, shapes, there):
                         is_new = 0
@@ -244,7 +243,7 @@ def touch_edge(
 def is_level(
     a: vec3, b: vec3, first: ti.f64, last: ti.f64, lowest: ti.f64, s: ti.i32, shapes: Shapes, there: MovedShapes
 ) -> ti.i32:
-    """Whether both ends of a part of the segment from a to b are as near to shape s as its nearest point is."""
+    """Whether both ends of a part of the segment from a to b are as close to shape s as its nearest point."""
     one, _out, _where = signed_distance(a + first * (b - a), s, shapes, there)
     other, _other_out, _other_where = signed_distance(a + last * (b - a), s, shapes, there)
     return ti.max(one, other) - lowest < SAME_PLACE
@@ -263,7 +262,7 @@ def touch_vertex(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Store the contact of vertex v: on a soft surface always, on others at a minimum that no ball of the shape has."""
+    """Store the contact of vertex v: on soft surfaces always, on others at a minimum not found by a ball."""
     s = shapes.surface_pairs[pair, SHAPE]
     x = moved.position[v]
     distance, out, where = signed_distance(x, s, shapes, there)
@@ -285,7 +284,7 @@ def touch_vertex(
 
 @func
 def mesh_side(pair: ti.i32, surfaces: Surfaces, shapes: Shapes) -> ti.i32:
-    """Which side of a contact the surface of a pair is on: that of the lower body number is first."""
+    """Side of the surface in a contact: the lower body number is first."""
     body = shapes.body[shapes.surface_pairs[pair, SHAPE]]
     return ti.i32(surfaces.body[shapes.surface_pairs[pair, SURFACE]] > body)
 
@@ -304,7 +303,7 @@ def store_shape(
     space: SearchSpace,
     found: Contacts,
 ) -> ti.i32:
-    """Add a contact of the shape of a pair with x on its surface, `distance` along `out` from the shape; its number."""
+    """Add a contact of a shape with point x on the surface, `distance` along `out` from the shape; its index."""
     body = shapes.body[shapes.surface_pairs[pair, SHAPE]]
     other = surfaces.body[shapes.surface_pairs[pair, SURFACE]]
     mine = 1 - mesh_side(pair, surfaces, shapes)
@@ -329,7 +328,7 @@ def store_face(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Add a contact of ball k of a shape with triangle t at `foot`, whose surface's outward direction is `out`."""
+    """Add a contact of ball k of a shape with triangle t at `foot`; `out` is the outward direction of the surface."""
     c = store_shape(pair, group + FACES, t, k, foot, -out, distance, surfaces, shapes, space, found)
     corners = ivec3(surfaces.triangles[t, 0], surfaces.triangles[t, 1], surfaces.triangles[t, 2])
     set_side(c, mesh_side(pair, surfaces, shapes), corners, weights, foot, found)

@@ -1,7 +1,7 @@
-"""Narrow phase: surfaces that are taken as curved, against planes and other surfaces.
+"""Narrow phase: triangulated surfaces treated as curved, against planes and other surfaces.
 
-A curved surface touches a plane where its normal is against that of the plane, and the edge of another surface where it
-comes nearest to it; vertices of the other touch along the curved normal.
+A curved surface touches a plane where the normals are opposite, and the edge of another surface at the nearest point;
+vertices of the other surface touch along the curved normal.
 """
 
 from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets
@@ -13,11 +13,11 @@ from taichisoft.contact.kernels.vertex_contacts import find_triangles
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.taichi_start import ScalarTable, ti, vec3
 
-# The groups of these contacts stand behind those of other searches.
+# First groups of these contacts, larger than the groups of other searches.
 ON_FACES, ON_EDGES, ON_PLANES = 1 << 24, 1 << 25, 1 << 26
 
 SAME_PLACE = 1e-6  # [mm]
-OPPOSITE = 0.8  # cosine of the angle that a flat normal may differ from the curved one within its triangle
+OPPOSITE = 0.8  # cosine of the largest angle between flat and curved normal within a triangle
 HALVINGS = 40
 
 
@@ -32,7 +32,7 @@ def smooth_against_planes(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Add the contacts of moving smooth surfaces with planes nearer than the reach of their bodies [mm]."""
+    """Add the contacts of moving smooth surfaces with planes within the reach of their bodies [mm]."""
     ti.loop_config(serialize=True)
     for plane in range(planes.point.shape[0]):
         up = planes.normal[plane]
@@ -67,8 +67,11 @@ def smooth_against_surfaces(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Add the contacts of smooth surfaces with faces and edges of others, closer than their reach or sunk in by up to
-    `depth` [mm], and let the vertices of others touch along the curved normal."""
+    """Add the contacts of smooth surfaces with faces and edges of other surfaces.
+
+    They are within the reach of their bodies or penetrate by up to `depth` [mm]. The contacts of vertices of other
+    surfaces, found before, get the curved normal.
+    """
     ti.loop_config(serialize=True)
     for _ in range(1):
         for c in range(ti.min(found.count[0], found.distance.shape[0])):
@@ -114,7 +117,7 @@ def leaf_against_leaf(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Curved triangles of a leaf against faces and edges of another surface's leaf `node`."""
+    """Find contacts of the curved triangles of a leaf with faces and edges of the other surface's leaf `node`."""
     for i in range(trees.triangle_start[leaf], trees.triangle_start[leaf + 1]):
         t = trees.triangle[i]
         flat = face_normal(t, surfaces, moved.position)
@@ -177,8 +180,8 @@ def touch_edge(
 ):
     """Store the contact of curved triangle t with the inside of an edge.
 
-    Its normals across the edge lie on a line through the triangle, from one side to another; on this line the point is
-    looked for whose normal goes through the edge.
+    The points with a normal across the edge lie on a line through the triangle; the contact is the point of this line
+    whose normal meets the edge.
     """
     start, end = moved.position[surfaces.edges[e, 0]], moved.position[surfaces.edges[e, 1]]
     along = (end - start).normalized()
@@ -234,14 +237,14 @@ def beside(
     moved: MovedSurfaces,
     smooth: SmoothSurfaces,
 ) -> ti.f64:
-    """How far a line passes the normal of a curved point on one side [mm]; the normal is across the line."""
+    """Signed distance of a line from the normal through a curved point [mm]; the normal is across the line."""
     out = curved_normal(t, weights, surfaces, smooth)
     return (start - curved_point(t, weights, surfaces, moved, smooth)).dot(along.cross(out))
 
 
 @func
 def touch_along_normal(c: ti.i32, side: ti.i32, moved: MovedSurfaces, smooth: SmoothSurfaces, found: Contacts):
-    """Bend the contact c of a vertex with a flat triangle on `side` to the curved one, with the same weights."""
+    """Move contact c of a vertex with a flat triangle on `side` to the curved triangle, with the same weights."""
     p, flat = found.points[c, 1 - side], vec3(0.0)
     out, weights = vec3(0.0), found.weights[c, side]
     for k in ti.static(range(3)):
@@ -267,7 +270,7 @@ def corners(t: ti.i32, surfaces: Surfaces) -> ivec3:
 
 @func
 def other_side(pair: ti.i32, surfaces: Surfaces, smooth: SmoothSurfaces) -> ti.i32:
-    """Which side of a contact the other surface of a pair is on: that of the lower body number is first."""
+    """Side of the other surface in a contact: the lower body number is first."""
     return ti.i32(surfaces.body[smooth.pairs[pair, 1]] > surfaces.body[smooth.pairs[pair, 0]])
 
 
@@ -286,7 +289,7 @@ def store(
     space: SearchSpace,
     found: Contacts,
 ) -> ti.i32:
-    """Add a contact of curved triangle t at x, `distance` along `out` from the other surface; its number."""
+    """Add a contact of curved triangle t at x, `distance` along `out` from the other surface; its index."""
     other = other_side(pair, surfaces, smooth)
     body, its_body = surfaces.body[smooth.pairs[pair, 0]], surfaces.body[smooth.pairs[pair, 1]]
     normal = ti.select(other == 1, out, -out)

@@ -1,8 +1,8 @@
-"""Triangulated surfaces taken as the curved ones that their vertices and vertex normals span.
+"""Triangulated surfaces treated as the curved surfaces spanned by their vertices and vertex normals.
 
-Of every triangle the flat point p(b) with weights b is moved on to the planes that are tangent at the corners
-(Boubekeur and Alexa 2008, Phong Tessellation): x(b) = p + 1/2 sum of b_i ((x_i - p) . n_i) n_i. The factor 1/2, in the
-place of their 3/4, gives back a sphere to the fourth order of the triangle's size. The normal is the sum of b_i n_i.
+The flat point p(b) of a triangle with weights b is moved towards the tangent planes at the corners (Boubekeur and Alexa
+2008, Phong Tessellation): x(b) = p + 1/2 sum of b_i ((x_i - p) . n_i) n_i. The factor 1/2, instead of their 3/4,
+reproduces a sphere to the fourth order of the triangle's size. The normal is the sum of b_i n_i.
 """
 
 from typing import NamedTuple
@@ -11,20 +11,20 @@ from taichisoft.contact.kernels.surface_vertices import Carriers, MovedSurfaces,
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.taichi_start import Integers, IntegerTable, Vectors, ti, vec3
 
-ON_EDGE = 1e-12  # weights that may be this much below 0: of two triangles at least one has what lies between them
+ON_EDGE = 1e-12  # tolerance of negative weights: at least one of two triangles has the points on their edge
 
 
 class SmoothSurfaces(NamedTuple):
-    """The surfaces that are taken as curved.
+    """The surfaces treated as curved.
 
     Attributes:
-        vertices: their vertices, shape (smooth_vertex_count,).
-        is_smooth: whether a vertex is one of them, shape (vertex_count,).
-        local_normal: outward unit normals of all vertices in the axes of what carries them; 0 for vertices of other
-            surfaces, shape (vertex_count, 3).
-        normal: the same in the world, shape (vertex_count, 3).
+        vertices: vertices of all smooth surfaces, shape (smooth_vertex_count,).
+        is_smooth: 1 for a vertex of a smooth surface, else 0, shape (vertex_count,).
+        local_normal: outward unit normals of all vertices in body axes, 0 for vertices of other surfaces, shape
+            (vertex_count, 3).
+        normal: the same in world axes, shape (vertex_count, 3).
         moving: numbers of smooth surfaces that can move, shape (moving_count,).
-        pairs: a smooth surface and another one that it can touch, shape (pair_count, 2).
+        pairs: numbers of a smooth surface and of another surface that it can touch, shape (pair_count, 2).
     """
 
     vertices: Integers
@@ -37,7 +37,7 @@ class SmoothSurfaces(NamedTuple):
 
 @kernel
 def turn_normals(smooth: SmoothSurfaces, carriers: Carriers, poses: Poses):
-    """The normals turn with their rigid bodies."""
+    """Rotate the normals with their rigid bodies."""
     ti.loop_config(serialize=True)
     for i in range(smooth.vertices.shape[0]):
         v = smooth.vertices[i]
@@ -47,7 +47,7 @@ def turn_normals(smooth: SmoothSurfaces, carriers: Carriers, poses: Poses):
 
 @func
 def curved_point(t: ti.i32, weights: vec3, surfaces: Surfaces, moved: MovedSurfaces, smooth: SmoothSurfaces) -> vec3:
-    """The point of the curved surface with these weights in triangle t."""
+    """Point of the curved surface with barycentric `weights` in triangle t [mm]."""
     p = vec3(0.0)
     for k in ti.static(range(3)):
         p += weights[k] * moved.position[surfaces.triangles[t, k]]
@@ -60,7 +60,7 @@ def curved_point(t: ti.i32, weights: vec3, surfaces: Surfaces, moved: MovedSurfa
 
 @func
 def curved_normal(t: ti.i32, weights: vec3, surfaces: Surfaces, smooth: SmoothSurfaces) -> vec3:
-    """The unit normal of the curved surface there."""
+    """Unit normal of the curved surface with barycentric `weights` in triangle t."""
     normal = vec3(0.0)
     for k in ti.static(range(3)):
         normal += weights[k] * smooth.normal[surfaces.triangles[t, k]]
@@ -69,7 +69,7 @@ def curved_normal(t: ti.i32, weights: vec3, surfaces: Surfaces, smooth: SmoothSu
 
 @func
 def weights_of_normal(t: ti.i32, direction: vec3, surfaces: Surfaces, smooth: SmoothSurfaces):
-    """Whether triangle t has a normal in this direction, and the weights of the point that does."""
+    """Whether curved triangle t has a point with its normal in this direction, and the weights of the point."""
     a = smooth.normal[surfaces.triangles[t, 0]]
     b = smooth.normal[surfaces.triangles[t, 1]]
     c = smooth.normal[surfaces.triangles[t, 2]]

@@ -1,4 +1,4 @@
-"""The surfaces of all bodies that can touch, in one set of arrays, and how their vertices follow the bodies."""
+"""The contact surfaces of all bodies in one set of arrays, and the motion of their vertices with the bodies."""
 
 from typing import NamedTuple
 
@@ -7,7 +7,7 @@ from taichisoft.runtime.taichi_start import SOFT, Integers, IntegerTable, Matric
 
 
 class Surfaces(NamedTuple):
-    """Triangles, edges and vertices, and which of them lie around each other.
+    """Triangles, edges and vertices of all surfaces, and their adjacency.
 
     Attributes:
         body: number of each surface's body, shape (surface_count,).
@@ -15,10 +15,10 @@ class Surfaces(NamedTuple):
         triangle_edges: edge opposite to each corner, shape (triangle_count, 3).
         edges: vertices of each edge, shape (edge_count, 2).
         edge_triangles: the one or two triangles at each edge, -1 for none, shape (edge_count, 2).
-        star_start, star: the other ends of the edges of vertex v are star[star_start[v] : star_start[v + 1]].
-        first_triangle: the triangle of the lowest number at each vertex, shape (vertex_count,).
-        fan_start, fan: corners (3 * triangle + corner) that vertex v is, fan[fan_start[v] : fan_start[v + 1]].
-        moving: surfaces that can move, shape (moving_count,).
+        star_start, star: star[star_start[v] : star_start[v + 1]] are the vertices joined to vertex v by an edge.
+        first_triangle: triangle with the lowest number at each vertex, shape (vertex_count,).
+        fan_start, fan: fan[fan_start[v] : fan_start[v + 1]] are the triangle corners at v (3 * triangle + corner).
+        moving: numbers of the surfaces that can move, shape (moving_count,).
         pairs: pairs of surfaces that can touch: at least one moves, no group in common, shape (pair_count, 2).
     """
 
@@ -51,11 +51,11 @@ class Planes(NamedTuple):
 
 
 class Carriers(NamedTuple):
-    """What each vertex follows.
+    """The bodies and nodes that carry the vertices.
 
     Attributes:
         owner: number of the rigid body that carries a vertex, or SOFT, or STATIC, shape (vertex_count,).
-        local: position at rest; on a rigid body in its axes, from its centre of mass [mm], shape (vertex_count, 3).
+        local: rest position, on a rigid body in body axes from the centre of mass [mm], shape (vertex_count, 3).
         nodes, weights: soft nodes that carry a vertex and their weights [-], shape (vertex_count, nodes_per_vertex).
     """
 
@@ -66,7 +66,7 @@ class Carriers(NamedTuple):
 
 
 class Poses(NamedTuple):
-    """Where the bodies are.
+    """Positions and rotations of the bodies.
 
     Attributes:
         node_position: soft nodes [mm], shape (node_count, 3).
@@ -80,7 +80,7 @@ class Poses(NamedTuple):
 
 
 class MovedSurfaces(NamedTuple):
-    """Where the surfaces are.
+    """Current positions of the surfaces.
 
     Attributes:
         position: vertices [mm], shape (vertex_count, 3).
@@ -94,7 +94,7 @@ class MovedSurfaces(NamedTuple):
 
 @kernel
 def move_vertices(carriers: Carriers, poses: Poses, moved: MovedSurfaces):
-    """Vertices of soft bodies follow their nodes, those of rigid bodies their pose."""
+    """Move the vertices of soft bodies with their nodes, and the vertices of rigid bodies with their poses."""
     ti.loop_config(serialize=True)
     for v in range(carriers.owner.shape[0]):
         owner = carriers.owner[v]

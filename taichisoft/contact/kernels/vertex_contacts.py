@@ -1,7 +1,7 @@
 """Narrow phase: vertices of one surface against the triangles of another, and against planes.
 
-A contact is a local minimum of the distance; one that has slipped through has a negative distance and keeps its
-normal. Contact normals point from the first surface of the pair to the second.
+A contact is a local minimum of the distance. A penetrating contact has a negative distance and keeps its normal.
+Contact normals point from the first surface of the pair to the second.
 """
 
 from taichisoft.contact.kernels.box_trees import Trees, find_leaves, meets, squared_distance
@@ -24,10 +24,10 @@ def vertices_against_triangles(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Vertices of each surface of a pair against the other's triangles.
+    """Find contacts of the vertices of each surface of a pair with the triangles of the other surface.
 
-    A vertex outside touches at every local minimum closer than the reach of its bodies; one inside only at the closest
-    point of all, if it is not deeper than `depth`.
+    A vertex outside touches at every local minimum within the reach of its bodies [mm]; a vertex inside touches at the
+    closest point only, and only down to `depth` [mm].
     """
     for task in range(2 * surfaces.pairs.shape[0]):
         pair, flipped = task // 2, task % 2
@@ -106,7 +106,7 @@ def find_triangles(
     moved: MovedSurfaces,
     space: SearchSpace,
 ):
-    """The triangle closest to p, -1 for none, the weights of the point there, and how many others are within reach."""
+    """Triangle closest to p or -1, weights of its closest point, and number of triangles in `space` within reach."""
     best = ti.max(reach, depth) ** 2
     closest = -1
     closest_weights = vec3(0.0)
@@ -132,7 +132,7 @@ def find_triangles(
 
 @func
 def on_triangle(t: ti.i32, weights: vec3, surfaces: Surfaces, position: Vectors) -> vec3:
-    """The point of triangle t with these barycentric weights."""
+    """Point of triangle t with barycentric `weights` [mm]."""
     return (
         weights[0] * position[surfaces.triangles[t, 0]]
         + weights[1] * position[surfaces.triangles[t, 1]]
@@ -154,7 +154,7 @@ def store(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Add a contact of vertex v at p with triangle t at `foot`, whose surface's outward direction is `out`."""
+    """Add a contact of vertex v at p with triangle t at `foot`; `out` is the outward direction of t's surface."""
     pair, flipped = task // 2, task % 2
     first_body, second_body = surfaces.body[surfaces.pairs[pair, 0]], surfaces.body[surfaces.pairs[pair, 1]]
     normal = out
@@ -176,7 +176,7 @@ def vertices_against_planes(
     space: SearchSpace,
     found: Contacts,
 ):
-    """Vertices of moving surfaces closer to a plane than their bodies' reach; below it is inside, however deep."""
+    """Find vertices of moving surfaces within their bodies' reach of a plane; everything below it is inside."""
     for plane in range(planes.point.shape[0]):
         up = planes.normal[plane]
         for k in range(surfaces.moving.shape[0]):
@@ -184,7 +184,7 @@ def vertices_against_planes(
             reach = reaches[surfaces.body[s], planes.body[plane]]
             node = ti.select(reach < 0.0, trees.root[s + 1], trees.root[s])
             while node < trees.root[s + 1]:
-                lowest = 0.0  # of the box above the plane
+                lowest = 0.0  # height of the box's lowest corner above the plane
                 for axis in ti.static(range(3)):
                     corner = ti.select(up[axis] > 0.0, moved.lower[node][axis], moved.upper[node][axis])
                     lowest += up[axis] * (corner - planes.point[plane][axis])

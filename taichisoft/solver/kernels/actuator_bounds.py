@@ -1,10 +1,10 @@
-"""Rows of actuators in the constraint problem: coordinates that are held, stopped or rubbed, and the impulses for it.
+"""Bounds of actuator rows in the constraint problem: imposed coordinates, stops and cable friction.
 
 With v the rate of the coordinate after the step less a target rate, and l the impulse of its effort (pressure or
-tension times the time step), a row says three things, each giving way to the next:
+tension times the time step), a row has three conditions, each overruled by the next:
 
 - l is the preferred impulse;
-- v lies between two ends, which are both 0 where the coordinate is imposed;
+- v lies between two ends, both 0 for an imposed coordinate;
 - l stays within its own range: a cable does not push, a motor has a largest force.
 
 A row of friction belongs to an inner point of a cable. Its l is the tension lost at the point, times the time step,
@@ -16,10 +16,10 @@ the tension on the pulled side and g = exp(mu theta) - 1, -T g <= l <= T g / (1 
 from taichisoft.runtime.launch import func
 from taichisoft.runtime.taichi_start import Scalars, ScalarTable, ti
 
-# Columns of the table of bounds. GRIP is g for a row of friction, which needs nothing else, and -1 for others.
+# Columns of the table of bounds. GRIP is g for a row of friction, which uses no other column, and -1 for other rows.
 PREFERRED, LOWER_END, UPPER_END, LOWEST, HIGHEST, GRIP = range(6)
 BOUND_COLUMNS = 6
-# Where a coordinate is held.
+# End at which a coordinate is held.
 NOT_HELD, AT_LOWER_END, AT_UPPER_END = range(3)
 
 
@@ -27,8 +27,8 @@ NOT_HELD, AT_LOWER_END, AT_UPPER_END = range(3)
 def tension_before(bounds: ScalarTable, a: ti.i32, first_row: ti.i32, impulse: Scalars) -> ti.f64:
     """Tension on the pulled side of the inner point of actuator row a, times the time step; 0 for other rows.
 
-    The impulses of the actuators begin at `first_row`. The row of the cable itself, then those of the inner points
-    before this one, stand directly above row a.
+    The impulses of the actuators begin at `first_row`. The row of the cable itself and the rows of the inner points
+    before this one directly precede row a.
     """
     tension = 0.0
     if bounds[a, GRIP] >= 0.0:
@@ -44,9 +44,9 @@ def tension_before(bounds: ScalarTable, a: ti.i32, first_row: ti.i32, impulse: S
 def best_impulse(
     bounds: ScalarTable, a: ti.i32, impulse: ti.f64, velocity: ti.f64, compliance: ti.f64, tension: ti.f64
 ) -> ti.f64:
-    """The impulse of row a that obeys its bounds with all others fixed; `velocity` belongs to the present `impulse`.
+    """Impulse of row a that obeys its bounds with all others fixed; `velocity` belongs to the present `impulse`.
 
-    `tension` is that of `tension_before`.
+    `tension` is the result of `tension_before`.
     """
     best = impulse + (bounds[a, LOWER_END] - velocity) / compliance
     lowest, highest = bounds[a, LOWEST], bounds[a, HIGHEST]
@@ -62,9 +62,9 @@ def best_impulse(
 
 @func
 def held_end(bounds: ScalarTable, a: ti.i32, impulse: ti.f64, velocity: ti.f64, compliance: ti.f64) -> ti.i32:
-    """Where row a's coordinate is held, so that v decides l: AT_LOWER_END or AT_UPPER_END.
+    """Whether v determines l of row a: AT_LOWER_END or AT_UPPER_END; not for rows of friction.
 
-    Else NOT_HELD: its impulse is a bound or the preferred one. Not for rows of friction.
+    NOT_HELD: the impulse is a bound or the preferred impulse.
     """
     at_lower_end = impulse + (bounds[a, LOWER_END] - velocity) / compliance
     at_upper_end = impulse + (bounds[a, UPPER_END] - velocity) / compliance
@@ -84,7 +84,7 @@ def sliding_share(
 ) -> ti.f64:
     """Share of the tension that is lost at the point of friction row a while the cable slides; 0 while it sticks.
 
-    Negative while the cable is paid out. The arguments are those of `best_impulse`.
+    Negative while the cable is paid out. The arguments are as for `best_impulse`.
     """
     sticking = impulse - velocity / compliance
     share = 0.0

@@ -1,11 +1,11 @@
 """y = y + a x for vectors within arrays, by tiles of eight numbers.
 
-A plain loop over Taichi's arrays is not vectorised: LLVM must assume that what is stored changes the pointers it loads.
+A plain loop over Taichi's arrays is not vectorised: LLVM must assume that a store changes the pointers that it loads.
 Here a tile is computed in registers before any of it is stored.
 
-LLVM copies the body of a loop whose turns it can count up to eight times. For tiles, and for the few numbers beside
-them, that only makes code, which takes long to compile and, at every start, to turn into machine code. So LLVM is told
-that the numbers beside whole tiles are fewer than eight, and cannot count the tiles (`next_tile`).
+LLVM unrolls a loop with a countable number of turns up to eight times. For tiles and the few remaining numbers this
+only costs time, in compilation and in code generation at every start. So the loops are written such that LLVM sees
+fewer than eight remaining numbers and cannot count the tiles (`next_tile`).
 """
 
 from taichisoft.runtime.taichi_start import Scalars, ti
@@ -16,7 +16,7 @@ Tile = ti.types.vector(TILE, ti.f64)
 
 @ti.func
 def next_tile(place: ti.i32, first: ti.i32) -> ti.i32:
-    """Where the next tile begins, which is after the first."""
+    """Start of the next tile, which is after `first`."""
     return ti.max(place + TILE, first)
 
 

@@ -1,4 +1,4 @@
-"""The constraint problem of a step, and what is a solution's."""
+"""The constraint problem of a step, and its iterate."""
 
 from typing import NamedTuple
 
@@ -13,17 +13,16 @@ from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENT
 class Problem(NamedTuple):
     """The constraint problem: v = free + W l, with the conditions of contact, friction and actuators.
 
-    Contacts' rows come first, then those of actuators, whose impulses are efforts times the time step, then those of
+    Rows of contacts come first, then rows of actuators, whose impulses are efforts times the time step, then rows of
     moments, whose impulses are moments times the time step.
 
     Attributes:
         size: number of contacts, of actuator rows, and of contacts with moments, shape (3,).
-        compliance: W by rows [mm/s per mN s, and the like for volumes], shape (row_capacity^2,).
+        compliance: W by rows [mm/s per mN s, likewise for volumes], shape (row_capacity^2,).
         free: velocities without impulses [mm/s, of a volume mm^3/s], shape (row_capacity,).
         friction: coefficient of each contact, shape (contact_capacity,).
-        bounds: what each actuator row obeys, see `actuator_rows`, shape (actuator_capacity, 6).
-        moment_contact, moment_length: contact of each moment and how large it may be, see
-            `constraint_rows.Rows`.
+        bounds: bounds of each actuator row, see `actuator_bounds.py`, shape (actuator_capacity, 6).
+        moment_contact, moment_length: contact of each moment, and bounds of the moment, see `row_velocities.Rows`.
     """
 
     size: Integers
@@ -43,7 +42,7 @@ class Problem(NamedTuple):
 
 
 class Iterate(NamedTuple):
-    """Impulses [mN s, of a volume kPa s] and the velocities that belong to them, each of shape (row_capacity,)."""
+    """Impulses [mN s, of a volume kPa s] and their velocities [mm/s, of a volume mm^3/s], each (row_capacity,)."""
 
     impulse: Scalars
     velocity: Scalars
@@ -51,19 +50,19 @@ class Iterate(NamedTuple):
 
 @func
 def row_count(problem: Problem) -> ti.i32:
-    """Three rows for a contact, one for an actuator's, three for a moment."""
+    """Number of rows: three per contact, one per actuator coordinate, three per moment."""
     return first_moment(problem) + 3 * problem.size[MOMENTS]
 
 
 @func
 def first_moment(problem: Problem) -> ti.i32:
-    """The first row of the moments."""
+    """Index of the first row of the moments."""
     return 3 * problem.size[CONTACTS] + problem.size[ACTUATORS]
 
 
 @func
 def measure_velocity(problem: Problem, iterate: Iterate):
-    """velocity = free + W impulse."""
+    """Compute velocity = free + W impulse."""
     count = row_count(problem)
     for k in range(count):
         iterate.velocity[k] = problem.free[k]
@@ -74,7 +73,7 @@ def measure_velocity(problem: Problem, iterate: Iterate):
 
 @func
 def copy_iterate(rows: ti.i32, source: Iterate, target: Iterate):
-    """Impulses and velocities."""
+    """Copy impulses and velocities of the first `rows` rows."""
     for k in range(rows):
         target.impulse[k] = source.impulse[k]
         target.velocity[k] = source.velocity[k]

@@ -1,7 +1,7 @@
 """Gaussian elimination with partial pivoting, in panels of eight columns and blocks of 32.
 
 Golub and Van Loan 2013, section 3.4. Nearly all of the work is in `subtract_block`, whose tiles of 8 x 8 stay in
-registers while it reads what a block has eliminated; see `tiles.py`, also for `one`.
+registers while it reads the eliminated block; see `tiles.py`, also for `one`.
 """
 
 from typing import NamedTuple
@@ -16,13 +16,13 @@ BLOCK = 32
 
 
 class LinearSystem(NamedTuple):
-    """Linear equations for some rows of a larger problem; the matrix gives way to its factors.
+    """Linear equations for some rows of a larger problem; the factors overwrite the matrix.
 
     Attributes:
-        row_of: rows of the problem that take part, shape (row_capacity,).
+        row_of: row of the problem for each equation, shape (row_capacity,).
         matrix: by rows, each padded to whole tiles, `row_length` numbers long, shape (row_capacity row_length,).
         tiles: the same memory by eights, shape (row_capacity row_length / 8, 8).
-        order: which row changed places with each pivot's, shape (row_capacity,).
+        order: row exchanged with the row of each pivot, shape (row_capacity,).
         step: right-hand side, then the solution, shape (row_capacity,).
     """
 
@@ -35,13 +35,13 @@ class LinearSystem(NamedTuple):
 
 @ti.func
 def row_length(count: ti.i32) -> ti.i32:
-    """Numbers from one row of the matrix to the next."""
+    """Distance between rows of the matrix in memory, in numbers."""
     return TILE * tiles_in(count)
 
 
 @func
 def factorise(count: ti.i32, system: LinearSystem, one: ti.i32) -> ti.i32:
-    """P A = L U in place; returns 0 where a pivot is zero."""
+    """Factorise P A = L U in place; returns 0 if a pivot is zero."""
     solvable = 1
     for block in range((count + BLOCK - 1) // BLOCK):
         start = BLOCK * block
@@ -65,7 +65,7 @@ def factorise(count: ti.i32, system: LinearSystem, one: ti.i32) -> ti.i32:
 def solve_upper(
     first: ti.i32, last: ti.i32, tile: ti.i32, end: ti.i32, count: ti.i32, system: LinearSystem, one: ti.i32
 ):
-    """Rows first..last of U in the columns of tiles tile..end."""
+    """Compute rows first..last of U in the columns of tiles tile..end."""
     row = tiles_in(count)
     for k in range(first + 1, last):
         for e in range(first, k):
@@ -133,7 +133,7 @@ def eliminate_panel(first: ti.i32, last: ti.i32, count: ti.i32, system: LinearSy
 
 @func
 def subtract_panel(i: ti.i32, first: ti.i32, end: ti.i32, count: ti.i32, system: LinearSystem):
-    """From row i, up to the tile `end`, subtract the eight rows from `first` on, times its factors there."""
+    """Subtract the eight rows from `first` on, times their factors in row i, from row i up to tile `end`."""
     row = tiles_in(count)
     place = i * TILE * row + first
     for t in range(first // TILE + 1, end):
@@ -145,7 +145,7 @@ def subtract_panel(i: ti.i32, first: ti.i32, end: ti.i32, count: ti.i32, system:
 
 @func
 def subtract_block(start: ti.i32, end: ti.i32, count: ti.i32, system: LinearSystem, one: ti.i32):
-    """From the rows and columns after `end` subtract the product of the block's factors and its rows of U."""
+    """Subtract the product of the block's factors and its rows of U from the rows and columns after `end`."""
     matrix, tiles = ti.static(system.matrix, system.tiles)
     row = tiles_in(count)
     strips = (count - end) // TILE
@@ -170,7 +170,7 @@ def subtract_block(start: ti.i32, end: ti.i32, count: ti.i32, system: LinearSyst
 
 
 def make_linear_system(capacity: int) -> LinearSystem:
-    """Room for that many rows; the padding of the matrix is 0."""
+    """Allocate a system of up to `capacity` rows; the padding of the matrix is 0."""
     tiles = np.zeros((capacity * -(-capacity // TILE), TILE))
     rows, order = np.empty(capacity, dtype=np.int32), np.empty(capacity, dtype=np.int32)
     return LinearSystem(rows, tiles.reshape(-1), tiles, order, np.empty(capacity))

@@ -1,13 +1,13 @@
-"""Rows of moments: what resists two rigid bodies that spin on, and roll over, each other where they touch.
+"""Rows of moments: resistance of two rigid bodies in contact to spinning and rolling on each other.
 
-A contact has three such rows, the relative angular velocity about its normal and its two tangents. Their impulses l
-obey the laws of Coulomb with lengths for coefficients (Leine and Glocker 2003, A set-valued force law for spatial
+A contact has three such rows: the relative angular velocities about its normal and its two tangents. Their impulses l
+obey Coulomb's law with lengths as coefficients (Leine and Glocker 2003, A set-valued force law for spatial
 Coulomb-Contensou friction; Acary and Bourrier 2021, Coulomb friction with rolling resistance as a cone complementarity
-problem): |l_n| <= b_s p and |l_t| <= b_r p, where p is the contact's normal impulse, and where there is equality l is
-against the turning.
+problem): |l_n| <= b_s p and |l_t| <= b_r p, where p is the contact's normal impulse; in case of equality l opposes the
+rotation.
 """
 
-from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.taichi_start import Scalars, ti, vec3
@@ -16,14 +16,14 @@ from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENT
 
 @func
 def axis(m: ti.i32, i: ti.i32, side: ti.i32, rows: Rows) -> vec3:
-    """What row i of moment m turns the body on this side about."""
+    """Signed axis about which row i of moment m acts on the body on this side."""
     c, sign = rows.moment_contact[m], 2.0 * side - 1.0
     return sign * vec3(rows.basis[c][i, 0], rows.basis[c][i, 1], rows.basis[c][i, 2])
 
 
 @func
 def turned_by(body: ti.i32, moment: vec3, rigid: RigidState) -> vec3:
-    """Angular velocity that a body gets from an angular impulse."""
+    """Change of a body's angular velocity [rad/s] by an angular impulse [mN s mm]."""
     change = vec3(0.0)
     for i, j in ti.static(ti.ndrange(3, 3)):
         change[i] += rigid.inverse_mass[body, 3 + i, 3 + j] * moment[j]
@@ -32,7 +32,7 @@ def turned_by(body: ti.i32, moment: vec3, rigid: RigidState) -> vec3:
 
 @kernel
 def free_moment_velocity(rows: Rows, rigid: RigidState):
-    """Fill `rows.free` of the moments: angular velocities of the second body relative to the first."""
+    """Fill in `rows.free` of the moments: angular velocities of the second body relative to the first [rad/s]."""
     ti.loop_config(serialize=True)
     for m in range(rows.size[MOMENTS]):
         for i in range(3):
@@ -50,7 +50,7 @@ def free_moment_velocity(rows: Rows, rigid: RigidState):
 def add_moment_compliance(
     row_count: ti.i32, rows: Rows, coordinates: Coordinates, gradient: Gradient, rigid: RigidState, w: Scalars
 ):
-    """Add what the moments do to themselves, to the contacts and to the actuators to W, which is stored by rows."""
+    """Add the coupling of the moments with themselves, with contacts and with actuators to W, stored by rows."""
     ti.loop_config(serialize=True)
     for m in range(rows.size[MOMENTS]):
         first_actuator = 3 * rows.size[CONTACTS]
@@ -89,7 +89,7 @@ def add_moment_compliance(
 
 @kernel
 def apply_moments(rows: Rows, impulse: Scalars, rigid: RigidState):
-    """Add the moments' impulses to those on the rigid bodies."""
+    """Add the impulses of the moments to the impulses on the rigid bodies."""
     ti.loop_config(serialize=True)
     for m in range(rows.size[MOMENTS]):
         for i in range(3):

@@ -1,9 +1,9 @@
-"""A Newton step on the conditions of contact and friction, on the contacts that are closed.
+"""A Newton step on the conditions of contact and friction of the closed contacts.
 
-The conditions are one equation, l = projection(l - r v), which is smooth but for where contacts open, stick and slip:
-Alart and Curnier 1991, A mixed formulation for frictional contact problems prone to Newton like solution methods.
-From where a Gauss-Seidel has found out which contacts do what, one step gives the answer to many digits. From elsewhere
-it may lead astray: whoever takes the step must check it.
+The conditions are one equation, l = projection(l - r v), smooth except between opening, sticking and slipping: Alart
+and Curnier 1991, A mixed formulation for frictional contact problems prone to Newton like solution methods. Once a
+Gauss-Seidel has found the state of each contact, one step gives the solution to many digits. Otherwise the step may
+diverge, and the caller must check it.
 """
 
 from typing import NamedTuple
@@ -27,13 +27,13 @@ from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENT
 from taichisoft.solver.kernels.sweep import largest_of_two
 
 
-class Pull(NamedTuple):
-    """What a proximal term adds to the velocities: share weight (l - center).
+class ProximalTerm(NamedTuple):
+    """A proximal term, which adds share weight (l - center) to the velocities.
 
     Attributes:
-        center: impulses, shape (row_capacity,).
-        weight: a compliance, usually that of each row itself, shape (row_capacity,).
-        share: shape (1,).
+        center: impulses [mN s, of a volume kPa s], shape (row_capacity,).
+        weight: compliances, usually the diagonal of W, shape (row_capacity,).
+        share: factor of the weights [-], shape (1,).
     """
 
     center: Scalars
@@ -42,22 +42,25 @@ class Pull(NamedTuple):
 
 
 @func
-def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: LinearSystem, trial: Iterate, one: ti.i32):
-    """Fill `trial` with better impulses than those of `point`, or the same if the linear system cannot be solved.
+def newton_step(
+    problem: Problem, point: Iterate, proximal: ProximalTerm, newton: LinearSystem, trial: Iterate, one: ti.i32
+):
+    """Fill `trial` with better impulses than `point`, or the same if the linear system cannot be solved.
 
-    They may leave the friction cones: a sweep brings them back, but further Newton steps must start from what is here.
+    The impulses may leave the friction cones: a sweep brings them back, but further Newton steps must start from
+    `trial`.
     """
     w, impulse, matrix, step, row_of = ti.static(
         problem.compliance, point.impulse, newton.matrix, newton.step, newton.row_of
     )
-    count = choose_rows(problem, point, pull, newton)
+    count = choose_rows(problem, point, proximal, newton)
     rows = row_count(problem)
     for k in range(rows):
         trial.impulse[k] = 0.0
     let_actuators_give_way(problem, point, trial)
     for a in range(count):
         trial.impulse[row_of[a]] = impulse[row_of[a]]
-        step[a] = -pulled_velocity(row_of[a], point, pull)
+        step[a] = -pulled_velocity(row_of[a], point, proximal)
     for k in range(rows):
         released = impulse[k] - trial.impulse[k]
         if released != 0.0:
@@ -68,13 +71,13 @@ def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
         row = row_of[a] * rows
         for b in range(count):
             matrix[a * length + b] = w[row + row_of[b]]
-        matrix[a * length + a] = w[row + row_of[a]] + pull.share[0] * pull.weight[row_of[a]]
+        matrix[a * length + a] = w[row + row_of[a]] + proximal.share[0] * proximal.weight[row_of[a]]
     hold_actuators(count, problem, point, trial.impulse, newton)
     for k in range(count // 3):
         if row_of[3 * k] < 3 * problem.size[CONTACTS]:
             c = row_of[3 * k] // 3
-            let_slip(3 * k + 1, 3 * k, count, c, problem.friction[c], problem, point, pull, newton)
-    let_turn(count, problem, point, pull, newton)
+            let_slip(3 * k + 1, 3 * k, count, c, problem.friction[c], problem, point, proximal, newton)
+    let_turn(count, problem, point, proximal, newton)
     if factorise(count, newton, one):
         substitute(count, newton)
         for a in range(count):
@@ -85,21 +88,21 @@ def newton_step(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
 
 
 @func
-def pulled_velocity(row: ti.i32, point: Iterate, pull: Pull) -> ti.f64:
-    """Velocity of a row with the proximal term."""
-    return point.velocity[row] + pull.share[0] * pull.weight[row] * (point.impulse[row] - pull.center[row])
+def pulled_velocity(row: ti.i32, point: Iterate, proximal: ProximalTerm) -> ti.f64:
+    """Velocity of a row including the proximal term."""
+    return point.velocity[row] + proximal.share[0] * proximal.weight[row] * (point.impulse[row] - proximal.center[row])
 
 
 @func
-def pressing(c: ti.i32, problem: Problem, point: Iterate, pull: Pull) -> ti.f64:
-    """Normal impulse that contact c would have with all others fixed; not positive if it opens."""
+def pressing(c: ti.i32, problem: Problem, point: Iterate, proximal: ProximalTerm) -> ti.f64:
+    """Normal impulse of contact c with all others fixed; not positive if the contact opens."""
     own = problem.compliance[3 * c * (row_count(problem) + 1)]
-    return point.impulse[3 * c] - pulled_velocity(3 * c, point, pull) / own
+    return point.impulse[3 * c] - pulled_velocity(3 * c, point, proximal) / own
 
 
 @func
-def choose_rows(problem: Problem, point: Iterate, pull: Pull, newton: LinearSystem) -> ti.i32:
-    """List the rows of contacts that are closed, or close, of actuators that are held, and of these contacts' moments.
+def choose_rows(problem: Problem, point: Iterate, proximal: ProximalTerm, newton: LinearSystem) -> ti.i32:
+    """List the rows of contacts that are closed or will close, of held actuators, and of these contacts' moments.
 
     Returns their number.
     """
@@ -107,7 +110,7 @@ def choose_rows(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
     count = 0
     for c in range(problem.size[CONTACTS]):
         n = 3 * c
-        if pressing(c, problem, point, pull) > 0.0:
+        if pressing(c, problem, point, proximal) > 0.0:
             for i in ti.static(range(3)):
                 newton.row_of[count + i] = n + i
             count += 3
@@ -122,7 +125,7 @@ def choose_rows(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
             newton.row_of[count] = row
             count += 1
     for m in range(problem.size[MOMENTS]):
-        if pressing(problem.moment_contact[m], problem, point, pull) > 0.0:
+        if pressing(problem.moment_contact[m], problem, point, proximal) > 0.0:
             for i in ti.static(range(3)):
                 newton.row_of[count + i] = first_moment(problem) + 3 * m + i
             count += 3
@@ -131,7 +134,7 @@ def choose_rows(problem: Problem, point: Iterate, pull: Pull, newton: LinearSyst
 
 @func
 def let_actuators_give_way(problem: Problem, point: Iterate, trial: Iterate):
-    """Fill in the impulses of all actuators as they are best with the others fixed; held ones are solved for later."""
+    """Fill in each actuator's best impulse with all others fixed; held actuators are solved for later."""
     rows, first = row_count(problem), 3 * problem.size[CONTACTS]
     for a in range(problem.size[ACTUATORS]):
         row = first + a
@@ -141,9 +144,9 @@ def let_actuators_give_way(problem: Problem, point: Iterate, trial: Iterate):
 
 @func
 def hold_actuators(count: ti.i32, problem: Problem, point: Iterate, impulse: Scalars, newton: LinearSystem):
-    """Rows of actuators say that the coordinate is at its end, or that the tension lost at a point is that of sliding.
+    """Set the equations of actuators: the coordinate is at its end, or a point loses the tension of sliding.
 
-    `impulse` are those that the step is added to.
+    `impulse` are the impulses to which the step is added.
     """
     rows, first = row_count(problem), 3 * problem.size[CONTACTS]
     for k in range(count):
@@ -173,7 +176,7 @@ def let_rub(
     impulse: Scalars,
     newton: LinearSystem,
 ):
-    """Row k, friction of actuator row a, says l = share T, with T the cable's l less those of the points before."""
+    """Set equation k, friction of actuator row a: l = share T, with T the cable's l less l of the points before."""
     first, length = 3 * problem.size[CONTACTS], row_length(count)
     for b in range(count):
         newton.matrix[k * length + b] = 0.0
@@ -204,12 +207,12 @@ def let_slip(
     share: ti.f64,
     problem: Problem,
     point: Iterate,
-    pull: Pull,
+    proximal: ProximalTerm,
     newton: LinearSystem,
 ):
-    """Where two rows slip, they say l = share l_n z / |z| with z = l - r v, linearised.
+    """Set the equations of two slipping rows: l = share l_n z / |z| with z = l - r v, linearised.
 
-    They are numbers b and b + 1 of the system: the tangents of contact c, or of its moment. Number `normal` is the
+    They are equations b and b + 1 of the system: the tangents of contact c, or of its moment. Equation `normal` is the
     contact's normal row.
     """
     impulse, matrix, step = ti.static(point.impulse, newton.matrix, newton.step)
@@ -217,16 +220,16 @@ def let_slip(
     scale = 1.0 / largest_of_two(n, problem)
     z = ti.Vector.zero(ti.f64, 2)
     for i in ti.static(range(2)):
-        z[i] = impulse[n + i] - scale * pulled_velocity(n + i, point, pull)
-    limit = share * pressing(c, problem, point, pull)
+        z[i] = impulse[n + i] - scale * pulled_velocity(n + i, point, proximal)
+    limit = share * pressing(c, problem, point, proximal)
     size = z.norm()
     if size > limit:
         d = z / size
         turn = limit / size * (ti.Matrix.identity(ti.f64, 2) - d.outer_product(d))
-        # The rows' right-hand sides have what contacts that open, and actuators that give way, do to the velocities.
+        # The right-hand sides include the changes of velocity by contacts that open and actuators that give way.
         change = ti.Vector([step[b], step[b + 1]])
         for i in ti.static(range(2)):
-            change[i] += pulled_velocity(n + i, point, pull)
+            change[i] += pulled_velocity(n + i, point, proximal)
         for k in range(count):
             first, second = matrix[b * length + k], matrix[(b + 1) * length + k]
             matrix[b * length + k] = scale * (turn[0, 0] * first + turn[0, 1] * second)
@@ -243,19 +246,19 @@ def let_slip(
 
 
 @func
-def let_turn(count: ti.i32, problem: Problem, point: Iterate, pull: Pull, newton: LinearSystem):
-    """Where bodies spin on each other or roll, the rows of moments say l_n = -+ b_s p and l_t = b_r p z / |z|."""
+def let_turn(count: ti.i32, problem: Problem, point: Iterate, proximal: ProximalTerm, newton: LinearSystem):
+    """Set the equations of moments of bodies that spin or roll: l_n = -+ b_s p and l_t = b_r p z / |z|."""
     row_of = ti.static(newton.row_of)
     rows, length, normal = row_count(problem), row_length(count), 0
     for k in range(count):
         m = row_of[k] - first_moment(problem)
         if m >= 0 and m % 3 == 0:
             c = problem.moment_contact[m // 3]
-            while row_of[normal] != 3 * c:  # contacts stand in the same order
+            while row_of[normal] != 3 * c:  # contacts are in the same order
                 normal += 3
             n, share = row_of[k], problem.moment_length[m // 3, SPINNING]
-            z = point.impulse[n] - pulled_velocity(n, point, pull) / problem.compliance[n * (rows + 1)]
-            if ti.abs(z) > share * pressing(c, problem, point, pull):
+            z = point.impulse[n] - pulled_velocity(n, point, proximal) / problem.compliance[n * (rows + 1)]
+            if ti.abs(z) > share * pressing(c, problem, point, proximal):
                 if z < 0.0:
                     share = -share
                 for b in range(count):
@@ -264,4 +267,4 @@ def let_turn(count: ti.i32, problem: Problem, point: Iterate, pull: Pull, newton
                 newton.matrix[k * length + normal] = -share
                 newton.step[k] = share * point.impulse[3 * c] - point.impulse[n]
             rolling = problem.moment_length[m // 3, ROLLING]
-            let_slip(k + 1, normal, count, c, rolling, problem, point, pull, newton)
+            let_slip(k + 1, normal, count, c, rolling, problem, point, proximal, newton)

@@ -1,10 +1,10 @@
-"""Constraint rows and the compliance W = J A^-1 J^T by the forward half of the triangular solve.
+"""The compliance W = J A^-1 J^T of constraint rows by the forward half of the triangular solve.
 
-Rows come in groups of eight, the columns of a panel: Y = L^-1 J^T, W = Y^T Y. Only supernodes that the elimination
-tree leads to from a group's nodes are visited, and have room in Y.
+Rows are in groups of eight, the columns of a panel: Y = L^-1 J^T, W = Y^T Y. Only supernodes reached in the elimination
+tree from a group's nodes are visited and stored in Y.
 """
 
-from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.cholesky.kernels.front_layout import FIRST_COLUMN, PANEL, WIDTH, Factor, Fronts
 from taichisoft.cholesky.kernels.sparse_columns import (
     GROUP,
@@ -23,7 +23,7 @@ from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENT
 
 @func
 def give_places(rows: Rows, coordinates: Coordinates, tree: EliminationTree, fronts: Fronts, columns: SparseColumns):
-    """Fill `columns.place` and `columns.size`: what each group reaches; moments reach no soft body."""
+    """Fill in `columns.place` and `columns.size` of each group; moments do not act on soft bodies."""
     contact_rows, row_count = 3 * rows.size[CONTACTS], 3 * (rows.size[CONTACTS] + rows.size[MOMENTS])
     columns.size[0] = 0
     for g in range((row_count + rows.size[ACTUATORS] + GROUP - 1) // GROUP):
@@ -44,15 +44,15 @@ def give_places(rows: Rows, coordinates: Coordinates, tree: EliminationTree, fro
 def lay_out_columns(
     rows: Rows, coordinates: Coordinates, tree: EliminationTree, fronts: Fronts, columns: SparseColumns
 ):
-    """Find out how much room the columns need, before `soft_compliance`."""
+    """Find the places and sizes of the columns, before `soft_compliance`."""
     ti.loop_config(serialize=True)
-    for _ in range(1):  # without a loop around them Taichi would share out the groups
+    for _ in range(1):  # without this loop Taichi would distribute the groups over threads
         give_places(rows, coordinates, tree, fronts, columns)
 
 
 @func
 def first_entry(g: ti.i32, node: ti.i32, tree: EliminationTree, columns: SparseColumns) -> ti.i32:
-    """Where the first of a node's three entries stands in `columns.y`."""
+    """Index of the first of a node's three entries in `columns.y`."""
     position = tree.position_of_node[node]
     return columns.place[g, tree.supernode_of_position[position]] + 3 * position
 
@@ -67,7 +67,7 @@ def fill_group(
     fronts: Fronts,
     columns: SparseColumns,
 ):
-    """A group's columns of J^T, on the supernodes that it leads to; those of moments have nothing there."""
+    """Fill in a group's columns of J^T on the supernodes that it reaches; the columns of moments are 0."""
     place, y = ti.static(columns.place, columns.y)
     contact_rows = 3 * rows.size[CONTACTS]
     for s in range(tree.parent.shape[0]):
@@ -97,7 +97,7 @@ def fill_group(
 def multiply_groups(
     g: ti.i32, h: ti.i32, row_count: ti.i32, fronts: Fronts, columns: SparseColumns, w: Scalars, one: ti.i32
 ):
-    """The block of W = Y^T Y of two groups, and its mirror image; W is stored by rows."""
+    """Compute the block of W = Y^T Y of two groups and its transpose; W is stored by rows."""
     front, place, y = ti.static(fronts.table, columns.place, columns.y)
     total = [Column(0.0) for _ in range(GROUP)]
     for s in range(place.shape[1]):
@@ -122,7 +122,7 @@ def multiply_groups(
 
 @func
 def add_begun(g: ti.i32, row_count: ti.i32, begun: Scalars, fronts: Fronts, columns: SparseColumns, velocity: Scalars):
-    """Add Y^T L^-1 b, what the right-hand side b does to a group's rows, to their velocities."""
+    """Add Y^T L^-1 b, the effect of the right-hand side b, to the velocities of a group's rows."""
     front, y = ti.static(fronts.table, columns.y)
     total = Column(0.0)
     for s in range(columns.place.shape[1]):
@@ -136,13 +136,13 @@ def add_begun(g: ti.i32, row_count: ti.i32, begun: Scalars, fronts: Fronts, colu
 
 @func
 def patience(group_count: ti.i32, fronts: Fronts) -> ti.i32:
-    """How often a thread looks for the others' groups: each needs nanoseconds for a column of tiles of the factor."""
+    """Number of polls for the groups of other threads: a column of tiles of the factor takes nanoseconds."""
     columns_of_tiles = fronts.table[fronts.table.shape[0] - 1, PANEL]
     return PATIENCE + ti.cast(ti.min(0.25 * group_count * columns_of_tiles, 1e8), ti.i32)
 
 
 def make_soft_compliance(workers: int) -> Kernel:
-    """The kernel on a number of threads; one does not wake any other."""
+    """Make the kernel for `workers` threads; with one, no other thread is woken."""
 
     @kernel
     def soft_compliance(
@@ -157,10 +157,10 @@ def make_soft_compliance(workers: int) -> Kernel:
         w: Scalars,
         one: ti.i32,
     ):
-        """Y = L^-1 J^T and W = Y^T Y, with the places of `lay_out_columns`, or on one thread its own.
+        """Compute Y = L^-1 J^T and W = Y^T Y, with the places of `lay_out_columns`, or on one thread its own.
 
-        To the rows' velocities, `rows.free`, is added what the right-hand side does to them of which L^-1 b is begun.
-        Neighbouring groups, which act on the same body, go to the same thread: they share what is in its cache.
+        The effect of the right-hand side b, given as L^-1 b in `begun`, is added to the rows' velocities, `rows.free`.
+        Neighbouring groups, which act on the same body, go to the same thread and share its cache.
         """
         ti.loop_config(serialize=workers == 1)
         for worker_ in range(workers * CHUNK):

@@ -1,8 +1,8 @@
-"""Rows of the constraint problem: what they act on, the velocities along them, and impulses through them."""
+"""Rows of the constraint problem: the bodies on which they act, their velocities, and their impulses."""
 
 from typing import NamedTuple
 
-from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.contact.kernels.contact_reduction import BEFORE, Choice
 from taichisoft.contact.kernels.contacts import Contacts
@@ -30,7 +30,7 @@ SPINNING, ROLLING = range(2)
 
 
 class PairLaws(NamedTuple):
-    """What two bodies resist with, by their numbers; each of shape (body_count, body_count).
+    """Friction between two bodies, by body number; each of shape (body_count, body_count).
 
     Attributes:
         friction: Coulomb's coefficient [-].
@@ -43,27 +43,27 @@ class PairLaws(NamedTuple):
 
 
 class Rows(NamedTuple):
-    """Three rows for each contact, one for each coordinate of an actuator, three for each contact that resists turning.
+    """Three rows per contact, one per actuator coordinate, three per contact with rolling or spinning friction.
 
-    All are in arrays with room for more.
+    All arrays have spare capacity.
 
     Attributes:
         size: number of contacts, of actuator rows, and of contacts with moments, shape (3,).
         contact: index of each row's contact in `Contacts`, shape (contact_capacity,).
-        on_rigid: contacts, by their rows, that act on no soft body, shape (contact_capacity,).
-        on_rigid_count: how many they are, shape (1,).
+        on_rigid: contacts, by their rows, between rigid bodies only, shape (contact_capacity,).
+        on_rigid_count: number of these contacts, shape (1,).
         basis: normal and two tangents of each contact, as rows, shape (contact_capacity, 3, 3).
-        node, weight: soft nodes that a contact acts on and their weights, -1 and 0 in empty slots, shape
-            (contact_capacity, slots); the weights are those of the second point's velocity less the first's.
+        node, weight: soft nodes on which a contact acts, and their weights in the second point's velocity less the
+            first's, -1 and 0 in empty slots, shape (contact_capacity, slots).
         rigid: rigid body on each side of a contact, or -1, shape (contact_capacity, 2).
-        rigid_jacobian: derivative of the rows by these bodies' velocities, shape (3 contact_capacity, 2, 6).
+        rigid_jacobian: derivative of the rows by the velocities of `rigid`, shape (3 contact_capacity, 2, 6).
         friction: coefficient of each contact, shape (contact_capacity,).
         gap_rate: normal velocity at which each contact closes in the step [mm/s], shape (contact_capacity,).
         coordinate: the coordinate of each actuator row, shape (coordinate_count,).
-        target_rate: rate of each that reaches its lower end in this step [mm/s or mm^3/s], shape (coordinate_count,).
+        target_rate: rate at which it reaches its lower end in this step [mm/s or mm^3/s], shape (coordinate_count,).
         moment_contact: the contact of each moment, by its rows, shape (moment_capacity,).
-        moment_length: what a moment is at most, about the normal and about the tangents, over the normal impulse [mm],
-            shape (moment_capacity, 2).
+        moment_length: largest moment about the normal and about the tangents over the normal impulse [mm], shape
+            (moment_capacity, 2).
         free: velocities without impulses, of actuators less the target rate [mm/s or mm^3/s], of moments [rad/s], shape
             (row_capacity,).
     """
@@ -88,7 +88,7 @@ class Rows(NamedTuple):
 
 @ti.func
 def contact_basis(normal: vec3) -> mat3:
-    """Normal and two tangents as rows; the first tangent is normal to the axis that is least along the normal."""
+    """Normal and two tangents as rows; the first tangent is across the axis least aligned with the normal."""
     axis = vec3(1.0, 0.0, 0.0)
     if ti.abs(normal[1]) < ti.abs(normal[0]) and ti.abs(normal[1]) <= ti.abs(normal[2]):
         axis = vec3(0.0, 1.0, 0.0)
@@ -111,9 +111,9 @@ def build_rows(
     rows: Rows,
     impulse: Scalars,
 ):
-    """Bases of the contacts that take part, and the soft nodes and rigid bodies that they act on.
+    """Fill in bases, soft nodes and rigid bodies of the contacts that take part.
 
-    `impulse` gets where the solver starts: the impulses that these contacts have by now, without what would pull.
+    `impulse` gets the initial guess of the solver: the present impulses of these contacts, without pulling ones.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):
@@ -152,7 +152,7 @@ def fill_contact(
     rigid: RigidState,
     rows: Rows,
 ):
-    """What the rows of contact c act on, as number r."""
+    """Fill in the soft nodes and rigid bodies of contact c as number r of the rows."""
     frame = contact_basis(contacts.normal[c])
     rows.basis[r] = frame
     rows.gap_rate[r] = separation.gap_rate[c]
@@ -188,8 +188,7 @@ def fill_contact(
 
 @kernel
 def free_contact_velocity(rows: Rows, node_velocity: Vectors, rigid: RigidState):
-    """Fill `rows.free` of the contacts: relative velocity of the second point in the basis, the normal one plus the
-    gap rate."""
+    """Fill in `rows.free` of the contacts: relative velocity of the second point in the basis, plus the gap rate."""
     ti.loop_config(serialize=True)
     for c in range(rows.size[CONTACTS]):
         soft = vec3(0.0)
@@ -234,7 +233,7 @@ def add_rigid_compliance(row_count: ti.i32, rows: Rows, rigid: RigidState, compl
 def free_actuator_velocity(
     rows: Rows, coordinates: Coordinates, gradient: Gradient, node_velocity: Vectors, rigid: RigidState
 ):
-    """Fill `rows.free` of the actuators: the rates of the coordinates less the target rates."""
+    """Fill in `rows.free` of the actuators: rates of the coordinates less the target rates."""
     ti.loop_config(serialize=True)
     for row in range(rows.size[ACTUATORS]):
         coordinate = rows.coordinate[row]
@@ -288,16 +287,18 @@ def apply_impulses(
     gradient: Gradient,
     impulse: Scalars,
     contact_impulse: Vectors,
+    contact_node_impulse: Vectors,
     node_impulse: Vectors,
     rigid: RigidState,
 ):
-    """J^T impulse on the soft nodes and the rigid bodies, and each contact's impulse on its second body in world axes.
+    """Fill in J^T impulse on soft nodes and rigid bodies, and each contact's impulse on its second body, world axes.
 
-    `contact_impulse` is that of all contacts, of which only those with rows are filled in.
+    `contact_impulse` has an entry for every contact; only contacts with rows are filled in. `contact_node_impulse` is
+    the part of `node_impulse` due to contacts.
     """
     ti.loop_config(serialize=True)
     for i in range(node_impulse.shape[0]):
-        node_impulse[i] = vec3(0.0)
+        contact_node_impulse[i] = vec3(0.0)
     ti.loop_config(serialize=True)
     for b in range(rigid.impulse.shape[0]):
         for d in range(6):
@@ -308,13 +309,16 @@ def apply_impulses(
         contact_impulse[rows.contact[c]] = world
         for slot in range(rows.node.shape[1]):
             if rows.node[c, slot] >= 0:
-                node_impulse[rows.node[c, slot]] += rows.weight[c, slot] * world
+                contact_node_impulse[rows.node[c, slot]] += rows.weight[c, slot] * world
         for side in range(2):
             if rows.rigid[c, side] >= 0:
                 for i in range(3):
                     for d in range(6):
                         gain = rows.rigid_jacobian[3 * c + i, side, d] * impulse[3 * c + i]
                         rigid.impulse[rows.rigid[c, side], d] += gain
+    ti.loop_config(serialize=True)
+    for i in range(node_impulse.shape[0]):
+        node_impulse[i] = contact_node_impulse[i]
     ti.loop_config(serialize=True)
     for row in range(rows.size[ACTUATORS]):
         coordinate, own = rows.coordinate[row], impulse[3 * rows.size[CONTACTS] + row]

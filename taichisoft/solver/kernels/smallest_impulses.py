@@ -1,13 +1,13 @@
-"""Of all impulses that move everything alike, the smallest.
+"""The smallest of all impulses with the same velocities.
 
-Where rigid bodies touch each other in many points, W is singular and the impulses of these contacts are not determined:
-a cube on a floor could carry itself on two corners as well as on four, and press them against each other. The sweeps
-end anywhere among these answers. Those with the same velocities are a convex set: W l is given, l_n >= 0 and
-|l_t| <= mu l_n, and what slides has l_t = mu l_n d. Its element of least length is unique, so that mirrored scenes get
-mirrored impulses, and a body at rest shows no friction.
+If rigid bodies touch each other in many points, W is singular and the impulses of these contacts are not unique: a cube
+on a floor could rest on two corners as well as on four, and press them against each other. The sweeps end at any of
+these solutions. The solutions with the same velocities form a convex set: W l is given, l_n >= 0 and |l_t| <= mu l_n,
+and sliding contacts have l_t = mu l_n d. The element of least norm is unique, so that mirrored scenes get mirrored
+impulses, and a body at rest shows no friction.
 
-It is the limit of Tikhonov's iteration from 0 (Engl, Hanke and Neubauer 1996, Regularization of inverse problems,
-section 6.1). Where that leaves the set, the impulses go as far as the boundary, and on from there along it.
+The element is the limit of Tikhonov's iteration from 0 (Engl, Hanke and Neubauer 1996, Regularization of inverse
+problems, section 6.1). If the iteration leaves the set, the impulses go to the boundary and continue along it.
 """
 
 from typing import NamedTuple
@@ -19,15 +19,16 @@ from taichisoft.solver.kernels.elimination import LinearSystem, factorise, row_l
 from taichisoft.solver.kernels.friction_cone import way_to_boundary
 from taichisoft.solver.kernels.sweep import sweep
 
-# Tikhonov's parameter beside the largest entry on the diagonal, and iterations: what is determined has then converged,
-# since its part of W is far above the share, and round-off in what is not stays below 1e-16 over the share.
+# Tikhonov's parameter over the largest diagonal entry, and number of iterations: the determined part has then
+# converged, since its part of W is far above the parameter, and round-off in the undetermined part stays below 1e-16
+# over the parameter.
 SHARE = 1e-8
 ITERATIONS = 4
-# How often the impulses may reach the boundary.
+# Largest number of times that the impulses reach the boundary.
 PASSES = 8
-# A contact may rub, or open, at this many times the tolerance of the velocities and yet count as one that sticks.
+# A contact that slides or opens at up to this multiple of the tolerance of velocities counts as sticking.
 MARGIN = 10.0
-# What a contact may do: nothing, any impulse, or one along its present direction.
+# States of a contact: without impulse, with any impulse, or with an impulse along its present direction.
 LEFT_OUT, STICKS, SLIDES = range(3)
 
 
@@ -35,11 +36,11 @@ class Shares(NamedTuple):
     """The contacts whose impulses may be undetermined, and their unknowns.
 
     Attributes:
-        contact: the contacts, shape (capacity,).
-        state: what each may do, shape (capacity,).
+        contact: indices of the contacts, shape (capacity,).
+        state: LEFT_OUT, STICKS or SLIDES, shape (capacity,).
         unknown: the contact of each unknown, shape (3 capacity,).
-        direction: the impulse that a unit of it stands for, in the contact's basis, shape (3 capacity, 3).
-        aim: the impulse of least length, shape (3 capacity,).
+        direction: impulse per unit of each unknown, in the contact's basis, shape (3 capacity, 3).
+        aim: unknowns of the impulses of least norm, shape (3 capacity,).
     """
 
     contact: Integers
@@ -51,13 +52,13 @@ class Shares(NamedTuple):
 
 @ti.func
 def entries(values: Scalars, c: ti.i32) -> vec3:
-    """Those of one contact."""
+    """Entries of contact c."""
     return vec3(values[3 * c], values[3 * c + 1], values[3 * c + 2])
 
 
 @func
 def choose_states(problem: Problem, current: Iterate, shares: Shares, tolerance: ti.f64):
-    """Open contacts are left out; those that move along slide."""
+    """Set the states: open contacts are left out, contacts with tangential velocity slide, others stick."""
     for i in range(shares.contact.shape[0]):
         c = shares.contact[i]
         v = entries(current.velocity, c)
@@ -92,7 +93,7 @@ def list_unknowns(current: Iterate, shares: Shares) -> ti.i32:
 
 @func
 def find_smallest(count: ti.i32, problem: Problem, current: Iterate, system: LinearSystem, shares: Shares, one: ti.i32):
-    """Fill in the unknowns of least length with the velocities of the present ones; returns 0 if that fails."""
+    """Fill in the unknowns of least norm with the present velocities; returns 0 if that fails."""
     w, matrix, x = ti.static(problem.compliance, system.matrix, system.step)
     rows, length = row_count(problem), row_length(count)
     largest = 0.0
@@ -105,7 +106,7 @@ def find_smallest(count: ti.i32, problem: Problem, current: Iterate, system: Lin
                     entry += shares.direction[a][i] * w[place] * shares.direction[b][j]
             matrix[a * length + b] = entry
         largest = ti.max(largest, matrix[a * length + a])
-    # The matrix times the present unknowns, whose right-hand side it is; `aim` holds it until the answer is there.
+    # Right-hand side: the matrix times the present unknowns, stored in `aim` until the solution overwrites it.
     for a in range(count):
         total = 0.0
         for b in range(count):
@@ -129,7 +130,7 @@ def find_smallest(count: ti.i32, problem: Problem, current: Iterate, system: Lin
 
 @func
 def approach(count: ti.i32, problem: Problem, current: Iterate, trial: Iterate, shares: Shares) -> ti.f64:
-    """Go towards the aim as far as the cones allow; who stops it slides or is left out. Returns how far."""
+    """Move towards the aim as far as the cones allow; returns the fraction. The limiting contact changes its state."""
     for k in range(row_count(problem)):
         trial.impulse[k] = 0.0
     for a in range(count):
@@ -180,9 +181,9 @@ def choose_smallest(
     tolerance: ti.f64,
     one: ti.i32,
 ):
-    """Change the impulses of these contacts to the smallest that move everything alike, if a sweep confirms them.
+    """Replace the impulses of these contacts by the smallest with the same velocities, if a sweep confirms them.
 
-    `figure` begins with the residual of `current`, and ends with that of what `current` has become.
+    `figure` holds the residual of `current`, before and after the call.
     """
     ti.loop_config(serialize=True)
     for _ in range(1):

@@ -1,7 +1,7 @@
 """A sweep of the projected Gauss-Seidel over the blocks of the constraint problem.
 
 The blocks: a contact has three rows, one normal with lambda_n >= 0 and two tangential with |lambda_t| <= mu lambda_n
-(Coulomb's cone, exactly); an actuator's coordinate has one row (actuator_rows.py); a moment has three, whose bounds
+(Coulomb's cone, exactly); an actuator's coordinate has one row (actuator_bounds.py); a moment has three, whose bounds
 come from its contact's normal impulse (moment_rows.py).
 """
 
@@ -31,11 +31,11 @@ def largest_of_two(first_row: ti.i32, problem: Problem) -> ti.f64:
 
 @ti.func
 def solve_contact(block: mat3, velocity: vec3, old: vec3, friction: ti.f64) -> vec3:
-    """Better impulse of one contact with all others fixed: `velocity` belongs to the impulse `old`.
+    """Improved impulse of one contact with all others fixed; `velocity` belongs to the impulse `old`.
 
-    The normal part, then the tangential one with the larger eigenvalue of its block as scale: the mean of the two
-    (as in SOFA) may overshoot for ever in a direction of little mobility. More turns per visit do not pay: in a
-    grasp the sweeps hardly became fewer.
+    First the normal part, then the tangential part, scaled by the larger eigenvalue of its block: with the mean of both
+    eigenvalues (as in SOFA) the iteration may overshoot for ever in a direction of little mobility. More iterations per
+    visit do not pay: in a grasp the number of sweeps hardly fell.
     """
     mean = 0.5 * (block[1, 1] + block[2, 2])
     largest = mean + ti.sqrt((0.5 * (block[1, 1] - block[2, 2])) ** 2 + block[1, 2] ** 2)
@@ -64,7 +64,7 @@ def sweep(problem: Problem, iterate: Iterate) -> ti.f64:
     rows = row_count(problem)
     for c in range(problem.size[CONTACTS]):
         n = 3 * c
-        # A Newton step may have moved the impulse of an open contact to anywhere.
+        # A Newton step may have left any impulse on an open contact.
         acts = impulse[n] != 0.0 or impulse[n + 1] != 0.0 or impulse[n + 2] != 0.0
         if acts or velocity[n] < 0.0:
             old, speed = vec3(0.0), vec3(0.0)
@@ -96,7 +96,7 @@ def sweep(problem: Problem, iterate: Iterate) -> ti.f64:
 
 @func
 def best_moment(m: ti.i32, problem: Problem, iterate: Iterate, normal: ti.f64) -> vec3:
-    """Better impulse of moment m with all others fixed, where its contact's normal impulse is `normal`."""
+    """Improved impulse of moment m with all others fixed; `normal` is the normal impulse of its contact."""
     w, impulse, velocity = ti.static(problem.compliance, iterate.impulse, iterate.velocity)
     rows, n = row_count(problem), first_moment(problem) + 3 * m
     new = vec3(impulse[n], impulse[n + 1], impulse[n + 2])
@@ -116,7 +116,7 @@ def best_moment(m: ti.i32, problem: Problem, iterate: Iterate, normal: ti.f64) -
 def sweep_moment(m: ti.i32, problem: Problem, iterate: Iterate) -> ti.f64:
     """Visit a moment; returns the largest change of the velocity of a point 1 mm from the axis [mm/s].
 
-    It is always changed as a whole: how large it may be was found a moment before.
+    The moment is always changed as a whole, because its bound has just changed.
     """
     w, impulse, velocity = ti.static(problem.compliance, iterate.impulse, iterate.velocity)
     rows, n = row_count(problem), first_moment(problem) + 3 * m
@@ -140,7 +140,7 @@ RESIDUAL, SWEEPS = range(2)
 
 @kernel
 def sweep_repeatedly(problem: Problem, current: Iterate, outcome: Scalars, tolerance: ti.f64, most_sweeps: ti.i32):
-    """Sweep until the residual is below the tolerance, or so many times; the velocities of `current` follow."""
+    """Sweep until the residual is below `tolerance`, at most `most_sweeps` times; velocities follow the impulses."""
     ti.loop_config(serialize=True)
     for _ in range(1):
         measure_velocity(problem, current)

@@ -1,4 +1,4 @@
-"""What tells that a step went wrong: nodes that leap, elements that are turned inside out."""
+"""Signs of a diverged step: leaps of nodes, and inverted elements."""
 
 from typing import NamedTuple
 
@@ -14,11 +14,11 @@ class Points(NamedTuple):
     """Points of all bodies of a kind, before and after a step.
 
     Attributes:
-        before: [mm], shape (point_count, 3).
-        velocity: before the step [mm/s], shape (point_count, 3).
-        after: [mm], shape (point_count, 3).
-        body_start: where each body's points begin, shape (body_count + 1,).
-        largest: how far a point of each body got [mm], shape (body_count,).
+        before: positions before the step [mm], shape (point_count, 3).
+        velocity: velocities before the step [mm/s], shape (point_count, 3).
+        after: positions after the step [mm], shape (point_count, 3).
+        body_start: first point of each body, then the number of points, shape (body_count + 1,).
+        largest: largest leap of a point of each body [mm], shape (body_count,).
     """
 
     before: Vectors
@@ -29,14 +29,14 @@ class Points(NamedTuple):
 
 
 class InvertedElements(NamedTuple):
-    """Elements of all soft bodies.
+    """Elements of all soft bodies, and the number of inverted ones.
 
     Attributes:
         elements: corners, shape (element_count, 4).
-        first_point: of a quadratic element, the first of its POINTS integration domains; -1 for others, whose
-            corners tell, shape (element_count,).
-        body_start: where each body's elements begin, shape (body_count + 1,).
-        count: how many of each body's are turned inside out, shape (body_count,).
+        first_point: first of the POINTS integration domains of a quadratic element; -1 for others, which are checked by
+            their corners, shape (element_count,).
+        body_start: first element of each body, then the number of elements, shape (body_count + 1,).
+        count: number of inverted elements of each body, shape (body_count,).
     """
 
     elements: IntegerTable
@@ -47,7 +47,7 @@ class InvertedElements(NamedTuple):
 
 @kernel
 def largest_leaps(time_step: ti.f64, points: Points):
-    """How far a point of each body got in a step, or got away from where its velocity led, whichever is less."""
+    """Fill in `largest`: move of a point, or its distance from the position by its velocity, whichever is less."""
     ti.loop_config(serialize=True)
     for body in range(points.largest.shape[0]):
         most = 0.0
@@ -61,7 +61,7 @@ def largest_leaps(time_step: ti.f64, points: Points):
 
 @kernel
 def count_inverted(inverted: InvertedElements, domains: Domains, position: Vectors):
-    """Elements of each body whose corners span no positive volume, or where an integration point has none."""
+    """Count the elements of each body without positive volume, at their corners or at an integration point."""
     ti.loop_config(serialize=True)
     for body in range(inverted.count.shape[0]):
         count = 0

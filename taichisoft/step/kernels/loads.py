@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-from taichisoft.bodies.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, Vectors, ti
 
@@ -12,10 +12,10 @@ class Anchors(NamedTuple):
 
     Attributes:
         node: the anchored nodes, shape (anchor_count,).
-        stiffness: along x, y and z [mN/mm], shape (node_count, 3).
-        lag: how far ahead along the velocities the springs are taken [s]: h from the start of a step, 0 from its end,
-            with b more where they are damped; 0 in first order dynamics; shape (node_count,).
-        position: where they are held before the base moves them [mm], shape (anchor_count, 3).
+        stiffness: stiffness along x, y and z [mN/mm], shape (node_count, 3).
+        lag: time by which positions are extrapolated along the velocities [s]: h from the start of a step, 0 from its
+            end, plus b with damping; 0 in first order dynamics; shape (node_count,).
+        position: rest positions of the springs, before the base moves them [mm], shape (anchor_count, 3).
     """
 
     node: Integers
@@ -25,11 +25,11 @@ class Anchors(NamedTuple):
 
 
 class Base(NamedTuple):
-    """Where the base is.
+    """Pose of the base.
 
     Attributes:
         place: pivot and translation [mm], shape (2, 3).
-        turn: rotation about the pivot, shape (1, 3, 3).
+        turn: rotation matrix about the pivot, shape (1, 3, 3).
     """
 
     place: Vectors
@@ -37,16 +37,16 @@ class Base(NamedTuple):
 
 
 class Nodes(NamedTuple):
-    """What acts on all nodes, and how they move.
+    """Loads, positions and velocities of all nodes.
 
     Attributes:
-        mass: [kg], shape (node_count,).
-        drag: of Rayleigh's damping by mass [kg/s], shape (node_count,).
-        gravity: [mm/s^2], shape (1, 3).
-        position: [mm], shape (node_count, 3).
-        velocity: [mm/s], shape (node_count, 3).
+        mass: masses [kg], shape (node_count,).
+        drag: coefficients of Rayleigh damping by mass [kg/s], shape (node_count,).
+        gravity: acceleration of gravity [mm/s^2], shape (1, 3).
+        position: positions [mm], shape (node_count, 3).
+        velocity: velocities [mm/s], shape (node_count, 3).
         elastic: forces of the elements [mN], shape (node_count, 3).
-        impulse: of all forces in a step [mN s], shape (node_count, 3).
+        impulse: impulses of all forces in a step [mN s], shape (node_count, 3).
     """
 
     mass: Scalars
@@ -68,10 +68,10 @@ def sum_impulses(
     gradient: Gradient,
     effort: Scalars,
 ):
-    """Impulses on the nodes in a step: of weight, drag and the elements' forces, of anchors and of actuators.
+    """Sum the impulses on the nodes in a step: weight, drag, elements, anchors and actuators.
 
-    Anchored nodes have -k (x + lag v - target), where the targets are the anchors' positions turned and moved with the
-    base. An effort, which is a pressure [kPa] or a tension [mN], acts along its coordinate's gradient.
+    The force of an anchor is -k (x + lag v - target), with the anchor's position rotated and moved with the base as the
+    target. An effort, a pressure [kPa] or a tension [mN], acts along the gradient of its coordinate.
     """
     force = ti.static(nodes.impulse)
     ti.loop_config(serialize=True)

@@ -1,0 +1,144 @@
+"""The results of a benchmark, as JSON: read back for comparisons, plots and the page of results."""
+
+import json
+import statistics
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, ValidationError
+
+from taichisoft.scenes import Number, Table, first_problem
+from taichisoft_benchmarks.errors import BenchmarkError
+
+FILE = "results.json"
+
+
+class Figure(Table):
+    """One metric of a case: a value per repetition, and their minimum, median and spread."""
+
+    values: Annotated[list[Number], Field(min_length=1)]
+    minimum: Number
+    median: Number
+    spread: Number
+    """Difference of the largest and the smallest value."""
+
+    @classmethod
+    def of(cls, values: Sequence[float]) -> "Figure":
+        """The figure of these repetitions."""
+        rounded = [float(f"{value:.6g}") for value in values]
+        return cls(
+            values=rounded,
+            minimum=min(rounded),
+            median=statistics.median(rounded),
+            spread=float(f"{max(rounded) - min(rounded):.6g}"),
+        )
+
+
+class CaseResult(Table):
+    """The result of one case."""
+
+    group: str
+    parameter: dict[str, Any] = Field(default_factory=dict)
+    """Keys and values that distinguish the case in its group."""
+    title: str
+    kind: str
+    threads: int
+    """Number of threads; 0 is all cores."""
+    figures: dict[str, Figure] = Field(default_factory=dict)
+    """Figures by metric; the end of a metric's name is its unit (_ms, _s, _mb), ratios have none."""
+    facts: dict[str, Any] = Field(default_factory=dict)
+    """Properties of the case that was measured: nodes, contacts, sweeps."""
+    phases: dict[str, Number] = Field(default_factory=dict)
+    """Time of each phase of the step at the end of the case [ms]."""
+    calibration_ms: list[Number] = Field(default_factory=list)
+    """Calibration beside each repetition [ms]."""
+    does_not: str = ""
+    """Parts of the job that another program leaves out."""
+    skipped: str = ""
+    """Why nothing was measured."""
+    problem: str = ""
+    """How the case failed."""
+
+
+class Results(Table):
+    """One run of the suite."""
+
+    format: Literal[1] = 1
+    started: str
+    meshes: Literal["shipped", "tutorial"]
+    quick: bool = False
+    interrupted: bool = False
+    """Whether cases are missing because the run was stopped."""
+    machine: dict[str, str]
+    versions: dict[str, str]
+    load: dict[str, Number]
+    """Load at the start and at the end."""
+    cases: dict[str, CaseResult] = Field(default_factory=dict)
+    derived: dict[str, Number] = Field(default_factory=dict)
+    """Figures of a whole group: gains by threads, memory per finger."""
+
+
+def derive(cases: Mapping[str, CaseResult]) -> dict[str, float]:
+    """Gains by threads and memory per finger, where their cases were measured."""
+    found = {}
+    groups: dict[str, list[CaseResult]] = {}
+    for case in cases.values():
+        if case.figures:
+            groups.setdefault(case.group, []).append(case)
+    for name, members in groups.items():
+        if len(members) < 2:
+            continue
+        first, last = members[0], members[-1]
+        if "threads" in first.parameter:
+            for metric in first.figures.keys() & last.figures.keys():
+                if metric.endswith("_ms") and not metric.startswith(("cholmod", "superlu", "python")):
+                    gain = first.figures[metric].median / last.figures[metric].median
+                    found[f"{name}.{metric.removesuffix('_ms')}_gain"] = float(f"{gain:.4g}")
+        if "count" in first.parameter and "peak_mb" in first.figures:
+            more = last.parameter["count"] - first.parameter["count"]
+            grown = last.figures["peak_mb"].minimum - first.figures["peak_mb"].minimum
+            found[f"{name}.mb_per_finger"] = float(f"{grown / more:.4g}")
+    return found
+
+
+def read_results(path: Path) -> Results:
+    """Read the results in `--output`: a file, or the folder that it is in.
+
+    Raises:
+        BenchmarkError: the file cannot be read, or does not hold results.
+    """
+    path = path / FILE if path.is_dir() else path
+    try:
+        document = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
+        raise BenchmarkError(f"{path}: not readable as JSON: {error}") from error
+    try:
+        return Results.model_validate(document)
+    except ValidationError as error:
+        raise BenchmarkError(f"{path}: not results of the benchmarks: {first_problem(error, Results)}") from error
+
+
+def require_writable(folder: Path) -> None:
+    """Make the folder of results, before the work.
+
+    Raises:
+        BenchmarkError: results cannot be written there.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        (folder / FILE).open("a").close()
+    except OSError as error:
+        raise BenchmarkError(f"--output {folder}: cannot be written: {error.strerror or error}") from error
+
+
+def write_results(results: Results, folder: Path) -> Path:
+    """Write `results.json`, which `read_results` reads.
+
+    Raises:
+        BenchmarkError: the file cannot be written.
+    """
+    require_writable(folder)
+    path = folder / FILE
+    path.write_text(json.dumps(results.model_dump(), indent=1) + "\n", encoding="utf-8")
+    return path

@@ -1,0 +1,200 @@
+"""Costs of outputs: the recording of a run, a video of it, a web page beside it."""
+
+import json
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichisoft.scenes import Scene
+from taichisoft_benchmarks.cases import RecordingCase, RenderingCase, WebCase
+from taichisoft_benchmarks.measures.measured import Measured, controlled_step, peak_memory
+
+if TYPE_CHECKING:
+    from taichisoft.building import Simulation
+    from taichisoft.state import State
+
+SIZE = (1280, 720)
+LONG_VIDEO = 20 * 30
+"""Number of frames of a run of 20 s at 30 frames per second."""
+PATIENCE = 60.0
+"""Longest time that the viewer of a page may take to answer [s]; usually it answers at once."""
+
+
+def measure_recording(case: RecordingCase, scene: Scene) -> Measured:
+    """Wall time of the same steps without and with the recording, alternating in one process.
+
+    The order within a pair changes, so that a machine that gets slower or faster favours neither; the median of the
+    pairs is taken. The time with the output includes the writing of its last frames. `output_ms` is the time within the
+    output: it leaves out the effect on the caches of the steps, and scatters far less on a busy machine.
+    """
+    from taichisoft.building import Simulation
+
+    simulation = Simulation(scene)
+    start = simulation.state
+    _recorded_run(simulation, scene, case.steps, None)  # compiles, and fills caches
+    plain: list[float] = []
+    recorded: list[float] = []
+    within: list[float] = []
+    with TemporaryDirectory(prefix="taichisoft-recording-") as name:
+        folder = Path(name)
+        for with_output in _turns(simulation, start, case.pairs):
+            seconds, in_output = _recorded_run(simulation, scene, case.steps, folder if with_output else None)
+            (recorded if with_output else plain).append(seconds)
+            if with_output:
+                within.append(in_output)
+        size = (folder / "recording.h5").stat().st_size
+    cost = np.median(np.array(recorded) - np.array(plain))
+    figures = {
+        "step_ms": 1e3 * float(np.median(plain)) / case.steps,
+        "cost_ms": 1e3 * float(cost) / case.steps,
+        "output_ms": 1e3 * float(np.median(within)) / case.steps,
+        "cost_percent": 100.0 * float(cost / np.median(plain)),
+        "kb_per_step": size / 1e3 / case.steps,
+        "peak_mb": peak_memory(),
+    }
+    return Measured(figures, {"nodes": simulation.model.node_count})
+
+
+def measure_rendering(case: RenderingCase, scene: Scene) -> Measured:
+    """Record a run and draw all its frames into an MP4, as `taichisoft render --video` does.
+
+    The start of the renderer, up to the first frame, is a figure of its own. The time of a frame includes its encoding,
+    which runs beside the drawing of the next one. The figure of the long video follows from the two.
+    """
+    from taichisoft.building import Simulation
+    from taichisoft_outputs.drawing.style import Style
+    from taichisoft_outputs.rendering.video import render_video
+
+    drawn: list[float] = []
+    with TemporaryDirectory(prefix="taichisoft-rendering-") as name:
+        folder = Path(name)
+        simulation = Simulation(scene)
+        _recorded_run(simulation, scene, case.steps, folder, case.every)
+        started = time.perf_counter()
+        render_video(
+            folder / "recording.h5",
+            folder / "video.mp4",
+            Style(size=SIZE),
+            1.0 / (case.every * scene.time.step),
+            on_frame=lambda *_: drawn.append(time.perf_counter()),
+        )
+        ended = time.perf_counter()
+    between = np.diff(drawn)
+    start, end = drawn[0] - started, ended - drawn[-1]
+    figures = {
+        "frame_ms": 1e3 * float(np.median(between)),
+        "start_s": start,
+        "video_20s_s": start + float(between.mean()) * (LONG_VIDEO - 1) + end,
+    }
+    return Measured(figures, {"nodes": simulation.model.node_count, "frames": len(drawn)})
+
+
+def measure_web(case: WebCase, scene: Scene) -> Measured:
+    """Run in real time, alternating without and with a page; a viewer in a process of its own counts updates.
+
+    The times of steps are compared in the second half of the run, when the viewer is connected.
+    """
+    from taichisoft.building import Simulation
+
+    simulation = Simulation(scene)
+    plain: list[float] = []
+    watched: list[float] = []
+    updates: list[float] = []
+    factors: list[float] = []
+    for with_page in _turns(simulation, simulation.state, case.pairs):
+        seen: dict[str, float] = {}
+        seconds, factor = _watched_run(simulation, scene, case.steps, seen if with_page else None)
+        (watched if with_page else plain).extend(seconds[case.steps // 2 :])
+        if with_page:
+            updates.append(seen[f"/{next(iter(scene.soft_bodies))}"])
+            factors.append(factor)
+    figures = {
+        "updates_per_s": float(np.median(updates)),
+        "real_time_factor": float(np.median(factors)),
+        "step_ms": 1e3 * float(np.median(plain)),
+        "watched_step_ms": 1e3 * float(np.median(watched)),
+        "step_cost_percent": 100.0 * float(np.median(watched) / np.median(plain) - 1.0),
+        "peak_mb": peak_memory(),
+    }
+    return Measured(figures, {"nodes": simulation.model.node_count})
+
+
+def _turns(simulation: "Simulation", start: "State", pairs: int) -> Iterator[bool]:
+    """Whether the next run is with the output, for pairs of runs in changing order; each begins at `start`."""
+    for pair in range(pairs):
+        for with_output in (False, True) if pair % 2 == 0 else (True, False):
+            simulation.restore(start)
+            yield with_output
+
+
+def _recorded_run(
+    simulation: "Simulation", scene: Scene, steps: int, folder: Path | None, every: int = 1
+) -> tuple[float, float]:
+    """Make steps and record them into the folder, if there is one.
+
+    Returns:
+        Wall time [s], and the part of it in the output [s].
+    """
+    from taichisoft_outputs.recording.output import RecordingOutput
+
+    step = controlled_step(simulation, scene)
+    output = None if folder is None else RecordingOutput(folder, every=every)
+    if output is not None:
+        output.begin(simulation.model, simulation.state)
+    in_output = 0.0
+    started = time.perf_counter()
+    for _ in range(steps):
+        report = step()
+        if output is not None:
+            stepped = time.perf_counter()
+            output.record(simulation.state, report)
+            in_output += time.perf_counter() - stepped
+    stepped = time.perf_counter()
+    if output is not None:
+        output.end("completed")
+        in_output += time.perf_counter() - stepped
+    return time.perf_counter() - started, in_output
+
+
+def _watched_run(
+    simulation: "Simulation", scene: Scene, steps: int, seen: dict[str, float] | None
+) -> tuple[list[float], float]:
+    """Make steps at the speed of real time, with a page and its viewer if `seen` is given.
+
+    Args:
+        simulation: simulation at its start.
+        scene: scene with the controller.
+        steps: number of steps.
+        seen: filled with the updates per second of each surface, by its name on the page.
+
+    Returns:
+        Wall time of every step [s], and simulated over wall-clock time [-].
+    """
+    from taichisoft.building import make_controller
+    from taichisoft.running import run_session
+    from taichisoft.session import Session
+    from taichisoft_outputs.web.web_output import WebOutput
+
+    outputs: Any = [] if seen is None else [WebOutput(Path(), "127.0.0.1:0")]
+    session = Session(simulation, make_controller(scene), outputs, steps * scene.time.step, speed=1.0)
+    seconds: list[float] = []
+    viewers: list[subprocess.Popen[str]] = []
+
+    def on_step(report: Any) -> None:
+        seconds.append(report.step_time)
+        if seen is not None and not viewers:
+            command = [sys.executable, "-m", "taichisoft_benchmarks.measures.web_viewer", outputs[0].url]
+            viewers.append(subprocess.Popen(command, stdout=subprocess.PIPE, text=True))
+
+    run_session(session, on_step)
+    for viewer in viewers:
+        answer, _ = viewer.communicate(timeout=PATIENCE)
+        assert seen is not None
+        seen.update(json.loads(answer))
+    return seconds, session.pace.mean_real_time_factor

@@ -1,0 +1,53 @@
+"""The controller "scripted": follows a file of keyframes, or of steps that may wait for conditions."""
+
+from pathlib import Path
+from typing import Any
+
+from taichisoft.actuators import ActuatorKind, Drive
+from taichisoft.control import Controller
+from taichisoft.errors import SceneError
+from taichisoft.scenes import Positive, find_file
+from taichisoft_controllers.drives import DRIVES, table_of_drives
+from taichisoft_controllers.scripted.keyframe_controller import KeyframeController
+from taichisoft_controllers.scripted.script_file import SUFFIXES, Interpolation, read_script
+from taichisoft_controllers.scripted.step_controller import StepController
+from taichisoft_controllers.settings import ControllerSettings
+
+
+def _largest(drive: Drive, kind: ActuatorKind) -> tuple[str, Any, str]:
+    words = drive.words
+    meaning = f"Largest {words} [{drive.unit}], to which all {words}s and their rates are scaled; conditions stay."
+    return drive.name, Positive, meaning
+
+
+LargestValues: Any = table_of_drives("LargestValues", ControllerSettings, _largest)
+
+
+class ScriptSettings(LargestValues):  # type: ignore[misc] # a table with the keys of the drives
+    """Settings of the controller "scripted"."""
+
+    script: Path
+    """The file, by path or by the name of a shipped one."""
+    interpolation: Interpolation | None = None
+    """`"linear"` or `"smooth"`, instead of the file's own."""
+
+
+def scripted_controller(script: str | Path, interpolation: str | None = None, **largest: float | None) -> Controller:
+    """The controller that does what a script says; `ScriptSettings` describes the arguments.
+
+    Raises:
+        SceneError: the script is missing, or something in it or in the settings is not valid.
+    """
+    ScriptSettings.checked(script=script, interpolation=interpolation, **largest)
+    path = find_file(script, "scripts", SUFFIXES, error=SceneError)
+    content = read_script(path)
+    factors = {}
+    for drive in DRIVES:
+        wanted, highest = largest.get(drive.name), content.highest(drive)
+        if wanted is not None and not highest > 0.0:
+            raise SceneError(f"{path}: has no {drive.name} above 0 that controller.settings.{drive.name} could scale")
+        factors[drive] = wanted / highest if wanted is not None else 1.0
+    smooth = (interpolation or content.interpolation) == "smooth"
+    if content.steps is not None:
+        return StepController(path, content.steps, smooth, factors)
+    return KeyframeController(path, content.keyframes or (), smooth, factors)

@@ -1,1 +1,0 @@
-"""The geometry kind `tendon_finger`: tapered fingers with notches, for cables."""

@@ -1,0 +1,154 @@
+"""The output "csv": a row of figures for every step, in run.csv, for pandas or a spreadsheet."""
+
+import csv
+import warnings
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, TextIO
+
+import numpy as np
+
+from taichisoft.actuators import ACTUATOR_KINDS
+from taichisoft.atomic_file import named_os_errors
+from taichisoft.session import Output
+
+if TYPE_CHECKING:
+    from taichisoft.control import Pair
+    from taichisoft.model import Model
+    from taichisoft.state import State
+    from taichisoft.step import StepReport
+
+FILE_NAME = "run.csv"
+
+BUFFERED_STEPS = 50
+"""Most rows that are kept in memory, which a killed run loses."""
+
+PAIR_UNITS = {"normal_force": "mN", "friction_force": "mN", "slip_speed": "mm/s"}
+"""Columns of every pair of bodies; a report has them under the plural."""
+
+
+class CsvOutput(Output):
+    """Writes a row for every step, with its time at its end.
+
+    Columns are named "quantity name [unit]"; the first row of names is written with the first step, which shows
+    what signals the controller has.
+    """
+
+    def __init__(self, folder: Path):
+        self.path = Path(folder) / FILE_NAME
+        self._file: TextIO | None = None
+        self._writer: Any = None
+        self._row_count = self._restart_count = 0
+        self._signals: list[str] = []
+        self._warned: set[str] = set()
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """Open the file, and take the names of the columns.
+
+        Raises:
+            TaichisoftError: the file cannot be made.
+        """
+        self._up = model.scene.up
+        self._start = state.rigid_position.copy()
+        self._figures = [
+            (figure, name)
+            for kind in ACTUATOR_KINDS
+            for figure in kind.measured
+            if figure.recorded
+            for name in model.actuators.names_of(kind)
+        ]
+        self._objects = [body.name for body in model.rigid_bodies]
+        self._pairs = pairs_with_objects(model)
+        with named_os_errors(self.path):
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            self._file = self.path.open("w", encoding="utf-8", newline="")
+        self._writer = csv.writer(self._file)
+
+    def record(self, state: "State", report: "StepReport") -> None:
+        """Write a row.
+
+        Raises:
+            TaichisoftError: the disk is full, or the like.
+        """
+        assert self._file is not None
+        with named_os_errors(self.path):
+            if self._row_count == 0:
+                self._signals = list(report.signals)
+                self._writer.writerow(self._columns())
+            self._writer.writerow(self._row(state, report))
+            self._row_count += 1
+            if self._row_count % BUFFERED_STEPS == 0:
+                self._file.flush()
+        for name in report.signals.keys() - set(self._signals) - self._warned:
+            self._warned.add(name)
+            warnings.warn(
+                f"{self.path}: no column for the signal '{name}', which the controller did not have in its first step",
+                stacklevel=2,
+            )
+
+    def restart(self, state: "State") -> None:
+        """Count the restart: rows continue from an earlier time, and a column numbers the restarts."""
+        self._restart_count += 1
+
+    def end(self, outcome: str) -> None:
+        """Close the file; without any step it has the names of the columns only.
+
+        Raises:
+            TaichisoftError: the disk is full, or the like.
+        """
+        if self._file is None:
+            return
+        with named_os_errors(self.path), self._file:
+            if self._row_count == 0:
+                self._writer.writerow(self._columns())
+
+    def _columns(self) -> list[str]:
+        return [
+            "time [s]",
+            "restarts",
+            *(f"{figure.name} {name} [{figure.unit}]" for figure, name in self._figures),
+            *(f"base_translation {axis} [mm]" for axis in "xyz"),
+            *(f"base_rotation {axis} [degrees]" for axis in "xyz"),
+            *(f"position {name} {axis} [mm]" for name in self._objects for axis in "xyz"),
+            *(f"lift {name} [mm]" for name in self._objects),
+            *(f"{quantity} {'|'.join(pair)} [{unit}]" for quantity, unit in PAIR_UNITS.items() for pair in self._pairs),
+            *(f"signal {name}" for name in self._signals),
+            "clipped",
+        ]
+
+    def _row(self, state: "State", report: "StepReport") -> list[str]:
+        seen = report.observation
+        numbers = [
+            *(getattr(seen, figure.observed)[name] for figure, name in self._figures),
+            *state.base_translation.tolist(),
+            *np.degrees(state.base_rotation).tolist(),
+            *state.rigid_position.ravel().tolist(),
+            *((state.rigid_position - self._start) @ self._up).tolist(),
+        ]
+        for quantity in PAIR_UNITS:
+            values = getattr(seen, f"{quantity}s")  # pairs between which no contact was found are missing
+            numbers += [values.get(pair, 0.0) for pair in self._pairs]
+        signals = (report.signals.get(name) for name in self._signals)
+        return [
+            _text(report.time),
+            str(self._restart_count),
+            *map(_text, numbers),
+            *("" if value is None else _text(value) for value in signals),
+            "|".join(seen.clipped),  # no name contains this
+        ]
+
+
+def pairs_with_objects(model: "Model") -> list["Pair"]:
+    """All pairs of a rigid body with any other body, in the order of the scene.
+
+    What soft bodies do to each other and to obstacles is in the recording.
+    """
+    soft, rigid = [body.name for body in model.soft_bodies], [body.name for body in model.rigid_bodies]
+    pairs: list[Pair] = [(body, other) for body in soft for other in rigid]
+    pairs += combinations(rigid, 2)
+    pairs += [(body, obstacle.name) for body in rigid for obstacle in model.obstacles]
+    return pairs
+
+
+def _text(value: float) -> str:
+    return f"{value:.9g}"

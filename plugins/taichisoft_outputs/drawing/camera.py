@@ -1,0 +1,175 @@
+"""Where the camera stands: named views, and the distance from which everything fits into the picture."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichisoft.bodies import right_of
+
+VERTICAL_ANGLE = 28.0
+"""Field of view [degrees]: narrow, so that parallel fingers look parallel."""
+
+MARGIN = 0.08
+"""Part of the picture that stays free along each edge [-]."""
+
+VIEW_DIRECTIONS = {
+    "iso": (-0.58, 1.0, 0.5),
+    "front": (0.0, 1.0, 0.06),
+    "top": (0.0, 0.0, 1.0),
+}
+"""Directions from the scene to the camera in the axes (right, front, up) of `scene_axes`."""
+
+
+@dataclass(frozen=True)
+class Camera:
+    """A perspective camera.
+
+    Attributes:
+        eye: position of the camera [mm], shape (3,).
+        target: point that it looks at [mm], shape (3,).
+        up: direction that is up in the picture [-], shape (3,).
+    """
+
+    eye: np.ndarray
+    target: np.ndarray
+    up: np.ndarray
+
+    @property
+    def axes(self) -> np.ndarray:
+        """Orthonormal rows right, up and backward of the picture, shape (3, 3)."""
+        backward = self.eye - self.target
+        return _picture_axes(backward / np.linalg.norm(backward), self.up)
+
+
+def scene_axes(up: np.ndarray) -> np.ndarray:
+    """Orthonormal rows right, front and up of a scene with the unit vector `up` against gravity, shape (3, 3)."""
+    right = right_of(up)
+    return np.array([right, np.cross(right, up), up])
+
+
+def radius_around_mean(points: np.ndarray) -> float:
+    """Largest distance of points [mm], shape (point_count, 3), from their mean [mm]."""
+    return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
+
+
+def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> Camera:
+    """The nearest camera of a named view that has all points in the picture, with its margins free.
+
+    Args:
+        points: points to be seen [mm], shape (point_count, 3).
+        up: unit vector against gravity, shape (3,).
+        view: a key of VIEW_DIRECTIONS.
+        aspect: width / height of the picture.
+    """
+    backward, up_in_picture = view_direction(up, view)
+    axes = _picture_axes(backward, up_in_picture)
+    coordinates = points @ axes.T
+    depth = coordinates[:, 2]
+    # The camera at (x0, z0) sees a point at (x, z) when |x - x0| <= slope (z0 - z).
+    centres, distances = [], []
+    for axis, slope in enumerate(_slopes(aspect)):
+        high = np.max(coordinates[:, axis] + slope * depth)
+        low = np.min(coordinates[:, axis] - slope * depth)
+        centres.append((high + low) / 2)
+        distances.append((high - low) / (2 * slope))
+    # Something long seen from its end would have the camera at its very tip.
+    eye = np.array([*centres, max(*distances, depth.max() + radius_around_mean(points) / 2)]) @ axes
+    middle = np.array([*centres, depth.mean()]) @ axes
+    return Camera(eye, middle, up_in_picture)
+
+
+def distance_to_see(points: np.ndarray, camera: Camera, aspect: float) -> float:
+    """Distance from its target [mm] at which a camera that looks in the same direction has all points in the picture.
+
+    Args:
+        points: points to be seen [mm], shape (point_count, 3).
+        camera: the camera whose target and direction are kept.
+        aspect: width / height of the picture.
+    """
+    x, y, depth = ((points - camera.target) @ camera.axes.T).T
+    slope_x, slope_y = _slopes(aspect)
+    needed = depth + np.maximum(np.abs(x) / slope_x, np.abs(y) / slope_y)
+    return float(max(needed.max(), depth.max() + radius_around_mean(points) / 2))
+
+
+def view_direction(up: np.ndarray, view: str, turned: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
+    """The unit vector from the scene to the camera, and the direction that is up in the picture.
+
+    Args:
+        up: unit vector against gravity, shape (3,).
+        view: a key of VIEW_DIRECTIONS.
+        turned: angle about `up`, counterclockwise as seen from above [rad].
+    """
+    x, y, z = VIEW_DIRECTIONS[view]
+    # From above, front is a quarter of a turn clockwise from right.
+    cosine, sine = np.cos(turned), np.sin(turned)
+    backward = np.array([cosine * x + sine * y, cosine * y - sine * x, z]) @ scene_axes(up)
+    backward /= np.linalg.norm(backward)
+    return backward, picture_up(backward, up)
+
+
+def picture_up(backward: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """The direction that is up in a picture, shape (3,): against gravity, unless one looks along it.
+
+    Args:
+        backward: unit vector from the scene to the camera, shape (3,).
+        up: unit vector against gravity, shape (3,).
+    """
+    # Seen from the top, what is in front lies at the bottom of the picture.
+    return up if abs(backward @ up) < 0.999 else -scene_axes(up)[1]
+
+
+def seen_from_front(camera: Camera, corners: np.ndarray) -> np.ndarray:
+    """Which triangles turn their front to the camera, shape (triangle_count,), of corners (triangle_count, 3, 3)."""
+    a, b, c = np.moveaxis(corners, 1, 0)
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), camera.eye - a) > 0
+
+
+def pixel_matrix(camera: Camera, origin: np.ndarray, directions: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+    """The projection from coordinates on a plane, or in space, to pixels.
+
+    Args:
+        camera: the camera that sees them.
+        origin: point where the coordinates are 0 [mm], shape (3,).
+        directions: directions of the coordinates, shape (count, 3).
+        size: width and height of the picture [pixels].
+
+    Returns:
+        Shape (3, count + 1): times (coordinates..., 1) it gives (w x, w y, w) with the pixel (x, y), to the right of
+        the left edge and below the upper edge, and the distance w in front of the camera [mm].
+    """
+    vectors = np.concatenate([directions, [origin - camera.eye]]) @ camera.axes.T
+    scale = size[1] / 2 / np.tan(np.radians(VERTICAL_ANGLE / 2))
+    depth = -vectors[:, 2]
+    return np.array([size[0] / 2 * depth + scale * vectors[:, 0], size[1] / 2 * depth - scale * vectors[:, 1], depth])
+
+
+def project(camera: Camera, points: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+    """Where the camera sees points.
+
+    Args:
+        camera: the camera that sees them.
+        points: points [mm], shape (point_count, 3).
+        size: width and height of the picture [pixels].
+
+    Returns:
+        Pixels to the right of the left edge and below the upper edge, shape (point_count, 2), and distances in front of
+        the camera [mm], shape (point_count,); what is beside or behind the camera is said to be just before it.
+    """
+    matrix = pixel_matrix(camera, np.zeros(3), np.eye(3), size)
+    x, y, depth = matrix[:, :3] @ points.T + matrix[:, 3:]
+    depth = np.maximum(depth, 1e-6)
+    return np.stack([x / depth, y / depth], axis=1), depth
+
+
+def _picture_axes(backward: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Orthonormal rows right, up and backward of a picture that is seen against the unit vector `backward`."""
+    right = np.cross(up, backward)
+    right /= np.linalg.norm(right)
+    return np.array([right, np.cross(backward, right), backward])
+
+
+def _slopes(aspect: float) -> tuple[float, float]:
+    """Tangents of the half angles to the right and up within which things are to be seen."""
+    tangent = np.tan(np.radians(VERTICAL_ANGLE / 2)) * (1 - 2 * MARGIN)
+    return tangent * aspect, tangent

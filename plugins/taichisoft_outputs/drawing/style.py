@@ -1,0 +1,189 @@
+"""What a user can choose about pictures: their size, where the camera stands, and what is shown how."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+from taichisoft.errors import TaichisoftError
+from taichisoft.scenes import red_green_blue
+
+if TYPE_CHECKING:
+    from taichisoft.scenes import Scene
+
+VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
+COLOURINGS = ("none", "displacement", "stress", "strain")
+TRANSLUCENT = 0.6
+"""Opacity of soft bodies whose colours need not be compared with a bar."""
+SMALLEST, LARGEST = 16, 8192
+"""Least and greatest width and height that can be drawn [pixels]."""
+BACKGROUND = (0.86, 0.90, 0.94)
+"""Red, green and blue of the background [-] where neither the user nor the scene chose one."""
+
+
+class StyleError(TaichisoftError):
+    """Pictures cannot be drawn as asked."""
+
+
+@dataclass(frozen=True)
+class Style:
+    """How frames are drawn.
+
+    Attributes:
+        size: width and height [pixels].
+        view: "iso", "front" or "top" (the camera stands still), "orbit" (from iso once around the scene, over all
+            frames), or "follow:BODY" (from iso, moving with that body); None for the scene's own camera, or iso.
+        eye: position of the camera [mm], which takes the place of `view`.
+        target: point that a camera at `eye` looks at [mm]; None for the middle of the scene.
+        opacity: opacity of the soft bodies [-], above 0 and at most 1; at 1 the cavities are hidden. None for 1 where
+            they show stress or strain, so that colours are as in the bar, else for TRANSLUCENT.
+        background: red, green and blue [-], each from 0 to 1; or "#rrggbb"; None for the scene's own.
+        colour_by: what the colours of soft bodies mean: "none", "displacement" [mm], "stress" (von Mises) [kPa]
+            or "strain" (the largest principal one) [-].
+        cavity_pressure: whether cavities have the colour of their pressure.
+        cable_tension: whether cables have the colour of their tension.
+        arrows: whether contact forces are drawn as arrows.
+        axes: whether the scene's axes stand in a corner of the picture; None for what the scene says.
+        body_axes: whether the axes of bodies are drawn for which the scene wants it.
+        caption: whether time, pressures, tensions and the height of the rigid bodies are written in the picture.
+        surface: file of a surface, usually a finer one, that is drawn for every soft body instead of its mesh's own:
+            STL, OBJ or PLY, in the coordinates of the body's mesh file [mm].
+
+    Raises:
+        StyleError: a value is impossible; the message says what would be valid.
+    """
+
+    size: tuple[int, int] = (1280, 720)
+    view: str | None = None
+    eye: tuple[float, float, float] | None = None
+    target: tuple[float, float, float] | None = None
+    opacity: float | None = None
+    background: tuple[float, float, float] | str | None = None
+    colour_by: str = "none"
+    cavity_pressure: bool = True
+    cable_tension: bool = True
+    arrows: bool = True
+    axes: bool | None = None
+    body_axes: bool = True
+    caption: bool = True
+    surface: Path | None = None
+
+    def __post_init__(self) -> None:
+        width, height = _numbers("size", self.size, 2)
+        if not all(SMALLEST <= side <= LARGEST and side == int(side) for side in (width, height)):
+            sides = f"width and height must be whole numbers from {SMALLEST} to {LARGEST} pixels"
+            raise StyleError(f"size {width:g}x{height:g}: {sides}")
+        self._set("size", (int(width), int(height)))
+        if self.view not in (None, *VIEWS[:-1]) and not re.fullmatch("follow:.+", self.view):
+            raise StyleError(f"no view is called '{self.view}'; there are: {', '.join(VIEWS)}")
+        if self.opacity is not None and not 0.0 < self.opacity <= 1.0:
+            raise StyleError(f"opacity {self.opacity:g} must be above 0 and at most 1")
+        if self.colour_by not in COLOURINGS:
+            raise StyleError(
+                f"soft bodies cannot be coloured by '{self.colour_by}'; there are: {', '.join(COLOURINGS)}"
+            )
+        if self.background is not None:
+            self._set("background", _colour(self.background))
+        for name in ("eye", "target"):
+            if getattr(self, name) is not None:
+                self._set(name, _numbers(name, getattr(self, name), 3))
+        if self.eye is None and self.target is not None:
+            raise StyleError("target needs an eye: the views look at the middle of the scene")
+        if self.eye is not None and self.eye == self.target:
+            raise StyleError(f"eye and target are one point, {self.eye}: the camera would look nowhere")
+        if self.surface is not None:
+            self._set("surface", Path(self.surface))
+
+    @property
+    def soft_opacity(self) -> float:
+        """Opacity of the soft bodies [-]."""
+        if self.opacity is not None:
+            return self.opacity
+        return 1.0 if self.colour_by in ("stress", "strain") else TRANSLUCENT
+
+    @property
+    def followed(self) -> str | None:
+        """Name of the body that the camera moves with; None where it does not follow one."""
+        view = self.view or ""
+        return view.removeprefix("follow:") if view.startswith("follow:") and self.eye is None else None
+
+    @property
+    def background_colour(self) -> tuple[float, float, float]:
+        """Red, green and blue of the background [-]."""
+        red, green, blue = BACKGROUND if self.background is None else _colour(self.background)
+        return red, green, blue
+
+    def for_scene(self, scene: "Scene") -> Self:
+        """This style, with what a scene says of its appearance where the user chose nothing."""
+        appearance = scene.appearance
+        own_camera = self.view is None and self.eye is None
+        return replace(
+            self,
+            eye=appearance.eye if own_camera else self.eye,
+            target=appearance.target if own_camera else self.target,
+            background=appearance.background if self.background is None else self.background,
+            axes=appearance.frame if self.axes is None else self.axes,
+        )
+
+    def check(self, scene: "Scene") -> None:
+        """Check that the body to follow is in a scene, before anything is computed or drawn.
+
+        Raises:
+            StyleError: it is not; the message says which bodies there are.
+        """
+        bodies = [*scene.soft_bodies, *scene.rigid_bodies]
+        if self.followed is not None and self.followed not in bodies:
+            raise StyleError(f"view '{self.view}': no body is called '{self.followed}'; there are: {', '.join(bodies)}")
+
+    def _set(self, name: str, value: Any) -> None:
+        object.__setattr__(self, name, value)  # the class is frozen for everybody else
+
+
+def parse_size(text: str) -> tuple[int, int]:
+    """Width and height [pixels] from "1280x720".
+
+    Raises:
+        StyleError: the text is written otherwise.
+    """
+    size = re.fullmatch(r"(\d{1,6})x(\d{1,6})", text.strip().lower())
+    if size is None:
+        raise StyleError(f"size '{text}' must be written as width x height in pixels, 1280x720")
+    return int(size[1]), int(size[2])
+
+
+def parse_point(name: str, text: str | None) -> tuple[float, float, float] | None:
+    """A point [mm] from "300,-200,150", or None from None.
+
+    Raises:
+        StyleError: the text is written otherwise; the message begins with `name`.
+    """
+    if text is None:
+        return None
+    try:
+        x, y, z = (float(part) for part in text.split(","))
+    except ValueError:
+        raise StyleError(f"{name} '{text}' must be three numbers in mm, as 300,-200,150") from None
+    return x, y, z
+
+
+def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...]:
+    try:
+        numbers = tuple(float(value) for value in values)
+    except (TypeError, ValueError):
+        numbers = ()
+    if len(numbers) != count or not all(abs(number) < 1e9 for number in numbers):
+        raise StyleError(f"{name} {values!r} must be {count} numbers")
+    return numbers
+
+
+def _colour(value: Sequence[float] | str) -> tuple[float, ...]:
+    if isinstance(value, str):
+        try:
+            return red_green_blue(f"#{value.removeprefix('#')}")  # in a shell, # may have begun a comment
+        except ValueError as error:
+            raise StyleError(f"background {error}") from None
+    colour = _numbers("background", value, 3)
+    if not all(0.0 <= part <= 1.0 for part in colour):
+        raise StyleError(f"background {value!r}: red, green and blue must each be from 0 to 1")
+    return colour

@@ -1,0 +1,304 @@
+"""The output "metrics": figures of a run in metrics.json, and whether it reached the goal of its scene."""
+
+import json
+import math
+import warnings
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from taichisoft.actuators import ACTUATOR_KINDS, Measured
+from taichisoft.atomic_file import atomic_file
+from taichisoft.bodies import Stretches, spread
+from taichisoft.errors import GoalMissed
+from taichisoft.session import Output
+from taichisoft_outputs.goals import doubts, first_push, goal_figures, shortcomings
+from taichisoft_outputs.run_figures import LiftFigures, StepFigures
+from taichisoft_outputs.slipping import Slipping
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+    from taichisoft.session import Session
+    from taichisoft.state import State
+    from taichisoft.step import StepReport
+
+FILE_NAME = "metrics.json"
+STRETCH_EVERY = 20
+"""Steps from one look at the stretches to the next."""
+ENDED_BY_USER = ("stopped", "interrupted")
+"""Outcomes of runs that may have reached their goal, or would have, had they gone on."""
+
+FINAL = [figure for kind in ACTUATOR_KINDS for figure in kind.measured if figure.metric == "final"]
+"""Figures of actuators of which metrics have the last ones."""
+
+
+class MetricsOutput(Output):
+    """Keeps a few figures up to date; writes and judges them at the end."""
+
+    def __init__(self, folder: Path):
+        self.folder = Path(folder)
+        self.metrics: dict[str, Any] = {}
+        self._verdict = ""
+
+    def begin(self, model: "Model", state: "State") -> None:
+        """Look up the object of the scene's goal."""
+        self._scene = model.scene
+        figures = [(kind, figure) for kind in ACTUATOR_KINDS for figure in kind.measured]
+        self._watched = [
+            figure for kind, figure in figures if figure.metric == "largest" and model.actuators.names_of(kind)
+        ]
+        self._soft = [
+            (body.name, body.nodes, Stretches(body.rest_position, body.elements)) for body in model.soft_bodies
+        ]
+        goal = self._scene.goal
+        self._object = list(self._scene.rigid_bodies).index(goal.object) if goal is not None else None
+        self.restart(state)
+
+    def restart(self, state: "State") -> None:
+        """Forget all steps before: figures count from the last start."""
+        self._figures = StepFigures(self._scene.contact.contact_distance, self._scene.time.newton_tolerance)
+        self._stretch = {name: (1.0, 1.0) for name, _, _ in self._soft}
+        self._largest: dict[str, dict[str, float]] = {figure.observed: {} for figure in self._watched}
+        self._last_state = state
+        self._slipping = Slipping(len(self._scene.soft_bodies), state)
+        self._lift: LiftFigures | None = None
+        if self._scene.goal is not None:
+            goal = self._scene.goal
+            hold_steps, push = max(1, round(goal.hold / self._scene.time.step)), first_push(self._scene, goal)
+            self._lift = LiftFigures(
+                self._scene.up, hold_steps, push, state.base_translation, self._object_position(state)
+            )
+
+    def record(self, state: "State", report: "StepReport") -> None:
+        """Include a step."""
+        self._figures.add(report)
+        self._last_state = state
+        if self._lift is not None:
+            force = self._normal_force(report, self._scene.soft_bodies)
+            slide = self._slipping.add(state)[self._object]
+            self._lift.add(state.base_translation, self._object_position(state), slide, force, report.converged)
+        for observed, largest in self._largest.items():
+            for name, value in getattr(report.observation, observed).items():
+                largest[name] = max(largest.get(name, value), value, key=abs)
+        if self._figures.steps % STRETCH_EVERY == 0:
+            self._look_at_stretches()
+
+    def end(self, outcome: str) -> None:
+        """Write metrics.json.
+
+        Raises:
+            GoalMissed: the run was completed, but its goal was not reached.
+            TaichisoftError: the file cannot be written.
+        """
+        self.metrics = self.figures(outcome)
+        goal, completed = self._scene.goal, outcome == "completed"
+        judged = goal is not None and self._figures.last is not None and (completed or outcome in ENDED_BY_USER)
+        missed = self._shortcomings() if judged else []
+        reached = None if goal is None else judged and not missed
+        if outcome in ENDED_BY_USER and not reached:
+            reached = None
+        doubt = doubts(self.metrics, len(self._lift.forces)) if reached and self._lift is not None else ""
+        self.metrics |= {
+            "goal": None if goal is None else goal.kind,
+            "goal_reached": reached,
+            "goal_is_doubtful": bool(doubt),
+            "held": reached if goal is not None and goal.kind == "held" else None,
+        }
+        self._verdict = self._words(reached, doubt, outcome)
+        self._write()
+        if goal is not None and completed and missed:
+            raise GoalMissed(f"'{goal.object}' is not {goal.kind}: {'; '.join(missed)}")
+        if goal is not None and completed and doubt:
+            raise GoalMissed(f"'{goal.object}' is {goal.kind}, but that is doubtful: {doubt}")
+
+    def figures(self, outcome: str) -> dict[str, Any]:
+        """The figures of the steps so far, by name, without whether the goal was reached."""
+        self._look_at_stretches()
+        return {
+            "outcome": outcome,
+            **self._step_metrics(),
+            **self._body_metrics(),
+            **self._stretch_metrics(),
+            **self._actuator_metrics(),
+            **self._goal_metrics(),
+        }
+
+    def summary(self) -> dict[str, str]:
+        """Rows of the table that closes a run."""
+        m = self.metrics
+        if not m or not self._figures.steps:
+            return {}
+        rows = {}
+        if self._scene.goal is not None:
+            rows = {
+                f"{self._scene.goal.object} {self._scene.goal.kind}": self._verdict,
+                f"{self._scene.goal.object} lifted by": f"{m['object_lift_mm']:z.2f} of {m['base_lift_mm']:z.2f} mm",
+                "slip": f"{m['object_slip_mm']:z.3f} mm",
+                "creep while held": f"{m['object_creep_mm']:.4f} mm in {self._scene.goal.hold:g} s",
+                "normal force of the fingers, peak": f"{m['peak_normal_force_mN']:.1f} mN",
+                "normal force of the fingers, mean while held": f"{m['mean_normal_force_mN']:.1f} mN",
+            }
+        for figure in self._watched:
+            actuator, value = max(m[_key(figure)].items(), key=lambda item: abs(item[1]))
+            rows[f"largest {figure.name}"] = f"{value:z.{figure.digits + 1}f} {figure.unit} ({actuator})"
+        if self._stretch:
+            name = max(self._stretch, key=lambda body: self._stretch[body])
+            largest, most = self._stretch[name]
+            rows["largest stretch, and of 99 % of the elements"] = f"{largest:.2f} and {most:.2f} ({name})"
+        return rows | {
+            "largest penetration of the contact distance": f"{m['max_penetration_mm']:.3g} mm",
+            "steps with surfaces that overlap": f"{m['overlapping_steps']} of {m['steps']}",
+            "solver iterations, median and most": f"{m['iterations_median']:.0f} and {m['iterations_max']}",
+            "steps not converged": f"{m['unconverged_steps']} of {m['steps']}",
+            **self._newton_rows(),
+            **self._inverted_rows(),
+            "time per step, median": f"{m['step_time_median_ms']:.1f} ms",
+            "real-time factor": f"{m['real_time_factor']:.2f}",
+        }
+
+    def _words(self, reached: bool | None, doubt: str, outcome: str) -> str:
+        """The verdict on the goal in words."""
+        if outcome not in ENDED_BY_USER:
+            return "no" if not reached else f"yes, but doubtful: {doubt}" if doubt else "yes"
+        ended = f"{outcome} at {self.metrics.get('simulated_time_s', 0.0):g} s"
+        return f"not judged: {ended}" if not reached else f"yes, {ended}{f', but doubtful: {doubt}' if doubt else ''}"
+
+    def _newton_rows(self) -> dict[str, str]:
+        m = self.metrics
+        if "linearisations_max" not in m:
+            return {}
+        return {
+            "linearisations, most": str(m["linearisations_max"]),
+            "linearisations not enough": f"in {m['unconverged_newton_steps']} steps",
+            "motion that another one would make, worst": f"{m['worst_newton_residual_mm']:.2g} mm",
+        }
+
+    def _inverted_rows(self) -> dict[str, str]:
+        most, at_end = self.metrics["inverted_elements_max"], self.metrics["inverted_elements_at_end"]
+        return {"elements turned inside out, most and at the end": f"{most} and {at_end}"} if most else {}
+
+    def _write(self) -> None:
+        path = self.folder / FILE_NAME
+        with atomic_file(path) as partial:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            partial.write_text(json.dumps(self.metrics, indent=2) + "\n", encoding="utf-8")
+
+    def _object_position(self, state: "State") -> np.ndarray:
+        return state.rigid_position[self._object]
+
+    def _step_metrics(self) -> dict[str, Any]:
+        figures = self._figures
+        if figures.last is None:
+            return {"steps": 0}
+        median, most = figures.iterations
+        return {
+            "steps": figures.steps,
+            "simulated_time_s": figures.last.time,
+            "max_penetration_mm": figures.max_penetration,
+            "overlapping_steps": figures.overlapping,
+            "iterations_median": median,
+            "iterations_max": most,
+            "unconverged_steps": figures.unconverged,
+            **self._newton_metrics(),
+            "inverted_elements_max": figures.inverted_elements,
+            "inverted_elements_at_end": figures.last.inverted_elements,
+            "step_time_median_ms": 1e3 * figures.step_time.value,
+            "real_time_factor": self._scene.time.step / figures.step_time.value,
+        }
+
+    def _body_metrics(self) -> dict[str, Any]:
+        """Volumes of the soft bodies at rest, and where everything is and what presses after the last step."""
+        volumes = {name: float(stretches.rest_volumes.sum()) for name, _, stretches in self._soft}
+        figures: dict[str, Any] = {"rest_volumes_mm3": volumes} if volumes else {}
+        if self._figures.last is None:
+            return figures
+        seen = self._figures.last.observation
+        return figures | {
+            **{_key(figure): dict(getattr(seen, figure.observed)) for figure in FINAL},
+            "final_tip_positions_mm": {name: tip.tolist() for name, tip in seen.tip_positions.items()},
+            "final_bending_angles_degrees": {
+                name: float(np.degrees(angle)) for name, angle in seen.bending_angles.items()
+            },
+            "final_normal_forces_mN": {"|".join(pair): force for pair, force in seen.normal_forces.items()},
+            "final_friction_forces_mN": {"|".join(pair): force for pair, force in seen.friction_forces.items()},
+        }
+
+    def _newton_metrics(self) -> dict[str, Any]:
+        """How far the equations at the ends of the steps were solved; nothing where steps have one linearisation."""
+        figures = self._figures
+        if figures.worst_newton_residual is None:
+            return {}
+        return {
+            "linearisations_max": figures.linearisations,
+            "worst_newton_residual_mm": figures.worst_newton_residual,
+            "unconverged_newton_steps": figures.unconverged_newton,
+        }
+
+    def _look_at_stretches(self) -> None:
+        """Keep the largest stretches of each body, and the stretches that 99 % of its elements stay below."""
+        for name, nodes, stretches in self._soft:
+            largest, most = spread(stretches.largest(self._last_state.position[nodes]))
+            before = self._stretch[name]
+            self._stretch[name] = max(largest, before[0]), max(most, before[1])
+
+    def _stretch_metrics(self) -> dict[str, Any]:
+        """The largest principal stretch of each soft body in the run; nothing where there is none."""
+        if not self._stretch:
+            return {}
+        return {
+            "largest_stretch": {name: largest for name, (largest, _) in self._stretch.items()},
+            "stretch_99_percent": {name: most for name, (_, most) in self._stretch.items()},
+        }
+
+    def _actuator_metrics(self) -> dict[str, Any]:
+        """The largest tension and pull of each cable, and the like, with its sign; nothing where there are none."""
+        return {_key(figure): self._largest[figure.observed] for figure in self._watched if self._figures.steps}
+
+    def _goal_metrics(self) -> dict[str, Any]:
+        """Figures of the goal's object, and of what presses on it."""
+        goal, lift = self._scene.goal, self._lift
+        if goal is None or lift is None or self._figures.last is None:
+            return {}
+        return {
+            **goal_figures(self._scene, goal, lift),
+            "unconverged_hold_steps": sum(lift.unconverged),
+            "peak_normal_force_mN": lift.peak_force,
+            "mean_normal_force_mN": float(np.mean(lift.forces)),
+        }
+
+    def _normal_force(self, report: "StepReport", others: Iterable[str]) -> float:
+        """Sum of the normal forces between the object and other bodies [mN]."""
+        assert self._scene.goal is not None
+        pairs = [{self._scene.goal.object, other} for other in others]
+        return sum(force for pair, force in report.observation.normal_forces.items() if set(pair) in pairs)
+
+    def _shortcomings(self) -> list[str]:
+        """What keeps the goal from being reached."""
+        assert self._scene.goal is not None and self._figures.last is not None
+        floor_force = self._normal_force(self._figures.last, self._scene.obstacles)
+        return shortcomings(self._scene, self._scene.goal, self.metrics, floor_force)
+
+
+def _key(figure: Measured) -> str:
+    """The name of a figure of actuators among the metrics, such as "final_pressures_kPa"."""
+    return f"{figure.metric}_{figure.name}s_{figure.unit.replace('^', '')}"
+
+
+def warn_of_late_motion(session: "Session") -> None:
+    """Warn where the base is known to move while the object of the goal must stand still, at the end of the run."""
+    scene, start = session.simulation.model.scene, session.first_state.time
+    goal, end = scene.goal, start + session.step_count * scene.time.step
+    is_judged = any(isinstance(output, MetricsOutput) for output in session.outputs)
+    if goal is None or goal.kind == "lifted" or not is_judged or session.replaying or not math.isfinite(end):
+        return
+    stop = session.controller.base_stops_at(session.simulation.observe())
+    if stop is None or stop <= start or end - stop > goal.hold - 0.5 * scene.time.step:
+        return
+    warnings.warn(
+        f"the controller moves the base until {stop:g} s, and the run ends at {end:g} s: '{goal.object}' counts as "
+        f"{goal.kind} only if it stands still for the last {goal.hold:g} s (goal.hold), so a duration of "
+        f"{stop + goal.hold - start:g} s or more is needed",
+        stacklevel=2,
+    )

@@ -1,0 +1,37 @@
+"""The command `taichisoft recording plot`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from taichisoft.atomic_file import atomic_file
+from taichisoft.terminal_text import say
+from taichisoft_outputs.plots.panels import PANELS
+from taichisoft_outputs.plots.run_plots import FORMATS, PlotError, draw_plots
+from taichisoft_outputs.recording.reader import read_recording
+
+
+def plot(
+    run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run.")],
+    output: Annotated[
+        Path | None, typer.Option("--output", "-o", help="Folder of the picture  \\[default: RUN's]")
+    ] = None,
+    format: Annotated[str, typer.Option(help=f"Format of the picture: {' or '.join(FORMATS)}.")] = "png",
+    only: Annotated[
+        str | None, typer.Option(metavar="NAMES", help=f"Panels, separated by commas: {', '.join(PANELS)}.")
+    ] = None,
+) -> None:
+    """Plot pressures, tensions, motion, forces and step times of a recording."""
+    names = [name.strip() for name in only.split(",") if name.strip()] if only is not None else None
+    if names == []:
+        raise PlotError(f"--only names no panel; there are: {', '.join(PANELS)}")
+    with read_recording(run) as recording:
+        plots = draw_plots(recording, format, names)
+    for name in plots.left_out:
+        say(f"no plot of {name}: nothing of the kind in this run")
+    path = (output or run.parent) / f"plots.{format}"
+    with atomic_file(path, PlotError) as partial:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        partial.write_bytes(plots.picture)
+    say(path)

@@ -1,0 +1,66 @@
+"""Plots of a run: all panels for which its recording has something to draw, in one picture."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from taichisoft.errors import TaichisoftError
+from taichisoft_outputs.plots.figure import Panel, draw_figure, figure_bytes
+from taichisoft_outputs.plots.panels import RunCurves, expected, panels_of
+from taichisoft_outputs.recording.reader import Recording
+
+FORMATS = ("png", "svg")
+
+
+class PlotError(TaichisoftError):
+    """A run cannot be plotted as asked."""
+
+
+@dataclass(frozen=True)
+class Plots:
+    """The plots of a run.
+
+    Attributes:
+        picture: content of the file, in the format that was asked for.
+        shown: names of the panels in it.
+        left_out: names of the panels without data in this run; panels of cables are listed only where the run has
+            cables, or where they were chosen.
+    """
+
+    picture: bytes
+    shown: tuple[str, ...]
+    left_out: tuple[str, ...]
+
+
+def draw_plots(recording: Recording, format: str, only: Sequence[str] | None = None) -> Plots:
+    """Draw the panels called `only`, or all that there is something for.
+
+    Raises:
+        PlotError: the format or panel is unknown, or nothing is to be drawn.
+    """
+    if format not in FORMATS:
+        raise PlotError(f"--format {format}: there are: {', '.join(FORMATS)}")
+    known = panels_of(recording)
+    for name in only or ():
+        if name not in known:
+            raise PlotError(f"--only {name}: there are: {', '.join(known)}")
+    run = RunCurves(recording)
+    names = only or [name for name in known if expected(name, recording)]
+    panels = {name: _with_something_in_it(known[name](run)) for name in names}
+    left_out = tuple(name for name, panel in panels.items() if not panel.curves)
+    shown = {name: panel for name, panel in panels.items() if panel.curves}
+    if not shown:
+        raise PlotError(f"{recording.path}: nothing to plot: this run has nothing of {', '.join(left_out)}")
+    figure = draw_figure(list(shown.values()), _bodies(recording))
+    return Plots(figure_bytes(figure, format), tuple(shown), left_out)
+
+
+def _with_something_in_it(panel: Panel) -> Panel:
+    """The panel without curves that have no finite value."""
+    return replace(panel, curves=[curve for curve in panel.curves if np.isfinite(curve.y).any()])
+
+
+def _bodies(recording: Recording) -> list[str]:
+    """Names of the bodies with colours of their own."""
+    return [*recording.scene.soft_bodies, *recording.scene.rigid_bodies]

@@ -1,0 +1,239 @@
+"""The part of a recording that does not change during a run, written and read: header, bodies, surfaces, cables."""
+
+import json
+import platform
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+import taichisoft
+from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, Line
+from taichisoft.bodies import BodySurface, Plane, Surface, soft_surface
+from taichisoft.meshes import MappedSurface, VolumeMesh, linear_parts
+from taichisoft.scenes import scene_to_toml
+from taichisoft_outputs.recording.layout import LAYOUT
+
+if TYPE_CHECKING:
+    from taichisoft.bodies import SoftBody
+    from taichisoft.model import Model
+
+
+PACKAGES = ("taichi", "numpy", "scipy", "h5py")
+
+LINE_ARRAYS = ("owner", "nodes", "weights", "place")
+LINE_NUMBERS = ("rest_length", "friction", "has_pull_point", "pull_point_moves")
+"""Attributes of a `Line` that are datasets of its group, and those that are attributes."""
+
+
+@dataclass(frozen=True)
+class RecordedSurface(Surface):
+    """A surface in the frames of a recording.
+
+    Attributes:
+        vertices: gives the positions of the vertices [mm], shape (vertex_count, 3), in a frame.
+        mapping: the map from all soft nodes to the vertices; None for surfaces that keep their shape.
+    """
+
+    vertices: Callable[[int], np.ndarray]
+    mapping: MappedSurface | None = None
+
+
+@dataclass(frozen=True)
+class RecordedSoftBody:
+    """A soft body; node indices count within it.
+
+    Attributes:
+        name: name of the body.
+        nodes: where its nodes stand in `row("position", frame)` and the other arrays of all nodes.
+        rest_position: placed nodes [mm], shape (node_count, 3).
+        elements: node indices of each element, shape (element_count, nodes_per_element).
+        material: column of each element's material in `row("young_modulus", frame)`, shape (element_count,).
+        poisson_ratio: Poisson's ratio of each element, shape (element_count,).
+        element_groups: element indices by the group names of the mesh.
+        surface_groups: triangles (count, 3) of node indices by the group names of the mesh.
+        mesh_nodes: nodes as they were in the mesh, before they were placed [mm], shape (node_count, 3).
+    """
+
+    name: str
+    nodes: slice
+    rest_position: np.ndarray
+    elements: np.ndarray
+    material: np.ndarray
+    poisson_ratio: np.ndarray
+    element_groups: dict[str, np.ndarray]
+    surface_groups: dict[str, np.ndarray]
+    mesh_nodes: np.ndarray
+
+    @property
+    def tetrahedra(self) -> np.ndarray:
+        """The elements as tetrahedra of four nodes, (count, 4): quadratic ones are `parts` of them each, in order."""
+        return linear_parts(self.elements)
+
+    @property
+    def parts(self) -> int:
+        """How many of `tetrahedra` an element is."""
+        return len(self.tetrahedra) // len(self.elements)
+
+    def mesh(self, source: str) -> VolumeMesh:
+        """The mesh that the body was made of; errors about it begin with `source`."""
+        return VolumeMesh(source, self.mesh_nodes, self.elements, self.surface_groups, self.element_groups)
+
+
+def write_constants(file: Any, model: "Model", every: int, columns: Mapping[str, Sequence[str]]) -> None:
+    """Write what does not change during a run.
+
+    Args:
+        file: the open HDF5 file.
+        model: the model of the run.
+        every: steps from frame to frame.
+        columns: names of the columns of quantities by actuator, by pair of bodies and by material: "cavities" and the
+            like, "pairs" and "materials".
+    """
+    attributes = file.attrs
+    attributes["taichisoft_version"] = taichisoft.__version__
+    attributes["versions"] = json.dumps(_versions())
+    attributes["layout"] = LAYOUT
+    attributes["scene"] = scene_to_toml(model.scene)
+    attributes["every"] = every
+    attributes["gravity"] = np.array(model.scene.gravity, dtype=np.float64)
+    attributes["base_pivot"] = model.base_pivot
+    attributes["step_size"] = float(model.scene.time.step)
+    for kind, names in columns.items():
+        _write_names(file.require_group("steps"), kind, names)
+    _write_names(file.require_group("contacts"), "names", model.body_names)
+    for index, body in enumerate(model.soft_bodies):
+        _write_soft_body(file.create_group(f"soft_bodies/{index}"), body)
+    for index, rigid in enumerate(model.rigid_bodies):
+        group = _named_group(file, f"rigid_bodies/{index}", rigid.name)
+        _write_arrays(group, vertices=rigid.vertices, triangles=rigid.triangles)
+    for index, obstacle in enumerate(model.obstacles):
+        group = _named_group(file, f"obstacles/{index}", obstacle.name)
+        if obstacle.vertices is None:
+            group.attrs["point"], group.attrs["normal"] = obstacle.point, obstacle.normal
+        else:
+            _write_arrays(group, vertices=obstacle.vertices, triangles=obstacle.triangles)
+    for actuator in ACTUATOR_KINDS:
+        for line in model.actuators.sets[actuator.name].lines:
+            group = _named_group(file, f"{actuator.plural}/{line.number}", line.name)
+            for name in LINE_NUMBERS:
+                group.attrs[name] = getattr(line, name)
+            _write_arrays(group, **{name: getattr(line, name) for name in LINE_ARRAYS})
+
+
+def read_soft_bodies(file: Any) -> list[RecordedSoftBody]:
+    """The soft bodies in the order of the scene."""
+    return [
+        RecordedSoftBody(
+            name=group.attrs["name"],
+            nodes=_nodes(group),
+            rest_position=group["rest_position"][:],
+            elements=group["elements"][:],
+            material=group["material"][:],
+            poisson_ratio=group["poisson_ratio"][:],
+            element_groups={name: members[:] for name, members in group["element_groups"].items()},
+            surface_groups={name: members[:] for name, members in group["surface_groups"].items()},
+            mesh_nodes=group["mesh_nodes"][:],
+        )
+        for group in _numbered(file, "soft_bodies")
+    ]
+
+
+def read_surfaces(file: Any) -> Iterator[BodySurface]:
+    """The surfaces in the order of `taichisoft.bodies.body_geometry.body_surfaces`."""
+    for group in _numbered(file, "soft_bodies"):
+        yield soft_surface(group.attrs["name"], "soft", _read_surface(group["surface"]), _nodes(group))
+        for cavity in _numbered(group, "cavities"):
+            yield soft_surface(cavity.attrs["name"], "cavity", _read_surface(cavity), _nodes(group))
+    for index, group in enumerate(_numbered(file, "rigid_bodies")):
+        yield BodySurface(group.attrs["name"], "rigid", group["triangles"][:], group["vertices"][:], index)
+    for group in _numbered(file, "obstacles"):
+        if "vertices" in group:
+            yield BodySurface(group.attrs["name"], "obstacle", group["triangles"][:], group["vertices"][:])
+
+
+def read_planes(file: Any) -> list[Plane]:
+    """The infinite obstacles."""
+    return [
+        Plane(group.attrs["name"], group.attrs["point"], group.attrs["normal"])
+        for group in _numbered(file, "obstacles")
+        if "point" in group.attrs
+    ]
+
+
+def read_lines(file: Any, kind: ActuatorKind) -> Iterator[Line]:
+    """The lines of a kind's actuators in the order of the scene."""
+    for number, group in enumerate(_numbered(file, kind.plural)):
+        arrays = {name: group[name][:] for name in LINE_ARRAYS}
+        numbers = {name: group.attrs[name].item() for name in LINE_NUMBERS}
+        yield Line(group.attrs["name"], number, **arrays, **numbers)
+
+
+def _versions() -> dict[str, str]:
+    """Versions of the programs that compute the run, and the kind of machine."""
+    versions = {"taichisoft": taichisoft.__version__, "Python": platform.python_version()}
+    for package in PACKAGES:
+        with suppress(PackageNotFoundError):
+            versions[package] = version(package)
+    return {**versions, "machine": f"{platform.system()} {platform.machine()}"}
+
+
+def _write_soft_body(group: Any, body: "SoftBody") -> None:
+    group.attrs["name"] = body.name
+    group.attrs["nodes"] = (body.nodes.start, body.nodes.stop)
+    _write_arrays(
+        group,
+        mesh_nodes=body.mesh.nodes,
+        rest_position=body.rest_position,
+        elements=body.elements,
+        material=body.material,
+        poisson_ratio=_poisson_ratio(body.lame),
+    )
+    for kind in ("element_groups", "surface_groups"):
+        _write_arrays(group.create_group(kind), **getattr(body.mesh, kind))
+    _write_surface(group.create_group("surface"), body.surface)
+    for number, cavity in enumerate(body.cavities):
+        _write_surface(_named_group(group, f"cavities/{number}", cavity.name), cavity.surface)
+
+
+def _poisson_ratio(lame: np.ndarray) -> np.ndarray:
+    first, second = lame.T
+    ratio: np.ndarray = 0.5 * first / (first + second)
+    return ratio
+
+
+def _write_surface(group: Any, surface: MappedSurface) -> None:
+    _write_arrays(group, nodes=surface.nodes, weights=surface.weights, triangles=surface.triangles)
+
+
+def _named_group(parent: Any, path: str, name: str) -> Any:
+    group = parent.create_group(path)
+    group.attrs["name"] = name
+    return group
+
+
+def _write_names(group: Any, kind: str, names: Sequence[str]) -> None:
+    import h5py
+
+    group.attrs.create(kind, list(names), dtype=h5py.string_dtype())
+
+
+def _write_arrays(group: Any, /, **arrays: Any) -> None:
+    for name, values in arrays.items():
+        group[name] = values
+
+
+def _read_surface(group: Any) -> MappedSurface:
+    return MappedSurface(group["nodes"][:], group["weights"][:], group["triangles"][:])
+
+
+def _nodes(group: Any) -> slice:
+    return slice(*map(int, group.attrs["nodes"]))
+
+
+def _numbered(file: Any, name: str) -> list[Any]:
+    """The groups "0", "1", ... of a group, in this order; HDF5 lists them as words ("10" before "2")."""
+    return [file[name][key] for key in sorted(file[name], key=int)] if name in file else []

@@ -1,0 +1,421 @@
+"""Reading a recording: what was simulated, and what was in every frame."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Self
+
+import numpy as np
+
+from taichisoft.actuators import ACTUATOR_KINDS, CABLES, CAVITIES, ActuatorKind, ActuatorNames, Line, segment_efforts
+from taichisoft.bodies import BodyAxes, BodySurface, axes_of_bodies
+from taichisoft.control import Pair
+from taichisoft.meshes import MappedSurface
+from taichisoft.scenes import Scene, scene_from_toml
+from taichisoft.state import State
+from taichisoft_outputs.recording.bodies import (
+    RecordedSoftBody,
+    RecordedSurface,
+    read_lines,
+    read_planes,
+    read_soft_bodies,
+    read_surfaces,
+)
+from taichisoft_outputs.recording.finished_file import FinishedRecording, copy_constants, open_recording
+from taichisoft_outputs.recording.layout import CONTROLS, LAYOUT, QUANTITIES, RecordingError, group_of
+from taichisoft_outputs.recording.running_file import RunningRecording
+
+if TYPE_CHECKING:
+    from taichisoft.actuators import Actuators
+
+WHAT_DAMAGE_RAISES = (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, OverflowError)
+"""By h5py, and where its answers are used."""
+
+
+class Recording:
+    """An open recording; steps are read when they are asked for, and what is damaged is an error.
+
+    Attributes:
+        path: the file.
+        scene_text: the resolved scene as TOML.
+        versions: versions of taichisoft and of what it computed with, by name.
+        step_size: time step [s].
+        every: steps from frame to frame.
+        actuators: names of the actuators; `actuators.names_of(kind)` are the names of the columns of one kind.
+        cavities: names of the columns of `column("pressure")` and `column("volume")`.
+        cables: names of the columns of `column("tension")`, `column("pull")` and `column("cable_length")`.
+        pairs: names of the columns of `column("normal_force")`, `column("friction_force")` and `column("slip_speed")`.
+        materials: names of the columns of `column("young_modulus")`.
+        body_names: names of all bodies in the order of the scene, by which contacts number them.
+        base_pivot: the point about which the base turns [mm], shape (3,).
+        surfaces: everything with triangles: soft bodies with their cavities, rigid bodies, obstacles.
+        planes: the infinite obstacles.
+    """
+
+    def __init__(self, path: Path):
+        """Open a recording.
+
+        Raises:
+            RecordingError: it cannot be read.
+        """
+        self.path = path
+        self._file = self._opened()
+        try:
+            with self._errors_of_one_line():
+                self._read_constants(self._file.constants)
+        except RecordingError:
+            self.close()
+            raise
+
+    def _opened(self) -> RunningRecording | FinishedRecording:
+        if not self.path.is_file():
+            raise RecordingError(f"{self.path}: no such recording; `taichisoft run` writes one into its output folder")
+        try:
+            file = self.path.open("rb")
+        except OSError as error:
+            raise RecordingError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        try:
+            with self._errors_of_one_line():
+                opened = open_recording(file)
+            if opened is None:
+                raise RecordingError(f"{self.path}: {_why_refused(self.path, self._advice)}")
+            if opened.frame_count < 1:
+                raise RecordingError(f"{self.path}: damaged: no frame is left; {self._advice}")
+        except BaseException:
+            file.close()
+            raise
+        return opened
+
+    @property
+    def outcome(self) -> str:
+        """How the run ended; "unfinished" while it runs and when it was killed."""
+        return self._file.outcome
+
+    @property
+    def frame_count(self) -> int:
+        """Frames that were written, 1 or more; frame 0 is the state before the first step."""
+        return self._file.frame_count
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of the signals that the controller has had; `column("signals")` has them in this order, NaN for none.
+
+        Raises:
+            RecordingError: they are damaged.
+        """
+        with self._errors_of_one_line():
+            return self._file.signals
+
+    @property
+    def _advice(self) -> str:
+        return f"taichisoft recording repair {self.path} -o NEW.h5 rescues all frames that are whole"
+
+    @contextmanager
+    def _errors_of_one_line(self) -> Iterator[None]:
+        try:
+            yield
+        except WHAT_DAMAGE_RAISES as error:
+            raise RecordingError(f"{self.path}: damaged: {_one_line(error)}; {self._advice}") from error
+
+    def _read_constants(self, file: Any) -> None:
+        attributes, columns = file.attrs, file["steps"].attrs
+        self.scene_text: str = attributes["scene"]
+        self.versions: dict[str, str] = json.loads(attributes["versions"])
+        self.step_size = float(attributes["step_size"])
+        self.every = int(attributes["every"])
+        self.actuators = ActuatorNames({kind.name: list(columns[kind.plural]) for kind in ACTUATOR_KINDS})
+        self.cavities, self.cables = (list(self.actuators.names_of(kind)) for kind in (CAVITIES, CABLES))
+        self._lines = {kind.name: tuple(read_lines(file, kind)) for kind in ACTUATOR_KINDS if kind.drawn == "lines"}
+        self.materials = list(columns["materials"])
+        pairs = [pair.split("|") for pair in columns["pairs"]]
+        self.pairs: list[Pair] = [(first, second) for first, second in pairs]
+        self.body_names: list[str] = list(file["contacts"].attrs["names"])
+        self.base_pivot: np.ndarray = attributes["base_pivot"]
+        self.surfaces = tuple(map(self.follow, read_surfaces(file)))
+        self.planes = tuple(read_planes(file))
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Close the file, as the end of a `with` statement does."""
+        self._file.close()
+
+    @cached_property
+    def scene(self) -> Scene:
+        """The resolved scene.
+
+        Raises:
+            SceneError: this version does not understand it; the message begins with the path.
+        """
+        return scene_from_toml(self.scene_text, str(self.path))
+
+    @cached_property
+    def soft_bodies(self) -> tuple[RecordedSoftBody, ...]:
+        """Meshes and materials."""
+        with self._errors_of_one_line():
+            return tuple(read_soft_bodies(self._file.constants))
+
+    @property
+    def times(self) -> np.ndarray:
+        """Time of every frame [s], shape (frame_count,)."""
+        return self.column("time")
+
+    @property
+    def last_start(self) -> int:
+        """The frame with the first state of the last start: a user may have started the run again."""
+        return int(np.max(np.flatnonzero(np.diff(self.times) < 0.0) + 1, initial=0))
+
+    def column(self, name: str) -> np.ndarray:
+        """One quantity in all frames, shape (frame_count, ...); `layout.QUANTITIES` has names and units.
+
+        Raises:
+            RecordingError: the quantity is missing, or one of its numbers is damaged.
+        """
+        return self._rows(self._path(name), 0, self.frame_count)
+
+    def row(self, name: str, frame: int) -> np.ndarray:
+        """One quantity in one frame; positions are in double precision where the frame has a state.
+
+        Raises:
+            RecordingError: the quantity is missing, or it is damaged.
+        """
+        path, frame = self._path(name), range(self.frame_count)[frame]
+        if name == "position" and self.has_state(frame):
+            path = "states/position"
+        values: np.ndarray = self._rows(path, frame, frame + 1)[0]
+        return values.astype(np.float64) if QUANTITIES[path].single else values
+
+    def has_state(self, frame: int) -> bool:
+        """Whether a frame has a whole state, in double precision; every tenth step has one, and the last."""
+        return bool(self.row("state_count", frame))
+
+    def velocity(self, frame: int) -> np.ndarray:
+        """Velocities of the soft nodes [mm/s], (node_count, 3); without a state, the mean since the frame before."""
+        if self.has_state(frame):
+            return self._group_rows("states/velocity", frame)[0]
+        way = self.row("position", frame) - self.row("position", frame - 1)
+        mean: np.ndarray = way / (self.row("time", frame) - self.row("time", frame - 1))
+        return mean
+
+    def contacts(self, frame: int) -> tuple[np.ndarray, np.ndarray]:
+        """Points [mm] and forces [mN] on the second body of each contact, each of shape (contact_count, 3)."""
+        return self._group_rows("contacts/point", frame), self._group_rows("contacts/impulse", frame) / self.step_size
+
+    def contact_pairs(self, frame: int) -> list[Pair]:
+        """Names of the two bodies of each of these contacts."""
+        bodies = self._group_rows("contacts/bodies", frame)
+        return [(self.body_names[first], self.body_names[second]) for first, second in bodies]
+
+    def cable_points(self, frame: int) -> list[np.ndarray]:
+        """Points of each cable from its pulled end on [mm], each of shape (point_count, 3)."""
+        return self.line_points(CABLES, frame)
+
+    def lines(self, kind: ActuatorKind) -> tuple[Line, ...]:
+        """The lines of a kind's actuators: the points that they run through, and what carries them."""
+        return self._lines.get(kind.name, ())
+
+    def line_points(self, kind: ActuatorKind, frame: int) -> list[np.ndarray]:
+        """Points of each line of a kind, of cables from the pulled end on [mm], each of shape (point_count, 3)."""
+        return [self.points_of_line(line, frame) for line in self.lines(kind)]
+
+    def points_of_line(self, line: Line, frame: int) -> np.ndarray:
+        """Points of one of `lines` [mm], shape (point_count, 3)."""
+        return line.points(self._poses(frame), self.base_pivot)
+
+    def segment_efforts(self, kind: ActuatorKind, frames: Any) -> list[np.ndarray]:
+        """Efforts between the points of each line of a kind, such as tensions [mN], each (..., point_count - 1).
+
+        Args:
+            kind: the kind.
+            frames: a frame, or an array of frames, (frame_count,), which are the first dimension of the efforts.
+        """
+        read = self.row if np.ndim(frames) == 0 else lambda name, some: self.column(name)[some]
+        lost = read(kind.loss, frames) if kind.loss else np.zeros(0)
+        return segment_efforts(self.lines(kind), read(kind.effort.name, frames), lost)
+
+    def follow(self, surface: BodySurface) -> RecordedSurface:
+        """A surface of one of the bodies in the frames of this recording."""
+        mapping = surface.shape if isinstance(surface.shape, MappedSurface) else None
+
+        def vertices(frame: int) -> np.ndarray:
+            return surface.vertices(self._poses(frame))
+
+        return RecordedSurface(surface.name, surface.kind, surface.triangles, vertices, mapping)
+
+    def body_axes(self, frame: int) -> np.ndarray:
+        """Axes of the bodies whose axes the scene wants: origin [mm] and three unit vectors each, (count, 4, 3)."""
+        poses = self._poses(frame)
+        return np.array([axes.place(poses) for axes in self.axes_of_bodies.values()]).reshape(-1, 4, 3)
+
+    @cached_property
+    def axes_of_bodies(self) -> dict[str, BodyAxes]:
+        """By name, the axes of the bodies whose axes the scene wants."""
+        return axes_of_bodies(self.scene, self.soft_bodies)
+
+    def state(self, frame: int) -> State:
+        """The state in a frame that has one, bit for bit: a run that goes on from it is the one that was recorded.
+
+        Raises:
+            RecordingError: it has none (see `has_state`), or it is damaged.
+        """
+        frame = range(self.frame_count)[frame]
+        if not self.has_state(frame):
+            raise RecordingError(f"{self.path}: frame {frame} has no state of its own, in double precision")
+        parts: dict[str, np.ndarray] = {}
+        for path, quantity in QUANTITIES.items():
+            if quantity.state_field and not quantity.single and group_of(path) != "controls":
+                rows = self._rows(path, frame, frame + 1)
+                parts[path] = rows if group_of(path) == "contacts" else rows[0]
+        values: dict[str, Any] = _fields(parts)
+        return State(**{**values, "time": float(values["time"]), "step": int(values["step"])})
+
+    def field(self, name: str, frame: int) -> np.ndarray:
+        """A field of the state in a frame, also one whose parts are several quantities; not positions.
+
+        Raises:
+            RecordingError: it is damaged.
+        """
+        paths = [path for path, one in QUANTITIES.items() if one.state_field == name and group_of(path) == "steps"]
+        return _fields({path: self.row(path.removeprefix("steps/"), frame) for path in paths})[name]
+
+    def controls(self, frame: int) -> list[dict[str, np.ndarray]]:
+        """What a controller acted through in each step since the frame before, by the fields of `State`."""
+        between = _fields({path: self._group_rows(path, frame) for path in CONTROLS})
+        own = _fields({path: self.row(path.split("/")[1], frame) for path in CONTROLS})
+        count = int(self.row("control_count", frame))
+        return [*({field: rows[step] for field, rows in between.items()} for step in range(count)), own]
+
+    def rows_of_frames(self, first: int, end: int) -> dict[str, np.ndarray]:
+        """All that belongs to the frames from `first` to before `end`, by paths of datasets, one after the other.
+
+        Raises:
+            RecordingError: some of it is damaged.
+        """
+        return {path: self._rows(path, first, end) for path in QUANTITIES}
+
+    def copy_constants(self, target: Any) -> None:
+        """Copy what does not change into another open HDF5 file.
+
+        Raises:
+            RecordingError: some of it is damaged.
+        """
+        with self._errors_of_one_line():
+            copy_constants(self._file.constants, target)
+
+    def frame_at(self, time: float) -> int:
+        """Index of the frame nearest to `time` [s] since the last start.
+
+        Raises:
+            RecordingError: the time was not recorded.
+        """
+        first = self.last_start
+        times = self.times[first:]
+        if not times[0] - self.step_size <= time <= times[-1] + self.step_size:
+            reach = f"from {times[0]:g} s to {times[-1]:g} s"
+            raise RecordingError(f"{self.path}: nothing at {time:g} s; the recording has {reach}")
+        return first + int(np.argmin(np.abs(times - time)))
+
+    def refresh(self) -> None:
+        """See what a run in progress has written since the file was opened, or since the last call.
+
+        Raises:
+            RecordingError: it can no longer be read.
+        """
+        opened = self._opened()
+        self._file.close()
+        self._file = opened
+
+    def _rows(self, path: str, first: int, end: int) -> np.ndarray:
+        with self._errors_of_one_line():
+            return self._file.rows(path, first, end)
+
+    def _group_rows(self, path: str, frame: int) -> np.ndarray:
+        frame = range(self.frame_count)[frame]
+        return self._rows(path, frame, frame + 1)
+
+    def _poses(self, frame: int) -> Any:
+        return _RecordedPoses(self, frame)
+
+    def _path(self, name: str) -> str:
+        path = f"steps/{name}"
+        if path not in QUANTITIES:
+            known = ", ".join(path.removeprefix("steps/") for path in QUANTITIES if path.startswith("steps/"))
+            raise RecordingError(f"{self.path}: steps have no '{name}'; there are: {known}")
+        return path
+
+
+class LiveRecording(Recording):
+    """The recording of a single frame whose quantities are replaced by one state after the other."""
+
+    def show(self, values: dict[str, np.ndarray]) -> None:
+        """Take over a state: its fields by the paths of `layout.QUANTITIES`, in `steps` as a row of one frame."""
+        self._values = values
+
+    def _rows(self, path: str, first: int, end: int) -> np.ndarray:
+        return self._values[path]
+
+
+def _fields(parts: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Quantities by the fields of `State`; for quantities of actuators, the parts of all kinds in one array."""
+    fields: dict[str, np.ndarray] = {}
+    for path, part in parts.items():
+        field = QUANTITIES[path].state_field
+        fields[field] = np.concatenate([fields[field], part], axis=-1) if field in fields else part
+    return fields
+
+
+def live_values(state: State, actuators: "Actuators") -> dict[str, np.ndarray]:
+    """What `LiveRecording.show` takes, of a state of the model with these actuators."""
+    values = {"steps/state_count": np.zeros(1, dtype=int)}
+    for path, quantity in QUANTITIES.items():
+        if quantity.state_field and group_of(path) in ("steps", "contacts"):
+            value = np.asarray(quantity.of(state, actuators))
+            values[path] = value if group_of(path) == "contacts" else value[None]
+    return values
+
+
+class _RecordedPoses:
+    """Where nodes and bodies are in a frame, by the fields of `State`; only what is asked for is read."""
+
+    def __init__(self, recording: Recording, frame: int):
+        self._recording, self._frame = recording, frame
+
+    def __getattr__(self, field: str) -> Any:
+        return self._recording.row(field, self._frame)
+
+
+def _why_refused(path: Path, advice: str) -> str:
+    """What is wrong with a file that begins like no recording of this layout."""
+    import h5py
+
+    try:
+        with h5py.File(path, "r") as file:
+            layout = file.attrs.get("layout", "none")
+            version = file.attrs["taichisoft_version"]
+            version = version if isinstance(version, str) else bytes(version).decode(errors="replace")
+    except KeyError as error:
+        return f"not a recording of taichisoft: {_one_line(error)}"
+    except WHAT_DAMAGE_RAISES as error:
+        return f"not readable as HDF5: {_one_line(error)}; {advice}"
+    if layout == LAYOUT:
+        return f"damaged: its beginning is not what was written; {advice}"
+    return f"taichisoft {version} wrote it in layout {layout}, this version reads layout {LAYOUT}; run the scene again"
+
+
+def _one_line(error: BaseException) -> str:
+    return " ".join(str(error).split()).strip("'\"") or type(error).__name__
+
+
+def read_recording(path: str | Path) -> Recording:
+    """Open a recording; use it in a `with` statement. That of a killed or running simulation opens too.
+
+    Raises:
+        RecordingError: the file is missing or damaged, not a recording, or has another layout than this version reads.
+    """
+    return Recording(Path(path))

@@ -1,0 +1,275 @@
+"""The file of a recording while its run goes on: records one behind the other, each with a checksum.
+
+Nothing that was written is written again but the outcome, in its own place: a process that is killed, or a disk that is
+full, costs the record that was begun. The first records have the outcome, what does not change, as the image of an HDF5
+file, and the types of all numbers; then every frame has a record of figures and one of fields.
+"""
+
+import glob
+import io
+import json
+import math
+import os
+import struct
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from enum import IntEnum
+from pathlib import Path
+from typing import Self
+from zlib import crc32
+
+import numpy as np
+
+from taichisoft.atomic_file import atomic_file, named_os_errors
+from taichisoft_outputs.recording.layout import (
+    COUNTS,
+    FIELDS,
+    QUANTITIES,
+    UNFINISHED,
+    DamagedContent,
+    RecordingError,
+    group_of,
+)
+
+MARK = b"\x93taichi\n"
+"""Every record begins with it."""
+HEADER = struct.Struct("<8sIIQII")
+"""Mark, kind, number, length, checksum of the content, checksum of the header before."""
+OUTCOME_LENGTH = 2000
+"""Bytes of the outcome, which is written in place."""
+SEARCHED = 2**20
+"""Bytes that are searched at a time for the next record behind a damaged one."""
+
+
+class Kind(IntEnum):
+    """What a record has; the number of figures and fields is that of their frame."""
+
+    OUTCOME, CONSTANTS, FORMAT, SIGNALS, FIGURES, FIELDS = range(6)
+
+
+class FrameFormat:
+    """The types of a frame's numbers.
+
+    Attributes:
+        types: numpy's name of the type, and the shape of a row, of each quantity by path.
+    """
+
+    def __init__(self, types: Mapping[str, tuple[str, Sequence[int]]]):
+        self.types = {path: (name, tuple(shape)) for path, (name, shape) in types.items()}
+        self.figures = np.dtype([(path, *self.types[path]) for path in QUANTITIES if path not in FIELDS])
+
+    @classmethod
+    def of_frame(cls, rows: Mapping[str, np.ndarray]) -> Self:
+        """The format of the rows of a frame, as `rows.RowMaker` makes them."""
+        return cls({path: (row.dtype.str, row.shape[group_of(path) != "steps" :]) for path, row in rows.items()})
+
+    def encoded(self, rows: Mapping[str, np.ndarray]) -> tuple[bytes, bytes]:
+        """The figures and the fields of a frame."""
+        figures = np.zeros((), self.figures)
+        for path in self.figures.names or ():
+            figures[path] = rows[path]
+        fields = [np.ascontiguousarray(rows[path], self.types[path][0]).tobytes() for path in FIELDS]
+        return figures.tobytes(), b"".join(fields)
+
+    def fields(self, figures: np.void, content: bytes) -> dict[str, np.ndarray]:
+        """The fields of a frame with these figures, by path, shape (row_count, ...)."""
+        rows, place = {}, 0
+        for path in FIELDS:
+            name, shape = self.types[path]
+            count = 1 if group_of(path) == "steps" else int(figures[COUNTS[group_of(path)]])
+            rows[path] = np.frombuffer(content, name, count * math.prod(shape), place).reshape(count, *shape)
+            place += rows[path].nbytes
+        return rows
+
+
+class RunningFile:
+    """Writes the frames of a run, each as soon as it is given.
+
+    Attributes:
+        path: place of the file.
+        frame_count: frames that were written.
+        size: length of the file [bytes].
+        is_whole: whether all frames that were given are in it.
+    """
+
+    def __init__(self, path: Path, constants: bytes, rows: Mapping[str, np.ndarray], signals: Sequence[str] = ()):
+        """Make a new file, or replace the one that is there when the first frame is in the new one.
+
+        Args:
+            path: place of the file; its folder is made when it does not exist.
+            constants: image of an HDF5 file with what does not change.
+            rows, signals: the first frame, as for `append`.
+
+        Raises:
+            RecordingError: the file cannot be made.
+        """
+        self.path, self.frame_count, self.size, self.is_whole = path, 0, 0, True
+        self._format, self._signals = FrameFormat.of_frame(rows), 0
+        with named_os_errors(path, RecordingError):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            for begun in path.parent.glob(f".{glob.escape(path.name)}.*.partial"):  # of processes that were killed
+                begun.unlink(missing_ok=True)
+        with atomic_file(path, RecordingError) as begun:
+            self._file = begun.open("xb", buffering=0)
+            try:
+                self._write(_outcome(UNFINISHED) + _record(Kind.CONSTANTS, 0, constants))
+                self._write(_record(Kind.FORMAT, 0, json.dumps(self._format.types).encode()))
+                self._append(rows, signals)
+            except BaseException:
+                self._file.close()
+                raise
+
+    def append(self, rows: Mapping[str, np.ndarray], signals: Sequence[str] = ()) -> None:
+        """Add a frame.
+
+        Args:
+            rows: by path, the row of a quantity of `steps`, and all rows of one of another group.
+            signals: names of the columns of signals that have one by now.
+
+        Raises:
+            RecordingError: the frame cannot be written; those before it stay.
+        """
+        self.is_whole = False
+        if not self._is_in_place():
+            raise RecordingError(f"{self.path}: was removed or replaced while the run went on; its frames are lost")
+        with named_os_errors(self.path, RecordingError):
+            self._append(rows, signals)
+        self.is_whole = True
+
+    def close(self, outcome: str) -> None:
+        """Say how the run ended; a file that nobody closes says that it has not ended."""
+        with self._file, suppress(OSError):  # its place is there already: this needs no room
+            os.pwrite(self._file.fileno(), _outcome(outcome), 0)
+
+    def _append(self, rows: Mapping[str, np.ndarray], signals: Sequence[str]) -> None:
+        if len(signals) > self._signals:
+            self._signals = len(signals)
+            self._write(_record(Kind.SIGNALS, 0, json.dumps(list(signals)).encode()))
+        figures, fields = self._format.encoded(rows)
+        number = self.frame_count
+        self._write(_record(Kind.FIGURES, number, figures) + _record(Kind.FIELDS, number, fields))
+        self.frame_count += 1
+
+    def _write(self, content: bytes) -> None:
+        """Write all of it: a system may write a part, and refuse the rest when it is asked for."""
+        rest = memoryview(content)
+        while rest:
+            rest = rest[self._file.write(rest) or 0 :]
+        self.size += len(content)
+
+    def _is_in_place(self) -> bool:
+        try:
+            return os.path.samestat(self.path.stat(), os.fstat(self._file.fileno()))
+        except OSError:
+            return False
+
+
+def _record(kind: Kind, number: int, content: bytes) -> bytes:
+    header = HEADER.pack(MARK, kind, number, len(content), crc32(content), 0)[:-4]
+    return header + struct.pack("<I", crc32(header)) + content
+
+
+def _outcome(text: str) -> bytes:
+    return _record(Kind.OUTCOME, 0, text.encode(errors="replace")[:OUTCOME_LENGTH].ljust(OUTCOME_LENGTH, b"\0"))
+
+
+class RunningRecording:
+    """Reads such a file as it stands when it is opened.
+
+    Attributes:
+        constants: the open HDF5 file with what does not change.
+        format: the types of the numbers of a frame.
+        outcome: how the run ended.
+        frame_count: frames that were written.
+        size: length of the file [bytes].
+        signals: names of the columns of signals.
+    """
+
+    def __init__(self, file: io.BufferedReader):
+        """Take an open file and find its records.
+
+        Raises:
+            OSError: it cannot be read.
+            DamagedContent: what does not change is damaged.
+        """
+        import h5py
+
+        self._file, self.size = file, os.fstat(file.fileno()).st_size
+        self._records: dict[tuple[int, int], tuple[int, int, int]] = {}
+        self._find_records()
+        self.constants = h5py.File(io.BytesIO(self._content(Kind.CONSTANTS)), "r")
+        self.format = FrameFormat(json.loads(self._content(Kind.FORMAT)))
+        self.outcome = self._outcome()
+        self.frame_count = 1 + max((number for kind, number in self._records if kind == Kind.FIELDS), default=-1)
+
+    @property
+    def signals(self) -> list[str]:
+        """Names of the columns of signals."""
+        return json.loads(self._content(Kind.SIGNALS)) if (Kind.SIGNALS, 0) in self._records else []
+
+    def close(self) -> None:
+        """Close the file."""
+        self.constants.close()
+        self._file.close()
+
+    def rows(self, path: str, first: int, end: int) -> np.ndarray:
+        """A quantity in the frames from `first` to before `end`: a row for each, or all rows that belong to them.
+
+        Raises:
+            DamagedContent: it is not what was written.
+        """
+        rows: np.ndarray = self._fields(first, end)[path] if path in FIELDS else self._figures(first, end)[path]
+        return rows
+
+    def all_rows(self, first: int, end: int) -> dict[str, np.ndarray]:
+        """All quantities in these frames by path."""
+        figures = self._figures(first, end)
+        return {path: figures[path] for path in figures.dtype.names or ()} | self._fields(first, end)
+
+    def _figures(self, first: int, end: int) -> np.ndarray:
+        contents = [self._content(Kind.FIGURES, number) for number in range(first, end)]
+        return np.frombuffer(b"".join(contents), self.format.figures)
+
+    def _fields(self, first: int, end: int) -> dict[str, np.ndarray]:
+        frames = [
+            self.format.fields(figures, self._content(Kind.FIELDS, number))
+            for number, figures in zip(range(first, end), self._figures(first, end), strict=True)
+        ]
+        return {path: np.concatenate([frame[path] for frame in frames]) for path in FIELDS}
+
+    def _outcome(self) -> str:
+        with suppress(DamagedContent):  # it may just be written
+            return self._content(Kind.OUTCOME).rstrip(b"\0").decode(errors="replace")
+        return UNFINISHED
+
+    def _content(self, kind: Kind, number: int = 0) -> bytes:
+        name = kind.name.lower() if kind < Kind.FIGURES else f"{kind.name.lower()} of frame {number}"
+        if (kind, number) not in self._records:
+            raise DamagedContent(f"{name} are missing")
+        place, length, checksum = self._records[kind, number]
+        content = os.pread(self._file.fileno(), length, place)
+        if len(content) < length or crc32(content) != checksum:
+            raise DamagedContent(f"{name} are not what was written")
+        return content
+
+    def _find_records(self) -> None:
+        """Go from header to header; where one is damaged, on to the next mark."""
+        place, size = 0, self.size
+        while place + HEADER.size <= size:
+            header = os.pread(self._file.fileno(), HEADER.size, place)
+            mark, kind, number, length, checksum, of_header = HEADER.unpack(header)
+            if mark != MARK or crc32(header[:-4]) != of_header:
+                place = self._next_mark(place + 1)
+                continue
+            place += HEADER.size
+            if place + length <= size:
+                self._records[kind, number] = place, length, checksum
+            place += length
+
+    def _next_mark(self, place: int) -> int:
+        """Where the next mark is from a place on; behind the end of the file where none is."""
+        while found := os.pread(self._file.fileno(), SEARCHED, place):
+            if (offset := found.find(MARK)) >= 0:
+                return place + offset
+            place += max(len(found) - len(MARK) + 1, 1)
+        return place + HEADER.size

@@ -1,0 +1,120 @@
+"""Pictures of a simulation while it goes on, from a worker process that stays and can neither hang nor crash it."""
+
+import warnings
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft.errors import TaichisoftError
+from taichisoft.plugin_system import Renderer
+from taichisoft.worker import Worker, WorkerLost
+from taichisoft_outputs.drawing.style import Style, StyleError
+from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.reader import live_values
+from taichisoft_outputs.rendering.render import FRAME_LIMIT, START_LIMIT, RenderError
+from taichisoft_outputs.system_libraries import install_line, packages_for
+
+if TYPE_CHECKING:
+    from taichisoft.model import Model
+    from taichisoft.state import State
+
+WORKER = "taichisoft_outputs.rendering.draw_process:draw_states"
+
+
+class LiveRenderer(Renderer):
+    """Draws what a camera would see: bodies, floor and shadows, without captions, arrows and colour bars.
+
+    A process that crashes or hangs is replaced once in a picture.
+    """
+
+    def __init__(self, model: "Model", size: tuple[int, int], camera: str | tuple[tuple[float, ...], ...]):
+        """Nothing is started before the first picture.
+
+        Args:
+            model: model whose states are drawn.
+            size: width and height [pixels].
+            camera: a view of `Style`, or the points of eye and target [mm].
+
+        Raises:
+            StyleError: the size or the camera is not possible, or follows a body that is not there.
+        """
+        self._model = model
+        self._style = _style(size, camera)
+        self._style.check(model.scene)
+        self._process: _Process | None = None
+
+    def picture(self, state: "State", marks: np.ndarray) -> np.ndarray:
+        """Draw a state with marks at points [mm], shape (height, width, 3), dtype uint8.
+
+        Raises:
+            RenderError: drawing failed twice, or cannot succeed; the message says what to install if that could help.
+        """
+        problem = ""
+        for _ in range(2):
+            if self._process is None:
+                self._process = _Process(self._model, self._style)
+            try:
+                return self._process.draw(state, marks)
+            except WorkerLost as lost:
+                problem = str(lost)
+                self.close()
+            except TaichisoftError as error:
+                self.close()
+                raise RenderError(str(error)) from error
+            except BaseException:  # Ctrl and c: the rest of this picture must not be taken for the next one
+                self.close()
+                raise
+            warnings.warn(f"the renderer stopped: {problem}; another takes its place", stacklevel=2)
+        raise RenderError(
+            f"no picture: {problem}; off-screen drawing needs Mesa's libraries "
+            f"({install_line(packages_for(problem, 'open3d'))}); `taichisoft doctor` checks them"
+        )
+
+    def close(self) -> None:
+        """End the process."""
+        if self._process is not None:
+            self._process.end()
+            self._process = None
+
+
+class _Process:
+    """The worker process, and a folder with the recording that describes the model to it."""
+
+    def __init__(self, model: "Model", style: Style):
+        self._actuators = model.actuators
+        self._limit = START_LIMIT + FRAME_LIMIT
+        self._next_limit = FRAME_LIMIT * max(1.0, style.size[0] * style.size[1] / 1e6)
+        self._folder = TemporaryDirectory(prefix="taichisoft-renderer-")
+        recording = RecordingOutput(Path(self._folder.name))
+        first = model.initial_state()
+        recording.begin(model, first)
+        recording.end("picture")
+        self.worker = Worker(WORKER)
+        self.worker.send((str(recording.path), style, live_values(first, self._actuators)))
+
+    def draw(self, state: "State", marks: np.ndarray) -> np.ndarray:
+        """The picture of a state with its marks; raises what `Worker.receive` raises."""
+        drawn: np.ndarray = self.worker.ask((live_values(state, self._actuators), marks), self._limit)
+        self._limit = self._next_limit
+        return drawn
+
+    def end(self) -> None:
+        """End the process."""
+        self.worker.end()
+        self._folder.cleanup()
+
+
+def _style(size: tuple[int, int], camera: str | tuple[tuple[float, ...], ...]) -> Style:
+    signs = ("cavity_pressure", "cable_tension", "arrows", "axes", "body_axes", "caption")
+    plain = dict.fromkeys(signs, False)
+    if isinstance(camera, str):
+        if camera == "orbit":
+            raise StyleError("camera 'orbit' needs a whole run; there are: iso, front, top, follow:BODY, two points")
+        return Style(size=size, view=camera, **plain)  # type: ignore[arg-type]
+    if len(camera) != 2:
+        raise StyleError(
+            f"camera {camera!r}: must be the name of a view or two points, of the eye and what it looks at"
+        )
+    return Style(size=size, eye=camera[0], target=camera[1], **plain)  # type: ignore[arg-type]

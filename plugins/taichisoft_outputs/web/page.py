@@ -1,0 +1,74 @@
+"""A page that shows frames, be they of a run or of a recording."""
+
+from typing import Any
+
+from taichisoft_outputs.web.address import WebError
+from taichisoft_outputs.web.curves import Curves
+from taichisoft_outputs.web.frame import Frame, PageScene
+from taichisoft_outputs.web.guard import Guard, guarded
+from taichisoft_outputs.web.scene_view import SceneView
+
+SPEEDS = (0.05, 4.0)
+"""Lowest and highest speed of a slider, simulated over wall-clock time."""
+
+# A browser moves its camera by letters and arrows that steer the gripper here. Its handler sits behind the handlers of
+# the hotkeys, so that a key which goes no further than they do turns the gripper and not the picture.
+KEEP_KEYS_FROM_CAMERA = (
+    '<img hidden src="data:," onerror="document.documentElement.addEventListener('
+    "'keydown', event => event.stopPropagation())\">"
+)
+
+
+class Page:
+    """A server with the scene, a line of text and the plots.
+
+    Attributes:
+        server: server of viser, to which controls can be added.
+        port: port at which it listens.
+        view: the scene.
+        curves: the plots.
+    """
+
+    def __init__(self, host: str, port: int, token: str, content: PageScene, first: Frame):
+        """Serve viewers who know the token, at an address of `find_address`.
+
+        Raises:
+            WebError: the port was taken in the meantime, or this version of viser cannot be guarded.
+        """
+        self.server = make_server(host, port, token)
+        self.port = self.server.get_port()
+        if port and self.port != port:
+            self.server.stop()
+            raise WebError(f"port {port} of {host} is taken")
+        self.view = SceneView(self.server, content, first)
+        gui = self.server.gui
+        gui.set_panel_label(content.scene.title or "taichisoft")
+        gui.main_panel.dock_right()
+        gui.configure_theme(control_width="medium", show_logo=False, show_share_button=False)
+        self._text = gui.add_markdown("", order=0.0)
+        self.view.put_scales(gui.add_html("", order=0.5))
+        with gui.add_folder("plots", order=100.0):
+            self.curves = Curves(gui, content)
+
+    def set_status(self, text: str) -> None:
+        """Put a line of Markdown above everything."""
+        self._text.content = text
+
+
+def clamped(value: float, ends: tuple[float, float]) -> float:
+    """The number between two ends that is nearest to a value."""
+    return float(min(max(value, ends[0]), ends[1]))
+
+
+def make_server(host: str, port: int, token: str) -> Any:
+    """A viser server for viewers who know the token, which they cannot make public."""
+    import viser
+
+    class Server(viser.ViserServer):
+        """A server without viser's tunnel: any viewer could open it, and the whole internet would reach the page."""
+
+        def request_share_url(self, verbose: bool = True) -> None:
+            """Refuse: a page has no tunnel."""
+
+    with guarded(Guard(host, token)):
+        return Server(host=host, port=port, verbose=False)

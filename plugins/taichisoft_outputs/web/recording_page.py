@@ -1,0 +1,198 @@
+"""The page of a recording: to play, to scrub, and to follow while its run goes on."""
+
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from taichisoft.actuators import ACTUATOR_KINDS
+from taichisoft_outputs.drawing.arrows import SAMPLES
+from taichisoft_outputs.drawing.scales import sample_frames
+from taichisoft_outputs.recording.layout import UNFINISHED
+from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.web.address import Address
+from taichisoft_outputs.web.curves import MOST_POINTS, plotted_row
+from taichisoft_outputs.web.frame import Frame, PageScene, lines_shown
+from taichisoft_outputs.web.page import SPEEDS, Page, clamped
+
+FRAMES_PER_SECOND = 30.0
+SECONDS_BETWEEN_LOOKS = 1.0
+"""The file of a run that goes on is looked at again after so many seconds."""
+PLOTTED = ("normal_force", "rigid_position", *(kind.effort.name for kind in ACTUATOR_KINDS))
+"""The quantities of a recording that `plotted_row` needs."""
+
+
+class Playback:
+    """A position in the frames of a recording.
+
+    Attributes:
+        clock: time at which each frame is shown [s], from 0; a new start of the run takes none, shape (frame_count,).
+        position: time of the viewers on that clock [s].
+        playing: whether it moves on.
+        speed: recorded over wall-clock time.
+    """
+
+    def __init__(self, times: np.ndarray):
+        """Begin to play at the first frame; times [s] of all frames, shape (frame_count,)."""
+        self.position = 0.0
+        self.playing = True
+        self.speed = 1.0
+        self.extend(times)
+
+    def extend(self, times: np.ndarray) -> None:
+        """Set the times of all frames, after more were recorded."""
+        self.clock = np.concatenate([[0.0], np.cumsum(np.maximum(np.diff(times), 0.0))])
+
+    @property
+    def length(self) -> float:
+        """Time that the whole recording takes [s]."""
+        return float(self.clock[-1])
+
+    @property
+    def frame(self) -> int:
+        """Index of the last frame that is not later than the position."""
+        return int(np.searchsorted(self.clock, self.position + 1e-9, side="right")) - 1
+
+    def advance(self, seconds: float) -> None:
+        """Move on by a wall-clock time [s]; stands still at the end, and goes on when more is recorded."""
+        if self.playing:
+            self.position = min(self.position + seconds * self.speed, self.length)
+
+    def play_or_pause(self) -> None:
+        """Stop, or go on: at the end from the start."""
+        self.playing = not self.playing
+        if self.playing and self.position >= self.length:
+            self.position = 0.0
+
+
+class RecordingPage:
+    """Serves a recording; all viewers see the same moment, and each may choose it.
+
+    Attributes:
+        playback: where the viewers are.
+        page: what they see.
+    """
+
+    def __init__(self, path: Path, address: Address):
+        """Serve the first frame.
+
+        Raises:
+            RecordingError: the file is not a recording.
+            WebError: nothing can listen at the address.
+        """
+        self._recording = recording = read_recording(path)
+        self.playback = Playback(recording.times)
+        self._shown = -1
+        self._last_look = time.monotonic()
+        self._read_curves()
+        axes = recording.axes_of_bodies
+        content = PageScene(recording.scene, recording.surfaces, recording.planes, recording.actuators, axes)
+        self.page = Page(address.host, address.port, address.token, content, frame_of(recording, 0))
+        self._show_whole_scales()
+        self._add_controls(self.page.server.gui)
+
+    def tick(self, seconds: float) -> None:
+        """Show what is due; `seconds` of wall-clock time have passed since the last call."""
+        playback = self.playback
+        if self._recording.outcome == UNFINISHED and time.monotonic() - self._last_look > SECONDS_BETWEEN_LOOKS:
+            self._look_for_more()
+        playback.advance(seconds)
+        frame = playback.frame
+        if frame != self._shown:
+            self._shown = frame
+            self._show(frame)
+
+    def serve(self) -> None:
+        """Serve until Ctrl and c."""
+        last = time.monotonic()
+        while True:
+            now = time.monotonic()
+            self.tick(now - last)
+            last = now
+            time.sleep(max(0.0, 1.0 / FRAMES_PER_SECOND - (time.monotonic() - now)))
+
+    def close(self) -> None:
+        """End the page."""
+        self.page.server.stop()
+        self._recording.close()
+
+    def _show(self, frame: int) -> None:
+        shown = frame_of(self._recording, frame)
+        self.page.view.show(shown)
+        self.page.set_status(f"**{shown.time:.2f} s** of {self._recording.path.name} · {self._recording.outcome}")
+        self._slider.value = self.playback.position
+        past = self._plotted <= frame
+        self.page.curves.show(self.playback.clock[self._plotted[past]], self._rows[past])
+
+    def _look_for_more(self) -> None:
+        self._last_look = time.monotonic()
+        self._recording.refresh()
+        self._shown = -1
+        self.playback.extend(self._recording.times)
+        self._read_curves()
+        self._slider.max = max(self.playback.length, self._slider.step)
+
+    def _show_whole_scales(self) -> None:
+        """Let the scales reach over the whole run, as in its pictures; later frames widen them."""
+        recording = self._recording
+        frames = sample_frames(range(recording.frame_count), SAMPLES)
+        forces = [np.linalg.norm(recording.contacts(frame)[1], axis=1).max(initial=0.0) for frame in frames]
+        efforts = {}
+        for kind in ACTUATOR_KINDS:
+            along = recording.segment_efforts(kind, np.array(frames)) if kind.drawn == "lines" else []
+            own = [recording.column(kind.effort.name)] if kind.drawn == "walls" else along
+            efforts[kind.name] = np.concatenate([np.zeros(1), *(one.ravel() for one in own)])
+        self.page.view.reach_to(efforts, max(forces, default=0.0))
+
+    def _read_curves(self) -> None:
+        """Read what the plots show, of as many frames as they can hold."""
+        count = self._recording.frame_count
+        self._plotted = np.unique(np.linspace(0, count - 1, min(count, MOST_POINTS)).astype(int))
+        columns = [self._recording.column(name)[self._plotted] for name in PLOTTED]
+        self._rows = np.array([_plotted_row(self._recording, *values) for values in zip(*columns, strict=True)])
+        self._rows[:, -1] -= self._rows[0, -1]
+
+    def _add_controls(self, gui: Any) -> None:
+        playback = self.playback
+        step = max(self._recording.step_size * self._recording.every, 1e-3)
+        with gui.add_folder("playback", order=1.0):
+            self._slider = gui.add_slider("time [s]", 0.0, max(playback.length, step), step, 0.0)
+            play = gui.add_button("play, and pause")
+            speed = gui.add_slider("speed [x real time]", *SPEEDS, 0.05, 1.0)
+        gui.add_command("space: play, and pause", hotkey="space").on_trigger(lambda _: playback.play_or_pause())
+        play.on_click(lambda _: playback.play_or_pause())
+
+        @self._slider.on_update
+        def _(event: Any) -> None:
+            if event.client is not None:  # otherwise it followed the playback
+                playback.playing = False
+                playback.position = clamped(self._slider.value, (0.0, playback.length))
+
+        @speed.on_update
+        def _(event: Any) -> None:
+            playback.speed = clamped(speed.value, SPEEDS)
+
+
+def frame_of(recording: Recording, index: int) -> Frame:
+    """A frame of a recording."""
+    vertices = [surface.vertices(index) for surface in recording.surfaces]
+    plotted = _plotted_row(recording, *(recording.row(name, index) for name in PLOTTED))
+    lines = {
+        kind.name: lines_shown(recording.line_points(kind, index), recording.segment_efforts(kind, index))
+        for kind in ACTUATOR_KINDS
+        if kind.drawn == "lines"
+    }
+    return Frame(
+        float(recording.row("time", index)),
+        vertices,
+        lines,
+        *recording.contacts(index),
+        plotted,
+        recording.body_axes(index),
+    )
+
+
+def _plotted_row(recording: Recording, forces: np.ndarray, places: np.ndarray, *efforts: np.ndarray) -> np.ndarray:
+    by_pair = dict(zip(recording.pairs, forces.tolist(), strict=True))
+    return plotted_row(recording.scene, np.concatenate(efforts).tolist(), by_pair, places)

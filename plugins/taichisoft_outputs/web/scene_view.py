@@ -1,0 +1,238 @@
+"""The three-dimensional part of a page: bodies, cavities and cables inside them, floor, axes, arrows of forces."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from taichisoft.actuators import ACTUATOR_KINDS
+from taichisoft.bodies import quaternion_from_matrix
+from taichisoft.scenes import Scene, red_green_blue
+from taichisoft_outputs.drawing.arrows import BODY_AXIS, arrow_colour
+from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, Camera, fit_camera, radius_around_mean
+from taichisoft_outputs.drawing.colouring import body_colours
+from taichisoft_outputs.drawing.planes import square_of_plane
+from taichisoft_outputs.drawing.scales import LINE
+from taichisoft_outputs.drawing.shading import key_light, split_creases
+from taichisoft_outputs.drawing.style import BACKGROUND
+from taichisoft_outputs.web.frame import Frame, LinesShown, PageScene
+from taichisoft_outputs.web.scales_shown import Scales
+
+LENGTH_UNIT = 0.01
+"""Units of the page in a millimetre: its lights, shadows and camera are made for things of a few units."""
+
+ASPECT = 1.3
+"""Width / height of the part of a window that the panel leaves free."""
+
+BACKWARD = 1.35
+"""The camera begins so many times further off than the first frame needs, since everything is going to move [-]."""
+
+COLOURS: dict[str, tuple[int, int, int]] = {
+    "soft": (237, 229, 216),
+    "cavity": (0, 118, 128),
+    "rigid": (58, 92, 168),
+    "obstacle": (140, 148, 158),
+    "floor": (173, 190, 208),
+}
+"""Red, green and blue by kind, each from 0 to 255, of what has no colour of its own in the scene."""
+SILICONE_OPACITY = 0.55
+
+LINE_THICKNESS = 0.013
+"""Thickness of cables and other lines, in radii of the scene [-]; they are thinner, but would not be seen."""
+ARROW_LENGTH = 0.35
+"""Length of the arrow of the largest force so far, in radii of the scene [-]; the others are in proportion."""
+SMALLEST_ARROW = 0.03
+"""Forces below this part of the largest one so far are not drawn [-]."""
+CORNER_AXIS = 0.2
+"""Length of the scene's axes, in radii of the scene [-]."""
+BESIDE = 0.55
+"""Distance of the scene's axes from the middle, both to the left and towards the camera, in radii of the scene [-]."""
+OUT_OF_BODY = 1.2
+"""Length of the axes of rigid bodies, in their radii [-]."""
+LIGHT, GROUND = 2.0, (150, 150, 150)
+"""Strength of the two lights, in viser's unit, and colour of the light from below: a floor has about its own colour."""
+
+
+class SceneView:
+    """Draws frames into the scene of a viser server; what did not move is not sent again."""
+
+    def __init__(self, server: Any, content: PageScene, first: Frame):
+        """Put everything where the first frame has it, and the camera where it sees that."""
+        self._server = server
+        self._scales, self._scales_shown = Scales(), None
+        self._actuators = content.actuators
+        bodies = [v for s, v in zip(content.surfaces, first.vertices, strict=True) if s.kind in ("soft", "rigid")]
+        points = np.vstack(bodies) if bodies else np.vstack([np.zeros((1, 3)), *first.vertices])
+        points = np.vstack([points, *(lines.ends.reshape(-1, 3) for lines in first.lines.values())])
+        self._radius = max(radius_around_mean(points), 1.0)
+        server.scene.set_up_direction(content.scene.up)
+        self._set_lights(content.scene)
+        self._set_camera(points, content.scene)
+        background = content.scene.appearance.background
+        self._set_background(background)
+        self._own_colours = body_colours(content.scene)
+        behind = [
+            np.array(BACKGROUND if background is None else red_green_blue(background)),
+            *self._own_colours.values(),
+        ]
+        self._force_colour = _bytes(arrow_colour(behind))
+        self._sources, self._meshes = [], []
+        for surface, vertices in zip(content.surfaces, first.vertices, strict=True):
+            source, triangles = split_creases(vertices, surface.triangles)
+            self._sources.append(source)
+            self._meshes.append(self._add(surface.name, vertices[source], triangles, surface.kind))
+        self._walls = {}
+        for kind in ACTUATOR_KINDS:
+            if kind.drawn == "walls":
+                named = zip(content.surfaces, self._meshes, strict=True)
+                meshes = {surface.name: mesh for surface, mesh in named if surface.kind == kind.name}
+                self._walls[kind.name] = [meshes.get(name) for name in content.actuators.names_of(kind)]
+        if content.scene.appearance.frame:
+            self._add_axes(points, content.scene.up)
+        rigid = {s.name: v for s, v in zip(content.surfaces, first.vertices, strict=True) if s.kind == "rigid"}
+        self._axes = [
+            self._add_frame(f"/axes of {name}", self._length_of_axes(rigid.get(name))) for name in content.axes
+        ]
+        for plane in content.planes:
+            self._add(plane.name, *square_of_plane(plane, points, []), "floor")
+        self._lines = {
+            name: self._add_lines(f"/{name} lines", lines.ends)
+            for name, lines in first.lines.items()
+            if len(lines.ends)
+        }
+        self._arrows = server.scene.add_arrows(
+            "/contact forces",
+            np.zeros((1, 2, 3)),
+            self._force_colour,
+            shaft_radius=0.009 * self._radius * LENGTH_UNIT,
+            head_radius=0.024 * self._radius * LENGTH_UNIT,
+            head_length=0.06 * self._radius * LENGTH_UNIT,
+            visible=False,
+        )
+
+    def show(self, frame: Frame) -> None:
+        """Move everything to where a frame has it."""
+        strength = np.linalg.norm(frame.contact_forces, axis=1)
+        walls = [kind for kind in ACTUATOR_KINDS if kind.drawn == "walls"]
+        efforts = {kind.name: self._actuators.of(kind, frame.plotted) for kind in walls}
+        efforts |= {name: lines.efforts for name, lines in frame.lines.items()}
+        self.reach_to(efforts, strength.max(initial=0.0))
+        with self._server.atomic():
+            for mesh, source, vertices in zip(self._meshes, self._sources, frame.vertices, strict=True):
+                mesh.vertices = (vertices[source] * LENGTH_UNIT).astype(np.float32)
+            for name, meshes in self._walls.items():
+                self._show_walls(name, meshes, efforts[name])
+            for name, handle in self._lines.items():
+                self._show_lines(name, handle, frame.lines[name])
+            self._show_forces(frame.contact_points, frame.contact_forces, strength)
+            for handle, (origin, *directions) in zip(self._axes, frame.axes, strict=True):
+                handle.position = origin * LENGTH_UNIT
+                handle.wxyz = quaternion_from_matrix(np.transpose(directions))
+
+    def put_scales(self, handle: Any) -> None:
+        """Keep an HTML element of the panel up to date with what colours and arrows mean."""
+        self._scales_shown = handle
+
+    def reach_to(self, efforts: Mapping[str, np.ndarray], force: float) -> None:
+        """Let the scales reach to efforts by kind of actuator, such as pressures [kPa], and to a contact force [mN]."""
+        if self._scales.reach_to(efforts, force) and self._scales_shown is not None:
+            self._scales_shown.content = self._scales.html(self._force_colour)
+
+    def _show_walls(self, kind: str, meshes: Sequence[Any], efforts: np.ndarray) -> None:
+        if kind in self._scales.efforts:
+            for mesh, colour in zip(meshes, self._scales.efforts[kind].colours(efforts), strict=True):
+                if mesh is not None and mesh.color != _bytes(colour):
+                    mesh.color = _bytes(colour)
+
+    def _show_lines(self, kind: str, handle: Any, lines: LinesShown) -> None:
+        handle.points = (lines.ends * LENGTH_UNIT).astype(np.float32)
+        if kind in self._scales.efforts:
+            colours = np.rint(255 * self._scales.efforts[kind].colours(lines.efforts)).astype(np.uint8)
+            handle.colors = np.repeat(colours[:, None], 2, axis=1)
+
+    def _show_forces(self, points: np.ndarray, forces: np.ndarray, strength: np.ndarray) -> None:
+        """Each arrow ends where its force acts: its shaft stands in the first body, which is translucent if soft."""
+        drawn = strength > SMALLEST_ARROW * self._scales.force
+        self._arrows.visible = bool(drawn.any())
+        if drawn.any():
+            shafts = forces[drawn] * (ARROW_LENGTH * self._radius / self._scales.force)
+            ends = np.stack([points[drawn] - shafts, points[drawn]], axis=1)
+            self._arrows.points = (ends * LENGTH_UNIT).astype(np.float32)
+
+    def _add(self, name: str, vertices: np.ndarray, triangles: np.ndarray, kind: str) -> Any:
+        own = self._own_colours.get(name)
+        return self._server.scene.add_mesh_simple(
+            f"/{name}",
+            vertices * LENGTH_UNIT,
+            triangles,
+            color=COLOURS[kind] if own is None else _bytes(own),
+            opacity=SILICONE_OPACITY if kind == "soft" else None,
+            cast_shadow=kind in ("soft", "rigid"),
+            receive_shadow=kind in ("floor", "obstacle"),
+        )
+
+    def _add_frame(self, name: str, length: float, **place: Any) -> Any:
+        """Arrows in red, green and blue for x, y and z, of a length in radii of the scene."""
+        shaft = 0.012 * self._radius * LENGTH_UNIT
+        return self._server.scene.add_frame(
+            name, axes_length=length * self._radius * LENGTH_UNIT, axes_radius=shaft, origin_radius=shaft, **place
+        )
+
+    def _length_of_axes(self, vertices: np.ndarray | None) -> float:
+        """Length of a body's axes, in radii of the scene: they must come out of a rigid one, which hides the rest."""
+        if vertices is None:
+            return BODY_AXIS
+        return max(BODY_AXIS, OUT_OF_BODY * radius_around_mean(vertices) / self._radius)
+
+    def _add_axes(self, points: np.ndarray, up: np.ndarray) -> None:
+        """The directions of x, y and z, with their names, beside the bodies: a page has no corner that stands still."""
+        right, _, backward = fit_camera(points, up, "iso", ASPECT).axes
+        before = backward - (backward @ up) * up - right
+        middle = points.mean(axis=0)
+        corner = middle + BESIDE * self._radius * before + ((points @ up).min() - middle @ up) * up
+        self._add_frame("/axes", CORNER_AXIS, position=corner * LENGTH_UNIT)
+        for name, direction in zip("xyz", np.eye(3), strict=True):
+            tip = corner + 1.15 * CORNER_AXIS * self._radius * direction
+            self._server.scene.add_label(
+                f"/axes/name of {name}", name, position=(tip - corner) * LENGTH_UNIT, anchor="center-center"
+            )
+
+    def _add_lines(self, name: str, ends: np.ndarray) -> Any:
+        return self._server.scene.add_line_segments(
+            name,
+            ends * LENGTH_UNIT,
+            np.tile(np.array(LINE[0]), (len(ends), 2, 1)),
+            thickness=LINE_THICKNESS * self._radius * LENGTH_UNIT,
+        )
+
+    def _set_lights(self, scene: Scene) -> None:
+        """Light from where that of pictures comes from; viser's own is so bright that colours turn pale."""
+        self._server.scene.configure_default_lights(enabled=False)
+        self._server.scene.configure_environment_map(None)
+        self._server.scene.add_light_hemisphere("/light from all around", ground_color=GROUND, intensity=LIGHT)
+        key, shadows = 10.0 * key_light(scene), scene.appearance.shadows
+        self._server.scene.add_light_directional("/key light", position=key, intensity=LIGHT, cast_shadow=shadows)
+
+    def _set_background(self, colour: str | None) -> None:
+        if colour is not None:
+            # viser has no colour behind a scene, but a picture, which it stretches; JPEG would change its colour.
+            pixel = np.array([[_bytes(red_green_blue(colour))]], dtype=np.uint8)
+            self._server.scene.set_background_image(pixel, format="png")
+
+    def _set_camera(self, points: np.ndarray, scene: Scene) -> None:
+        camera, eye, target = fit_camera(points, scene.up, "iso", ASPECT), scene.appearance.eye, scene.appearance.target
+        away = BACKWARD * (camera.eye - camera.target)
+        if eye is not None:
+            target_point = camera.target if target is None else np.array(target)
+            camera = Camera(np.array(eye), target_point, scene.up)
+            away = camera.eye - camera.target
+        initial = self._server.initial_camera
+        initial.position = (camera.target + away) * LENGTH_UNIT
+        initial.look_at = camera.target * LENGTH_UNIT
+        initial.up = camera.up
+        initial.fov = float(np.radians(VERTICAL_ANGLE))
+
+
+def _bytes(colour: Sequence[float] | np.ndarray) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * float(part)) for part in colour)
+    return red, green, blue

@@ -1,0 +1,95 @@
+"""The winners of an optimisation: run again on a finer mesh, and drawn as parts that can be made."""
+
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from taichisoft.atomic_file import atomic_file
+from taichisoft.errors import MeshError
+from taichisoft.scenes import scene_from_toml
+from taichisoft_meshing.commands.mould import WALL, write_parts
+from taichisoft_meshing.geometry_file import read_tables
+from taichisoft_meshing.scene_meshes import merge_tables
+from taichisoft_studies.errors import StudyError
+from taichisoft_studies.objectives import figures
+from taichisoft_studies.optimisation_file import Optimisation
+from taichisoft_studies.optimiser import best_trials
+from taichisoft_studies.run_folder import read_record
+from taichisoft_studies.run_job import RunJob
+from taichisoft_studies.sweep_runs import RUNS, job_for, make_missing
+from taichisoft_studies.trials import accepted
+from taichisoft_studies.workers import Workers
+
+WINNERS = "winners.csv"
+
+
+def make_winners(
+    study: Optimisation, trials: Any, output: Path, workers: Workers, say: Callable[[str], None]
+) -> list[RunJob]:
+    """Run the best trials again with the changes of `finer`, recorded, and write `winners.csv`.
+
+    Args:
+        study: the file.
+        trials: Optuna's study, see `optimiser.open_study`.
+        output: folder of the optimisation.
+        workers: make the runs.
+        say: called with each line about a winner.
+
+    Returns:
+        The runs of the winners, the best first.
+
+    Raises:
+        StudyError: no trial has completed and satisfies all constraints.
+    """
+    best = best_trials(trials, study.winners)
+    if not best:
+        raise StudyError(f"{output}: no trial has completed and satisfies all constraints; results.csv says why")
+    outputs = tuple(dict.fromkeys((*study.outputs, "recording")))
+    finer = study.model_copy(update={"set": (*study.set, *study.finer), "outputs": outputs})
+    jobs = []
+    for trial in best:
+        record = read_record(output / RUNS / trial.user_attrs["run"])
+        assert record is not None
+        jobs.append(job_for(finer, record["parameters"], output, study.seed))
+    unique = {job.name: job for job in jobs}
+    records = {one["run"]: one for one in make_missing(list(unique.values()), workers, lambda job, record: None)}
+    wanted = figures(study)
+    rows = [["trial", *study.variables, *wanted, *(f"{name} finer" for name in wanted), "status", "folder"]]
+    for trial, job in zip(best, jobs, strict=True):
+        record = records[job.name]
+        again: list[Any] = [figure(record, job.place) for figure in wanted.values()] if accepted(study, record) else []
+        made = value_line(wanted, again) if again else f"{record['status']}: {record['message']}"
+        say(f"best: trial {trial.number}: {value_line(wanted, trial.values)}; made again: {made}")
+        for key, value in job.parameters.items():
+            say(f"  {key} = {value}")
+        cells = [*job.parameters.values(), *trial.values, *(again or [""] * len(wanted))]
+        rows.append([trial.number, *cells, record["status"], f"{RUNS}/{job.name}"])
+    with atomic_file(output / WINNERS, StudyError) as partial, partial.open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file).writerows(rows)
+    return jobs
+
+
+def draw_winner(job: RunJob, folder: Path) -> list[str]:
+    """Write STEP, STL and mould of every soft body that is meshed from a geometry with a mould, a folder for each.
+
+    Returns:
+        A line for each body: the folder of its parts, or the reason why there are none.
+    """
+    lines = []
+    for name, body in scene_from_toml(job.scene, job.source).soft_bodies.items():
+        file = Path(body.mesh.file)
+        if file.suffix.lower() == ".toml":
+            kind, tables = read_tables(file)
+            try:
+                (folder / name).mkdir(parents=True, exist_ok=True)
+                write_parts(kind, merge_tables(tables, body.mesh.request.get("set", {})), file, folder / name, WALL)
+                lines.append(f"{name}: drawing and mould in {folder / name}")
+            except MeshError as error:
+                lines.append(f"{name}: no drawing: {error}")
+    return lines
+
+
+def value_line(names: Mapping[str, Any], values: Sequence[float]) -> str:
+    """The objectives of a trial in one line."""
+    return ", ".join(f"{name} {value:.6g}" for name, value in zip(names, values, strict=True))

@@ -1,0 +1,204 @@
+"""What a kind of actuator is: the words for it, its actuators in a model, and how they are measured.
+
+An actuator has a value that depends on where bodies are (a volume, a length), a coordinate that grows with the value or
+against it from 0 at rest (volume growth, pull), and an effort that does work on the coordinate (pressure, tension). It
+is driven by one of the two; the other one is a result.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, Protocol
+
+import numpy as np
+
+from taichisoft.actuators.limits import UNLIMITED
+from taichisoft.actuators.lines import Line
+from taichisoft.bodies.body_geometry import Poses
+
+if TYPE_CHECKING:
+    from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
+    from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
+    from taichisoft.bodies.soft_body_arrays import SoftBody
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A figure of an actuator that controllers and people see.
+
+    Attributes:
+        name: name in conditions of scripts, files and plots, such as "volume".
+        unit: unit, such as "mm^3".
+        observed: field of `Observation` that has it by actuator; "" for none.
+        meaning: description of the value for all actuators together, where a script names none.
+        total: whether that is the sum of all, not the mean.
+        recorded: whether recordings, CSV files and ParaView get it.
+        plotted: title of its plot; "" for none.
+        plot_factor: factor on the value in plots.
+        metric: what a run's metrics have of it: the "final" ones, the "largest" ones, or nothing.
+        digits: digits after the point in captions; tables have one more.
+    """
+
+    name: str
+    unit: str
+    observed: str = ""
+    meaning: str = ""
+    total: bool = False
+    recorded: bool = True
+    plotted: str = ""
+    plot_factor: float = 1.0
+    metric: Literal["", "final", "largest"] = ""
+    digits: int = 1
+
+
+@dataclass(frozen=True)
+class Drive(Measured):
+    """A figure by which actuators can be driven: their effort or their coordinate.
+
+    Attributes:
+        asked: key of `Control` that asks for it.
+        rate: key of its fastest change in limits of scenes and in steps of scripts; "" where it changes at once.
+        step: change by one press of a key.
+        furthest: end of sliders where no limit gives one; of coordinates with `relative` a share of the value at rest.
+        relative: whether `furthest` is such a share.
+        more, less: what the keys + and - do, for the help.
+
+    A table of a scene may have `lowest_NAME` and `highest_NAME`, by its name, as keys of an actuator and of limits.
+    """
+
+    asked: str = ""
+    rate: str = ""
+    step: float = 0.0
+    furthest: float = 0.0
+    relative: bool = False
+    more: str = ""
+    less: str = ""
+
+    @property
+    def words(self) -> str:
+        """The name in a sentence."""
+        return self.name.replace("_", " ")
+
+
+@dataclass(frozen=True)
+class ActuatorKind:
+    """A kind of actuator.
+
+    Attributes:
+        name, plural: such as "cavity" and "cavities"; the plural is the key of its tables in a soft body of a scene.
+        effort: what does work on the coordinate.
+        coordinate: what is driven otherwise.
+        value: what is measured of the bodies.
+        rate: rate of the value; None where nobody sees it.
+        imposed: dataset of recordings that says whether the coordinate is driven.
+        loss: dataset of recordings with the efforts lost at the actuators' further coordinates; "" without any.
+        drawn: as the walls of bodies that have the name of the actuator, or as lines, in the colour of the effort.
+        always_driven: whether a script asks for its effort from the start on, also where it is not named.
+        make: gives the actuators of the kind in soft bodies, some of which may act on rigid bodies and obstacles.
+    """
+
+    name: str
+    plural: str
+    effort: Drive
+    coordinate: Drive
+    value: Measured
+    imposed: str
+    drawn: Literal["walls", "lines"]
+    make: "Callable[[Sequence[SoftBody], Sequence[RigidBody], Sequence[Obstacle]], ActuatorSet]"
+    rate: Measured | None = None
+    loss: str = ""
+    always_driven: bool = False
+
+    @property
+    def drives(self) -> tuple[Drive, ...]:
+        """The drives that an observation shows, which keys, sliders and scripts can follow; the usual one first."""
+        return tuple(drive for drive in (self.coordinate, self.effort) if drive.observed)
+
+    @property
+    def measured(self) -> tuple[Measured, ...]:
+        """What an observation shows."""
+        some = (self.effort, self.coordinate, self.value, self.rate)
+        return tuple(one for one in some if one is not None and one.observed)
+
+
+class ActuatorSet(ABC):
+    """The actuators of a kind in a model, which never change.
+
+    Attributes:
+        names: "body.actuator", in order.
+        rest_value: values at the start, shape (actuator_count,).
+        sign: 1 where the coordinate is the growth of the value, -1 where it is what the value lacks.
+        coordinate_range, effort_range: smallest and largest, shape (actuator_count, 2).
+        effort_at_stop: smallest effort where a stop of the coordinate holds it, shape (actuator_count,).
+        pushes_and_pulls: whether sliders go both ways where no limit says so, shape (actuator_count,).
+        soft_entries: soft nodes that each coordinate depends on.
+        rigid_entries: rigid bodies that each coordinate depends on.
+        coordinate_start: where the coordinates of each actuator begin, its own before further ones, which have rows of
+            friction, shape (actuator_count + 1,).
+        rubs: whether friction resists a coordinate's motion, shape (actuator_count,).
+        compliance: by how much each actuator's coordinates give way to its efforts, (coordinate_count of it,) twice.
+        lines: what a frame shows of actuators that are drawn as lines.
+    """
+
+    sign = 1.0
+    lines: tuple[Line, ...] = ()
+
+    def __init__(
+        self,
+        names: Sequence[str],
+        rest_value: np.ndarray,
+        coordinate_range: np.ndarray,
+        effort_range: np.ndarray,
+        soft_entries: list[np.ndarray],
+    ):
+        """Actuators with a coordinate each, which depend on soft bodies alone and give no way of their own."""
+        count = len(names)
+        self.names, self.rest_value, self.soft_entries = tuple(names), rest_value, soft_entries
+        self.coordinate_range, self.effort_range = coordinate_range.reshape(-1, 2), effort_range.reshape(-1, 2)
+        self.effort_at_stop = np.full(count, -UNLIMITED)
+        self.pushes_and_pulls = np.zeros(count, dtype=bool)
+        self.rubs = np.zeros(count, dtype=bool)
+        self.rigid_entries = [np.zeros(0)] * count
+        self.coordinate_start = np.arange(count + 1)
+        self.compliance: Sequence[np.ndarray] = [np.zeros((1, 1))] * count
+
+    @abstractmethod
+    def shapes(self, room: "Room") -> "Shapes":
+        """What measures them, in arrays of all actuators."""
+
+    def failure(self, value: np.ndarray) -> tuple[str, str, str] | None:
+        """Name of an actuator whose value makes no sense, what happened, and what to try; None where all are well."""
+        return None
+
+
+@dataclass(frozen=True)
+class Room:
+    """Where the shapes of a kind's actuators write what they measure; the arrays belong to all actuators or are views.
+
+    Attributes:
+        first: number of the kind's first coordinate.
+        coordinates: what all coordinates depend on.
+        gradient: of all coordinates; `soft` and `rigid` have a row for each of their entries.
+        soft: the kind's part of `gradient.soft`.
+        grip: of the kind's coordinates, see `actuators/kernels/polylines.py`, shape (coordinate_count,).
+        value: of the kind's actuators, shape (actuator_count,).
+        node_count: number of soft nodes.
+    """
+
+    first: int
+    coordinates: "Coordinates"
+    gradient: "Gradient"
+    soft: np.ndarray
+    grip: np.ndarray
+    value: np.ndarray
+    node_count: int
+
+
+class Shapes(Protocol):
+    """Measures the actuators of a kind."""
+
+    def update(self, poses: Poses, pull_point: np.ndarray) -> None:
+        """Fill values and gradients for these bodies and pull points [mm], shape (cable_count, 3)."""
+
+    def coordinates(self) -> np.ndarray:
+        """The coordinates as last measured, but for constants, shape (coordinate_count,)."""

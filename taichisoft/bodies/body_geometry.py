@@ -1,0 +1,119 @@
+"""Surfaces of all bodies of a scene, and where they are in any of its states; this needs no kernels."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol
+
+import numpy as np
+
+from taichisoft.bodies.rotations import matrices_from_quaternions
+from taichisoft.meshes.surface import MappedSurface
+
+if TYPE_CHECKING:
+    from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
+    from taichisoft.bodies.soft_body_arrays import SoftBody
+
+SurfaceKind = Literal["soft", "cavity", "rigid", "obstacle", "line"]
+
+
+class Poses(Protocol):
+    """Where soft nodes and rigid bodies are: the arrays of a `State`, which is one."""
+
+    @property
+    def position(self) -> np.ndarray: ...
+    @property
+    def rigid_position(self) -> np.ndarray: ...
+    @property
+    def rigid_rotation(self) -> np.ndarray: ...
+
+
+class PosesAhead(NamedTuple):
+    """Where soft nodes and rigid bodies would be, as `Poses`."""
+
+    position: np.ndarray
+    rigid_position: np.ndarray
+    rigid_rotation: np.ndarray
+
+
+@dataclass(frozen=True)
+class Surface:
+    """A surface of a body; two kinds of it know where its vertices are, in a state and in a frame of a recording.
+
+    Attributes:
+        name: name of the body, or of the cavity ("finger1.cavity").
+        kind: what the surface belongs to.
+        triangles: vertex indices, outward, shape (triangle_count, 3).
+    """
+
+    name: str
+    kind: SurfaceKind
+    triangles: np.ndarray
+
+
+@dataclass(frozen=True)
+class BodySurface(Surface):
+    """A surface and what carries it: soft nodes, a rigid body, or nothing that moves.
+
+    Attributes:
+        shape: a map from all soft nodes to the vertices, or the vertices [mm], shape (vertex_count, 3), of a
+            rigid body in its own frame, of an obstacle in the world.
+        rigid_body: index of the rigid body that carries the vertices; None for other surfaces.
+    """
+
+    shape: MappedSurface | np.ndarray
+    rigid_body: int | None = None
+
+    def vertices(self, poses: Poses) -> np.ndarray:
+        """Positions of the vertices [mm], shape (vertex_count, 3)."""
+        if isinstance(self.shape, MappedSurface):
+            return self.shape.positions(poses.position)
+        if self.rigid_body is None:
+            return self.shape
+        (rotation,) = matrices_from_quaternions(poses.rigid_rotation[self.rigid_body, None])
+        return self.shape @ rotation.T + poses.rigid_position[self.rigid_body]
+
+
+@dataclass(frozen=True)
+class Plane:
+    """An infinite obstacle.
+
+    Attributes:
+        name: name of the obstacle.
+        point: a point of the plane [mm], shape (3,).
+        normal: unit normal, shape (3,).
+    """
+
+    name: str
+    point: np.ndarray
+    normal: np.ndarray
+
+
+def soft_surface(name: str, kind: SurfaceKind, surface: MappedSurface, nodes: slice) -> BodySurface:
+    """The surface of a soft body, or the wall of a cavity, over the body's nodes, which are `nodes` of all nodes."""
+    carried = MappedSurface(surface.nodes + nodes.start, surface.weights, surface.triangles)
+    return BodySurface(name, kind, surface.triangles, carried)
+
+
+def body_surfaces(
+    soft_bodies: "Iterable[SoftBody]", rigid_bodies: "Iterable[RigidBody]", obstacles: "Iterable[Obstacle]"
+) -> list[BodySurface]:
+    """All surfaces with triangles: each soft body with its cavities, the rigid bodies, the obstacles."""
+    surfaces = []
+    for body in soft_bodies:
+        surfaces.append(soft_surface(body.name, "soft", body.surface, body.nodes))
+        surfaces += [soft_surface(cavity.name, "cavity", cavity.surface, body.nodes) for cavity in body.cavities]
+    for index, rigid in enumerate(rigid_bodies):
+        surfaces.append(BodySurface(rigid.name, "rigid", rigid.triangles, rigid.vertices, index))
+    for obstacle in obstacles:
+        if obstacle.vertices is not None and obstacle.triangles is not None:
+            surfaces.append(BodySurface(obstacle.name, "obstacle", obstacle.triangles, obstacle.vertices))
+    return surfaces
+
+
+def planes_of(obstacles: "Iterable[Obstacle]") -> list[Plane]:
+    """The infinite obstacles."""
+    return [
+        Plane(obstacle.name, obstacle.point, obstacle.normal)
+        for obstacle in obstacles
+        if obstacle.point is not None and obstacle.normal is not None
+    ]

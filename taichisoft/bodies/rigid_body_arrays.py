@@ -1,0 +1,181 @@
+"""A rigid body's mass, inertia and surface, and obstacles that never move."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import trimesh
+
+from taichisoft.bodies.closed_form_shapes import RoundShape, round_shape
+from taichisoft.bodies.rotations import quaternion_from_matrix, rotation_from_degrees
+from taichisoft.errors import SceneError
+from taichisoft.meshes.smooth_normals import refuse_unsmooth
+from taichisoft.meshes.surface import closed_outward, count_open_edges
+from taichisoft.meshes.surface_files import read_surface
+from taichisoft.scenes import rigid_body as settings
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """Constants of one rigid body; its frame has its origin in the centre of mass.
+
+    Attributes:
+        name: the body's name in the scene.
+        vertices: of its surface in the body frame [mm], shape (vertex_count, 3).
+        triangles: vertex indices, outward, shape (triangle_count, 3).
+        shape: the shape that touches others in the place of its triangles, about the point -centre_of_mass.
+        mass: [kg].
+        inertia: about the centre of mass in the body frame [kg mm^2], shape (3, 3).
+        centre_of_mass: in the coordinates of the scaled surface [mm], shape (3,).
+        start_position: centre of mass at the start [mm], shape (3,).
+        start_rotation: unit quaternion (w, x, y, z) at the start.
+        start_velocity: [mm/s], shape (3,).
+        start_angular_velocity: [rad/s], shape (3,).
+        collides: whether it touches other bodies.
+        groups: surfaces that have one in common do not touch each other.
+        smooth: whether the surface stands for a curved one.
+    """
+
+    name: str
+    vertices: np.ndarray
+    triangles: np.ndarray
+    shape: RoundShape | None
+    mass: float
+    inertia: np.ndarray
+    centre_of_mass: np.ndarray
+    start_position: np.ndarray
+    start_rotation: np.ndarray
+    start_velocity: np.ndarray
+    start_angular_velocity: np.ndarray
+    collides: bool = True
+    groups: frozenset[int] = frozenset()
+    smooth: bool = False
+
+    @property
+    def radius(self) -> float:
+        """Distance of its farthest point from the centre of mass, or a little more [mm]."""
+        if self.shape is not None:
+            return float(np.linalg.norm(self.centre_of_mass)) + 0.5 * self.shape.length + self.shape.radius
+        return float(np.linalg.norm(self.vertices, axis=1).max())
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Something static: a surface (vertices and triangles), or an infinite plane (point and unit normal).
+
+    A round shape touches others in the place of its triangles; a smooth surface stands for a curved one. What is at x
+    in the coordinates of its scaled surface stands at turn @ x + shift.
+    """
+
+    name: str
+    vertices: np.ndarray | None = None
+    triangles: np.ndarray | None = None
+    point: np.ndarray | None = None
+    normal: np.ndarray | None = None
+    shape: RoundShape | None = None
+    groups: frozenset[int] = frozenset()
+    smooth: bool = False
+    turn: np.ndarray = field(default_factory=lambda: np.eye(3))
+    shift: np.ndarray = field(default_factory=lambda: np.zeros(3))
+
+
+ROUNDING = 1e-6
+"""Relative error of an inertia that was written with a few digits."""
+
+
+def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
+    """Compute a rigid body from its table in the scene.
+
+    Raises:
+        MeshError: its surface cannot be read, is not closed, or is not smooth although it should be.
+        SceneError: the given inertia is not symmetric positive definite, or one that no body has.
+    """
+    shape = round_shape(body)
+    vertices, triangles = _surface(body, shape)
+    if body.surface is not None:
+        triangles = closed_outward(vertices, triangles, body.surface)
+    if body.smooth:
+        refuse_unsmooth(vertices, triangles, f"rigid_bodies.{name}.smooth = true")
+    mass, centre, inertia = _mass_properties(body, shape, vertices, triangles)
+    if not np.allclose(inertia, inertia.T) or np.linalg.eigvalsh(inertia)[0] <= 0.0:
+        raise SceneError(f"rigid_bodies.{name}.inertia = {inertia.tolist()}: must be symmetric and positive definite")
+    first, second, third = np.linalg.eigvalsh(inertia)
+    if third > (first + second) * (1.0 + ROUNDING):
+        raise SceneError(
+            f"rigid_bodies.{name}.inertia = {inertia.tolist()}: no body has it; the largest principal moment, "
+            f"{third:g} kg mm^2, must not exceed the sum of the others, {first + second:g}"
+        )
+    turn = rotation_from_degrees(body.rotation)
+    return RigidBody(
+        name=name,
+        vertices=vertices - centre,
+        triangles=triangles.astype(np.int32),
+        shape=shape,
+        mass=mass,
+        inertia=inertia,
+        centre_of_mass=centre,
+        start_position=np.asarray(body.position) + turn @ centre,
+        start_rotation=quaternion_from_matrix(turn),
+        start_velocity=np.array(body.velocity),
+        start_angular_velocity=np.array(body.angular_velocity),
+        collides=body.collides,
+        groups=frozenset(body.groups),
+        smooth=body.smooth,
+    )
+
+
+def make_obstacle(name: str, obstacle: settings.Obstacle) -> Obstacle:
+    """Compute an obstacle from its table in the scene; its surface need not be closed, but a closed one faces outward.
+
+    Raises:
+        MeshError: its surface cannot be read, is closed and encloses no volume, or is not smooth although it should be.
+    """
+    if obstacle.plane is not None:
+        normal = np.array(obstacle.plane.normal)
+        return Obstacle(name, point=np.array(obstacle.plane.point), normal=normal / np.linalg.norm(normal))
+    shape = round_shape(obstacle)
+    vertices, triangles = _surface(obstacle, shape)
+    if obstacle.surface is not None and count_open_edges(triangles) == 0:
+        triangles = closed_outward(vertices, triangles, obstacle.surface)
+    if obstacle.smooth:
+        refuse_unsmooth(vertices, triangles, f"obstacles.{name}.smooth = true")
+    turn, shift = rotation_from_degrees(obstacle.rotation), np.asarray(obstacle.translation)
+    placed = vertices @ turn.T + shift
+    return Obstacle(
+        name,
+        placed,
+        triangles.astype(np.int32),
+        shape=shape,
+        groups=frozenset(obstacle.groups),
+        smooth=obstacle.smooth,
+        turn=turn,
+        shift=shift,
+    )
+
+
+def _mass_properties(
+    body: settings.RigidBody, shape: RoundShape | None, vertices: np.ndarray, triangles: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """Mass [kg], centre of mass [mm], shape (3,), and inertia about it [kg mm^2], shape (3, 3)."""
+    if shape is not None:
+        mass = body.mass if body.mass is not None else (body.density or 0.0) * shape.volume
+        centre, inertia = np.zeros(3), shape.inertia(mass)
+    else:
+        solid = trimesh.Trimesh(vertices, triangles, process=False)
+        solid.density = body.density if body.density is not None else (body.mass or 0.0) / solid.volume
+        mass, centre, inertia = float(solid.mass), solid.center_mass, solid.mass_properties["inertia"]
+    if body.centre_of_mass is not None:
+        centre = np.array(body.centre_of_mass)
+    if body.inertia is not None:
+        inertia = np.array(body.inertia)
+    return mass, centre, inertia
+
+
+def _surface(body: settings.RigidBody | settings.Obstacle, shape: RoundShape | None) -> tuple[np.ndarray, np.ndarray]:
+    """Scaled vertices [mm], shape (vertex_count, 3), and triangles of a body or obstacle with this round shape."""
+    if shape is not None:
+        return shape.triangulated()
+    if body.box is not None:
+        box = trimesh.creation.box(extents=body.box)
+        return np.array(box.vertices), np.array(box.faces)
+    vertices, triangles = read_surface(body.surface or "")
+    return vertices * body.scale, triangles

@@ -1,0 +1,9 @@
+from .contact_summary import ContactSummary as ContactSummary
+from .contact_summary import summarise_contacts as summarise_contacts
+from .control import Control as Control
+from .controller import Controller as Controller
+from .controller import Slider as Slider
+from .fingertips import Fingertips as Fingertips
+from .keys import KeyEvent as KeyEvent
+from .observation import Observation as Observation
+from .observation import Pair as Pair

@@ -1,0 +1,11 @@
+from .command import RunRequest as RunRequest
+from .command import run_simulation as run_simulation
+from .folder_lock import locked_folder as locked_folder
+from .loop import run as run
+from .loop import run_session as run_session
+from .messages import PROJECT_LOGGER as PROJECT_LOGGER
+from .messages import print_line as print_line
+from .messages import print_warning as print_warning
+from .messages import warnings_printed_to as warnings_printed_to
+from .profile import TOTAL as TOTAL
+from .profile import profiled as profiled

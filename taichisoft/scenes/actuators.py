@@ -1,0 +1,166 @@
+"""Actuators as a user describes them: cavities and cables of soft bodies, and limits of what drives them."""
+
+from typing import Annotated, Any, Self, get_args
+
+from pydantic import Discriminator, Field, Tag, model_validator
+
+from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector, check_order
+
+
+class Cavity(Table):
+    """An air chamber: a closed surface, by a group of the mesh or by a surface file of its own."""
+
+    group: str | None = None
+    """Name of a closed surface group of the mesh; either this or surface."""
+    surface: str | None = None
+    """Closed surface file; either this or group."""
+    lowest_pressure: Number | None = None
+    """Smallest pressure [kPa]: a pump that draws no further."""
+    highest_pressure: Number | None = None
+    """Largest pressure [kPa]: a valve that opens."""
+    lowest_volume_growth: Number | None = None
+    """How far the volume shrinks at most [mm^3], negative, whatever the pressure."""
+    highest_volume_growth: Number | None = None
+    """How far the volume grows at most [mm^3]: the supply has no more air."""
+    alternatives = (("group", "surface"),)
+
+    @model_validator(mode="after")
+    def _check_limits(self) -> Self:
+        check_order(self, "pressure", "volume_growth")
+        return self
+
+
+class CablePoint(Table):
+    """A point of a cable on another body than the one that has the cable."""
+
+    body: str
+    """Name of the soft body, rigid body or obstacle."""
+    point: Vector
+    """The point in this body's own coordinates, as in its mesh or its scaled surface [mm]."""
+
+
+class CableArea(Table):
+    """A place of a cable that pulls at a whole area, such as a plate that is glued in: the weighted mean of points."""
+
+    body: str | None = None
+    """Name of the body that has the points; the cable's own body when it is not given."""
+    area: Annotated[list[Vector], Field(min_length=1)]
+    """The points, in this body's own coordinates [mm]."""
+    weights: list[NotNegative] | None = None
+    """Share of each point in the pull, of any sum; equal ones when they are not given."""
+
+    @model_validator(mode="after")
+    def _check_weights(self) -> Self:
+        if self.weights is not None and len(self.weights) != len(self.area):
+            raise ValueError(f"weights has {len(self.weights)} numbers for the {len(self.area)} points of area")
+        if self.weights is not None and not any(self.weights):
+            raise ValueError("weights are all 0; at least one point must be pulled")
+        return self
+
+
+def _kind_of_points(value: Any) -> str:
+    return "<file>" if isinstance(value, str) else "<list>"
+
+
+def _kind_of_place(value: Any) -> str:
+    if isinstance(value, CableArea) or (isinstance(value, dict) and "area" in value):
+        return "<area>"
+    return "<other body>" if isinstance(value, dict | CablePoint) else "<point>"
+
+
+CablePlace = Annotated[
+    Annotated[Vector, Tag("<point>")]
+    | Annotated[CablePoint, Tag("<other body>")]
+    | Annotated[CableArea, Tag("<area>")],
+    Discriminator(_kind_of_place),
+]
+
+
+class Cable(Table):
+    """A cable (tendon) through points of bodies: pulled in at its first point, attached at the last, free to slide
+    through those between."""
+
+    points: Annotated[
+        Annotated[str, Tag("<file>")] | Annotated[list[CablePlace], Tag("<list>")], Discriminator(_kind_of_points)
+    ]
+    """Points in the mesh's own coordinates [mm], points of other bodies, or areas; or a file with a list of points
+    (.json) or lines of x, y, z (.csv)."""
+    pull_point: Vector | None = None
+    """The place from which the cable is pulled, in the same coordinates [mm]; the first point when it is not given."""
+    pull_point_moves: bool = True
+    """Whether the pull point moves with the base; else it stays where it is in space."""
+    friction: NotNegative = 0.0
+    """Friction coefficient between the cable and its points [-]."""
+    axial_stiffness: Positive | None = None
+    """Young's modulus times cross-section: tension per relative stretch [mN]. When it is not given a cable does not
+    stretch; one with friction has 1e7 mN, a thin line of strong fibres, since what does not stretch cannot stick."""
+    rod: bool = False
+    """Whether it pushes as well as it pulls; the tension of a cable is never negative."""
+    lowest_tension: Number | None = None
+    """Smallest tension [mN]; that of a cable is 0 when it is not given."""
+    highest_tension: Number | None = None
+    """Largest tension [mN], at which a motor gives way."""
+    lowest_pull: Number | None = None
+    """How far the cable is pulled in at least [mm]; negative when it may be paid out."""
+    highest_pull: Number | None = None
+    """How far the cable can be pulled in [mm], a stop."""
+
+    @property
+    def other_bodies(self) -> list[str]:
+        """Names of the bodies that its points and areas name."""
+        places = [place for place in self.points if isinstance(place, CablePoint | CableArea)]
+        return [place.body for place in places if place.body is not None]
+
+    @model_validator(mode="after")
+    def _check_limits(self) -> Self:
+        check_order(self, "tension", "pull")
+        if not self.rod and (self.lowest_tension or 0.0) < 0.0:
+            raise ValueError(f"lowest_tension ({self.lowest_tension:g}) must not be negative unless rod = true")
+        if not self.rod and (self.highest_tension or 0.0) < 0.0:
+            raise ValueError(f"highest_tension ({self.highest_tension:g}) must not be negative unless rod = true")
+        if not isinstance(self.points, str) and len(self.points) + (self.pull_point is not None) < 2:
+            raise ValueError(f"points has {len(self.points)} points; a cable needs two, its pull point counted")
+        return self
+
+
+class ActuatorTables(Table):
+    """The actuators of a soft body by name: a key for each kind."""
+
+    cavities: dict[Name, Cavity] = {}
+    cables: dict[Name, Cable] = {}
+
+    @classmethod
+    def tables(cls) -> dict[str, type[Table]]:
+        """The table of each kind by its key."""
+        return {key: get_args(field.annotation)[1] for key, field in ActuatorTables.model_fields.items()}
+
+    @model_validator(mode="after")
+    def _check_actuator_names(self) -> Self:
+        known: dict[str, str] = {}
+        for key, table in self.tables().items():
+            kind = f"a {table.__name__.lower()}"
+            for name in getattr(self, key):
+                if name in known:
+                    raise ValueError(f"{known[name]} and {kind} are both called '{name}'; give one another name")
+                known[name] = kind
+        return self
+
+
+class ActuatorLimits(Table):
+    """What no request to an actuator can exceed."""
+
+    lowest_pressure: Number | None = None
+    """Lowest pressure [kPa]."""
+    highest_pressure: Number | None = None
+    """Highest pressure [kPa]."""
+    pressure_rate: Positive | None = None
+    """Fastest change of a pressure, up or down [kPa/s]."""
+    tension_rate: Positive | None = None
+    """Fastest change of a cable's tension, up or down [mN/s]."""
+    pull_speed: Positive | None = None
+    """Fastest motion of a cable that is pulled in or paid out [mm/s]."""
+
+    @model_validator(mode="after")
+    def _check_pressures(self) -> Self:
+        check_order(self, "pressure")
+        return self

@@ -1,0 +1,253 @@
+"""The solver of a step's constraint problem: contacts and actuators, solved together."""
+
+import numpy as np
+
+from taichisoft.cholesky.kernels.sparse_columns import GROUP
+from taichisoft.interruption import stop_if_asked
+from taichisoft.model import Model
+from taichisoft.solver.constraint_rows import GROWTH, ConstraintRows
+from taichisoft.solver.contact_solver import load_stages
+from taichisoft.solver.impacts import Impacts
+from taichisoft.solver.kernels import moment_rows, row_velocities
+from taichisoft.solver.kernels.reported_contacts import ReportedContacts, report_contacts
+from taichisoft.solver.kernels.row_velocities import PairLaws
+from taichisoft.step.active_set import ActiveSet
+from taichisoft.step.compliance import assemble_compliance
+from taichisoft.step.rigid_motion import RigidMotion
+from taichisoft.step.soft_motion import SoftMotion
+from taichisoft.step.solution import Shift, StepProblem, StepSolution
+
+FIRST_CAPACITY = 16
+
+
+class ConstraintSolver:
+    """Finds impulses such that velocities after the step obey contact, friction and actuators.
+
+    The velocity of each row after the step is v = free + W impulse. A contact has three rows: normal (velocity plus
+    gap / h, at least 0), and two tangents. An actuator whose effort is not a known load has one row: the rate of its
+    coordinate less the rate that reaches its target at the end of the step. With spinning and rolling friction of rigid
+    bodies, a contact has three more rows, of moments.
+    """
+
+    def __init__(self, model: Model, soft: SoftMotion | None, rigid: RigidMotion):
+        """Allocate the work space, and load the kernels of the contact solver if bodies may touch.
+
+        Args:
+            model: the bodies.
+            soft: the soft bodies of a step, linearised before `solve` is called, or None.
+            rigid: the rigid bodies of a step, with their free motion known before `solve` is called.
+        """
+        self._model, self._soft, self._rigid = model, soft, rigid
+        self._time_step, self._settings = model.scene.time.step, model.scene.contact
+        self._active_set = ActiveSet(model, rigid.state)
+        self._has_restitution = bool(model.restitution.any())
+        self._impacts = Impacts(self._settings.tolerance, self._settings.max_iterations)
+        if model.surfaces.may_touch.any():
+            load_stages()
+        self._rows = ConstraintRows(model, FIRST_CAPACITY)
+        self._laws = PairLaws(model.friction.copy(), model.spinning_friction, model.rolling_friction)
+        self._reported = ReportedContacts.with_room(0, len(model.body_names))
+        # Arrays of kernels are reused.
+        self._velocity = np.zeros((model.node_count, 3))
+        self._velocity_before = np.zeros((model.node_count, 3))
+        self._node_impulse = np.zeros((model.node_count, 3))
+        self._contact_node_impulse = np.zeros((model.node_count, 3))
+
+    def set_friction(self, model: Model) -> None:
+        """Set the friction coefficients of a variant of the model."""
+        self._laws.friction[:] = model.friction
+
+    def solve(self, problem: StepProblem, start: StepSolution | None = None) -> StepSolution:
+        """Find the impulses, and the velocities of all bodies with them.
+
+        Contacts that are expected to stay open are excluded at first, see `active_set`.
+
+        Args:
+            problem: contacts and actuators of the step.
+            start: a solution of this step with another linearisation, whose impulses and contacts are the initial
+                guess; None: the impulses of the last step are.
+        """
+        if not problem.contacts.contact_count and not len(problem.requests.coordinates):
+            self._rows.rows.size[:] = 0
+            return self._solution(problem, self._velocities_after(problem), 0)
+        if start is None:
+            self._velocity[:] = problem.start.velocity
+            self._active_set.begin(problem.contacts, problem.start, self._velocity)
+        else:
+            problem.contacts.impulse[:] = start.contact_impulse
+        iterations = 0
+        while True:
+            stop_if_asked()
+            self._build_rows(problem)
+            self._assemble_compliance(problem)
+            iterations += self._find_impulses(problem, self._strike(problem))
+            self._velocity[:] = node_velocity = self._velocities_after(problem)
+            if not self._active_set.add_violated(self._velocity):
+                return self._solution(problem, node_velocity, iterations)
+
+    def report(self, problem: StepProblem, solution: StepSolution) -> ReportedContacts:
+        """Contacts that took part, and the closest contact of other bodies near each other."""
+        table, reported = problem.contacts, self._reported
+        if not table.contact_count:
+            reported.count[0] = 0
+            return reported
+        if len(table.impulse) > len(reported.slip):
+            reported = self._reported = ReportedContacts.with_room(len(table.impulse), len(self._model.body_names))
+        table.impulse[:] = solution.contact_impulse
+        alarm_distance = self._settings.alarm_distance
+        report_contacts(alarm_distance, table.found, table.choice, table.impulse, self._rows.solver.answer, reported)
+        return reported
+
+    def find_shift(self, problem: StepProblem) -> Shift | None:
+        """Find velocities that separate overlapping bodies at the end of the step (split impulses), or None.
+
+        Solved with the same compliance, without friction and actuators: u_n >= -gap / h with the gap at the end of the
+        step (Cline and Pai 2003, Post-stabilization for rigid body simulation with contact and constraints). The free
+        motion of the bodies is overwritten.
+        """
+        table, rigid = problem.contacts, self._rigid
+        if self._settings.depth != "position" or not table.contact_count or not self._active_set.add_deep():
+            return None
+        rigid.state.free[:] = 0.0
+        if self._soft is not None:
+            self._soft.leave_out_forces()
+        iterations, residual = 0, 0.0
+        while True:
+            stop_if_asked()
+            self._build_rows(problem, with_actuators=False)
+            rows, count, solver = self._rows.rows, self._rows.contact_count, self._rows.solver
+            self._assemble_compliance(problem)
+            rows.friction[:count], rows.moment_length[:] = 0.0, 0.0
+            rows.free[: 3 * count] = 0.0
+            rows.free[: 3 * count : 3] = table.gap[rows.contact[:count]] / self._time_step
+            solver.impulse[: self._rows.row_count] = 0.0
+            solver.solve(self._settings.tolerance, self._settings.max_iterations)
+            iterations, residual = iterations + solver.iterations, max(residual, solver.residual)
+            self._velocity[:] = node_velocity = self._velocities_after(problem)
+            if not self._active_set.add_left_deep(self._velocity):
+                return Shift(node_velocity, rigid.velocity, iterations, residual)
+
+    def _build_rows(self, problem: StepProblem, with_actuators: bool = True) -> None:
+        """Find the nodes and bodies on which the rows of the chosen contacts and of the actuators act."""
+        table, requests, count = problem.contacts, problem.requests, problem.contacts.chosen_count
+        if count > self._rows.contact_capacity:
+            self._rows.release()
+            self._rows = ConstraintRows(self._model, int(GROWTH * count))
+        rows = self._rows.rows
+        actuator_count = len(requests.coordinates) if with_actuators else 0
+        rows.size[:] = count, actuator_count, 0
+        if actuator_count:
+            rows.coordinate[:actuator_count] = requests.coordinates
+            rows.target_rate[:actuator_count] = requests.target_rate
+            self._rows.bounds[:actuator_count] = requests.bounds
+        if count:
+            row_velocities.build_rows(
+                len(self._model.soft_bodies),
+                table.found,
+                table.choice,
+                table.separation,
+                self._model.surfaces.carriers,
+                self._laws,
+                self._rigid.state,
+                table.impulse,
+                rows,
+                self._rows.solver.impulse,
+            )
+
+    def _assemble_compliance(self, problem: StepProblem) -> None:
+        coordinates, gradient = self._model.actuators.coordinates, problem.geometry.gradient
+        compliances = problem.requests.compliances
+        assemble_compliance(self._rows, coordinates, gradient, compliances, self._soft, self._rigid.state)
+
+    def _strike(self, problem: StepProblem) -> np.ndarray | None:
+        """Impulses of impacts with restitution, the initial guess of the contacts; None without impacts."""
+        count, rows, rigid = self._rows.contact_count, self._rows.rows, self._rigid.state
+        if not self._has_restitution or not count:
+            return None
+        bodies = problem.contacts.found.bodies[rows.contact[:count]]
+        restitution = self._model.restitution[tuple(bodies.T)]
+        if not restitution.any():
+            return None
+        end, row_count = 3 * count, self._rows.row_count
+        free, free_motion = rows.free[:end].copy(), rigid.free.copy()
+        self._velocity_before[:] = problem.start.velocity
+        rigid.free[:] = np.hstack([problem.start.rigid_velocity, problem.start.rigid_angular_velocity])
+        row_velocities.free_contact_velocity(rows, self._velocity_before, rigid)
+        before = rows.free[:end].copy()
+        before[::3] -= rows.gap_rate[:count]
+        rigid.free[:], rows.free[:end] = free_motion, free
+        compliance = self._rows.compliance[: row_count**2].reshape(row_count, row_count)
+        pair = bodies[:, 0] * len(self._model.body_names) + bodies[:, 1]
+        touching = self._model.surfaces.gap_tolerance[tuple(bodies.T)] / self._time_step
+        slowest = self._active_set.resting_speed
+        strike = self._impacts.find(
+            compliance[:end, :end], before, free, touching, pair, restitution, rows.friction[:count], slowest
+        )
+        rows.free[:row_count] += compliance[:, :end] @ strike
+        return strike
+
+    def _find_impulses(self, problem: StepProblem, strike: np.ndarray | None) -> int:
+        """Solve for the impulses of the rows; returns the number of iterations.
+
+        The initial guess are the impulses of the last step, or of the solution with fewer contacts.
+        """
+        solver, rows = self._rows.solver, self._rows
+        if not rows.row_count:
+            solver.residual = 0.0
+            return 0
+        solver.impulse[rows.actuators] = problem.requests.first_impulse
+        solver.impulse[rows.actuators.stop : rows.row_count] = 0.0  # moments
+        solver.solve(self._settings.tolerance, self._settings.max_iterations)
+        # The deformation of soft bodies determines the impulses of their contacts.
+        on_rigid = int(rows.rows.on_rigid_count[0]) if rows.contact_count else 0
+        solver.choose_smallest(rows.rows.on_rigid[:on_rigid], self._settings.tolerance)
+        if strike is not None:
+            solver.impulse[: len(strike)] += strike
+        return solver.iterations
+
+    def _velocities_after(self, problem: StepProblem) -> np.ndarray:
+        """Apply the impulses to the rigid bodies; returns the velocities of the soft nodes [mm/s]."""
+        rows = self._rows
+        if rows.row_count:
+            row_velocities.apply_impulses(
+                rows.rows,
+                self._model.actuators.coordinates,
+                problem.geometry.gradient,
+                rows.solver.impulse,
+                problem.contacts.impulse,
+                self._contact_node_impulse,
+                self._node_impulse,
+                self._rigid.state,
+            )
+            if rows.moment_count:
+                moment_rows.apply_moments(rows.rows, rows.solver.impulse, self._rigid.state)
+        self._rigid.apply_impulses()
+        if self._soft is None:
+            return self._velocity.copy()
+        return self._complete(self._soft)
+
+    def _complete(self, soft: SoftMotion) -> np.ndarray:
+        """Velocities of the soft nodes after the impulses [mm/s]; with few rows L^-1 J^T is already known."""
+        rows, columns, cholesky = self._rows, self._rows.columns, soft.system.solver
+        if rows.row_count and GROUP * int(columns.size[0]) > cholesky.symbolic.factor_entries:
+            change = cholesky.complete_with(self._node_impulse)
+        else:
+            change = cholesky.complete(columns, rows.solver.impulse, rows.row_count)
+        return change + soft.known_velocity
+
+    def _solution(self, problem: StepProblem, node_velocity: np.ndarray, iterations: int) -> StepSolution:
+        rows, solver, rigid = self._rows, self._rows.solver, self._rigid
+        acts = rows.row_count > 0
+        if not acts:
+            self._node_impulse[:] = self._contact_node_impulse[:] = 0.0
+        return StepSolution(
+            node_velocity=node_velocity,
+            node_impulse=self._node_impulse.copy(),
+            contact_node_impulse=self._contact_node_impulse.copy(),
+            rigid_velocity=rigid.velocity,
+            rigid_impulse=rigid.state.impulse.copy(),
+            contact_impulse=problem.contacts.impulse.copy(),
+            effort=problem.requests.efforts(solver.impulse[rows.actuators], self._time_step),
+            iterations=iterations,
+            residual=solver.residual if acts else 0.0,
+        )

@@ -1,0 +1,179 @@
+"""The time step: implicit Euler, contacts and actuators solved together."""
+
+import time
+from functools import partial
+
+from taichisoft.actuators.model_actuators import ActuatorGeometry
+from taichisoft.bodies.body_geometry import PosesAhead
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
+from taichisoft.control.observer import Observer
+from taichisoft.control.requests import apply_control
+from taichisoft.errors import SceneError
+from taichisoft.model import Model
+from taichisoft.solver.actuator_requests import ActuatorRequests, request
+from taichisoft.solver.kernels.reported_contacts import ReportedContacts
+from taichisoft.state import State
+from taichisoft.step.constraint_solver import ConstraintSolver
+from taichisoft.step.contact_prediction import ContactPrediction
+from taichisoft.step.divergence import DivergenceCheck
+from taichisoft.step.nonlinear_step import NonlinearStep
+from taichisoft.step.report import StepReport
+from taichisoft.step.rigid_motion import RigidMotion
+from taichisoft.step.soft_motion import SoftMotion
+from taichisoft.step.solution import Shift, StepProblem, StepSolution
+
+
+class TimeStepper:
+    """A shared model, a state, and the work space of a step.
+
+    Attributes:
+        model: constant data.
+        state: current state; every step replaces it, see `restore`.
+        report: report of the last step; None before the first step.
+    """
+
+    def __init__(self, model: Model):
+        """Start at the model's initial state."""
+        self.model = model
+        self.state = model.initial_state()
+        self.report: StepReport | None = None
+        self._geometry = ActuatorGeometry(model.actuators, model.node_count)
+        self._soft = SoftMotion(model, model.elasticity, self._geometry) if model.elasticity is not None else None
+        self._rigid = RigidMotion(model)
+        self._prediction = ContactPrediction(model, self._rigid.state)
+        self._constraint_solver = ConstraintSolver(model, self._soft, self._rigid)
+        self._solver: ConstraintSolver | NonlinearStep = self._constraint_solver
+        if model.elasticity is not None and self._soft is not None and model.scene.time.newton > 1:
+            self._solver = NonlinearStep(model, model.elasticity, self._soft, self._rigid, self._constraint_solver)
+        self._divergence_check = DivergenceCheck(model)
+        self._observer = Observer(model)
+
+    def restore(self, state: State) -> None:
+        """Continue from a state of this model, such as an earlier one or one read from a file.
+
+        Raises:
+            StateError: the state belongs to another model, or has a value that is not finite.
+        """
+        self.model.check(state)
+        self.state = state
+
+    def change_model(self, model: Model) -> None:
+        """Continue with a variant of the model, see `Model.varied`; the state is unchanged.
+
+        This takes a fraction of a millisecond, while a new simulation needs work space of its own.
+
+        Raises:
+            SceneError: the model is not a variant of the present one.
+        """
+        if model.surfaces is not self.model.surfaces:
+            raise SceneError("change_model takes a variant of the simulation's own model, as `Model.varied` makes it")
+        self.model = model
+        # All other parts use only data that variants share.
+        self._rigid.set_masses(model)
+        self._constraint_solver.set_friction(model)
+
+    def step(self, control: Control | None = None) -> StepReport:
+        """Advance by one time step.
+
+        Raises:
+            ControlError: `control` requests something impossible; nothing has changed.
+            SimulationDiverged: the step failed; `state` is the state before it.
+        """
+        started = time.perf_counter()
+        control = Control() if control is None else control
+        start = apply_control(self.model, self.state, control)
+        requests = self._request(start)
+        self._begin_motion(start, requests)
+        contacts = self._prediction.find(start)
+        problem = StepProblem(start, contacts, self._geometry, requests)
+        solution = self._solver.solve(problem)
+        reported = self._constraint_solver.report(problem, solution)
+        shift = self._constraint_solver.find_shift(problem)
+        end = self._integrate(start, solution, shift, reported)
+        self._divergence_check.check(start, end)
+        self.state = end
+        self.report = self._make_report(problem, solution, shift, end, control, started)
+        return self.report
+
+    def observe(self) -> Observation:
+        """What a controller sees; depends on the state only, so that a restored run gives the same observations."""
+        return self._observer.observe(self.state)
+
+    def _request(self, start: State) -> ActuatorRequests:
+        """Measure volumes and lengths with their gradients, and make the actuators' requests."""
+        return request(self.model, start, self._geometry)
+
+    def _begin_motion(self, start: State, requests: ActuatorRequests) -> None:
+        """Compute forces and matrices of all bodies, and their motion without contacts."""
+        if self._soft is not None:
+            self._soft.begin(start, requests.load)
+        self._rigid.begin(start)
+
+    def _integrate(
+        self, start: State, solution: StepSolution, shift: Shift | None, reported: ReportedContacts
+    ) -> State:
+        """The state at the end of the step, by the solution's velocities."""
+        time_step, velocity = self.model.scene.time.step, solution.rigid_velocity
+        position = time_step * solution.node_velocity
+        position += start.position
+        if shift is not None:
+            position += time_step * shift.node_velocity
+        velocities = (velocity,) if shift is None else (velocity, shift.rigid_velocity)
+        rigid_position, rigid_rotation = self._rigid.end_poses(*velocities)
+        # The base and so the pull points have moved already: they are where the start of a step is asked to have them.
+        ahead = PosesAhead(position, rigid_position, rigid_rotation)
+        self._geometry.update(ahead, self.model.placed_pull_points(start))
+        effort, loss = self.model.actuators.split(solution.effort)
+        count = int(reported.count[0])
+        return start.changed(
+            time=(start.step + 1) * time_step,
+            step=start.step + 1,
+            position=position,
+            velocity=solution.node_velocity,
+            rigid_position=rigid_position,
+            rigid_rotation=rigid_rotation,
+            rigid_velocity=velocity[:, :3].copy(),
+            rigid_angular_velocity=velocity[:, 3:].copy(),
+            actuator_effort=effort,
+            actuator_value=self._geometry.value.copy(),
+            actuator_loss=loss,
+            contact_body_pair=reported.bodies[:count].copy(),
+            contact_point=reported.point[:count].copy(),
+            contact_normal=reported.normal[:count].copy(),
+            contact_impulse=reported.impulse[:count].copy(),
+            contact_slip=reported.slip[:count].copy(),
+        )
+
+    def _make_report(
+        self,
+        problem: StepProblem,
+        solution: StepSolution,
+        shift: Shift | None,
+        end: State,
+        control: Control,
+        started: float,
+    ) -> StepReport:
+        settings, names, contacts = self.model.scene, self.model.body_names, problem.contacts
+        deepest = contacts.deepest
+        residual = solution.residual if shift is None else max(solution.residual, shift.residual)
+        missed = solution.newton_residual or 0.0
+        return StepReport(
+            step=end.step - 1,
+            time=end.time,
+            contact_points=end.contact_point,
+            contact_forces=end.contact_impulse / settings.time.step,
+            contact_bodies=end.contact_body_pair,
+            body_names=names,
+            max_penetration=contacts.depth,
+            iterations=solution.iterations + (shift.iterations if shift is not None else 0),
+            residual=residual,
+            converged=residual < settings.contact.tolerance and missed <= settings.time.newton_tolerance,
+            signals=dict(control.signals),
+            step_time=time.perf_counter() - started,
+            observe=partial(self._observer.observe, end),
+            deepest=(names[deepest[0]], names[deepest[1]]) if deepest else None,
+            inverted_elements=self._divergence_check.inverted,
+            linearisations=solution.linearisations,
+            newton_residual=solution.newton_residual,
+        )

@@ -1,0 +1,67 @@
+"""A made-up run for the tests of the output "csv". `python csv_run.py FOLDER` goes on until it is killed."""
+
+import sys
+from itertools import count
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+
+from taichisoft.actuators.names import ActuatorNames
+from taichisoft.scenes.scene import Scene
+from taichisoft_outputs.csv_output import BUFFERED_STEPS, CsvOutput
+
+STEP = 0.01
+
+
+def model() -> Any:
+    """Two fingers, two cubes and a floor; gravity along -x."""
+    return SimpleNamespace(
+        scene=Scene.model_validate(
+            {
+                "gravity": [-9810.0, 0.0, 0.0],
+                "rigid_bodies": {"cube": {"box": [1.0, 1.0, 1.0], "mass": 1.0}},
+            }
+        ),
+        soft_bodies=[SimpleNamespace(name=name) for name in ("left", "right")],
+        rigid_bodies=[SimpleNamespace(name="cube"), SimpleNamespace(name="ball")],
+        obstacles=[SimpleNamespace(name="floor")],
+        actuators=ActuatorNames({"cavity": ("left.air", "right.base", "right.tip"), "cable": ("right.tendon",)}),
+    )
+
+
+def state(step: int) -> Any:
+    """After `step` steps: the cubes rise by 1 and 2 mm a step."""
+    return SimpleNamespace(
+        base_translation=np.array([0.1, 0.2, 0.3]) * step,
+        base_rotation=np.array([0.0, 0.0, np.pi / 180]) * step,
+        rigid_position=np.array([[5.0 + step, 1.0, 2.0], [7.0 + 2.0 * step, 3.0, 4.0]]),
+    )
+
+
+def report(step: int, **changes: Any) -> Any:
+    """Of the step that led to `state(step)`."""
+    seen: dict[str, Any] = {
+        "pressures": {"left.air": 1.0 * step, "right.base": 2.0 * step, "right.tip": 3.0 * step},
+        "volumes": {"left.air": 100.0, "right.base": 200.0, "right.tip": 300.0 + 1.0 / 3.0},
+        "cable_tensions": {"right.tendon": 400.0 * step},
+        "cable_pulls": {"right.tendon": -0.5 * step},
+        "cable_lengths": {"right.tendon": 90.0 + 0.5 * step},
+        "normal_forces": {("left", "cube"): 10.0 * step, ("cube", "floor"): 9.81, ("left", "right"): 99.0},
+        "friction_forces": {("left", "cube"): 1.0 * step},
+        "slip_speeds": {("cube", "ball"): 0.5},
+        "clipped": (),
+    }
+    signals = changes.pop("signals", {"set_point": 60.0, "error": -step})
+    return SimpleNamespace(time=step * STEP, signals=signals, observation=SimpleNamespace(**{**seen, **changes}))
+
+
+if __name__ == "__main__":
+    endless = CsvOutput(Path(sys.argv[1]))
+    endless.begin(model(), state(0))
+    for number in count(1):
+        endless.record(state(number), report(number))
+        if number == 2 * BUFFERED_STEPS:
+            print("ready", flush=True)
+            sys.stdin.read()  # stand still until it is killed

@@ -1,0 +1,269 @@
+"""Pictures and pages have the colours and the background that the scene gives; what a user asks for wins."""
+
+import re
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+from unittest.mock import MagicMock
+
+import fake_run
+import numpy as np
+import pytest
+from PIL import Image
+
+from taichisoft.actuators.names import ActuatorNames
+from taichisoft.bodies.body_axes import RigidAxes, axes_of_bodies
+from taichisoft.bodies.body_geometry import Plane, Surface
+from taichisoft.bodies.rotations import matrices_from_quaternions
+from taichisoft.scenes.file import scene_from_toml, scene_to_toml
+from taichisoft.scenes.scene import Appearance, Scene
+from taichisoft_outputs.drawing.arrows import FORCE_COLOURS, ON_DARK, arrow_colour
+from taichisoft_outputs.drawing.camera import fit_camera, scene_axes
+from taichisoft_outputs.drawing.colouring import PLAIN, Colouring, body_colours
+from taichisoft_outputs.drawing.floor import Floor
+from taichisoft_outputs.drawing.scales import AIR
+from taichisoft_outputs.drawing.shading import key_light, shade
+from taichisoft_outputs.drawing.style import BACKGROUND, Style
+from taichisoft_outputs.recording.finished_file import user_block
+from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.rendering.render import render_pictures
+from taichisoft_outputs.web.frame import Frame, PageScene
+from taichisoft_outputs.web.scene_view import COLOURS, SceneView
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "outputs.md").read_text(encoding="utf-8")
+
+BEHIND, FINGER, CUBE, FLOOR, WALL = (16, 32, 48), (32, 192, 64), (224, 64, 32), (200, 48, 160), (48, 200, 200)
+DARKEST_SIDE = 0.4
+"""Least part of its colour in which a side of a body appears, in whatever light."""
+
+
+def written(colour: tuple[int, int, int]) -> str:
+    return "#{:02x}{:02x}{:02x}".format(*colour)
+
+
+def coloured_scene(plain: Scene) -> Scene:
+    """The scene with a colour for everything, and without axes."""
+    document = plain.model_dump(exclude_none=True)
+    document["soft_bodies"]["finger"]["colour"] = written(FINGER)
+    document["rigid_bodies"]["cube"]["colour"] = written(CUBE)
+    document["obstacles"] = {
+        name: {"plane": {"point": [0, 0, 0], "normal": [1, 0, 0]}, "colour": written(colour)}
+        for name, colour in (("floor", FLOOR), ("wall", WALL))
+    }
+    document["appearance"] = {"background": written(BEHIND), "frame": False}
+    return Scene.model_validate(document)
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Recording]:
+    """One frame of the made-up run in colours, with a floor, and a wall behind it."""
+    folder = tmp_path_factory.mktemp("colours")
+    model = fake_run.fake_model(floor=True)
+    model.scene = coloured_scene(model.scene)
+    behind = {"point": np.array([0.0, 0.0, 60.0]), "normal": np.array([0.0, 0.0, -1.0])}
+    model.obstacles += (SimpleNamespace(name="wall", vertices=None, triangles=None, **behind),)
+    output = RecordingOutput(folder)
+    output.begin(model, fake_run.fake_state(0))
+    output.end("completed")
+    with read_recording(folder / "recording.h5") as opened:
+        yield opened
+
+
+def drawn(recording: Recording, folder: Path, **style: Any) -> np.ndarray:
+    """Shape (180, 320, 3); from the side of the wall's normal, opaque, without text."""
+    plain = {"caption": False, "cavity_pressure": False, "opacity": 1.0, "size": (320, 180), "eye": (80, 60, -120)}
+    (path,) = render_pictures(recording.path, {"start": 0.0}, folder, Style(**{**plain, **style}))
+    return np.asarray(Image.open(path).convert("RGB"), dtype=int)
+
+
+def count_lit(picture: np.ndarray, colour: tuple[int, int, int]) -> int:
+    """Number of pixels that have a colour under some light."""
+    light = picture @ np.array(colour) / np.dot(colour, colour)
+    off = np.abs(picture - light[..., None] * colour).max(axis=2)
+    return int(((off < 4) & (light > DARKEST_SIDE) & (light <= 1.01)).sum())
+
+
+def test_every_body_the_floor_and_what_is_behind_have_the_colours_of_the_scene(
+    recording: Recording, tmp_path: Path
+) -> None:
+    picture = drawn(recording, tmp_path)
+    for colour in (FINGER, CUBE, FLOOR, WALL):
+        assert count_lit(picture, colour) > 200, colour
+    seen_from_above = drawn(recording, tmp_path, eye=(60, 60, -400), target=(60, 300, 0))
+    assert (np.abs(seen_from_above - BEHIND).max(axis=2) < 2).any()
+    other = drawn(recording, tmp_path, eye=(60, 60, -400), target=(60, 300, 0), background="#f0f0f0")
+    assert not (np.abs(other - BEHIND).max(axis=2) < 2).any()
+
+
+def test_a_scene_that_wants_no_axes_has_none_unless_the_user_does(recording: Recording, tmp_path: Path) -> None:
+    none, wanted, unwanted = (drawn(recording, tmp_path, **style) for style in ({}, {"axes": True}, {"axes": False}))
+    np.testing.assert_array_equal(none, unwanted)
+    rows, columns = np.nonzero((none != wanted).any(axis=2))
+    assert rows.min() > 120 and columns.max() < 60, "they stand in the lower left corner"
+
+
+def changed(recording: Recording, folder: Path, appearance: dict[str, Any], **bodies: dict[str, Any]) -> Path:
+    """A copy of the recording whose scene says something else about how it looks."""
+    import h5py
+
+    path = folder / "recording.h5"
+    shutil.copy(recording.path, path)
+    document = recording.scene.model_dump(exclude_none=True)
+    document["appearance"] |= appearance
+    for name, keys in bodies.items():
+        (document["soft_bodies"] | document["rigid_bodies"])[name] |= keys
+    with h5py.File(path, "r+") as file:
+        file.attrs["scene"] = scene_to_toml(Scene.model_validate(document))
+        block = file.userblock_size
+    with path.open("r+b") as written:
+        written.write(user_block(written, block))
+    return path
+
+
+def test_light_comes_from_where_the_scene_says(recording: Recording, tmp_path: Path) -> None:
+    """Sides of the cube are bright where their normal points to the light; above is +x."""
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    for direction in normals:
+        scene = recording.scene.model_copy(update={"appearance": Appearance(light=tuple(7.0 * direction))})
+        lit = shade(np.ones(3), normals, key_light(scene), scene.up)[:, 0]
+        assert normals[lit.argmax()] @ direction == 1.0
+    usual = key_light(recording.scene)
+    assert np.linalg.norm(usual) == pytest.approx(1.0) and usual @ recording.scene.up > 0.5
+
+
+def test_shadows_fall_away_from_the_light_and_can_be_switched_off(recording: Recording) -> None:
+    casters = [(fake_run.CUBE + np.array([40.0, 0.0, 0.0]), fake_run.CUBE_FACES, 1.0)]
+    plane = Plane("floor", np.zeros(3), np.array([1.0, 0.0, 0.0]))
+    camera = fit_camera(casters[0][0], plane.normal, "top", 16 / 9)
+    background = np.full((180, 320, 3), 200, dtype=np.uint8)
+
+    def dark(light: Any, thrown: Any = casters) -> np.ndarray:
+        """Middle of the shadow in the directions right and front of the scene."""
+        floor = Floor(plane, casters[0][0], np.ones(3), np.ones(3), light)
+        taken = 255.0 - floor.paint(background, camera, thrown).mean(axis=2)
+        rows, columns = np.indices(taken.shape)
+        total = taken.sum()
+        return np.array([(taken * (columns - 159.5)).sum(), (taken * (rows - 89.5)).sum()]) / total if total else total
+
+    right, front, _ = scene_axes(plane.normal)
+    for across in (right, -right, front, -front):
+        middle = dark(tuple(plane.normal + 0.5 * across)) - dark(tuple(plane.normal))
+        assert middle @ [across @ right, across @ front] < -5.0
+    assert dark((-1.0, 0.0, 0.0)) == dark(None, []) == 0.0, "light from below, and nothing that casts one"
+
+
+def test_bodies_have_arrows_for_axes_where_the_scene_wants_them(recording: Recording, tmp_path: Path) -> None:
+    marked = changed(recording, tmp_path, {}, cube={"axes": True})
+    with read_recording(marked) as opened:
+        with_axes, without = (drawn(opened, tmp_path, body_axes=wanted) for wanted in (True, False))
+    np.testing.assert_array_equal(without, drawn(recording, tmp_path))
+    rows, columns = np.nonzero((with_axes != without).any(axis=2))
+    on_cube = np.abs(without - CUBE).max(axis=2) < 200
+    assert len(rows) > 30 and on_cube[rows, columns].any()
+    for colour in ON_DARK:
+        assert (np.abs(with_axes - 255 * np.array(colour)).max(axis=2) < 4).any()
+
+
+@pytest.mark.parametrize(
+    ("behind", "expected"),
+    [((), 0), (((0.86, 0.90, 0.94),), 0), (((0.8, 0.2, 0.1),), 1), (((0.8, 0.2, 0.1), (1, 0.9, 0.3)), 2)],
+)
+def test_arrows_of_forces_have_a_colour_that_is_seen(behind: Any, expected: int) -> None:
+    assert arrow_colour([np.array(one) for one in behind]) == FORCE_COLOURS[expected]
+
+
+def test_what_the_user_chose_wins_over_the_scene(recording: Recording) -> None:
+    scene, plain = recording.scene, fake_run.fake_model().scene
+    own = Style().for_scene(scene)
+    assert own.background_colour == pytest.approx(np.array(BEHIND) / 255) and own.axes is False
+    chosen = Style(background="#ffffff", axes=True).for_scene(scene)
+    assert chosen.background_colour == (1.0, 1.0, 1.0) and chosen.axes is True
+    usual = Style().for_scene(plain)
+    assert usual.eye is None
+    filmed = plain.model_copy(update={"appearance": Appearance(eye=(300.0, 0.0, 50.0), target=(0.0, 0.0, 10.0))})
+    assert (Style().for_scene(filmed).eye, Style().for_scene(filmed).target) == ((300.0, 0.0, 50.0), (0.0, 0.0, 10.0))
+    assert Style(view="iso").for_scene(filmed).eye is None
+    asked = Style(eye=(1.0, 2.0, 3.0)).for_scene(filmed)
+    assert (asked.eye, asked.target) == ((1.0, 2.0, 3.0), None)
+    assert usual.background_colour == BACKGROUND and usual.axes is True
+
+
+def test_colours_that_mean_something_win_over_those_of_bodies(recording: Recording) -> None:
+    finger, cavity, cube = recording.surfaces
+    plain = Colouring(recording, Style(), [0], recording.surfaces).colours(0)
+    assert plain[finger.name] == pytest.approx(np.array(FINGER) / 255)
+    assert plain[cube.name] == pytest.approx(np.array(CUBE) / 255)
+    assert tuple(plain[cavity.name]) == PLAIN["cavity"]
+    moved = Colouring(recording, Style(colour_by="displacement"), [0], recording.surfaces).colours(0)
+    assert moved[finger.name].ndim == 2, "a colour for each vertex"
+
+
+def page_of(scene: Scene) -> tuple[MagicMock, Any, Frame]:
+    """A page with a finger, its cavity, a cube and a floor, the server that it is drawn on, and a frame of it."""
+    kinds = (("finger", "soft"), ("finger.cavity", "cavity"), ("cube", "rigid"))
+    surfaces = [Surface(name, kind, fake_run.CUBE_FACES) for name, kind in kinds]  # type: ignore[arg-type]
+    planes = [Plane("floor", np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))]
+    points = np.array([[1.0, 2.0, 3.0]])
+    plotted, place = np.array([30.0, 0.0, 0.0]), np.vstack([[10.0, 20.0, 30.0], np.eye(3)[[1, 2, 0]]])
+    frame = Frame(0.0, 3 * (fake_run.CUBE,), {}, points, 60.0 * points, plotted, place[None])
+    server = MagicMock()
+    server.scene.add_mesh_simple.side_effect = lambda name, *_, **look: SimpleNamespace(name=name, color=look["color"])
+    actuators = ActuatorNames({"cavity": ("finger.cavity",), "cable": ()})
+    content = PageScene(scene, surfaces, planes, actuators, {"cube": RigidAxes(0)})
+    return server, SceneView(server, content, frame), frame
+
+
+def test_a_page_shows_pressure_in_the_colours_of_pictures_and_says_what_colours_and_arrows_mean() -> None:
+    _, view, frame = page_of(fake_run.fake_model().scene)
+    panel = SimpleNamespace(content="")
+    view.put_scales(panel)
+    view.show(frame)
+    (cavity,) = (mesh for mesh in view._meshes if mesh.name == "/finger.cavity")
+    assert cavity.color == tuple(round(255 * part) for part in AIR[-1])
+    assert "pressure [kPa]" in panel.content and ">0<" in panel.content and "30</div>" in panel.content
+    assert f"longest arrow {60 * 14**0.5:.3g} mN" in panel.content
+    view.reach_to({"cavity": np.array([90.0])}, 0.0)
+    view.show(frame)
+    expected = np.array([np.interp(1 / 3, np.linspace(0, 1, len(AIR)), part) for part in np.array(AIR).T])
+    assert cavity.color == tuple(round(255 * float(part)) for part in expected)
+
+
+@pytest.mark.parametrize("framed", [True, False])
+def test_a_page_has_the_axes_of_the_scene_with_their_names_and_those_of_bodies(framed: bool) -> None:
+    scene = fake_run.fake_model().scene.model_copy(update={"appearance": Appearance(frame=framed, shadows=False)})
+    server, view, frame = page_of(scene)
+    names = [call.args[0] for call in server.scene.add_frame.call_args_list]
+    assert names == [*(["/axes"] if framed else []), "/axes of cube"]
+    assert [call.args[1] for call in server.scene.add_label.call_args_list] == (list("xyz") if framed else [])
+    view.show(frame)
+    handle = view._axes[0]
+    np.testing.assert_allclose(handle.position, [0.1, 0.2, 0.3])
+    np.testing.assert_allclose(matrices_from_quaternions(handle.wxyz[None])[0].T, np.eye(3)[[1, 2, 0]], atol=1e-12)
+    assert server.scene.add_light_directional.call_args.kwargs["cast_shadow"] is False
+
+
+@pytest.mark.parametrize("coloured", [True, False])
+def test_a_page_has_the_colours_of_the_scene(coloured: bool) -> None:
+    plain = fake_run.fake_model().scene
+    scene = coloured_scene(plain) if coloured else plain
+    server, _, _ = page_of(scene)
+    added = {call.args[0]: call.kwargs["color"] for call in server.scene.add_mesh_simple.call_args_list}
+    backgrounds = [call.args[0].tolist() for call in server.scene.set_background_image.call_args_list]
+    if coloured:
+        assert added == {"/finger": FINGER, "/finger.cavity": COLOURS["cavity"], "/cube": CUBE, "/floor": FLOOR}
+        assert backgrounds == [[[list(BEHIND)]]]
+    else:
+        kinds = {"/finger": "soft", "/finger.cavity": "cavity", "/cube": "rigid", "/floor": "floor"}
+        assert added == {name: COLOURS[kind] for name, kind in kinds.items()}
+        assert not backgrounds
+
+
+def test_the_example_of_the_documents_is_a_scene() -> None:
+    (text,) = re.findall(r"```toml\n(\[appearance\].*?)```", PAGE, re.DOTALL)
+    scene = scene_from_toml(text, "outputs.md")
+    assert set(body_colours(scene)) == {"cube", "floor"}
+    assert Style().for_scene(scene).axes is False
+    assert list(axes_of_bodies(scene, ())) == ["cube"] and scene.appearance.light == (1.0, -1.0, 2.0)

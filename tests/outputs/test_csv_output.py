@@ -1,0 +1,157 @@
+"""The output "csv": its columns and numbers from a made-up run, also when the process was killed."""
+
+import csv
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import csv_run
+import pytest
+
+from taichisoft.errors import TaichisoftError
+from taichisoft.plugin_system.hooks import find
+from taichisoft_outputs.csv_output import BUFFERED_STEPS, CsvOutput
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    with (folder / "run.csv").open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file, strict=True))
+
+
+def made_up_run(folder: Path, steps: int, **changes: Any) -> list[dict[str, str]]:
+    output = CsvOutput(folder)
+    output.begin(csv_run.model(), csv_run.state(0))
+    for step in range(1, steps + 1):
+        output.record(csv_run.state(step), csv_run.report(step, **changes))
+    output.end("completed")
+    return rows_of(folder)
+
+
+def test_every_number_of_a_step_is_in_its_column(tmp_path: Path) -> None:
+    row = made_up_run(tmp_path / "new" / "folder", steps=3)[-1]
+    expected = {
+        "time [s]": 0.03,
+        "restarts": 0.0,
+        "pressure left.air [kPa]": 3.0,
+        "pressure right.tip [kPa]": 9.0,
+        "volume right.tip [mm^3]": 300.333333,
+        "tension right.tendon [mN]": 1200.0,
+        "pull right.tendon [mm]": -1.5,
+        "cable_length right.tendon [mm]": 91.5,
+        "base_translation y [mm]": 0.6,
+        "base_rotation z [degrees]": 3.0,
+        "position cube x [mm]": 8.0,
+        "position ball z [mm]": 4.0,
+        "lift cube [mm]": 3.0,  # along x, against gravity, over the state that the run began with
+        "lift ball [mm]": 6.0,
+        "normal_force left|cube [mN]": 30.0,
+        "normal_force right|cube [mN]": 0.0,  # far apart, so not in the report
+        "normal_force cube|floor [mN]": 9.81,
+        "friction_force left|cube [mN]": 3.0,
+        "slip_speed cube|ball [mm/s]": 0.5,
+        "signal set_point": 60.0,
+        "signal error": -3.0,
+    }
+    assert {name: float(row[name]) for name in expected} == pytest.approx(expected, rel=1e-8)
+    assert row["clipped"] == ""
+
+
+def test_the_columns_are_those_of_all_that_can_touch_an_object(tmp_path: Path) -> None:
+    row = made_up_run(tmp_path, steps=1)[0]
+    pairs = ["left|cube", "left|ball", "right|cube", "right|ball", "cube|ball", "cube|floor", "ball|floor"]
+    for quantity in ("normal_force", "friction_force", "slip_speed"):
+        assert [name.split()[1] for name in row if name.startswith(quantity)] == pairs
+    assert list(row)[:5] == [
+        "time [s]",
+        "restarts",
+        *(f"pressure {c} [kPa]" for c in ("left.air", "right.base", "right.tip")),
+    ]
+    assert list(row)[-3:] == ["signal set_point", "signal error", "clipped"]
+
+
+def test_a_row_for_every_step(tmp_path: Path) -> None:
+    rows = made_up_run(tmp_path, steps=BUFFERED_STEPS + 7)
+    assert [float(row["time [s]"]) for row in rows] == pytest.approx([0.01 * (step + 1) for step in range(len(rows))])
+    assert len(rows) == BUFFERED_STEPS + 7
+
+
+def test_a_run_without_a_step_leaves_the_names_of_the_columns(tmp_path: Path) -> None:
+    assert made_up_run(tmp_path, steps=0) == []
+    assert (tmp_path / "run.csv").read_text().startswith("time [s],restarts,pressure left.air [kPa],")
+
+
+def test_what_the_limits_held_back_is_listed(tmp_path: Path) -> None:
+    (row,) = made_up_run(tmp_path, steps=1, clipped=("left.air", "base_translation"))
+    assert row["clipped"] == "left.air|base_translation"
+
+
+def test_a_run_that_is_started_anew_goes_on_in_the_same_file(tmp_path: Path) -> None:
+    output = CsvOutput(tmp_path)
+    output.begin(csv_run.model(), csv_run.state(0))
+    output.record(csv_run.state(1), csv_run.report(1))
+    output.restart(csv_run.state(0))
+    output.record(csv_run.state(1), csv_run.report(1))
+    output.end("completed")
+    assert [(row["time [s]"], row["restarts"], row["lift cube [mm]"]) for row in rows_of(tmp_path)] == [
+        ("0.01", "0", "1"),
+        ("0.01", "1", "1"),
+    ]
+
+
+def test_a_signal_that_comes_late_has_no_column_and_that_is_said_once(tmp_path: Path) -> None:
+    output = CsvOutput(tmp_path)
+    output.begin(csv_run.model(), csv_run.state(0))
+    output.record(csv_run.state(1), csv_run.report(1, signals={"error": 1.0}))
+    with pytest.warns(UserWarning, match=r"run\.csv: no column for the signal 'late'") as warned:
+        for step in (2, 3):
+            output.record(csv_run.state(step), csv_run.report(step, signals={"late": 2.0}))
+    output.end("completed")
+    assert len(warned) == 1
+    assert [row["signal error"] for row in rows_of(tmp_path)] == ["1", "", ""]
+
+
+def test_names_with_commas_and_quotes_stay_in_their_column(tmp_path: Path) -> None:
+    (row,) = made_up_run(tmp_path, steps=1, signals={'a, "b"': 1.5})
+    assert row['signal a, "b"'] == "1.5"
+
+
+def test_a_killed_process_leaves_what_was_computed(tmp_path: Path) -> None:
+    """Killed after 100 steps: their rows are in the file, none of them damaged."""
+    process = subprocess.Popen(
+        [sys.executable, csv_run.__file__, str(tmp_path)], stdin=subprocess.PIPE, stdout=subprocess.PIPE
+    )
+    try:
+        assert process.stdout is not None
+        assert process.stdout.readline() == b"ready\n"
+    finally:
+        process.kill()
+        process.communicate()
+    rows = rows_of(tmp_path)
+    assert [float(row["lift cube [mm]"]) for row in rows] == [step + 1.0 for step in range(2 * BUFFERED_STEPS)]
+    assert all(row["clipped"] == "" for row in rows)  # the last column is there
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").mkdir()
+    with pytest.raises(TaichisoftError, match=r"run\.csv: cannot be written: Is a directory$"):
+        made_up_run(tmp_path, steps=1)
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs a device that is always full")
+def test_a_full_disk_is_no_silent_loss(tmp_path: Path) -> None:
+    (tmp_path / "run.csv").symlink_to("/dev/full")
+    with pytest.raises(TaichisoftError, match=r"run\.csv: cannot be written: No space left on device$"):
+        made_up_run(tmp_path, steps=1)
+
+
+def test_pandas_and_numpy_read_it(tmp_path: Path) -> None:
+    made_up_run(tmp_path, steps=4)
+    pandas = pytest.importorskip("pandas")
+    table = pandas.read_csv(tmp_path / "run.csv")
+    assert table["lift cube [mm]"].tolist() == [1.0, 2.0, 3.0, 4.0]
+    assert (table.drop(columns="clipped").dtypes.map(lambda kind: kind.kind).isin(["i", "f"])).all()
+
+
+def test_it_is_an_output_that_a_run_can_ask_for() -> None:
+    assert find("output", "csv") is CsvOutput

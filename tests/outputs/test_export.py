@@ -1,0 +1,214 @@
+"""`taichisoft recording export`: what ParaView opens has the positions, motion and stress of the recorded frames."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import pyvista
+import tiny_run
+
+from taichisoft.bodies.strain import Stretches
+from taichisoft_outputs.paraview.export import ExportError, chosen_frames, export_vtu
+from taichisoft_outputs.recording.layout import RecordingError
+from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.stress import StressLaw, von_mises
+
+FRAME = 37
+"""A frame in which the cube is carried."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("run")
+    tiny_run.tiny_run(folder)
+    return folder / "recording.h5"
+
+
+@pytest.fixture(scope="module")
+def exported(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("vtu")
+    with read_recording(run) as recording:
+        export_vtu(recording, [0, FRAME, tiny_run.STEPS], folder)
+    return folder
+
+
+@pytest.fixture
+def recording(run: Path):
+    with read_recording(run) as opened:
+        yield opened
+
+
+def grid(folder: Path, name: str, frame: int) -> pyvista.UnstructuredGrid:
+    return pyvista.read(folder / name / f"{frame:05d}.vtu")
+
+
+def close(found: np.ndarray, expected: np.ndarray) -> None:
+    """To the digits of single precision."""
+    np.testing.assert_allclose(found, expected, rtol=1e-6, atol=1e-6 * np.abs(expected).max())
+
+
+def test_every_list_has_the_times_of_the_frames(exported: Path, recording: Recording) -> None:
+    names = sorted(path.stem for path in exported.glob("*.pvd"))
+    assert names == ["cavities", "contacts", "rigid_bodies", "soft_bodies"]
+    for name in names:
+        reader = pyvista.PVDReader(exported / f"{name}.pvd")
+        assert reader.time_values == pytest.approx(recording.times[[0, FRAME, tiny_run.STEPS]])
+        reader.set_active_time_point(1)
+        np.testing.assert_array_equal(reader.read()[0].points, grid(exported, name, FRAME).points)
+
+
+def test_points_are_those_of_the_deformed_bodies(exported: Path, recording: Recording) -> None:
+    soft = grid(exported, "soft_bodies", FRAME)
+    position = recording.row("position", FRAME)
+    rest = np.vstack([body.rest_position for body in recording.soft_bodies])
+    close(soft.points, position)
+    close(soft["displacement"], position - rest)
+    close(soft["velocity"], recording.velocity(FRAME))
+    assert np.ptp(soft["displacement"]) > 1.0, "there is something to see"
+
+
+def test_cells_have_stress_material_body_and_groups(exported: Path, recording: Recording) -> None:
+    soft = grid(exported, "soft_bodies", FRAME)
+    left, right = recording.soft_bodies
+    count = len(left.elements)
+    np.testing.assert_array_equal(soft.cell_data["body"], [0] * count + [1] * len(right.elements))
+    np.testing.assert_array_equal(soft.point_data["body"], [0] * len(left.mesh_nodes) + [1] * len(right.mesh_nodes))
+    for body, cells in ((left, slice(0, count)), (right, slice(count, None))):
+        position = recording.row("position", FRAME)[body.nodes]
+        law = StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar=True)
+        stress = law.stress(position, np.full(len(body.elements), 100.0))
+        close(soft.cell_data["von_mises"][cells], von_mises(stress))
+        stretches = Stretches(body.rest_position, body.elements)
+        close(soft.cell_data["largest_stretch"][cells], stretches.largest(position))
+        xx_yy_zz_xy_yz_xz = stress[:, [0, 1, 2, 0, 1, 0], [0, 1, 2, 1, 2, 2]]
+        close(soft.cell_data["stress"][cells], xx_yy_zz_xy_yz_xz)
+    assert (soft.cell_data["young_modulus"] == 100.0).all()
+    base = np.zeros(len(soft.points), dtype=bool)
+    for body in (left, right):
+        base[body.nodes.start + body.surface_groups["base"].ravel()] = True
+    np.testing.assert_array_equal(soft.point_data["surface_base"], base)
+
+
+def test_rotations_are_those_of_the_scene(tmp_path: Path) -> None:
+    """A body with `corotation = "polar"` gets the stress of that law."""
+    tiny_run.tiny_run(tmp_path, ['soft_bodies.left.corotation="polar"', 'soft_bodies.right.corotation="edges"'])
+    with read_recording(tmp_path / "recording.h5") as recording:
+        export_vtu(recording, [FRAME], tmp_path)
+        found = grid(tmp_path, "soft_bodies", FRAME).cell_data["von_mises"]
+        expected = [
+            von_mises(
+                StressLaw(body.rest_position, body.elements, body.poisson_ratio, polar).stress(
+                    recording.row("position", FRAME)[body.nodes], np.full(len(body.elements), 100.0)
+                )
+            )
+            for body, polar in zip(recording.soft_bodies, (True, False), strict=True)
+        ]
+    close(found, np.concatenate(expected))
+
+
+def test_an_element_group_is_a_cell_array(tmp_path: Path, block) -> None:
+    """Groups of one body only are 0 in the others."""
+    from blocks import make_block
+
+    from taichisoft.meshes.files import write_volume_mesh
+    from taichisoft.meshes.volume_mesh import VolumeMesh
+
+    mesh = make_block((2, 1, 1), (20.0, 10.0, 10.0))
+    grouped = VolumeMesh("block", mesh.nodes, mesh.elements, {}, {"stiff": np.array([1, 5, 6])})
+    write_volume_mesh(grouped, tmp_path / "grouped.msh")
+    write_volume_mesh(mesh, tmp_path / "plain.msh")
+    body = "density = 1e-6, young_modulus = 100.0, poisson_ratio = 0.3"
+    extra = [
+        f'soft_bodies.one={{mesh = "{tmp_path}/plain.msh", translation = [0.0, 0.0, 60.0], {body}}}',
+        f'soft_bodies.two={{mesh = "{tmp_path}/grouped.msh", translation = [0.0, 0.0, 80.0], {body}}}',
+    ]
+    tiny_run.tiny_run(tmp_path, extra)
+    with read_recording(tmp_path / "recording.h5") as recording:
+        export_vtu(recording, [0], tmp_path)
+        before = sum(len(body.elements) for body in recording.soft_bodies[:3])
+    members = np.flatnonzero(grid(tmp_path, "soft_bodies", 0).cell_data["group_stiff"])
+    np.testing.assert_array_equal(members, before + np.array([1, 5, 6]))
+
+
+def test_cavities_bear_their_pressure(exported: Path, recording: Recording) -> None:
+    cavities = grid(exported, "cavities", FRAME)
+    for number, name in enumerate(recording.cavities):
+        cells = cavities.cell_data["cavity"] == number
+        surface = next(surface for surface in recording.surfaces if surface.name == name)
+        close(
+            cavities.points[cavities.cells.reshape(-1, 4)[cells, 1]], surface.vertices(FRAME)[surface.triangles[:, 0]]
+        )
+        close(cavities.cell_data["pressure"][cells], np.full(cells.sum(), recording.row("pressure", FRAME)[number]))
+        close(cavities.cell_data["volume"][cells], np.full(cells.sum(), recording.row("volume", FRAME)[number]))
+
+
+def test_rigid_bodies_move_and_planes_are_squares_that_face_as_they_do(exported: Path, recording: Recording) -> None:
+    bodies = grid(exported, "rigid_bodies", tiny_run.STEPS)
+    cube = bodies.extract_cells(bodies.cell_data["body"] == 2)
+    close(cube.center, recording.row("rigid_position", tiny_run.STEPS)[0])
+    assert cube.center[2] > 6.0, "it was lifted"
+    floor = bodies.extract_cells(bodies.cell_data["body"] == 3).extract_surface(algorithm=None)
+    assert floor.bounds.z_min == floor.bounds.z_max == 0.0
+    assert (floor.face_normals == [0.0, 0.0, 1.0]).all()
+    soft = grid(exported, "soft_bodies", 0).bounds
+    assert floor.bounds.x_min < soft.x_min and floor.bounds.x_max > soft.x_max
+
+
+def test_contacts_are_points_with_forces(exported: Path, recording: Recording) -> None:
+    points, forces = recording.contacts(FRAME)
+    contacts = grid(exported, "contacts", FRAME)
+    assert contacts.n_points == len(points) > 0
+    close(contacts.points, points)
+    close(contacts["force"], forces)
+    assert grid(exported, "contacts", 0).n_points == 0
+
+
+def test_meshio_reads_a_frame_too(exported: Path) -> None:
+    import meshio
+
+    read = meshio.read(exported / "soft_bodies" / f"{FRAME:05d}.vtu")
+    soft = grid(exported, "soft_bodies", FRAME)
+    np.testing.assert_array_equal(read.points, soft.points)
+    np.testing.assert_array_equal(read.cell_data["stress"][0], soft.cell_data["stress"])
+
+
+def test_which_frames(recording: Recording) -> None:
+    assert chosen_frames(recording, None, None) == list(range(tiny_run.STEPS + 1))
+    assert chosen_frames(recording, 15, None) == [0, 15, 30]
+    assert chosen_frames(recording, None, [0.3, 0.0, 0.301]) == [0, 30]
+    with pytest.raises(RecordingError, match=r"nothing at 3 s; the recording has from 0 s to 0\.4 s"):
+        chosen_frames(recording, None, [3.0])
+    with pytest.raises(ExportError, match="--every 0: must be 1 or more"):
+        chosen_frames(recording, 0, None)
+    with pytest.raises(ExportError, match="give one of them"):
+        chosen_frames(recording, 2, [0.1])
+
+
+def test_the_command_writes_beside_the_recording_and_names_what_to_open(run: Path) -> None:
+    shown = tiny_run.command("recording", "export", run, "--every", 20)
+    assert shown.exit_code == 0, shown.output
+    assert str(run.parent / "vtu" / "soft_bodies.pvd") in shown.output
+    assert len(list((run.parent / "vtu" / "contacts").glob("*.vtu"))) == 3
+
+
+def test_of_a_run_that_was_started_anew_only_the_last_start_is_exported(tmp_path: Path) -> None:
+    """ParaView's times cannot go back; the command says that it leaves something out."""
+    tiny_run.tiny_run(tmp_path, restart_after=10)
+    shown = tiny_run.command("recording", "export", tmp_path / "recording.h5", "--every", 10)
+    assert "only frames after the last start are exported (5 frames)" in shown.output
+    assert pyvista.PVDReader(tmp_path / "vtu" / "soft_bodies.pvd").time_values == pytest.approx(
+        [0.0, 0.1, 0.2, 0.3, 0.4]
+    )
+
+
+def test_what_was_written_before_it_ended_can_be_opened(recording: Recording, tmp_path: Path) -> None:
+    """Somebody presses Ctrl and c after two frames."""
+
+    def frames() -> Iterator[int]:
+        yield from (0, 10)
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        export_vtu(recording, frames(), tmp_path)
+    assert pyvista.PVDReader(tmp_path / "contacts.pvd").time_values == pytest.approx([0.0, 0.1])

@@ -1,0 +1,193 @@
+"""Fits of laws to tension tests: known coefficients come back, and what is drawn and listed is what ships."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from taichisoft.scenes.material import initial_shear_modulus, read_material
+from taichisoft_outputs.materials.fit import fit_law
+from taichisoft_outputs.materials.material_files import shipped_materials
+from taichisoft_outputs.materials.materials_command import materials
+from taichisoft_outputs.materials.nominal_stress import nominal_stress
+from taichisoft_outputs.materials.tension_test import MaterialError, TensionTest, read_tension_test
+
+STRETCH = np.linspace(1.02, 3.0, 120)
+RUBBERS = [
+    ("neo-hookean", {"mu": 60.0}),
+    ("mooney-rivlin", {"c10": 20.0, "c01": 8.0}),
+    ("yeoh", {"c10": 40.0, "c20": -2.0, "c30": 0.4}),
+    ("ogden", {"mu1": 30.0, "alpha1": 2.4}),
+    ("ogden", {"mu1": -5.0, "alpha1": -3.0, "mu2": 20.0, "alpha2": 3.5}),
+    ("ogden", {"mu1": -8.0, "alpha1": -4.0, "mu2": 30.0, "alpha2": 1.5, "mu3": 0.5, "alpha3": 6.0}),
+]
+
+
+def written(folder: Path, text: str) -> Path:
+    path = folder / "test.csv"
+    path.write_text(text)
+    return path
+
+
+@pytest.mark.parametrize(("law", "coefficients"), RUBBERS, ids=lambda value: value if isinstance(value, str) else None)
+def test_the_coefficients_of_a_made_up_rubber_come_back(law: str, coefficients: dict[str, float]) -> None:
+    """The stress of a law at 120 stretches up to 3, fitted by the same law: within 0.1 %."""
+    test = TensionTest("made", STRETCH, nominal_stress(law, coefficients, STRETCH))
+    found = fit_law(test, law, len(coefficients) // 2)  # type: ignore[arg-type]
+    assert found.coefficients == pytest.approx(coefficients, rel=1e-3)
+    assert found.error < 1e-6
+
+
+@pytest.mark.parametrize(("law", "coefficients"), RUBBERS, ids=lambda value: value if isinstance(value, str) else None)
+def test_the_slope_at_rest_is_youngs_modulus(law: str, coefficients: dict[str, float]) -> None:
+    """Incompressible: dP/dl = 3 mu at l = 1. Central difference over 1e-4: tolerance 1e-6."""
+    low, high = nominal_stress(law, coefficients, np.array([1.0 - 1e-4, 1.0 + 1e-4]))
+    shear_modulus = initial_shear_modulus(law, coefficients)  # type: ignore[arg-type]
+    assert (high - low) / 2e-4 == pytest.approx(3.0 * shear_modulus, rel=1e-6)
+
+
+@pytest.mark.parametrize(("law", "coefficients"), RUBBERS, ids=lambda value: value if isinstance(value, str) else None)
+def test_the_stress_is_the_derivative_of_the_energy(law: str, coefficients: dict[str, float]) -> None:
+    """W(l, l^-1/2, l^-1/2), differenced over 1e-5: tolerance 1e-7."""
+
+    def energy(stretch: np.ndarray) -> np.ndarray:
+        first, second = stretch**2 + 2.0 / stretch - 3.0, 2.0 * stretch + stretch**-2 - 3.0
+        if law == "ogden":
+            terms = range(1, len(coefficients) // 2 + 1)
+            pairs = [(coefficients[f"mu{p}"], coefficients[f"alpha{p}"]) for p in terms]
+            return sum(mu / a * (stretch**a + 2.0 * stretch ** (-a / 2.0) - 3.0) for mu, a in pairs)
+        if law == "neo-hookean":
+            return 0.5 * coefficients["mu"] * first
+        powers = coefficients["c10"] * first + coefficients.get("c20", 0.0) * first**2
+        return powers + coefficients.get("c30", 0.0) * first**3 + coefficients.get("c01", 0.0) * second
+
+    difference = (energy(STRETCH + 1e-5) - energy(STRETCH - 1e-5)) / 2e-5
+    np.testing.assert_allclose(nominal_stress(law, coefficients, STRETCH), difference, rtol=1e-7)
+
+
+def test_hookes_law_is_fitted_to_small_strains_alone() -> None:
+    """E of a straight line up to a strain of 0.2, whatever comes beyond."""
+    strain = STRETCH - 1.0
+    stress = np.where(strain <= 0.2, 90.0 * strain, 1e4)
+    assert fit_law(TensionTest("made", STRETCH, stress), "hooke").coefficients == pytest.approx({"young_modulus": 90.0})
+
+
+def test_a_fit_gives_way_nowhere() -> None:
+    """Yeoh's best last coefficient here is negative: it is left out, and the stress rises at every stretch."""
+    stress = nominal_stress("ogden", {"mu1": 30.0, "alpha1": 3.0}, STRETCH)
+    found = fit_law(TensionTest("made", STRETCH, stress), "yeoh")
+    assert "c30" not in found.coefficients
+    assert (np.diff(nominal_stress("yeoh", found.coefficients, np.linspace(1.0, 9.0, 500))) > 0.0).all()
+    falling = TensionTest("made", STRETCH, 10.0 * np.sin(2.0 * (STRETCH - 1.0)))
+    with pytest.raises(MaterialError, match=r"made: the best fit of law 'yeoh' (gives way|has no stiffness)"):
+        fit_law(falling, "yeoh")
+
+
+def test_a_test_is_read_with_its_unit_and_its_header(tmp_path: Path) -> None:
+    """Engineering columns win over true ones; lines above the names of the columns are ignored."""
+    path = written(
+        tmp_path,
+        "Speed (mm/min);450;;\n;;;\nTime (s);True Strain;Engineering Strain;Engineering Stress (MPa)\n"
+        "0.1;9;0.5;0.2\n0.2;9;1.0;0.4\n",
+    )
+    test = read_tension_test(path)
+    np.testing.assert_allclose(test.stretch, [1.5, 2.0])
+    np.testing.assert_allclose(test.stress, [200.0, 400.0])
+    stretched = read_tension_test(written(tmp_path, "stretch,stress [kPa]\n1.5,20\n"))
+    assert (stretched.stretch[0], stretched.stress[0]) == (1.5, 20.0)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "strain (%),stress (kPa)\n50,200\n100,400\n",
+        "Strain [%]\tStress [kPa]\n50\t200\n100\t400\n",
+        "Strain %,Stress (kPa)\n50,200\n100,400\n",
+        "Engineering strain (percent),Stress (kPa)\n50,200\n100,400\n",
+        '"Strain (%)","Stress (MPa)"\n"50","0.2"\n"100","0.4"\n',
+        '"Strain (engineering) (%)";"Stress, at rest (MPa)"\n50;0,2\n100;0,4\n',
+        '"Stress (MPa)","Strain (mm/mm)"\n"0,2","0,5"\n"0,4","1,0"\n',
+        "Strain rate (1/s);Strain (-);Stress (N/mm²)\n7;0,5;0,2\n7;1;0,4\n",
+        "strain;stress (Pa)\n0,5;200.000,0\n1,0;400.000,0\n",
+        "strain;stress (Pa)\n0.5;200,000\n1.0;400,000\n",
+        "Zwick;2024,5\nSpeed (mm/min),450\nstretch,stress (kPa)\n+1.5,2e2\n2,4E+2\n",
+    ],
+)
+def test_units_quotes_and_decimal_commas_are_understood(tmp_path: Path, text: str) -> None:
+    """All are the same two points."""
+    test = read_tension_test(written(tmp_path, text))
+    np.testing.assert_allclose(test.stretch, [1.5, 2.0])
+    np.testing.assert_allclose(test.stress, [200.0, 400.0])
+
+
+@pytest.mark.parametrize(("count", "warned"), [(10, True), (14, True), (15, False)])
+def test_too_few_points_for_the_coefficients_are_warned_of(tmp_path: Path, count: int, warned: bool) -> None:
+    """Yeoh's law has three."""
+    stretch = np.linspace(1.1, 3.0, count)
+    stress = nominal_stress("yeoh", {"c10": 40.0, "c20": 1.0, "c30": 0.1}, stretch)
+    rows = "".join(f"{one},{value}\n" for one, value in zip(stretch.tolist(), stress.tolist(), strict=True))
+    result = CliRunner().invoke(materials, ["fit", str(written(tmp_path, "stretch,stress (kPa)\n" + rows))])
+    assert result.exit_code == 0
+    assert ("warning: " in result.output) == warned
+    assert (f"{count} points for 3 coefficients" in result.output) == warned
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("strain,stress (kPa)\n50,200\n300,400\n", "line 1: 'strain' reaches 300: is it in per cent?"),
+        ("strain (mm),stress (kPa)\n5,2\n", "line 1: 'strain (mm)' needs a unit: %, percent, per cent, none, -, 1"),
+        ("strain (true),stress (kPa)\n5,2\n", "line 1: 'strain (true)' needs a unit"),
+        ("stretch (%),stress (kPa)\n150,2\n", "line 1: 'stretch (%)' needs a unit: none, -, 1, mm/mm, m/m"),
+        ("strain rate,stress (kPa)\n1,2\n", "no line names a column 'strain'"),
+        ("strain;stress (kPa)\n0.5;1,23\n", "line 2: '0.5;1,23' lacks a number"),
+        ("strain;stress (kPa)\n0,5;1.23,4\n", "line 2: '0,5;1.23,4' lacks a number"),
+        ("time,force\n1,2\n", "no line names a column 'strain' or 'stretch' and one 'stress (MPa)'"),
+        ("strain,stress\n1,2\n", "line 1: 'stress' needs a unit: pa, kpa, mpa"),
+        ("strain,stress (MPa)\n1,x\n", "line 2: '1,x' lacks a number"),
+        ("strain,stress (MPa)\n1,nan\n", "line 2: a value is not finite"),
+        ("strain,stress (MPa)\n", "no numbers follow"),
+    ],
+)
+def test_what_is_wrong_with_a_test_is_said_in_one_line(tmp_path: Path, text: str, expected: str) -> None:
+    with pytest.raises(MaterialError) as error:
+        read_tension_test(written(tmp_path, text))
+    assert expected in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_the_command_writes_a_material_that_a_scene_can_name(tmp_path: Path) -> None:
+    stress = nominal_stress("yeoh", {"c10": 40.0, "c20": 1.0, "c30": 0.1}, STRETCH)
+    rows = "".join(f"{one - 1.0},{value}\n" for one, value in zip(STRETCH.tolist(), stress.tolist(), strict=True))
+    path = written(tmp_path, "strain,stress (kPa)\n" + rows)
+    file, picture = tmp_path / "mine.toml", tmp_path / "fit.png"
+    result = CliRunner().invoke(materials, ["fit", str(path), "-o", str(file), "--plot", str(picture)])
+    assert result.exit_code == 0, result.output
+    assert "Young's modulus at rest 240 kPa" in result.output
+    found = read_material(file)
+    assert found.coefficients == pytest.approx({"c10": 40.0, "c20": 1.0, "c30": 0.1}, rel=1e-3)
+    assert (found.law, found.highest_stretch, found.source) == ("yeoh", 3.0, "test.csv")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_what_ships_says_where_it_comes_from_and_stiffens_nowhere_wrongly() -> None:
+    """19 silicones; each names the database and its licence, is stiff at rest and gives way at no stretch up to 10."""
+    shipped = shipped_materials()
+    assert len(shipped) == 19
+    listed = CliRunner().invoke(materials, []).output
+    for name, material in shipped.items():
+        assert name in listed
+        assert "Open Database License" in material.source
+        assert material.error is not None and material.error < 0.025
+        stress = nominal_stress(material.law, material.coefficients, np.linspace(1.0, 10.0, 1000))
+        assert (np.diff(stress) > 0.0).all()
+
+
+def test_what_ships_is_what_the_command_fits(shared: Path) -> None:
+    """To the five digits that the file has."""
+    tests = shared / "measured" / "materials"
+    for material in shipped_materials().values():
+        measured = read_tension_test(tests / f"{material.name}.csv")
+        found = fit_law(measured.within(0.05, 3.0), "yeoh")
+        assert found.coefficients == pytest.approx(material.coefficients, rel=1e-4)

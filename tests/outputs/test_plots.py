@@ -1,0 +1,224 @@
+"""`taichisoft recording plot`: the curves are what was observed in the run, and every panel can be read."""
+
+from contextlib import suppress
+from pathlib import Path
+from xml.etree import ElementTree
+
+import fake_run
+import numpy as np
+import pytest
+import tiny_run
+
+from taichisoft.control.observation import Observation
+from taichisoft.errors import GoalMissed
+from taichisoft_outputs.metrics import MetricsOutput
+from taichisoft_outputs.plots.figure import Curve, Panel, draw_figure, pieces
+from taichisoft_outputs.plots.panels import PANELS, TIME_AXIS, RunCurves, expected
+from taichisoft_outputs.plots.run_plots import PlotError, draw_plots
+from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.reader import Recording, read_recording
+
+SINGLE = 1e-5
+"""Positions are recorded in single precision: angles [degrees] and places [mm] differ by less."""
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[Observation]]:
+    """A run that was started anew after 20 of its steps, and its observations in every frame."""
+    folder = tmp_path_factory.mktemp("run")
+    observed = tiny_run.tiny_run(folder, restart_after=20)
+    return folder / "recording.h5", observed
+
+
+@pytest.fixture
+def recording(run: tuple[Path, list[Observation]]):
+    with read_recording(run[0]) as opened:
+        yield opened
+
+
+@pytest.fixture
+def observed(run: tuple[Path, list[Observation]]) -> list[Observation]:
+    return run[1]
+
+
+def curves(recording: Recording, panel: str) -> dict[str, Curve]:
+    return {curve.label: curve for curve in PANELS[panel](RunCurves(recording)).curves}
+
+
+def axes_of(svg: Path) -> set[str]:
+    """Names of the axes with units, but for the time."""
+    words = {(element.text or "").strip() for element in ElementTree.parse(svg).getroot().iter()}
+    return {word for word in words if word.endswith("]")} - {TIME_AXIS}
+
+
+def test_pressure_and_volume_are_those_observed(recording: Recording, observed: list[Observation]) -> None:
+    """In kPa and cm^3."""
+    pressure, volume = curves(recording, "pressure"), curves(recording, "volume")
+    assert list(pressure) == list(volume) == ["left.cavity", "right.cavity"]
+    for name in pressure:
+        np.testing.assert_allclose(pressure[name].y, [seen.pressures[name] for seen in observed], atol=1e-9)
+        np.testing.assert_allclose(volume[name].y, [1e-3 * seen.volumes[name] for seen in observed], rtol=1e-9)
+        np.testing.assert_allclose(volume[name].x, [seen.time for seen in observed])
+
+
+def test_tips_and_bending_are_those_that_a_controller_observes(
+    recording: Recording, observed: list[Observation]
+) -> None:
+    """Degrees of the bending angle; paths along two horizontal axes and upwards, which is z here."""
+    bending = curves(recording, "bending")
+    side, above = curves(recording, "tips-side"), curves(recording, "tips-above")
+    assert list(bending) == ["left", "right"]
+    for name in bending:
+        angles = [np.degrees(seen.bending_angles[name]) for seen in observed]
+        np.testing.assert_allclose(bending[name].y, angles, atol=SINGLE)
+        positions = np.array([seen.tip_positions[name] for seen in observed])
+        np.testing.assert_allclose(np.column_stack([above[name].x, above[name].y]), positions[:, :2], atol=SINGLE)
+        np.testing.assert_allclose(side[name].y, positions[:, 2], atol=SINGLE)
+        assert np.ptp(positions[:, 2]) > 1.0, "the tips rise with the base"
+
+
+def test_height_counts_from_each_start(recording: Recording, observed: list[Observation]) -> None:
+    height = curves(recording, "height")
+    cube = np.array([seen.object_positions["cube"][2] for seen in observed])
+    base = np.array([seen.base_translation[2] for seen in observed])
+    np.testing.assert_allclose(height["cube"].y, cube - cube[0], atol=1e-12)
+    np.testing.assert_allclose(height["base"].y, base, atol=1e-12)
+    assert height["base"].y[-1] == pytest.approx(4.0), "0.1 s at 40 mm/s"
+
+
+def test_a_base_that_stands_still_in_a_scene_without_objects_is_not_worth_a_panel(tmp_path: Path) -> None:
+    """The body of a made-up run is left alone, with a base at rest or not; it has no anchors, so it is no finger."""
+    for steps, shown in ((3, False), (9, True)):
+        fake_run.fake_run([RecordingOutput(tmp_path / str(steps))], steps=steps)
+        with read_recording(tmp_path / str(steps) / "recording.h5") as recording:
+            recording.scene = recording.scene.model_copy(update={"rigid_bodies": {}})
+            plots = draw_plots(recording, "svg")
+        assert ("height" in plots.shown) is shown
+        assert ("height" in plots.left_out) is not shown
+        assert "bending" in plots.left_out
+
+
+def test_slip_is_that_of_the_metrics_and_there_is_none_before_the_base_moves(tmp_path: Path) -> None:
+    """Also where frames are several steps apart: each has the slip of all steps since the one before."""
+    metrics = MetricsOutput(tmp_path)
+    with suppress(GoalMissed):
+        tiny_run.tiny_run(tmp_path, ["goal={object='cube'}"], outputs=[metrics], every=3)
+    with read_recording(tmp_path / "recording.h5") as recording:
+        slip = curves(recording, "slip")["cube"].y
+    assert np.isnan(slip[: tiny_run.LIFT_AFTER // 3]).all()
+    assert slip[tiny_run.LIFT_AFTER // 3] == 0.0
+    assert slip[-1] == pytest.approx(metrics.metrics["object_slip_mm"], abs=1e-12)
+    assert abs(slip[-1]) > 1e-6
+
+
+def test_forces_of_pairs_that_touched(recording: Recording, observed: list[Observation]) -> None:
+    for panel, quantity in (("normal-force", "normal_forces"), ("friction-force", "friction_forces")):
+        found = curves(recording, panel)
+        assert set(found) == {"left|cube", "right|cube", "cube|floor"}
+        for pair, curve in found.items():
+            expected = [getattr(seen, quantity).get(tuple(pair.split("|")), 0.0) for seen in observed]
+            np.testing.assert_allclose(curve.y, expected, rtol=1e-6, atol=1e-6)
+
+
+def test_step_time_has_no_value_where_no_step_was_made(recording: Recording) -> None:
+    panel = PANELS["step-time"](RunCurves(recording))
+    (curve,) = panel.curves
+    assert np.flatnonzero(np.isnan(curve.y)).tolist() == [0, 21]
+    np.testing.assert_allclose(curve.y[1], 1e3 * recording.column("step_time")[1])
+    assert panel.level == (10.0, "real time")
+
+
+def test_where_frames_are_several_steps_apart_the_step_time_is_called_a_mean(tmp_path: Path) -> None:
+    tiny_run.tiny_run(tmp_path, every=10)
+    with read_recording(tmp_path / "recording.h5") as recording:
+        assert list(curves(recording, "step-time")) == ["mean of 10 steps"]
+        assert len(curves(recording, "pressure")["left.cavity"].x) == 5
+
+
+def test_no_line_runs_back_in_time(recording: Recording) -> None:
+    """A run that was started anew is drawn start by start, the earlier one paler and not in the legend again."""
+    assert pieces(recording.times) == [(0, 21), (21, 62)]
+    axes = draw_figure([PANELS["height"](RunCurves(recording))], ["cube"]).axes[0]
+    for line in axes.lines:
+        assert (np.diff(line.get_xdata()) >= 0.0).all()
+    assert [line.get_alpha() for line in axes.lines] == [0.3, 1.0, 0.3, 1.0]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["cube", "base"]
+
+
+def test_curves_on_each_other_are_drawn_once_with_all_names() -> None:
+    """And with a width of each that lets those below be seen."""
+    time = np.linspace(0.0, 1.0, 5)
+    same, other = [Curve(name, name, time, time**2, time) for name in "ab"], Curve("c", "c", time, time, time)
+    axes = draw_figure([Panel("x", "y", [*same, other])], ["a", "b", "c"]).axes[0]
+    assert [text.get_text() for text in axes.get_legend().get_texts()] == ["a, b", "c"]
+    assert axes.lines[0].get_linewidth() > axes.lines[1].get_linewidth()
+
+
+def test_legends_hide_no_curve_and_axes_have_units(recording: Recording) -> None:
+    run = RunCurves(recording)
+    figure = draw_figure(
+        [make(run) for name, make in PANELS.items() if expected(name, run.recording)], ["left", "right", "cube"]
+    )
+    figure.draw_without_rendering()
+    for axes in filter(lambda axes: axes.get_visible(), figure.axes):
+        assert "[" in axes.get_xlabel() and "[" in axes.get_ylabel()
+        legend = axes.get_legend().get_window_extent()
+        assert not any(legend.overlaps(others.get_window_extent()) for others in figure.axes)
+        assert figure.bbox.x0 <= legend.x0 and legend.x1 <= figure.bbox.x1 and legend.y1 <= figure.bbox.y1
+
+
+def test_a_single_frame_is_a_dot() -> None:
+    one = np.zeros(1)
+    axes = draw_figure([Panel("x", "y", [Curve("a", "a", one, one, one)])], ["a"]).axes[0]
+    assert axes.lines[0].get_marker() == "."
+
+
+def test_a_body_has_one_colour_in_all_panels(recording: Recording) -> None:
+    run = RunCurves(recording)
+    bending, forces = draw_figure([PANELS[name](run) for name in ("bending", "normal-force")], ["left", "right"]).axes
+    colour = {line.get_label(): line.get_color() for line in (*bending.lines, *forces.lines)}
+    assert colour["left"] == colour["left|cube"] != colour["right"] == colour["right|cube"]
+
+
+def test_the_command_writes_png_and_svg(run: tuple[Path, list[Observation]], tmp_path: Path) -> None:
+    shown = tiny_run.command("recording", "plot", run[0], "-o", tmp_path, "--only", "bending")
+    assert shown.output.split() == [str(tmp_path / "plots.png")]
+    assert (tmp_path / "plots.png").read_bytes().startswith(b"\x89PNG")
+    tiny_run.command("recording", "plot", run[0], "-o", tmp_path, "--format", "svg", "--only", "pressure, slip")
+    assert {"pressure [kPa]", "slip against the fingers [mm]"} == axes_of(tmp_path / "plots.svg")
+
+
+def test_panels_without_anything_to_show_are_named_and_the_rest_drawn(tmp_path: Path) -> None:
+    """The made-up finger is not held and the base has not moved yet: no tip, and no slip."""
+    fake_run.fake_run([RecordingOutput(tmp_path)], steps=3)
+    shown = tiny_run.command("recording", "plot", tmp_path / "recording.h5", "--format", "svg")
+    assert "no plot of slip: nothing of the kind in this run\n" in shown.output
+    assert "no plot of bending: nothing of the kind in this run\n" in shown.output
+    assert {"pressure [kPa]", "normal force [mN]", "risen by [mm]"} < axes_of(tmp_path / "plots.svg")
+    with (
+        read_recording(tmp_path / "recording.h5") as recording,
+        pytest.raises(PlotError, match="nothing to plot: this run has nothing of slip"),
+    ):
+        draw_plots(recording, "svg", ["slip"])
+
+
+def test_unknown_names_are_refused_with_the_known_ones(recording: Recording) -> None:
+    with pytest.raises(PlotError, match="--only pressures: there are: pressure, volume, tension, pull, bending"):
+        draw_plots(recording, "png", ["pressures"])
+    with pytest.raises(PlotError, match="--format pdf: there are: png, svg"):
+        draw_plots(recording, "pdf")
+
+
+def test_the_stretch_is_that_of_the_recorded_positions(recording: Recording) -> None:
+    """The largest singular value of any element's deformation, frame by frame."""
+    panel = PANELS["stretch"](RunCurves(recording))
+    assert [curve.label for curve in panel.curves] == [body.name for body in recording.soft_bodies]
+    frame = len(recording.times) - 1
+    for curve, body in zip(panel.curves, recording.soft_bodies, strict=True):
+        position = recording.row("position", frame)[body.nodes]
+        rest, now = (
+            np.swapaxes(x[body.elements[:, 1:]] - x[body.elements[:, :1]], 1, 2) for x in (body.rest_position, position)
+        )
+        largest = np.linalg.svd(now @ np.linalg.inv(rest))[1].max()
+        assert curve.y[-1] == pytest.approx(largest, rel=1e-7)
+        assert largest > 1.001

@@ -1,0 +1,91 @@
+"""docs/reference/recording.md says what lies where in the file: it and a recording name the same things."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import trimesh
+from blocks import make_block
+from tiny_run import tiny_run
+
+from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.meshes.volume_mesh import VolumeMesh
+from taichisoft_outputs.recording.layout import LAYOUT
+
+PAGE = (Path(__file__).resolve().parents[2] / "docs" / "reference" / "recording.md").read_text(encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
+    """A run with a body that has an element group and cables, and with an obstacle that has a surface."""
+    import h5py
+
+    folder = tmp_path_factory.mktemp("run")
+    mesh = make_block((2, 1, 1), (20.0, 10.0, 10.0))
+    write_volume_mesh(VolumeMesh("", mesh.nodes, mesh.elements, {}, {"stiff": np.array([1])}), folder / "a.msh")
+    trimesh.creation.box([9.0, 9.0, 9.0]).export(folder / "box.stl")
+    points = [[-9.0, 0.0, 0.0], [-3.0, 1.0, 0.0], [3.0, 1.0, 0.0], [9.0, 0.0, 0.0]]
+    cables = ", ".join(f"c{n} = {{points = {points[:count]}, friction = 0.1}}" for n, count in enumerate((2, 3, 4, 4)))
+    body = "density = 1e-6, young_modulus = 100.0, poisson_ratio = 0.3, translation = [0.0, 0.0, 80.0]"
+    added = [
+        f'soft_bodies.block={{mesh = "{folder}/a.msh", {body}, cables = {{{cables}}}}}',
+        f'obstacles.table={{surface = "{folder}/box.stl", translation = [90.0, 0.0, 0.0]}}',
+    ]
+    tiny_run(folder, added)
+    with h5py.File(folder / "recording.h5") as opened:
+        yield opened
+
+
+def rows(heading: str) -> list[list[str]]:
+    """Cells of the table below a heading, without the signs that set words as code."""
+    section = re.split(r"^## ", PAGE, flags=re.MULTILINE)
+    (text,) = (part for part in section if part.startswith(heading))
+    lines = [line for line in text.splitlines() if line.startswith("| `")]
+    return [[cell.strip().strip("`") for cell in line.strip("|").split("|")] for line in lines]
+
+
+def test_the_attributes_of_the_file(file: Any) -> None:
+    assert [name for name, _ in rows("Attributes")] != []
+    assert {name for name, _ in rows("Attributes")} == set(file.attrs)
+    assert file.attrs["layout"] == LAYOUT and f"**layout {LAYOUT}**" in PAGE
+
+
+def test_the_paths_of_bodies_and_cables(file: Any) -> None:
+    """Every dataset that is no frame is described, and what is described is there; names and numbers stand for all."""
+    surfaces = r"soft_bodies/\d+/(surface|cavities/\d+)(?=/)"
+    patterns = {
+        path: re.sub("NAME", "[^/]+", re.sub(r"\b[IJ]\b", r"\\d+", path.replace("SURFACE", surfaces)))
+        for path, _ in [*rows("Bodies"), *rows("Cables")]
+    }
+    paths: list[str] = []
+    file.visit(paths.append)
+    bodies = [path for path in paths if path.split("/")[0] in ("soft_bodies", "rigid_bodies", "obstacles", "cables")]
+    for path, pattern in patterns.items():
+        assert any(re.fullmatch(pattern, found) for found in bodies), f"{path} is not in the file"
+    for found in bodies:
+        if hasattr(file[found], "shape"):
+            assert any(re.fullmatch(pattern, found) for pattern in patterns.values()), f"{found} is not on the page"
+
+
+@pytest.mark.parametrize(
+    ("heading", "group"),
+    [("Frames", "steps"), ("States", "states"), ("Controls", "controls"), ("Contacts", "contacts")],
+)
+def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
+    """Their names, units and shapes."""
+    sizes = {
+        "nodes": len(file["steps/position"][0]),
+        "anchors": len(file["steps/anchor_position"][0]),
+        "materials": len(file["steps"].attrs["materials"]),
+        "rigid_bodies": len(file["rigid_bodies"]),
+        "cavities": len(file["steps"].attrs["cavities"]),
+        "cables": len(file["steps"].attrs["cables"]),
+        "rubbing_points": 5,
+        "pairs": len(file["steps"].attrs["pairs"]),
+    }
+    assert len(set(sizes.values())) == len(sizes), "equal sizes would tell nothing"
+    described = {name: (unit, eval(shape, sizes)) for name, unit, shape, _ in rows(heading)}
+    assert described == {name: (values.attrs["unit"], values.shape[1:]) for name, values in file[group].items()}

@@ -1,0 +1,122 @@
+"""The page in a real browser: what it draws and what its keys and buttons do. Skipped where none can be driven."""
+
+import ctypes
+import io
+import shutil
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import PATIENCE
+
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft.running.loop import run_session
+from taichisoft.session.session import Session
+from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
+from taichisoft_outputs.web.web_output import WebOutput
+
+pytest.importorskip("viser", reason="needs the extra 'web'")
+sync_api = pytest.importorskip("playwright.sync_api", reason="needs playwright")
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+if CHROMIUM is None:
+    pytest.skip("needs Chromium: sudo apt-get install chromium", allow_module_level=True)
+if sys.platform == "linux":
+    try:
+        ctypes.CDLL("libatomic.so.1")
+    except OSError:
+        pytest.skip("playwright's node.js needs libatomic: sudo apt-get install libatomic1", allow_module_level=True)
+
+WITHOUT_GRAPHICS_CARD = ("--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Session]:
+    """The tiny gripper with a page, paused at its start."""
+    output = WebOutput(tmp_path_factory.mktemp("run"), "127.0.0.1:0")
+    running = Session(Simulation(load_scene(TINY_GRIPPER)), KeyboardController(), [output], np.inf, speed=1.0)
+    running.paused = True
+    thread = threading.Thread(target=run_session, args=(running,))
+    thread.start()
+    try:
+        wait_for(lambda: output.url != "")
+        yield running
+    finally:
+        running.stop()
+        thread.join()
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with sync_api.sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=CHROMIUM, args=list(WITHOUT_GRAPHICS_CARD))
+        yield browser
+        browser.close()
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < deadline, "waited in vain"
+        time.sleep(0.02)
+
+
+def opened(browser: Any, session: Session) -> Any:
+    """A tab with the page: what can be clicked is there."""
+    (output,) = session.outputs
+    tab = browser.new_page(viewport={"width": 560, "height": 320})
+    tab.set_default_timeout(1e3 * PATIENCE)
+    errors: list[str] = []
+    tab.on("pageerror", lambda error: errors.append(str(error)))
+    tab.goto(output.url)  # type: ignore[attr-defined]
+    tab.get_by_role("button", name="make a single step").wait_for(state="attached")
+    assert not errors, errors
+    return tab
+
+
+def drawn(tab: Any) -> np.ndarray:
+    """What the panel leaves free, once it stands still: red, green and blue, shape (height, width, 3)."""
+    pictures = [_screenshot(tab), _screenshot(tab)]
+    deadline = time.monotonic() + PATIENCE
+    while np.abs(pictures[-1] - pictures[-2]).mean() > 1e-4:
+        assert time.monotonic() < deadline, "the page does not come to rest"
+        pictures.append(_screenshot(tab))
+    return pictures[-1]
+
+
+def _screenshot(tab: Any) -> np.ndarray:
+    import matplotlib.image
+
+    shot = matplotlib.image.imread(io.BytesIO(tab.screenshot()))
+    return shot[:, : shot.shape[1] // 2, :3]
+
+
+def pressure(session: Session) -> float:
+    report = session.simulation.report
+    return report.observation.pressures["left.cavity"] if report is not None else 0.0
+
+
+def test_keys_and_buttons_inflate_what_the_page_shows(browser: Any, session: Session) -> None:
+    """The pictures at 0 and at 6 kPa, 3 mm higher, differ, and none is blank; arrows leave the camera where it is."""
+    tab = opened(browser, session)
+    before = drawn(tab)
+    assert before.std(axis=(0, 1)).max() > 0.05, "the canvas is blank"
+    for _ in range(5):
+        tab.keyboard.press("PageUp")
+    tab.get_by_role("button", name="raise the pressure by 1 kPa (PgUp)").click()
+    tab.keyboard.press("ArrowUp", delay=300)
+    wait_for(lambda: session.controller.sliders["left.cavity"].value == 6.0)
+    still = drawn(tab)
+    tab.keyboard.press("Space")
+    wait_for(lambda: pressure(session) > 5.9 and session.simulation.state.base_translation[2] > 2.9)
+    tab.keyboard.press("Space")
+    wait_for(lambda: session.paused)
+    tab.get_by_text("paused").wait_for()
+    after = drawn(tab)
+    assert np.abs(still - before).mean() < 0.001, "the camera moved, or the run was not paused"
+    assert np.abs(after - before).mean() > 0.002, "nothing moved on the page"

@@ -1,0 +1,144 @@
+"""What a page draws: surfaces with sharp edges, curves that fit, and the frames of a run and of its recording."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from fake_run import CUBE, CUBE_FACES
+
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.scenes.scene import Scene
+from taichisoft.session.session import Session
+from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
+from taichisoft_outputs.drawing.overlay import caption_parts
+from taichisoft_outputs.drawing.shading import split_creases
+from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.web.address import find_address
+from taichisoft_outputs.web.curves import MOST_POINTS, History, plotted_row
+from taichisoft_outputs.web.frame import Frame
+from taichisoft_outputs.web.page_link import page_setup, snapshot
+from taichisoft_outputs.web.page_process import frame_of as live_frame
+from taichisoft_outputs.web.recording_page import Playback
+from taichisoft_outputs.web.recording_page import frame_of as recorded_frame
+
+
+def test_a_cube_gets_three_copies_of_each_corner_and_a_flat_face_shares_its_own() -> None:
+    source, triangles = split_creases(CUBE, CUBE_FACES)
+    assert np.bincount(source).tolist() == [3] * 8
+    np.testing.assert_array_equal(source[triangles], CUBE_FACES)
+    for first, second in triangles.reshape(6, 2, 3):
+        assert len({*first, *second}) == 4
+
+
+def test_what_bends_gently_is_not_split() -> None:
+    """A tube of 24 sides turns by 15 degrees from side to side; its open ends are no creases."""
+    angle = 2 * np.pi * np.arange(24) / 24
+    ring = np.column_stack([np.cos(angle), np.sin(angle), np.zeros(24)])
+    start, stop = np.arange(24), np.roll(np.arange(24), -1)
+    sides = np.vstack([np.column_stack([start, stop, stop + 24]), np.column_stack([start, stop + 24, start + 24])])
+    source, triangles = split_creases(np.vstack([ring, ring + np.array([0, 0, 1])]), sides)
+    assert sorted(source) == list(range(48))
+    np.testing.assert_array_equal(source[triangles], sides)
+
+
+SCENE = Scene.model_validate(
+    {
+        "gravity": [-9810.0, 0.0, 0.0],
+        "soft_bodies": {
+            name: {"mesh": "m", "mass": 1.0, "young_modulus": 500.0, "poisson_ratio": 0.3} for name in ("left", "right")
+        },
+        "rigid_bodies": {name: {"box": [1.0, 1.0, 1.0], "mass": 1.0} for name in ("ball", "cube")},
+        "goal": {"object": "cube"},
+    }
+)
+
+
+def frame(time: float, height: float = 0.0) -> Frame:
+    """A frame of a run with one cavity and one cable, in which the second rigid body is gripped."""
+    forces = {("left", "cube"): 3.0, ("cube", "right"): 2.0, ("cube", "floor"): 9.0, ("left", "ball"): 7.0}
+    places, nothing = np.array([[99.0, 0.0, 0.0], [height, 0.0, 0.0]]), np.zeros((0, 3))
+    plotted = plotted_row(SCENE, [10.0 * time, 400.0 * time], forces, places)
+    return Frame(time, (), {}, nothing, nothing, plotted)
+
+
+def test_curves_have_pressures_tensions_forces_of_the_fingers_and_the_height_from_the_first_frame() -> None:
+    history = History(frame(0.0, height=5.0))
+    history.add(frame(0.5, height=7.5))
+    assert history.times == [0.5]
+    assert history.rows[0].tolist() == [5.0, 200.0, 3.0, 2.0, 2.5]
+
+
+def test_a_scene_without_rigid_bodies_has_pressures_only() -> None:
+    alone = SCENE.model_copy(update={"rigid_bodies": {}, "goal": None})
+    assert plotted_row(alone, [4.0], {("left", "right"): 3.0}, np.zeros((0, 3))).tolist() == [4.0, 0.0, 0.0, 0.0]
+
+
+def test_curves_of_a_long_run_stay_small_and_reach_back_to_its_start() -> None:
+    history = History(frame(0.0))
+    for step in range(20 * MOST_POINTS):
+        history.add(frame(0.01 * step))
+        history.add(frame(0.01 * step))
+    assert history.times[0] == 0.0 and history.times[-1] > 0.99 * 0.01 * 20 * MOST_POINTS
+    assert MOST_POINTS / 2 <= len(history.times) <= MOST_POINTS
+    assert np.ptp(np.diff(history.times)) < 1e-9, "evenly spaced"
+    history.add(frame(0.02))
+    assert history.times == [0.02], "a new start begins new curves"
+
+
+def test_a_recording_has_the_frames_that_the_run_showed(taichisoft_scene: Scene, tmp_path: Path) -> None:
+    simulation = Simulation(taichisoft_scene)
+    session = Session(simulation, KeyboardController(), duration=1.0)
+    recording = RecordingOutput(tmp_path)
+    recording.begin(simulation.model, simulation.state)
+    for _ in range(30):
+        report = simulation.step(Control(pressure={"left.cavity": 9.0, "right.cavity": 9.0}))
+        recording.record(simulation.state, report)
+    recording.end("completed")
+    recording = RecordingOutput(tmp_path / "rest")  # of a run that goes on from there, and begins with forces
+    recording.begin(simulation.model, simulation.state)
+    recording.end("completed")
+    setup = page_setup(session, find_address("127.0.0.1:0"), snapshot(session, simulation.state))
+    live = live_frame(setup, setup.first)
+    with read_recording(tmp_path / "rest" / "recording.h5") as rest:
+        first = recorded_frame(rest, 0)
+        assert caption_parts(rest, 0)[1] == "pressure 9.0 kPa"
+    with read_recording(tmp_path / "recording.h5") as read:
+        recorded = recorded_frame(read, 30)
+        np.testing.assert_array_equal(first.plotted, recorded.plotted)
+        np.testing.assert_array_equal(first.contact_forces, recorded.contact_forces)
+        for shown, surface in zip(setup.surfaces, read.surfaces, strict=True):
+            assert (shown.name, shown.kind) == (surface.name, surface.kind)
+            np.testing.assert_array_equal(shown.triangles, surface.triangles)
+        names = setup.content.actuators.names
+        assert (setup.content.scene, names) == (read.scene, (*read.cavities, *read.cables))
+    assert recorded.time == live.time
+    for one, other in zip(recorded.vertices, live.vertices, strict=True):
+        np.testing.assert_allclose(one, other, rtol=1e-6, err_msg="a snapshot has single precision")
+    np.testing.assert_allclose(recorded.plotted, live.plotted)
+    assert live.plotted[:2] == pytest.approx(9.0) and live.plotted[2] > 0.0, "there is something to see"
+    assert len(recorded.contact_forces) == report.contact_count > 0
+    np.testing.assert_array_equal(recorded.contact_forces, live.contact_forces)
+    np.testing.assert_allclose(recorded.contact_forces, live.contact_forces, atol=1e-9)
+
+
+def test_playback_goes_with_the_clock_and_a_new_start_of_the_run_takes_no_time() -> None:
+    playback = Playback(np.array([0.0, 0.1, 0.2, 0.0, 0.1]))
+    assert playback.length == pytest.approx(0.3)
+    playback.advance(0.15)
+    assert playback.frame == 1
+    playback.speed = 2.0
+    playback.advance(0.05)
+    assert playback.frame == 3
+    playback.advance(1.0)
+    assert (playback.frame, playback.position) == (4, playback.length)
+    playback.extend(np.array([0.0, 0.1, 0.2, 0.0, 0.1, 0.2, 0.3]))
+    playback.advance(0.05)
+    assert playback.frame == 5
+    playback.play_or_pause()
+    playback.advance(1.0)
+    assert playback.frame == 5
+    playback.position = playback.length
+    playback.play_or_pause()
+    assert (playback.frame, playback.playing) == (0, True)
