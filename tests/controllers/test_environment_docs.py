@@ -17,7 +17,7 @@ def test_the_first_example_and_the_arguments_and_wrappers_that_are_shown() -> No
     names: dict = {}
     for block in blocks[:3]:  # the last starts processes
         exec(block, names)
-    assert 0.0 < names["told"]["distance"] < 100.0
+    assert 0.0 < names["info"]["distance"] < 100.0
     assert names["environment"].unwrapped.scene.rigid_bodies["cube"].sphere.radius == 20.0
 
 
