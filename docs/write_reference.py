@@ -18,9 +18,9 @@ from pydantic.fields import FieldInfo
 
 import taichisoft
 from taichisoft.plugin_system import hook_names, hookspecs
-from taichisoft.scenes import actuators, rigid_body, scene, shapes, soft_body, table
+from taichisoft.scenes import actuators, rigid_body, scene, shape_settings, soft_body, table
+from taichisoft_sofa.components.component_table import IGNORED, UNDERSTOOD
 from taichisoft_sofa.components.older_names import ALIASES
-from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD
 
 FOLDER = Path(__file__).parent / "reference"
 NOTE = "<!-- Written by `python docs/write_reference.py` from docstrings; a test compares. -->"
@@ -91,9 +91,9 @@ TABLES: dict[str, type[BaseModel]] = {
     "[rigid_bodies.NAME]": rigid_body.RigidBodySettings,
     "[obstacles.NAME]": rigid_body.ObstacleSettings,
     "plane = { ... } of an obstacle": rigid_body.PlaneSettings,
-    "sphere = { ... }": shapes.Sphere,
-    "cylinder = { ... }": shapes.Cylinder,
-    "capsule = { ... }": shapes.Capsule,
+    "sphere = { ... }": shape_settings.Sphere,
+    "cylinder = { ... }": shape_settings.Cylinder,
+    "capsule = { ... }": shape_settings.Capsule,
 }
 
 

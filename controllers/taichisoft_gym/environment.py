@@ -23,7 +23,7 @@ from taichisoft_gym.task import Judgement, changed_scene
 if TYPE_CHECKING:  # these import Taichi, which must not start if only the spaces of an environment are used
     from taichisoft.building import Simulation
     from taichisoft.model import Model
-    from taichisoft_gym.page import EnvironmentPage
+    from taichisoft_gym.environment_page import EnvironmentPage
     from taichisoft_gym.places import FreePlaces
 
 SETTLING_TIME = 0.3
@@ -318,7 +318,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         if self.render_mode != "human":
             return
         if self._page is None:
-            from taichisoft_gym.page import EnvironmentPage
+            from taichisoft_gym.environment_page import EnvironmentPage
 
             self._page = EnvironmentPage(self.simulation)
         self._page.show(self.simulation)

@@ -11,7 +11,7 @@ from pydantic import Field, model_validator
 
 from taichisoft.scenes import Number, Positive, Table
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.expressions import Expression
+from taichisoft_studies.study_expressions import Expression
 from taichisoft_studies.study_file import Count, Study
 
 

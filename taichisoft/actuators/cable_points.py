@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators.limits import UNLIMITED, limits
+from taichisoft.actuators.finite_limits import UNLIMITED, limits
 from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
 from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_degrees

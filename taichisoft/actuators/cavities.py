@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from taichisoft.actuators.finite_limits import limits
 from taichisoft.actuators.kind import ActuatorFigure, ActuatorKind, ActuatorSet, Drive, Room
-from taichisoft.actuators.limits import limits
 from taichisoft.bodies.body_geometry import Poses
 from taichisoft.meshes import curved_walls
 from taichisoft.meshes.surface import stacked

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 
-from taichisoft.actuators.limits import UNLIMITED
+from taichisoft.actuators.finite_limits import UNLIMITED
 from taichisoft.actuators.lines import Line
 from taichisoft.bodies.body_geometry import Poses
 

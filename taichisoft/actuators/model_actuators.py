@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from taichisoft.actuators.finite_limits import UNLIMITED
 from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
 from taichisoft.actuators.kind import ActuatorKind, ActuatorShapes, Room
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
-from taichisoft.actuators.limits import UNLIMITED
 from taichisoft.actuators.names import ActuatorNames
 from taichisoft.bodies.body_geometry import Poses
 from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody

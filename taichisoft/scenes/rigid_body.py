@@ -6,7 +6,7 @@ from typing import ClassVar, Self
 from pydantic import model_validator
 
 from taichisoft.scenes.colours import Colour
-from taichisoft.scenes.shapes import SHAPES, Shaped
+from taichisoft.scenes.shape_settings import SHAPES, Shaped
 from taichisoft.scenes.table import Groups, Positive, Table, Vector
 
 

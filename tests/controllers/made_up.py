@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from taichisoft.actuators.limits import UNLIMITED, limits
+from taichisoft.actuators.finite_limits import UNLIMITED, limits
 from taichisoft.actuators.names import ActuatorNames
 from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller

@@ -27,8 +27,8 @@ from taichisoft_outputs.drawing.scales import AIR
 from taichisoft_outputs.drawing.shading import key_light, shade
 from taichisoft_outputs.drawing.style import BACKGROUND, Style
 from taichisoft_outputs.recording.finished_file import user_block
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering.render import render_pictures
 from taichisoft_outputs.web.frame import PageFrame, PageScene
 from taichisoft_outputs.web.scene_view import COLOURS, SceneView

@@ -15,8 +15,8 @@ from taichisoft_outputs.metrics import MetricsOutput
 from taichisoft_outputs.plots.figure import Panel, PlotCurve, draw_figure, pieces
 from taichisoft_outputs.plots.panels import PANELS, TIME_AXIS, RunCurves, expected
 from taichisoft_outputs.plots.run_plots import PlotError, draw_plots
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 SINGLE = 1e-5
 """Positions are recorded in single precision: angles [degrees] and places [mm] differ by less."""

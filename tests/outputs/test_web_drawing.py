@@ -13,8 +13,8 @@ from taichisoft.session.session import Session
 from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
 from taichisoft_outputs.drawing.overlay import caption_parts
 from taichisoft_outputs.drawing.shading import split_creases
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
 from taichisoft_outputs.web.curves import MOST_POINTS, History, plotted_row
 from taichisoft_outputs.web.frame import PageFrame

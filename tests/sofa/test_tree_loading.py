@@ -12,17 +12,17 @@ from scenes_of_sofa import loaded, written
 
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_sofa.translation.translate import translate
-from taichisoft_sofa.tree import kinds
-from taichisoft_sofa.tree.kinds import VECTOR, fixed, vectors
+from taichisoft_sofa.tree import value_kinds
 from taichisoft_sofa.tree.loading import load_tree
+from taichisoft_sofa.tree.value_kinds import VECTOR, fixed, vectors
 
 
 @pytest.fixture(autouse=True)
 def known_types(monkeypatch: pytest.MonkeyPatch) -> None:
     """The data of a cable and of positions are known."""
-    monkeypatch.setattr(kinds, "KINDS", {})
-    kinds.declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
-    kinds.declare("MechanicalObject", rest_position=vectors(3))
+    monkeypatch.setattr(value_kinds, "KINDS", {})
+    value_kinds.declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
+    value_kinds.declare("MechanicalObject", rest_position=vectors(3))
 
 
 @pytest.fixture(autouse=True)

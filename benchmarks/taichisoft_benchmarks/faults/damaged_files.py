@@ -39,7 +39,7 @@ def tiny_run(steps: int) -> Run:
 
 def record(run: Run, folder: Path) -> None:
     """Record a run."""
-    from taichisoft_outputs.recording.output import RecordingOutput
+    from taichisoft_outputs.recording.recording_output import RecordingOutput
 
     model, first, steps = run
     output = RecordingOutput(folder)

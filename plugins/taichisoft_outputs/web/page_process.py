@@ -12,8 +12,8 @@ from taichisoft.worker import Link
 from taichisoft_outputs.web.controls import Controls
 from taichisoft_outputs.web.curves import History
 from taichisoft_outputs.web.frame import PageFrame
-from taichisoft_outputs.web.messages import PageSetup, RunEnded, Snapshot
 from taichisoft_outputs.web.page import KEEP_KEYS_FROM_CAMERA, Page
+from taichisoft_outputs.web.page_messages import PageSetup, RunEnded, Snapshot
 
 FRAMES_PER_SECOND = 30.0
 """Most frames that are drawn in a second."""

@@ -4,7 +4,7 @@ from taichisoft_sofa.components import older_names as older_names  # declared un
 from taichisoft_sofa.components.states import is_rigid, width_of
 from taichisoft_sofa.tree.bounds import ABOVE_0, FINITE, FROM_0, LIMIT, LIMIT_FROM_0, RATIO
 from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.kinds import (
+from taichisoft_sofa.tree.value_kinds import (
     ANY,
     BOOL,
     BOOLS,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft_sofa.components.graph import STATE, in_node, independent_state, mapping_of, node_of, upwards
-from taichisoft_sofa.components.reading import described
 from taichisoft_sofa.components.states import is_rigid, start_position
+from taichisoft_sofa.components.typed_values import described
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component

@@ -7,9 +7,9 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import DraftAnchor, DraftMaterial, Mass
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
-from taichisoft_sofa.components.reading import computed, described, flag, is_given, number, numbers, text
+from taichisoft_sofa.components.typed_values import computed, described, flag, is_given, number, numbers, text
 from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.kinds import canonical
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import SceneDraft

@@ -7,7 +7,7 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import DraftMaterial
 from taichisoft_sofa.components.dynamics import young_modulus
-from taichisoft_sofa.components.reading import described, flag
+from taichisoft_sofa.components.typed_values import described, flag
 from taichisoft_sofa.translation.parts import SoftPart
 from taichisoft_sofa.translation.soft_bodies import add_moduli
 

@@ -7,17 +7,17 @@ import numpy as np
 
 from taichisoft.control import Control
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.actuators import VOLUME, is_driven_by_force, value_type
-from taichisoft_sofa.components.reading import described, flag, is_given, number
-from taichisoft_sofa.components.table import IGNORED
+from taichisoft_sofa.components.actuator_components import VOLUME, is_driven_by_force, value_type
+from taichisoft_sofa.components.component_table import IGNORED
+from taichisoft_sofa.components.typed_values import described, flag, is_given, number
 from taichisoft_sofa.controller.stiffness import PartStiffness
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.base import TreeObject
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
-from taichisoft_sofa.tree.kinds import canonical, numbers
 from taichisoft_sofa.tree.loading import SceneTree
 from taichisoft_sofa.tree.node import Node
+from taichisoft_sofa.tree.value_kinds import canonical, numbers
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

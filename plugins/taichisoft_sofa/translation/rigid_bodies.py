@@ -8,11 +8,11 @@ from scipy.spatial.transform import Rotation
 
 from taichisoft_sofa.components.draft import DraftBody, SceneDraft
 from taichisoft_sofa.components.graph import node_of
-from taichisoft_sofa.components.reading import number
 from taichisoft_sofa.components.states import start_velocity
+from taichisoft_sofa.components.typed_values import number
 from taichisoft_sofa.translation.contact import collides
 from taichisoft_sofa.translation.parts import Translation
-from taichisoft_sofa.tree.kinds import canonical
+from taichisoft_sofa.tree.value_kinds import canonical
 
 UNIT_INERTIA = np.eye(3)
 """Default inertia over mass of SOFA and STLIB [mm^2]."""

@@ -5,17 +5,17 @@ from typing import TYPE_CHECKING
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # registers computed data
+from taichisoft_sofa.components.component_table import IGNORED, UNDERSTOOD, purpose
 from taichisoft_sofa.components.draft import DraftBody, SceneDraft
 from taichisoft_sofa.components.graph import upwards
-from taichisoft_sofa.components.reading import described, flag
 from taichisoft_sofa.components.remarks import remarks
-from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD, purpose
+from taichisoft_sofa.components.typed_values import described, flag
 from taichisoft_sofa.translation.contact import contact_table
-from taichisoft_sofa.translation.names import body_names
+from taichisoft_sofa.translation.distinct_names import body_names
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
-from taichisoft_sofa.tree.kinds import canonical
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component

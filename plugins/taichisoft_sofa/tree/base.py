@@ -9,9 +9,9 @@ import numpy as np
 
 from taichisoft.errors import nearest
 from taichisoft_sofa.tree.data import Data, LinkPath
-from taichisoft_sofa.tree.kinds import ANY, BOOL, TEXT, TEXTS, Declared, kind_called
 from taichisoft_sofa.tree.links import follow
 from taichisoft_sofa.tree.place import Place, here
+from taichisoft_sofa.tree.value_kinds import ANY, BOOL, TEXT, TEXTS, Declared, kind_called
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.links import Branch

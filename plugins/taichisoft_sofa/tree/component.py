@@ -7,8 +7,8 @@ import numpy as np
 
 from taichisoft_sofa.tree.base import COMMON, TreeObject
 from taichisoft_sofa.tree.data import Data
-from taichisoft_sofa.tree.kinds import TEXT, Declared, canonical, declared
 from taichisoft_sofa.tree.place import Place
+from taichisoft_sofa.tree.value_kinds import TEXT, Declared, canonical, declared
 
 # Functions that compute data, such as the positions of a loader, by type of component and name of data. Their argument
 # is the component; they read values of the scene by `Data.given`.

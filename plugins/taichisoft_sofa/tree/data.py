@@ -9,9 +9,9 @@ from numpy.typing import NDArray
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.tree.arithmetic import Arithmetic
-from taichisoft_sofa.tree.kinds import ANY, LINK, TEXT, Declared, ValueKind, WrongValue, numbers
 from taichisoft_sofa.tree.moment import now
 from taichisoft_sofa.tree.place import Place, asked_by_older_code, here
+from taichisoft_sofa.tree.value_kinds import ANY, LINK, TEXT, Declared, ValueKind, WrongValue, numbers
 
 
 class Owner(Protocol):

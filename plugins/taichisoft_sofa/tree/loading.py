@@ -8,12 +8,12 @@ from typing import Any
 
 from taichisoft.errors import ControllerFailed, SceneError, TaichisoftError
 from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.controller import PythonComponent
-from taichisoft_sofa.tree.keys import character
+from taichisoft_sofa.tree.key_characters import character
 from taichisoft_sofa.tree.modules import SceneModules
 from taichisoft_sofa.tree.moment import frozen_time
 from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.place import ORIGIN, ModuleOrigin, Place
+from taichisoft_sofa.tree.scene_controller import PythonComponent
 from taichisoft_sofa.tree.scene_modules import LIBRARIES
 
 # Sources of libraries that scenes import.

@@ -8,9 +8,9 @@ from taichisoft_sofa.tree.base import COMMON, TreeObject
 from taichisoft_sofa.tree.bounds import ABOVE_0
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
-from taichisoft_sofa.tree.kinds import BOOL, INTEGER, SCALAR, Declared, canonical, fixed
 from taichisoft_sofa.tree.links import follow
 from taichisoft_sofa.tree.place import here
+from taichisoft_sofa.tree.value_kinds import BOOL, INTEGER, SCALAR, Declared, canonical, fixed
 
 LOG = logging.getLogger(__name__)
 OF_NODES = {

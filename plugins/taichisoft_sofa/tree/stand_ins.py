@@ -8,11 +8,11 @@ from typing import Any
 
 from taichisoft_sofa.tree.base import TreeObject
 from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.controller import PythonScriptController, SceneController
 from taichisoft_sofa.tree.data import Data, LinkPath
-from taichisoft_sofa.tree.keys import KEYS
+from taichisoft_sofa.tree.key_characters import KEYS
 from taichisoft_sofa.tree.node import Node
 from taichisoft_sofa.tree.prefab import Prefab, RawPrefab
+from taichisoft_sofa.tree.scene_controller import PythonScriptController, SceneController
 
 LOG = logging.getLogger("taichisoft_sofa.scene")
 

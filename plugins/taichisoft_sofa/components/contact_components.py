@@ -8,7 +8,7 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import DraftSurface
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
-from taichisoft_sofa.components.reading import computed, described, flag, number, numbers, text
+from taichisoft_sofa.components.typed_values import computed, described, flag, number, numbers, text
 from taichisoft_sofa.meshes.loaded_mesh import split_quads
 
 if TYPE_CHECKING:
