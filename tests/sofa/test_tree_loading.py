@@ -471,6 +471,13 @@ def test_a_module_is_the_same_every_time_a_controller_imports_it(tmp_path: Path)
     assert tree.root.Own.name.value == "Own"
 
 
+def test_a_controller_of_sofas_own_class_has_sofas_name(tmp_path: Path) -> None:
+    tree = loaded(tmp_path, "root.addObject(Sofa.Core.Controller())", "import Sofa.Core")
+    (controller,) = tree.controllers
+    assert controller is tree.root.Controller
+    assert (controller.type_name, controller.name.value) == ("Controller", "Controller")
+
+
 def test_an_error_in_a_library_names_the_line_of_the_scene_too(tmp_path: Path, library: Path) -> None:
     written(tmp_path, {"scene.py": "from stlib3.parts import Cube\ndef createScene(root):\n    Cube(None)\n"})
     with pytest.raises(
