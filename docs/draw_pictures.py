@@ -10,7 +10,7 @@ from tempfile import TemporaryDirectory
 from taichisoft import load_scene, make_controller, run
 from taichisoft.building import Simulation
 from taichisoft_outputs.materials.materials_command import plot
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering.render import render_pictures
 
 DOCS = Path(__file__).parent

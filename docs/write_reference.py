@@ -18,9 +18,9 @@ from pydantic.fields import FieldInfo
 
 import taichisoft
 from taichisoft.plugin_system import hook_names, hookspecs
-from taichisoft.scenes import actuators, rigid_body, scene, shapes, soft_body, table
+from taichisoft.scenes import actuators, rigid_body, scene, shape_settings, soft_body, table
+from taichisoft_sofa.components.component_table import IGNORED, UNDERSTOOD
 from taichisoft_sofa.components.older_names import ALIASES
-from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD
 
 FOLDER = Path(__file__).parent / "reference"
 NOTE = "<!-- Written by `python docs/write_reference.py` from docstrings; a test compares. -->"
@@ -75,25 +75,25 @@ TABLES: dict[str, type[BaseModel]] = {
     "[time]": scene.Time,
     "[contact]": scene.Contact,
     "[[contact.pairs]]": scene.ContactPair,
-    "[controller]": scene.Controller,
+    "[controller]": scene.SceneControllerSettings,
     "[limits]": scene.Limits,
     "[[external_forces]]": scene.ExternalForce,
     "[goal]": scene.Goal,
     "[appearance]": scene.Appearance,
-    "[soft_bodies.NAME]": soft_body.SoftBody,
+    "[soft_bodies.NAME]": soft_body.SoftBodySettings,
     "[soft_bodies.NAME.mesh]": soft_body.BodyMesh,
-    "[[soft_bodies.NAME.collision_surface]]": soft_body.CollisionSurface,
+    "[[soft_bodies.NAME.collision_surface]]": soft_body.CollisionSurfaceSettings,
     "[[soft_bodies.NAME.regions]]": soft_body.Region,
     "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
     "[soft_bodies.NAME.tip]": soft_body.Tip,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,
-    "[rigid_bodies.NAME]": rigid_body.RigidBody,
-    "[obstacles.NAME]": rigid_body.Obstacle,
-    "plane = { ... } of an obstacle": rigid_body.Plane,
-    "sphere = { ... }": shapes.Sphere,
-    "cylinder = { ... }": shapes.Cylinder,
-    "capsule = { ... }": shapes.Capsule,
+    "[rigid_bodies.NAME]": rigid_body.RigidBodySettings,
+    "[obstacles.NAME]": rigid_body.ObstacleSettings,
+    "plane = { ... } of an obstacle": rigid_body.PlaneSettings,
+    "sphere = { ... }": shape_settings.Sphere,
+    "cylinder = { ... }": shape_settings.Cylinder,
+    "capsule = { ... }": shape_settings.Capsule,
 }
 
 

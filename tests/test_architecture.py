@@ -105,7 +105,7 @@ LAYERS = {
         "sensors",
         "environment",
         "places",
-        "page",
+        "environment_page",
         "prepared",
         "task",
         "pressures",
@@ -138,9 +138,9 @@ LAYERS = {
     ],
     "taichisoft_sofa": [
         "__init__",
-        "command",
+        "sofa_commands",
         "checking",
-        "reader",
+        "scene_reader",
         "controller",
         "translation",
         "components",
@@ -178,7 +178,7 @@ LAYERS = {
         "run_job",
         "unfinished",
         "results_table",
-        "expressions",
+        "study_expressions",
         "scene_keys",
         "varied_values",
         "study_file",
@@ -321,10 +321,27 @@ def test_taichis_private_interface_is_used_in_one_file():
     assert users == {ENGINE / "runtime/taichi_private.py"}
 
 
-def test_a_file_of_kernels_has_a_name_of_its_own():
-    names = Counter(path.stem for path in ENGINE.rglob("*.py"))
-    kernels = [path.stem for path in ENGINE.rglob("*.py") if path.parent.name in ("runtime", "kernels")]
-    assert [name for name in kernels if name != "__init__" and names[name] > 1] == []
+def test_a_class_has_a_name_of_its_own():
+    """`Cable` is either what a user writes or what is simulated, whichever package it stands in."""
+    files = [path for package in PACKAGES for path in package.rglob("*.py")]
+    names = Counter(
+        node.name
+        for path in files
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert len(names) > 300
+    assert [name for name, count in names.items() if count > 1] == []
+
+
+# Files that hold the same thing in every package.
+COMMON_FILES = ("__init__.py", "__main__.py", "errors.py")
+
+
+def test_a_file_has_a_name_of_its_own():
+    names = Counter(path.name for package in PACKAGES for path in package.rglob("*.py"))
+    assert len(names) > 300
+    assert [name for name, count in names.items() if count > 1 and name not in COMMON_FILES] == []
 
 
 BESIDE = [ROOT / folder for folder in ("benchmarks", "controllers", "meshing", "plugins", "examples")]

@@ -37,7 +37,7 @@ def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
     """Outputs by name."""
     from taichisoft_outputs.csv_output import CsvOutput
     from taichisoft_outputs.metrics import MetricsOutput
-    from taichisoft_outputs.recording.output import RecordingOutput
+    from taichisoft_outputs.recording.recording_output import RecordingOutput
     from taichisoft_outputs.rendering.drawn_outputs import PicturesOutput, VideoOutput
     from taichisoft_outputs.report.report_output import ReportOutput
     from taichisoft_outputs.web.web_output import WebOutput
@@ -86,7 +86,7 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
 def taichisoft_run_begins(session: "Session") -> None:
     """Serve the web page; keep the recording of a run without an end within bounds; say where nothing can be held."""
     from taichisoft_outputs.metrics import warn_of_late_motion
-    from taichisoft_outputs.recording.output import limit_endless_recordings
+    from taichisoft_outputs.recording.recording_output import limit_endless_recordings
     from taichisoft_outputs.web.web_output import begin_pages
 
     warn_of_late_motion(session)
@@ -103,7 +103,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     from taichisoft_outputs.materials.materials_command import materials
     from taichisoft_outputs.paraview.export_command import export
     from taichisoft_outputs.plots.plot_command import plot
-    from taichisoft_outputs.recording.commands import repair, resume
+    from taichisoft_outputs.recording.recording_commands import repair, resume
     from taichisoft_outputs.rendering.render_command import render
     from taichisoft_outputs.report.report_command import report
     from taichisoft_outputs.web.view_command import view

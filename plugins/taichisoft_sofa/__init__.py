@@ -21,7 +21,7 @@ def taichisoft_scene_readers() -> Mapping[str, Callable[..., Mapping[str, Any]]]
 @hookimpl
 def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
     """The controller that runs a scene's own controllers."""
-    from taichisoft_sofa.controller.controller import SofaController
+    from taichisoft_sofa.controller.sofa_controller import SofaController
 
     return {"sofa": SofaController}
 
@@ -42,12 +42,12 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
     """`taichisoft sofa check` and `taichisoft sofa convert`."""
-    from taichisoft_sofa.command import sofa
+    from taichisoft_sofa.sofa_commands import sofa
 
     application.add_typer(sofa, name="sofa")
 
 
 def _read(path: Path, python_path: str = "", sofa_exact: bool = False) -> Mapping[str, Any]:
-    from taichisoft_sofa.reader import read_scene  # other commands need neither tree nor translation
+    from taichisoft_sofa.scene_reader import read_scene  # other commands need neither tree nor translation
 
     return read_scene(path, python_path, sofa_exact)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from taichisoft.errors import TaichisoftError
-from taichisoft_sofa.reader import kept_files, split_path, with_files_in
+from taichisoft_sofa.scene_reader import kept_files, split_path, with_files_in
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.loading import load_tree
@@ -54,7 +54,7 @@ def checked(scene: Path, python_path: str, exact: bool) -> Checked:
 
 def _build(scene: Path, translation: Translation, python_path: str, exact: bool, found: Checked) -> None:
     from taichisoft.building import make_model, scene_from_dict
-    from taichisoft_sofa.controller.controller import SofaController
+    from taichisoft_sofa.controller.sofa_controller import SofaController
 
     tables = with_files_in(kept_files(translation, scene.stem), translation.tables)
     model = make_model(scene_from_dict(tables, str(scene)))

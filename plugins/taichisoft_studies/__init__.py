@@ -17,8 +17,8 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     from taichisoft_studies.commands.compare import compare
     from taichisoft_studies.commands.mesh_sweep import mesh_sweep
     from taichisoft_studies.commands.optimise import optimise
+    from taichisoft_studies.commands.scene_sweep import sweep
     from taichisoft_studies.commands.study_report import report
-    from taichisoft_studies.commands.sweep import sweep
 
     study = typer.Typer(help="Study many runs: sweep, optimise, calibrate, compare, report.", no_args_is_help=True)
     for command in (sweep, optimise, calibrate, compare, report):

@@ -11,7 +11,7 @@ from taichisoft.atomic_file import atomic_file
 from taichisoft.control import Observation
 from taichisoft.session import Output
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.expressions import Expression
+from taichisoft_studies.study_expressions import Expression
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.expressions import Expression
 from taichisoft_studies.optimisation_file import Optimisation, is_function
+from taichisoft_studies.study_expressions import Expression
 
 Figure = Callable[[Mapping[str, Any], Path], float]
 """From the record of a run and its folder to a number."""

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 from taichisoft.errors import ControllerFailed
 from taichisoft.session import Output
-from taichisoft_studies.expressions import Expression
+from taichisoft_studies.study_expressions import Expression
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators.limits import UNLIMITED, limits
+from taichisoft.actuators.finite_limits import UNLIMITED, limits
 from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
 from taichisoft.bodies.rotations import matrices_from_quaternions, rotation_from_degrees
@@ -40,7 +40,7 @@ class Cable:
     """
 
     name: str
-    settings: settings.Cable
+    settings: settings.CableSettings
     owner: np.ndarray
     nodes: np.ndarray
     weights: np.ndarray
@@ -85,7 +85,7 @@ class Cable:
 def make_cable(
     body: SoftBody,
     name: str,
-    cable: settings.Cable,
+    cable: settings.CableSettings,
     soft: Mapping[str, SoftBody],
     rigid: Mapping[str, tuple[int, RigidBody]],
     obstacles: Mapping[str, Obstacle],

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 
-from taichisoft.scenes.shapes import Shaped
+from taichisoft.scenes.shape_settings import Shaped
 
 SPHERE_SUBDIVISIONS = 4  # of an icosahedron: 5120 triangles
 SECTIONS = 96  # triangles around a cylinder or capsule

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from taichisoft.actuators.limits import UNLIMITED
+from taichisoft.actuators.finite_limits import UNLIMITED
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.body_geometry import PosesAhead
 from taichisoft.model import Model

@@ -15,8 +15,8 @@ from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation, make_model
 from taichisoft.errors import SceneError
 from taichisoft.scenes.file import scene_from_dict, scene_to_toml
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.resume import ResumeError, recorded_scene, resumed_simulation
 
 BALL: dict[str, Any] = {"sphere": {"radius": 10.0}, "mass": 0.01}

@@ -17,7 +17,7 @@ from taichisoft.errors import ControlError, GoalMissed, PluginError, PluginFaile
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft.session.output import Output
 from taichisoft.session.session import count_steps
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 STEP = 0.01
 

@@ -13,7 +13,7 @@ from solid_shapes import box, save
 from taichisoft.errors import MeshError
 from taichisoft.meshes.volume_mesh import boundary_triangles, tetrahedron_volumes
 from taichisoft_meshing.bodies.file_bodies import SurfacesBody
-from taichisoft_meshing.bodies.wall_splitting import cut_edges, through_edges
+from taichisoft_meshing.bodies.wall_splitting import cut_edges, through_edges, without_inverted
 from taichisoft_meshing.quality.mesh_quality import measure
 
 
@@ -43,6 +43,20 @@ def test_an_edge_between_the_inside_and_the_boundary_stays() -> None:
     assert len(through) > 0
     assert (through != middle).all()
     assert (through[:, 0] < through[:, 1]).all()
+
+
+@examples(20)
+@given(st.integers(0, 1000), st.floats(0.1, 2.0))
+def test_nodes_moved_through_a_face_go_back(seed: int, distance: float) -> None:
+    """Shaken by up to two edges: no element is inverted, and nodes are either where they were or where they went."""
+    block = make_block((3, 3, 3), (3.0, 3.0, 3.0))
+    moved = block.nodes + np.random.default_rng(seed).uniform(-distance, distance, block.nodes.shape)
+    kept = without_inverted(block.nodes, moved, block.elements)
+    assert tetrahedron_volumes(kept, block.elements).min() > 0
+    back, there = (kept == block.nodes).all(axis=1), (kept == moved).all(axis=1)
+    assert (back | there).all()
+    if (tetrahedron_volumes(moved, block.elements) > 0).all():
+        assert there.all()
 
 
 def test_a_kept_surface_gets_walls_of_two_elements(tmp_path: Path) -> None:

@@ -11,7 +11,7 @@ from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.soft_body_arrays import make_soft_body
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import load_meshes
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 LENGTH, INNER_SIDE = 115.0, 30.0
 """Of the shipped finger along -x, and the y of the side that it bends to [mm]."""

@@ -20,8 +20,8 @@ from taichisoft.meshes.volume_mesh import VolumeMesh
 from taichisoft.scenes.elastic_law import lame_parameters
 from taichisoft.scenes.scene import Scene
 from taichisoft.state import State
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import Recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 STEP = 0.01
 RISE_AFTER = 5

@@ -17,8 +17,8 @@ from taichisoft_outputs.drawing.overlay import caption_parts, paint_caption
 from taichisoft_outputs.drawing.scales import AIR, SOFT, ColourScale, round_up
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.drawing.visual_surface import with_visual_surfaces
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 FRAMES = (0, 1, 2)
 

@@ -17,8 +17,8 @@ from taichisoft_outputs.drawing.colouring import PLAIN, Colouring
 from taichisoft_outputs.drawing.overlay import caption_parts
 from taichisoft_outputs.drawing.scales import LINE, round_up
 from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering.render import render_pictures
 
 FRAMES = range(STEPS + 1)

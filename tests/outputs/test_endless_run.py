@@ -19,10 +19,10 @@ from taichisoft.building.simulation import Simulation
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.state import State
 from taichisoft_outputs.metrics import MetricsOutput
-from taichisoft_outputs.recording import output as recording_output
+from taichisoft_outputs.recording import recording_output
 from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.output import USUAL_LIMIT, RecordingOutput, limit_endless_recordings
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import USUAL_LIMIT, RecordingOutput, limit_endless_recordings
 from taichisoft_outputs.recording.running_file import RunningFile
 from taichisoft_outputs.run_figures import RESOLUTION, RunningMedian, middle_keys
 

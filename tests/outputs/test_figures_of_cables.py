@@ -16,8 +16,8 @@ from taichisoft_outputs.metrics import MetricsOutput
 from taichisoft_outputs.paraview.export import export_vtu
 from taichisoft_outputs.plots.panels import PANELS, RunCurves
 from taichisoft_outputs.plots.run_plots import draw_plots
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.report.report_output import write_report
 
 

@@ -7,8 +7,8 @@ from PIL import Image
 
 from taichisoft.child_process import ChildResult, run_python
 from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering import drawn_outputs
 from taichisoft_outputs.rendering.drawn_outputs import PicturesOutput
 from taichisoft_outputs.rendering.render import RenderError, key_moments, render_pictures

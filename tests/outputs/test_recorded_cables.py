@@ -14,8 +14,8 @@ from taichisoft.scenes.file import scene_from_toml
 from taichisoft.session.output import Output
 from taichisoft.state import State
 from taichisoft.step.report import StepReport
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.resume import ResumeError, resumed_simulation, state_at
 
 

@@ -13,8 +13,8 @@ from taichisoft.control.control import Control
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs.drawing.colouring import stress
 from taichisoft_outputs.paraview.export import export_vtu
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.resume import recorded_scene, resumed_simulation, state_at
 from taichisoft_outputs.stress import StressLaw, nodal_mean, von_mises
 

@@ -13,8 +13,8 @@ from taichisoft.control.control import Control
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs.plots.run_plots import PlotError, draw_plots
 from taichisoft_outputs.recording.layout import SIGNAL_COUNT
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.repair import repair
 from taichisoft_outputs.report.contents import collect
 from taichisoft_outputs.report.report_page import report_page

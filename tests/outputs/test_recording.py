@@ -10,8 +10,8 @@ import pytest
 
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.repair import repair
 
 STEPS = 113

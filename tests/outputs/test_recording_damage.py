@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from taichisoft_benchmarks.faults.damage import DAMAGES, cut_off, flip_bit
 from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.repair import repair
 
 STEPS = 250

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import fake_run
 
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 STEPS = 20
 WRITERS = ("recording/running_file.py", "recording/finished_file.py", "recording/output.py", "atomic_file.py")

@@ -6,7 +6,7 @@ import fake_run
 import pytest
 
 from taichisoft import Controller, Simulation, run
-from taichisoft_outputs.recording.output import NeededRecording, RecordingNeeded, RecordingOutput
+from taichisoft_outputs.recording.recording_output import NeededRecording, RecordingNeeded, RecordingOutput
 from taichisoft_outputs.rendering.drawn_outputs import PicturesOutput, VideoOutput
 
 

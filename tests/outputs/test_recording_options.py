@@ -4,8 +4,8 @@ import fake_run
 import pytest
 
 from taichisoft_outputs.recording.layout import LAYOUT, RecordingError
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 
 def record(folder, steps, **settings):

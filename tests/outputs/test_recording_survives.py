@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from conftest import PATIENCE
 
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 FULL_DISK = """
 import resource, sys

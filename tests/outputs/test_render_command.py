@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 
 import taichisoft_outputs
 from taichisoft.errors import TaichisoftError
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering import render_command
 from taichisoft_outputs.rendering.render import RenderError
 

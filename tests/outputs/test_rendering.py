@@ -14,7 +14,7 @@ import pytest
 
 from taichisoft_outputs.drawing.style import Style
 from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering import render
 from taichisoft_outputs.rendering.render import RenderError, draw_frames, render_pictures
 

@@ -18,8 +18,8 @@ from PIL import Image
 from taichisoft_outputs.metrics import MetricsOutput
 from taichisoft_outputs.plots.run_plots import Plots, draw_plots
 from taichisoft_outputs.recording.layout import RecordingError
-from taichisoft_outputs.recording.output import RecordingNeeded
 from taichisoft_outputs.recording.reader import Recording
+from taichisoft_outputs.recording.recording_output import RecordingNeeded
 from taichisoft_outputs.report import contents as report_contents
 from taichisoft_outputs.report import report_page
 from taichisoft_outputs.report.report_output import ReportError, ReportOutput, write_report

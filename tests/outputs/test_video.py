@@ -16,8 +16,8 @@ import pytest
 from PIL import Image
 
 from taichisoft_outputs.drawing.style import Style
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering import video_file
 from taichisoft_outputs.rendering.render import RenderError, render_pictures
 from taichisoft_outputs.rendering.video import render_video, video_frames

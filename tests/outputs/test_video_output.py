@@ -10,7 +10,7 @@ from PIL import Image
 
 from taichisoft.errors import TaichisoftError
 from taichisoft_outputs.drawing.style import StyleError
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering import drawn_outputs
 from taichisoft_outputs.rendering.drawn_outputs import VideoOutput
 from taichisoft_outputs.rendering.render import RenderError

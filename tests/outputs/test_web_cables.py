@@ -14,8 +14,8 @@ from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.session.session import Session
 from taichisoft_outputs.drawing.scales import LINE, ColourScale, round_up
-from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.web.address import find_address
 from taichisoft_outputs.web.frame import lines_shown
 from taichisoft_outputs.web.page_link import page_setup, snapshot

@@ -46,7 +46,7 @@ from pathlib import Path
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 simulation = Simulation(load_scene(TINY_GRIPPER))
 recording = RecordingOutput(Path(sys.argv[1]))

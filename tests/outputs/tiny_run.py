@@ -15,7 +15,7 @@ from taichisoft.control.control import Control
 from taichisoft.control.observation import Observation
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs import taichisoft_commands
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 STEPS = 40
 LIFT_AFTER = 30

@@ -17,7 +17,7 @@ from taichisoft.command_line import main
 from taichisoft.errors import SceneError
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft_sofa.reader import read_scene
+from taichisoft_sofa.scene_reader import read_scene
 
 Command = Callable[..., tuple[int, str, str]]
 

@@ -18,7 +18,7 @@ from taichisoft.errors import ControllerFailed, TaichisoftError
 from taichisoft.meshes.files import write_volume_mesh
 from taichisoft.meshes.surface_files import write_stl
 from taichisoft.meshes.volume_mesh import boundary_triangles
-from taichisoft_sofa.controller.controller import SofaController
+from taichisoft_sofa.controller.sofa_controller import SofaController
 
 # A hollow block held at its left end, with a chamber and a cable, and a cube far away from it.
 SCENE = """

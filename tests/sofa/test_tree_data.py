@@ -6,20 +6,30 @@ import numpy as np
 import pytest
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.tree import kinds
+from taichisoft_sofa.tree import value_kinds
 from taichisoft_sofa.tree.component import COMPUTED, Component
-from taichisoft_sofa.tree.kinds import BOOL, INDICES, SCALAR, TEXT, VECTOR, fixed, index_rows, kind_called, vectors
 from taichisoft_sofa.tree.node import Node
+from taichisoft_sofa.tree.value_kinds import (
+    BOOL,
+    INDICES,
+    SCALAR,
+    TEXT,
+    VECTOR,
+    fixed,
+    index_rows,
+    kind_called,
+    vectors,
+)
 
 
 @pytest.fixture(autouse=True)
 def known_types(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """A type of component whose data are known, and no others."""
-    monkeypatch.setattr(kinds, "KINDS", {})
-    monkeypatch.setattr(kinds, "ALIASES", {"OldSpring": "Spring"})
+    monkeypatch.setattr(value_kinds, "KINDS", {})
+    monkeypatch.setattr(value_kinds, "ALIASES", {"OldSpring": "Spring"})
     before = dict(COMPUTED)
     COMPUTED.clear()
-    kinds.declare(
+    value_kinds.declare(
         "Spring",
         stiffness=(SCALAR, 5.0),
         drawn=BOOL,
@@ -266,7 +276,7 @@ def test_the_kinds_of_data_that_scenes_add() -> None:
 
 
 def test_a_kind_may_depend_on_the_template() -> None:
-    kinds.declare("State", position=lambda item: fixed(7) if item.template == "Rigid3" else vectors(3))
+    value_kinds.declare("State", position=lambda item: fixed(7) if item.template == "Rigid3" else vectors(3))
     assert Node("root").addObject("State", position=range(7), template="Rigid3").position.shape == (7,)
     state = Node("root").addObject("State", position=[1, 2, 3, 0, 0, 0])
     assert state.position.shape == (2, 3)
@@ -276,7 +286,7 @@ def test_a_kind_may_depend_on_the_template() -> None:
 
 
 def test_a_value_is_read_as_its_kind_is_now() -> None:
-    kinds.declare("State", position=lambda item: vectors(2) if item.template == "Vec2" else vectors(3))
+    value_kinds.declare("State", position=lambda item: vectors(2) if item.template == "Vec2" else vectors(3))
     state = Node("root").addObject("State", position=[1, 2, 3, 4, 5, 6])
     state.template = "Vec2"
     assert state.position.shape == (3, 2)

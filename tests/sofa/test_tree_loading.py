@@ -12,17 +12,17 @@ from scenes_of_sofa import loaded, written
 
 from taichisoft.errors import ControllerFailed, SceneError
 from taichisoft_sofa.translation.translate import translate
-from taichisoft_sofa.tree import kinds
-from taichisoft_sofa.tree.kinds import VECTOR, fixed, vectors
+from taichisoft_sofa.tree import value_kinds
 from taichisoft_sofa.tree.loading import load_tree
+from taichisoft_sofa.tree.value_kinds import VECTOR, fixed, vectors
 
 
 @pytest.fixture(autouse=True)
 def known_types(monkeypatch: pytest.MonkeyPatch) -> None:
     """The data of a cable and of positions are known."""
-    monkeypatch.setattr(kinds, "KINDS", {})
-    kinds.declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
-    kinds.declare("MechanicalObject", rest_position=vectors(3))
+    monkeypatch.setattr(value_kinds, "KINDS", {})
+    value_kinds.declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
+    value_kinds.declare("MechanicalObject", rest_position=vectors(3))
 
 
 @pytest.fixture(autouse=True)
@@ -469,6 +469,13 @@ def test_a_module_is_the_same_every_time_a_controller_imports_it(tmp_path: Path)
         tree.key_pressed("+")
     assert tree.root.Own.count == 3
     assert tree.root.Own.name.value == "Own"
+
+
+def test_a_controller_of_sofas_own_class_has_sofas_name(tmp_path: Path) -> None:
+    tree = loaded(tmp_path, "root.addObject(Sofa.Core.Controller())", "import Sofa.Core")
+    (controller,) = tree.controllers
+    assert controller is tree.root.Controller
+    assert (controller.type_name, controller.name.value) == ("Controller", "Controller")
 
 
 def test_an_error_in_a_library_names_the_line_of_the_scene_too(tmp_path: Path, library: Path) -> None:

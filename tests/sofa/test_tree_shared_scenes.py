@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from taichisoft_sofa.tree import kinds
+from taichisoft_sofa.tree import value_kinds
 from taichisoft_sofa.tree.component import COMPUTED
-from taichisoft_sofa.tree.kinds import TEXT, VECTOR, fixed, vectors
 from taichisoft_sofa.tree.loading import SceneTree, load_tree
+from taichisoft_sofa.tree.value_kinds import TEXT, VECTOR, fixed, vectors
 
 NODES = 5
 # A scene: how many nodes and components it builds, how many bodies have a field of elasticity, and its controllers.
@@ -59,11 +59,11 @@ def scenes(shared: Path) -> Path:
 @pytest.fixture(autouse=True)
 def known_types(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """The data that the controllers of these scenes use; a body has five nodes here, since no mesh is read."""
-    monkeypatch.setattr(kinds, "KINDS", {})
+    monkeypatch.setattr(value_kinds, "KINDS", {})
     rest = np.arange(3.0 * NODES).reshape(-1, 3)
-    kinds.declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
-    kinds.declare("SurfacePressureConstraint", value=(VECTOR, [0.0]), triangles=TEXT)
-    kinds.declare(
+    value_kinds.declare("CableConstraint", value=(VECTOR, [0.0]), pullPoint=fixed(3))
+    value_kinds.declare("SurfacePressureConstraint", value=(VECTOR, [0.0]), triangles=TEXT)
+    value_kinds.declare(
         "MechanicalObject",
         template=TEXT,
         position=lambda state: fixed(7) if state.template == "Rigid3" else vectors(3),

@@ -11,13 +11,13 @@ import pytest
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # declares all data
-from taichisoft_sofa.components.table import UNDERSTOOD
+from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
-from taichisoft_sofa.tree.kinds import ANY, LINK, TEXT, TEXTS, canonical, declared, numbers
 from taichisoft_sofa.tree.loading import SceneTree
 from taichisoft_sofa.tree.node import Node
+from taichisoft_sofa.tree.value_kinds import ANY, LINK, TEXT, TEXTS, canonical, declared, numbers
 
 NAN, INFINITE = float("nan"), float("inf")
 VALUES = [NAN, INFINITE, "nan", -3.0, 0, 2.5, 1e300, "", "x", [], [1, 2, 3], [NAN] * 3, ["1", 2], [[1], [2, 3]], True]

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import typer
 
-from taichisoft_benchmarks.faults.rows import ROWS
+from taichisoft_benchmarks.faults.fault_table import ROWS
 from taichisoft_benchmarks.marked_page import heading, row
 from taichisoft_benchmarks.program import run_program
 

@@ -3,6 +3,7 @@
 import os
 import random
 import signal
+import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
@@ -39,7 +40,7 @@ def tiny_run(steps: int) -> Run:
 
 def record(run: Run, folder: Path) -> None:
     """Record a run."""
-    from taichisoft_outputs.recording.output import RecordingOutput
+    from taichisoft_outputs.recording.recording_output import RecordingOutput
 
     model, first, steps = run
     output = RecordingOutput(folder)
@@ -86,10 +87,13 @@ def killed_recordings(tries: int) -> list[str]:
 
 
 def damaged_recordings(tries: int, steps: int = STEPS) -> list[str]:
-    """Damage a recording and read all of it: it is refused soon and in one line, or no number has changed."""
+    """Damage a recording and read all of it: it is refused soon and in one line, or no number has changed.
+
+    How many are refused goes to the error output; that none is refused at all is a failure.
+    """
     from taichisoft_outputs.recording.layout import RecordingError
 
-    failures = []
+    failures, refused, longest = [], 0, 0.0
     with TemporaryDirectory() as name:
         folder, broken = Path(name), Path(name) / "broken.h5"
         record(tiny_run(steps), folder)
@@ -102,12 +106,17 @@ def damaged_recordings(tries: int, steps: int = STEPS) -> list[str]:
                 if any(rows[path].tobytes() != whole[path].tobytes() for path in whole):
                     failures.append(f"{number}: other numbers are read")
             except RecordingError as error:
+                refused += 1
                 if "\n" in str(error):
                     failures.append(f"{number}: several lines: {str(error)!r}")
             except Exception as error:
                 failures.append(f"{number}: {type(error).__name__}: {error}")
-            if (seconds := time.monotonic() - started) > LIMIT:
+            longest = max(longest, seconds := time.monotonic() - started)
+            if seconds > LIMIT:
                 failures.append(f"{number}: takes {seconds:.1f} s")
+    print(f"{refused} of {tries} damaged recordings are refused, after {longest:.2f} s at most", file=sys.stderr)
+    if refused == 0:
+        failures.append(f"none of {tries} damages is reported")
     return failures
 
 

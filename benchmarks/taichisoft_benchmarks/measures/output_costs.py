@@ -141,7 +141,7 @@ def _recorded_run(
     Returns:
         Wall time [s], and the part of it in the output [s].
     """
-    from taichisoft_outputs.recording.output import RecordingOutput
+    from taichisoft_outputs.recording.recording_output import RecordingOutput
 
     step = controlled_step(simulation, scene)
     output = None if folder is None else RecordingOutput(folder, every=every)

@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from taichisoft.meshes import VolumeMesh, boundary_triangles
+from taichisoft.meshes import VolumeMesh, boundary_triangles, element_volumes
 from taichisoft_meshing.bodies.surface_geometry import undirected_sides
 from taichisoft_meshing.bodies.tables import FittedSizes
 from taichisoft_meshing.gmsh_session import TETRAHEDRON, TRIANGLE, gmsh_session
@@ -31,7 +31,7 @@ def with_elements_across(mesh: VolumeMesh, sizes: FittedSizes) -> VolumeMesh:
         return mesh
     nodes, elements = cut_edges(mesh.nodes, mesh.elements, through_edges(mesh.elements))
     boundary = boundary_triangles(mesh.elements)
-    nodes = _relocated(nodes, elements, boundary, mesh.source)
+    nodes = without_inverted(nodes, _relocated(nodes, elements, boundary, mesh.source), elements)
     silicone = {"silicone": np.arange(len(elements), dtype=np.int32)}
     return replace(mesh, nodes=nodes, elements=elements, element_groups=silicone).check()
 
@@ -78,6 +78,26 @@ def cut_edges(nodes: np.ndarray, elements: np.ndarray, edges: np.ndarray) -> tup
                     around[edge].add(following)
                 following += 1
     return np.vstack([nodes, nodes[ordered].mean(axis=1)]), np.array(list(tetrahedra.values()), dtype=np.int32)
+
+
+def without_inverted(nodes: np.ndarray, moved: np.ndarray, elements: np.ndarray) -> np.ndarray:
+    """Moved nodes, but the nodes of inverted tetrahedra at their old places.
+
+    gmsh's relocation now and then moves a node past the opposite face of a flat tetrahedron, as they are beside thin
+    walls. No tetrahedron is inverted with all nodes at their old places, so this ends there at the latest.
+
+    Args:
+        nodes: old places, with which all volumes are positive [mm], shape (node_count, 3).
+        moved: new places [mm], shape (node_count, 3).
+        elements: tetrahedra, shape (element_count, 4).
+    """
+    moved = moved.copy()
+    while True:
+        corners = np.unique(elements[element_volumes(moved, elements) <= 0])
+        back = corners[(moved[corners] != nodes[corners]).any(axis=1)]
+        if len(back) == 0:
+            return moved
+        moved[back] = nodes[back]
 
 
 def _relocated(nodes: np.ndarray, elements: np.ndarray, boundary: np.ndarray, source: str) -> np.ndarray:

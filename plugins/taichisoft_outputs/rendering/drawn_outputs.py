@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 from taichisoft.session import Output
 from taichisoft_outputs.drawing.style import Style, parse_size
-from taichisoft_outputs.recording.output import NeededRecording
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import NeededRecording
 from taichisoft_outputs.rendering.render import RenderError, key_moments, render_pictures
 from taichisoft_outputs.rendering.video import FPS, check_slow_motion, frame_progress, render_video
 from taichisoft_outputs.rendering.video_file import check_video

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING
 
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering.render import render_pictures
 
 if TYPE_CHECKING:

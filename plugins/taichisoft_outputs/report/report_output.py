@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import TaichisoftError
 from taichisoft.session import Output
-from taichisoft_outputs.recording.output import NeededRecording
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import NeededRecording
 from taichisoft_outputs.report.contents import collect
 from taichisoft_outputs.report.report_page import report_page
 

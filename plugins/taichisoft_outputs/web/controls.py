@@ -6,8 +6,8 @@ from collections.abc import Awaitable, Callable, Iterable
 from typing import Any
 
 from taichisoft.control import KeyEvent, Slider
-from taichisoft_outputs.web.messages import PageSetup, Snapshot, SpeedWanted
 from taichisoft_outputs.web.page import SPEEDS, clamped
+from taichisoft_outputs.web.page_messages import PageSetup, Snapshot, SpeedWanted
 
 MOVED_BY_VIEWER = 0.5
 """For so long [s] a slider that a viewer has moved is not set back to what the run has not heard of yet."""

@@ -17,7 +17,7 @@ from taichisoft.worker import Worker, WorkerLost
 from taichisoft_outputs.web.address import Address, WebError
 from taichisoft_outputs.web.curves import plotted_row
 from taichisoft_outputs.web.frame import LinesShown, PageScene, lines_shown
-from taichisoft_outputs.web.messages import PageSetup, RunEnded, Snapshot, SpeedWanted
+from taichisoft_outputs.web.page_messages import PageSetup, RunEnded, Snapshot, SpeedWanted
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

@@ -7,9 +7,9 @@ import trimesh
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import dijkstra
 
-from taichisoft_sofa.components.contacts import surface_triangles
+from taichisoft_sofa.components.contact_components import surface_triangles
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
-from taichisoft_sofa.components.reading import numbers, text
+from taichisoft_sofa.components.typed_values import numbers, text
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import SceneDraft

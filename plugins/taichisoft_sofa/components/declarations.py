@@ -4,7 +4,7 @@ from taichisoft_sofa.components import older_names as older_names  # declared un
 from taichisoft_sofa.components.states import is_rigid, width_of
 from taichisoft_sofa.tree.bounds import ABOVE_0, FINITE, FROM_0, LIMIT, LIMIT_FROM_0, RATIO
 from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.kinds import (
+from taichisoft_sofa.tree.value_kinds import (
     ANY,
     BOOL,
     BOOLS,
@@ -14,7 +14,7 @@ from taichisoft_sofa.tree.kinds import (
     SCALAR,
     TEXT,
     VECTOR,
-    Kind,
+    ValueKind,
     declare,
     fixed,
     index_rows,
@@ -22,11 +22,11 @@ from taichisoft_sofa.tree.kinds import (
 )
 
 
-def _coordinates(state: Component) -> Kind:
+def _coordinates(state: Component) -> ValueKind:
     return vectors(max(width_of(state), 1))
 
 
-def _derivatives(state: Component) -> Kind:
+def _derivatives(state: Component) -> ValueKind:
     return vectors(6 if is_rigid(state) else max(width_of(state), 1))
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.tree.kinds import canonical
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component

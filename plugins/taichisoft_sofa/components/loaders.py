@@ -9,13 +9,13 @@ import numpy as np
 from taichisoft.errors import MeshError, SceneError
 from taichisoft.meshes import boundary_triangles
 from taichisoft_sofa.components.graph import LOADERS, TOPOLOGIES, in_node, nearest, node_of
-from taichisoft_sofa.components.reading import computed, described, is_given, number, numbers, text, vector
+from taichisoft_sofa.components.typed_values import computed, described, is_given, number, numbers, text, vector
 from taichisoft_sofa.meshes.loaded_mesh import LoadedMesh
 from taichisoft_sofa.meshes.placement import placed_by_loader
 from taichisoft_sofa.meshes.reading import read_mesh
 from taichisoft_sofa.meshes.stock import find_mesh
-from taichisoft_sofa.tree.kinds import canonical
 from taichisoft_sofa.tree.modules import running
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component

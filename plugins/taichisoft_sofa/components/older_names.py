@@ -1,6 +1,6 @@
 """Names that components had in older versions of SOFA."""
 
-from taichisoft_sofa.tree.kinds import ALIASES
+from taichisoft_sofa.tree.value_kinds import ALIASES
 
 ALIASES.update(
     {

@@ -7,7 +7,7 @@ or the solution of equations, and are not reported.
 from typing import Any
 
 from taichisoft_sofa.components import declarations as declarations  # data that are read are declared first
-from taichisoft_sofa.tree.kinds import declare_unused, declare_without_effect
+from taichisoft_sofa.tree.value_kinds import declare_unused, declare_without_effect
 
 LOOPS = ("FreeMotionAnimationLoop", "DefaultAnimationLoop")
 DIRECT_SOLVERS = (

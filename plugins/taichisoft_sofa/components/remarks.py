@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft_sofa.components.reading import described
+from taichisoft_sofa.components.typed_values import described
 from taichisoft_sofa.tree.component import OF_COMPONENTS
-from taichisoft_sofa.tree.kinds import Declared, declared
+from taichisoft_sofa.tree.value_kinds import Declared, declared
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component

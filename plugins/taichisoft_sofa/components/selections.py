@@ -7,10 +7,10 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, nearest, node_of
 from taichisoft_sofa.components.loaders import CORNERS
-from taichisoft_sofa.components.reading import computed, described, flag, is_given, numbers
 from taichisoft_sofa.components.states import width_of
+from taichisoft_sofa.components.typed_values import computed, described, flag, is_given, numbers
 from taichisoft_sofa.regions import Inside, cells_inside, in_boxes, in_oriented_boxes, in_spheres
-from taichisoft_sofa.tree.kinds import canonical
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component

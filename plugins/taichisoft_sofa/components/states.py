@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES, in_node, nearest, node_of
-from taichisoft_sofa.components.reading import computed, described, is_given, number, numbers, text, vector
+from taichisoft_sofa.components.typed_values import computed, described, is_given, number, numbers, text, vector
 from taichisoft_sofa.meshes.placement import multiply_quaternions, placed, quaternion
 
 if TYPE_CHECKING:

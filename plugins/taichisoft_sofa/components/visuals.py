@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft_sofa.components.graph import independent_state, node_of
-from taichisoft_sofa.components.reading import described, flag, value_of
-from taichisoft_sofa.components.reading import numbers as numbers_of
-from taichisoft_sofa.tree.kinds import WrongValue, numbers
+from taichisoft_sofa.components.typed_values import described, flag, value_of
+from taichisoft_sofa.components.typed_values import numbers as numbers_of
+from taichisoft_sofa.tree.value_kinds import WrongValue, numbers
 
 if TYPE_CHECKING:
     from taichisoft_sofa.components.draft import SceneDraft

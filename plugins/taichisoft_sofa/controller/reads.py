@@ -11,13 +11,13 @@ from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.state import State
 from taichisoft_sofa.components.graph import STATE, independent_state, mapping_of, node_of
-from taichisoft_sofa.components.reading import described
 from taichisoft_sofa.components.states import start_position
+from taichisoft_sofa.components.typed_values import described
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
-from taichisoft_sofa.tree.kinds import canonical
 from taichisoft_sofa.tree.loading import SceneTree
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft.model import Model

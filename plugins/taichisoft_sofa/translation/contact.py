@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from taichisoft_sofa.components.contacts import distances_of, friction_of
+from taichisoft_sofa.components.contact_components import distances_of, friction_of
 from taichisoft_sofa.components.draft import SceneDraft
 
 NEEDED = ("pipeline", "broad phase", "response")

@@ -9,9 +9,9 @@ import numpy as np
 
 from taichisoft.errors import nearest
 from taichisoft_sofa.tree.data import Data, LinkPath
-from taichisoft_sofa.tree.kinds import ANY, BOOL, TEXT, TEXTS, Declared, kind_called
 from taichisoft_sofa.tree.links import follow
 from taichisoft_sofa.tree.place import Place, here
+from taichisoft_sofa.tree.value_kinds import ANY, BOOL, TEXT, TEXTS, Declared, kind_called
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.links import Branch
@@ -30,7 +30,7 @@ INTERNAL = {"data_by_name", "place", "type_name", "data_revision", "initialised"
 _made = count()
 
 
-class Base(ABC):
+class TreeObject(ABC):
     """A component or node.
 
     Attributes:
@@ -167,7 +167,7 @@ class Base(ABC):
     def linked_data(self, path: str, same_name: str) -> Data | None:
         """Target of a link to a data; for a link to a component its data `same_name`; None for a broken link."""
         found = path.target if isinstance(path, LinkPath) else follow(path, self.link_start(), self)
-        return found.findData(same_name) if isinstance(found, Base) else found
+        return found.findData(same_name) if isinstance(found, TreeObject) else found
 
     def linked(self, name: str) -> Any:
         """Target of a data that is a link, such as `src`: component, node or data; None for a broken link."""

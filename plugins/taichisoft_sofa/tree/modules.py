@@ -8,10 +8,10 @@ from types import ModuleType
 from typing import Any
 
 from taichisoft.errors import SceneError, nearest
-from taichisoft_sofa.tree.controller import PythonScriptController
 from taichisoft_sofa.tree.node import MAKERS, Node
 from taichisoft_sofa.tree.older_libraries import OlderLibraries
 from taichisoft_sofa.tree.place import PACKAGE, here
+from taichisoft_sofa.tree.scene_controller import PythonScriptController
 from taichisoft_sofa.tree.scene_modules import SceneFinder, SceneLoader, is_ours
 from taichisoft_sofa.tree.stand_ins import stand_ins
 

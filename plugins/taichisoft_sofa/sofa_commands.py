@@ -69,7 +69,7 @@ def convert(
 
     from taichisoft.atomic_file import atomic_file, named_os_errors
     from taichisoft.errors import SceneError
-    from taichisoft_sofa.reader import with_files_in
+    from taichisoft_sofa.scene_reader import with_files_in
 
     if output.suffix.lower() != ".toml":
         raise SceneError(f"--output {output}: '{output.suffix}' is not a kind of native scene; valid: .toml")
@@ -89,7 +89,7 @@ def convert(
 
 
 def _translated(scene: Path, python_path: str, exact: bool) -> "Translation":
-    from taichisoft_sofa.reader import split_path
+    from taichisoft_sofa.scene_reader import split_path
     from taichisoft_sofa.translation.translate import translate
     from taichisoft_sofa.tree.loading import load_tree
 

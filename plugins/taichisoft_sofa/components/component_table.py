@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from taichisoft_sofa.components import actuators, contacts, dynamics, selections, visuals
+from taichisoft_sofa.components import actuator_components, contact_components, dynamics, selections, visuals
 from taichisoft_sofa.components.draft import SceneDraft
 from taichisoft_sofa.tree.component import Component
 
@@ -75,7 +75,7 @@ UNDERSTOOD: dict[str, Contribution] = {
             "ImprovedJacobiConstraintSolver",
             "LCPConstraintSolver",
         ),
-        contacts.role("constraint solver"),
+        contact_components.role("constraint solver"),
     ),
     # meshes, topology, selections, mappings
     **dict.fromkeys(
@@ -112,7 +112,7 @@ UNDERSTOOD: dict[str, Contribution] = {
     "FixedProjectiveConstraint": dynamics.fixed_points,
     "PartialFixedProjectiveConstraint": dynamics.fixed_points,
     # contact
-    "CollisionPipeline": contacts.role("pipeline"),
+    "CollisionPipeline": contact_components.role("pipeline"),
     **dict.fromkeys(
         (
             "BruteForceBroadPhase",
@@ -121,10 +121,10 @@ UNDERSTOOD: dict[str, Contribution] = {
             "DirectSAP",
             "ParallelBruteForceBroadPhase",
         ),
-        contacts.role("broad phase"),
+        contact_components.role("broad phase"),
     ),
-    **dict.fromkeys(("BVHNarrowPhase", "ParallelBVHNarrowPhase"), contacts.role("narrow phase")),
-    "RuleBasedContactManager": contacts.role("response"),
+    **dict.fromkeys(("BVHNarrowPhase", "ParallelBVHNarrowPhase"), contact_components.role("narrow phase")),
+    "RuleBasedContactManager": contact_components.role("response"),
     **dict.fromkeys(
         (
             "LocalMinDistance",
@@ -132,7 +132,7 @@ UNDERSTOOD: dict[str, Contribution] = {
             "NewProximityIntersection",
             "DiscreteIntersection",
         ),
-        contacts.role("distance"),
+        contact_components.role("distance"),
     ),
     **dict.fromkeys(
         (
@@ -140,11 +140,11 @@ UNDERSTOOD: dict[str, Contribution] = {
             "LineCollisionModel",
             "PointCollisionModel",
         ),
-        contacts.collision_model,
+        contact_components.collision_model,
     ),
     # actuators
-    "SurfacePressureConstraint": actuators.cavity,
-    "CableConstraint": actuators.cable,
+    "SurfacePressureConstraint": actuator_components.cavity,
+    "CableConstraint": actuator_components.cable,
     # appearance
     "OglModel": visuals.visual_model,
     "VisualModel": visuals.visual_model,

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.tree.kinds import FALSE, TRUE, WrongValue
-from taichisoft_sofa.tree.kinds import numbers as parse_numbers
+from taichisoft_sofa.tree.value_kinds import FALSE, TRUE, WrongValue
+from taichisoft_sofa.tree.value_kinds import numbers as parse_numbers
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
