@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from taichisoft.errors import GoalMissed
+from taichisoft.optional_packages import extra, require
 from taichisoft_meshing.commands import mesh_options
 from taichisoft_studies.commands.study_options import (
     Dashboard,
@@ -16,7 +17,6 @@ from taichisoft_studies.commands.study_options import (
     announced_workers,
     requested_plugins,
 )
-from taichisoft_studies.errors import require
 from taichisoft_studies.study_file import Cluster, Sweep, check_study
 from taichisoft_studies.varied_values import varied
 
@@ -54,7 +54,7 @@ def mesh_sweep(
     A variant whose mesh lies there already, of the same inputs, is not meshed again. One command at a time works in a
     folder.
     """
-    require("taichisoft mesh sweep", "distributed")
+    require("taichisoft mesh sweep", "distributed", install=extra("studies"))
     from rich.console import Console  # --help need not wait for any of these
 
     from taichisoft.running import locked_folder, print_line, print_warning

@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import numpy as np
 import typer
 
+from taichisoft.optional_packages import extra, require
 from taichisoft_studies.commands import study_options
-from taichisoft_studies.errors import StudyError, require
+from taichisoft_studies.errors import StudyError
 
 CURVE = "optimisation.png"
 
@@ -23,7 +24,7 @@ def optimise(
     dashboard: study_options.Dashboard = None,
 ) -> None:
     """Search for the best values of keys; started again, also on another machine, it continues the same study."""
-    require("taichisoft study optimise", "distributed", "optuna", "pandas", "pyarrow")
+    require("taichisoft study optimise", "distributed", "optuna", "pandas", "pyarrow", install=extra("studies"))
     from rich.console import Console
 
     from taichisoft.running import print_line

@@ -8,8 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from taichisoft.errors import GoalMissed
+from taichisoft.optional_packages import extra, require
 from taichisoft_studies.commands import study_options
-from taichisoft_studies.errors import StudyError, require
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.varied_values import varied
 
 STUDY = "study.toml"
@@ -48,7 +49,7 @@ def sweep(
     ] = False,
 ) -> None:
     """Run a scene with many values of its keys; what has ended is not done again, and one that fails stops no other."""
-    require("taichisoft study sweep", "distributed", "pandas", "pyarrow")
+    require("taichisoft study sweep", "distributed", "pandas", "pyarrow", install=extra("studies"))
     from rich.console import Console
 
     from taichisoft.running import print_line
