@@ -17,13 +17,12 @@ from taichisoft_studies.commands.study_options import (
     announced_workers,
     requested_plugins,
 )
-from taichisoft_studies.study_file import Cluster, Sweep, check_study
-from taichisoft_studies.varied_values import varied
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from taichisoft_studies.mesh_variants import Variant
+    from taichisoft_studies.study_file import Cluster
 
 
 def mesh_sweep(
@@ -60,6 +59,8 @@ def mesh_sweep(
     from taichisoft.running import locked_folder, print_line, print_warning
     from taichisoft_meshing.mesh_set import prepare_folder
     from taichisoft_studies.mesh_variants import plan, summary_rows, summary_table, write_summary
+    from taichisoft_studies.study_file import Sweep, check_study
+    from taichisoft_studies.varied_values import varied
 
     tables: dict[str, Any] = {"scene": file, "vary": varied(vary)}
     add_cluster(tables, jobs, scheduler, dashboard)
@@ -83,7 +84,7 @@ def mesh_sweep(
 
 
 def make_variants(
-    console: "Console", variants: "Sequence[Variant]", output: Path, cluster: Cluster, force: bool, time_limit: float
+    console: "Console", variants: "Sequence[Variant]", output: Path, cluster: "Cluster", force: bool, time_limit: float
 ) -> "list[Mapping[str, Any]]":
     """Have every variant meshed into its folder, and show how far that is.
 

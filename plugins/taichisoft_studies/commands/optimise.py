@@ -5,7 +5,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
 from taichisoft.optional_packages import extra, require
@@ -74,6 +73,7 @@ def optimise(
 
 def _draw_curve(trials: Any, names: list[str], output: Path) -> None:
     """Draw the objective of every trial, and the best so far among the trials that satisfy all constraints."""
+    import numpy as np
     from matplotlib.figure import Figure
     from optuna.study import StudyDirection
 

@@ -11,7 +11,6 @@ from taichisoft.errors import GoalMissed
 from taichisoft.optional_packages import extra, require
 from taichisoft_studies.commands import study_options
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.varied_values import varied
 
 STUDY = "study.toml"
 
@@ -57,6 +56,7 @@ def sweep(
     from taichisoft_studies.run_folder import COMPLETED, ERROR, finished, read_record
     from taichisoft_studies.study_file import Sweep, check_study, find_study, read_tables
     from taichisoft_studies.sweep_runs import RUNS, forget_unsure, make_missing, sweep_jobs
+    from taichisoft_studies.varied_values import varied
 
     console = Console()
     tables: dict[str, Any] = {"scene": study}
