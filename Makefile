@@ -3,7 +3,8 @@
 # make bench   time the engine on this machine; the results are in out/bench. OPTIONS=--quick is passed on
 # make clean   remove what these made
 #
-# All first install what they need into .venv. PYTHON=/path/to/python chooses the interpreter.
+# All first install what they need into .venv; `make grasp` has no need of the tools of `make test`.
+# PYTHON=/path/to/python chooses the interpreter.
 
 .PHONY: grasp test bench lint kernels clean system-libraries browser
 
@@ -15,17 +16,17 @@ grasp: system-libraries
 
 # A process a core, four at most. Each has half of the tests in their order, because those of a file share what is
 # expensive, and takes from the others when it is done. The kernels are compiled once for all, while mypy has a core.
-test: system-libraries browser
+test: system-libraries browser .venv/test-tools
 	$(MAKE) --no-print-directory --jobs 2 lint kernels
 	.venv/bin/pytest --numprocesses logical --maxprocesses 4 --dist worksteal
 
 kernels: system-libraries
 	.venv/bin/python -c 'import taichisoft as t; t.Simulation(t.load_scene("gripper")).step(t.Control())'
 
-bench: system-libraries
+bench: system-libraries .venv/test-tools
 	.venv/bin/python -m taichisoft_benchmarks --output out/bench $(OPTIONS)
 
-lint: .venv/installed
+lint: .venv/test-tools
 	.venv/bin/ruff check
 	.venv/bin/ruff format --check
 	.venv/bin/mypy
@@ -38,7 +39,9 @@ right_version = import sys; sys.exit(not (3, 11) <= sys.version_info < (3, 14))
 fits = import ensurepip; $(right_version)
 pythons = $(or $(PYTHON),python3.12 python3.11 python3.13 python3)
 
-# The stamp is written last and goes before anything changes: an install that was cut short starts again
+pip_install = .venv/bin/python -m pip install --disable-pip-version-check --editable
+
+# The stamps are written last and go before anything changes: an install that was cut short starts again, the first
 # in an empty .venv.
 .venv/installed: pyproject.toml
 	@test -e $@ && exit; \
@@ -54,7 +57,12 @@ pythons = $(or $(PYTHON),python3.12 python3.11 python3.13 python3)
 	    "(https://docs.astral.sh/uv) Python 3.12 is fetched" >&2; \
 	exit 1
 	@rm -f $@
-	.venv/bin/python -m pip install --disable-pip-version-check --editable '.[test]'
+	$(pip_install) .
+	@touch $@
+
+.venv/test-tools: .venv/installed
+	@rm -f $@
+	$(pip_install) '.[test]'
 	@touch $@
 
 # The wheels of Taichi, gmsh and Open3D bring no X11 or OpenGL. To import the three takes seconds, to load

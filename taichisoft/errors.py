@@ -24,6 +24,10 @@ class PluginFailed(PluginError):
     """A plug-in failed; its exception is the cause of this one."""
 
 
+class PackageMissing(TaichisoftError, ImportError):
+    """A package is not installed that only this part needs; the message says what installs it."""
+
+
 class ControlError(TaichisoftError):
     """A controller requested something that the model does not have, or a value that is not finite."""
 

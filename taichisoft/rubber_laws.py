@@ -12,12 +12,14 @@ arithmetic without branches, with functions such as `numpy.exp` that Taichi has 
 moduli at rest, curves of tension and fits all follow from them.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import numpy as np
+if TYPE_CHECKING:
+    import numpy as np  # which `taichisoft materials` need not wait for
 
 SMALLEST_STRETCH = 0.05
 """Below this stretch w goes on as its parabola (Stomakhin et al. 2012, Energetically Consistent Invertible Elasticity):
@@ -40,7 +42,7 @@ class Coefficient:
     unit: Literal["kPa", "-"] = "kPa"
     needed: bool = True
     starts: tuple[float, ...] = ()
-    searched: tuple[float, float] = (-np.inf, np.inf)
+    searched: tuple[float, float] = (-math.inf, math.inf)
 
 
 @dataclass(frozen=True)
@@ -104,11 +106,11 @@ class RubberLaw(ABC):
         """The shear modulus at rest [kPa]."""
 
     @abstractmethod
-    def tension(self, coefficients: Mapping[str, float], stretch: np.ndarray) -> np.ndarray:
+    def tension(self, coefficients: Mapping[str, float], stretch: "np.ndarray") -> "np.ndarray":
         """Force over the area at rest [kPa] of incompressible rubber pulled along one axis, to `stretch` [-]."""
 
     @abstractmethod
-    def principal_stress(self, coefficients: Mapping[str, float], stretches: np.ndarray) -> np.ndarray:
+    def principal_stress(self, coefficients: Mapping[str, float], stretches: "np.ndarray") -> "np.ndarray":
         """Cauchy's stress of the energy of shape, s_i / J dW/ds_i [kPa], at stretches [-], both (count, 3)."""
 
 
@@ -120,19 +122,21 @@ class InvariantLaw(RubberLaw):
         by_k, by_l, _ = self._sum(0.0, coefficients)
         return float(2.0 * (by_k + by_l))
 
-    def tension(self, coefficients: Mapping[str, float], stretch: np.ndarray) -> np.ndarray:
+    def tension(self, coefficients: Mapping[str, float], stretch: "np.ndarray") -> "np.ndarray":
         """See `RubberLaw`."""
         by_k, by_l, _ = self._sum(stretch**2 + 2.0 / stretch - 3.0, coefficients)
-        return np.asarray(2.0 * (stretch - stretch**-2) * (by_k + by_l / stretch))
+        stress: np.ndarray = 2.0 * (stretch - stretch**-2) * (by_k + by_l / stretch)
+        return stress
 
-    def principal_stress(self, coefficients: Mapping[str, float], stretches: np.ndarray) -> np.ndarray:
+    def principal_stress(self, coefficients: Mapping[str, float], stretches: "np.ndarray") -> "np.ndarray":
         """See `RubberLaw`."""
         j = stretches.prod(axis=1, keepdims=True)
         squares = stretches**2
         i1 = squares.sum(axis=1, keepdims=True)
         by_k, by_l, _ = self._sum(i1 - 3.0 - 2.0 * (j - 1.0) + (j - 1.0) ** 2, coefficients)
         along = 2.0 * by_k * squares + 2.0 * by_l * squares * (i1 - squares)
-        return np.asarray(along / j + 2.0 * by_k * (j - 2.0) - 4.0 * by_l)
+        stress: np.ndarray = along / j + 2.0 * by_k * (j - 2.0) - 4.0 * by_l
+        return stress
 
 
 class StretchLaw(RubberLaw):
@@ -143,19 +147,21 @@ class StretchLaw(RubberLaw):
         slope, bend = self._sum(1.0, coefficients)
         return float(0.5 * (slope + bend))
 
-    def tension(self, coefficients: Mapping[str, float], stretch: np.ndarray) -> np.ndarray:
+    def tension(self, coefficients: Mapping[str, float], stretch: "np.ndarray") -> "np.ndarray":
         """See `RubberLaw`."""
         across = stretch**-0.5
         along_slope, across_slope = (self._sum(one, coefficients)[0] for one in (stretch, across))
-        return np.asarray(along_slope - across_slope * across**3)
+        stress: np.ndarray = along_slope - across_slope * across**3
+        return stress
 
-    def principal_stress(self, coefficients: Mapping[str, float], stretches: np.ndarray) -> np.ndarray:
+    def principal_stress(self, coefficients: Mapping[str, float], stretches: "np.ndarray") -> "np.ndarray":
         """See `RubberLaw`."""
         j = stretches.prod(axis=1, keepdims=True)
-        base = np.maximum(stretches, SMALLEST_STRETCH)
+        base = stretches.clip(min=SMALLEST_STRETCH)
         slope, bend = self._sum(base, coefficients)
         at_rest, _ = self._sum(1.0, coefficients)
-        return np.asarray((slope + bend * (stretches - base)) * stretches / j + at_rest * (j - 2.0))
+        stress: np.ndarray = (slope + bend * (stretches - base)) * stretches / j + at_rest * (j - 2.0)
+        return stress
 
 
 def _neo_hookean(k: Any, mu: Any) -> tuple[Any, Any, Any]:

@@ -62,6 +62,7 @@ LAYERS = {
         "terminal_text",
         "expressions",
         "input_file",
+        "optional_packages",
         "errors",
     ],
     "taichisoft_benchmarks": [

@@ -54,16 +54,16 @@ def add_uv(folder: Path) -> None:
     write_program(folder / "bin" / "uv", FAKE_UV)
 
 
-def install(folder: Path, *arguments: str) -> tuple[list[str], list[str]]:
+def install(folder: Path, *arguments: str, stamp: str = ".venv/installed") -> tuple[list[str], list[str]]:
     """What was called, and the error lines that are not make's own."""
     assert MAKE is not None
     environment = {"PATH": str(folder / "bin"), "HOME": os.environ.get("HOME", "")}
-    command = [MAKE, "-f", MAKEFILE, ".venv/installed", *arguments]
+    command = [MAKE, "-f", MAKEFILE, stamp, *arguments]
     result = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=PATIENCE)
     log = folder / "log"
     called = log.read_text().splitlines() if log.exists() else []
     errors = [line for line in result.stderr.splitlines() if not line.startswith("make")]
-    assert (result.returncode == 0) == (not errors) == (folder / ".venv/installed").exists(), result.stderr
+    assert (result.returncode == 0) == (not errors) == (folder / stamp).exists(), result.stderr
     return called, errors
 
 
@@ -107,3 +107,36 @@ def test_a_python_that_the_user_names_is_not_replaced(folder: Path) -> None:
     assert called == []
     (line,) = errors
     assert "none of mine is one" in line
+
+
+def test_a_grasp_installs_no_tools_and_the_tests_add_them(folder: Path) -> None:
+    add_python(folder, "python3", (3, 12))
+    called, _ = install(folder)
+    assert [line.partition(" install ")[2].split()[-1] for line in called[1:]] == ["."]
+    called, _ = install(folder, stamp=".venv/test-tools")
+    assert [line.partition(" install ")[2].split()[-1] for line in called[1:]] == [".", ".[test]"]
+    (folder / "log").unlink()
+    for stamp in (".venv/installed", ".venv/test-tools"):
+        assert install(folder, stamp=stamp) == ([], []), "all is there"
+
+
+def test_tools_that_were_not_installed_to_the_end_are_installed_again(folder: Path) -> None:
+    add_python(folder, "python3", (3, 12))
+    install(folder, stamp=".venv/test-tools")
+    (folder / ".venv/test-tools").unlink()
+    (folder / "log").unlink()
+    called, _ = install(folder, stamp=".venv/test-tools")
+    (line,) = called
+    assert line.endswith("--editable .[test]")
+
+
+def test_a_changed_project_is_installed_again_with_its_tools_into_the_same_environment(folder: Path) -> None:
+    add_python(folder, "python3", (3, 12))
+    install(folder, stamp=".venv/test-tools")
+    (folder / "log").unlink()
+    later = (folder / ".venv/test-tools").stat().st_mtime + 10.0
+    os.utime(folder / "pyproject.toml", (later, later))
+    os.utime(folder / ".venv/installed", (later - 5.0, later - 5.0))
+    called, _ = install(folder, stamp=".venv/test-tools")
+    assert [line.partition(" install ")[2].split()[-1] for line in called] == [".", ".[test]"]
+    assert not any("venv" in line.partition("-m ")[2] for line in called)

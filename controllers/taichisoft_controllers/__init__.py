@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.plugin_system import hookimpl
+from taichisoft.plugin_system import Imported, hookimpl
 
 if TYPE_CHECKING:
     from taichisoft.session import Session
@@ -12,11 +12,12 @@ if TYPE_CHECKING:
 @hookimpl
 def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
     """The built-in controllers."""
-    from taichisoft_controllers.closed_loop.closed_loop_controller import ClosedLoopController
-    from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
-    from taichisoft_controllers.scripted.scripted_controller import scripted_controller
-
-    return {"closed-loop": ClosedLoopController, "keyboard": KeyboardController, "scripted": scripted_controller}
+    places = {
+        "closed-loop": "closed_loop.closed_loop_controller:ClosedLoopController",
+        "keyboard": "keyboard.keyboard_controller:KeyboardController",
+        "scripted": "scripted.scripted_controller:scripted_controller",
+    }
+    return Imported(__name__, places)
 
 
 @hookimpl

@@ -5,8 +5,9 @@
 
 from typing import TYPE_CHECKING
 
-import gymnasium
 import lazy_loader
+
+from taichisoft.optional_packages import extra, require
 
 if TYPE_CHECKING:
     from taichisoft_gym.disturbances import Bias, Delayed, Noise, Quantised, Sampled
@@ -23,11 +24,19 @@ __getattr__, *_ = lazy_loader.attach(
 EPISODES = {"Grasp": 120, "Reach": 30, "Carry": 200}
 """Control steps after which an episode is truncated, by environment."""
 
-for _name, _steps in EPISODES.items():
-    if f"taichisoft/{_name}-v0" not in gymnasium.registry:
-        gymnasium.register(
-            f"taichisoft/{_name}-v0",
-            entry_point=f"taichisoft_gym.{_name.lower()}:{_name}",
-            vector_entry_point=f"taichisoft_gym.vector:{_name.lower()}",
-            max_episode_steps=_steps,
-        )
+
+def _register() -> None:
+    import gymnasium  # which may be missing
+
+    for name, steps in EPISODES.items():
+        if f"taichisoft/{name}-v0" not in gymnasium.registry:
+            gymnasium.register(
+                f"taichisoft/{name}-v0",
+                entry_point=f"taichisoft_gym.{name.lower()}:{name}",
+                vector_entry_point=f"taichisoft_gym.vector:{name.lower()}",
+                max_episode_steps=steps,
+            )
+
+
+require("taichisoft_gym", "gymnasium", install=extra("gym"))
+_register()

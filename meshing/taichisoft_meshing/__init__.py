@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import lazy_loader
 
-from taichisoft.plugin_system import hookimpl
+from taichisoft.plugin_system import Imported, hookimpl
 
 if TYPE_CHECKING:
     import typer
@@ -33,24 +33,19 @@ __getattr__, *_ = lazy_loader.attach(
 @hookimpl
 def taichisoft_geometry_kinds() -> "Mapping[str, Callable[..., Geometry]]":
     """The built-in kinds of bodies."""
-    from taichisoft_meshing.bodies.file_bodies import StepBody, SurfacesBody
-    from taichisoft_meshing.finger.pneunet_finger import PneunetFinger
-    from taichisoft_meshing.tendon_finger import TendonFinger
-
-    return {
-        "pneunet_finger": PneunetFinger,
-        "step": StepBody,
-        "surfaces": SurfacesBody,
-        "tendon_finger": TendonFinger,
+    places = {
+        "pneunet_finger": "finger.pneunet_finger:PneunetFinger",
+        "step": "bodies.file_bodies:StepBody",
+        "surfaces": "bodies.file_bodies:SurfacesBody",
+        "tendon_finger": "tendon_finger:TendonFinger",
     }
+    return Imported(__name__, places)
 
 
 @hookimpl
 def taichisoft_mesh_makers() -> "Mapping[str, Callable[..., VolumeMesh]]":
     """The function that meshes geometry files of every kind that a plug-in knows."""
-    from taichisoft_meshing.scene_meshes import mesh_for_scene
-
-    return {".toml": mesh_for_scene}
+    return Imported(__name__, {".toml": "scene_meshes:mesh_for_scene"})
 
 
 @hookimpl

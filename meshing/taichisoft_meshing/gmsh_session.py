@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from taichisoft.errors import MeshError
+from taichisoft.optional_packages import require
 
 Way = TypeVar("Way")
 Made = TypeVar("Made")
@@ -39,9 +40,11 @@ def gmsh_session(body: str) -> Iterator[Any]:
         body: name of what is meshed in errors, for example "this finger" or "body.step".
 
     Raises:
+        PackageMissing: gmsh is not installed.
         MeshError: gmsh cannot be loaded, is already in use in this process, or fails. A failure inside the session,
             gmsh's or a GmshFailure, becomes one line that names the file with gmsh's log.
     """
+    require("meshing", "gmsh")
     try:
         import gmsh
     except (ImportError, OSError) as error:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import lazy_loader
 
-from taichisoft.plugin_system import hookimpl
+from taichisoft.plugin_system import Imported, hookimpl
 
 if TYPE_CHECKING:
     import typer
@@ -35,30 +35,22 @@ __getattr__, *_ = lazy_loader.attach(
 @hookimpl
 def taichisoft_outputs() -> Mapping[str, Callable[..., Any]]:
     """Outputs by name."""
-    from taichisoft_outputs.csv_output import CsvOutput
-    from taichisoft_outputs.metrics import MetricsOutput
-    from taichisoft_outputs.recording.recording_output import RecordingOutput
-    from taichisoft_outputs.rendering.drawn_outputs import PicturesOutput, VideoOutput
-    from taichisoft_outputs.report.report_output import ReportOutput
-    from taichisoft_outputs.web.web_output import WebOutput
-
-    return {
-        "recording": RecordingOutput,
-        "metrics": MetricsOutput,
-        "pictures": PicturesOutput,
-        "video": VideoOutput,
-        "report": ReportOutput,
-        "csv": CsvOutput,
-        "web": WebOutput,
+    places = {
+        "recording": "recording.recording_output:RecordingOutput",
+        "metrics": "metrics:MetricsOutput",
+        "pictures": "rendering.drawn_outputs:PicturesOutput",
+        "video": "rendering.drawn_outputs:VideoOutput",
+        "report": "report.report_output:ReportOutput",
+        "csv": "csv_output:CsvOutput",
+        "web": "web.web_output:WebOutput",
     }
+    return Imported(__name__, places)
 
 
 @hookimpl
 def taichisoft_renderers() -> Mapping[str, Callable[..., Any]]:
     """What draws for `Simulation.render`."""
-    from taichisoft_outputs.rendering.live_renderer import LiveRenderer
-
-    return {"open3d": LiveRenderer}
+    return Imported(__name__, {"open3d": "rendering.live_renderer:LiveRenderer"})
 
 
 @hookimpl

@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from taichisoft.plugin_system import hookimpl
+from taichisoft.plugin_system import Imported, hookimpl
 
 if TYPE_CHECKING:
     import typer
@@ -21,9 +21,7 @@ def taichisoft_scene_readers() -> Mapping[str, Callable[..., Mapping[str, Any]]]
 @hookimpl
 def taichisoft_controllers() -> Mapping[str, Callable[..., Any]]:
     """The controller that runs a scene's own controllers."""
-    from taichisoft_sofa.controller.sofa_controller import SofaController
-
-    return {"sofa": SofaController}
+    return Imported(__name__, {"sofa": "controller.sofa_controller:SofaController"})
 
 
 @hookimpl

@@ -8,7 +8,8 @@ from uuid import uuid4
 
 import numpy as np
 
-from taichisoft_studies.errors import StudyError, require
+from taichisoft.optional_packages import extra, require
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.optimisation_file import Optimisation
 from taichisoft_studies.run_folder import ERROR
 from taichisoft_studies.study_file import Range, Values
@@ -29,8 +30,11 @@ def open_study(study: Optimisation, folder: Path) -> Any:
     Raises:
         StudyError: Optuna or what a sampler needs is not installed, or the folder has a study with other objectives.
     """
-    require("taichisoft study optimise", "optuna")
-    require(f"sampler = '{study.sampler}'", *{"cmaes": ["cmaes"], "gp": ["torch"]}.get(study.sampler, []))
+    require("taichisoft study optimise", "optuna", install=extra("studies"))
+    if study.sampler == "cmaes":
+        require("sampler = 'cmaes'", "cmaes", install=extra("studies"))
+    if study.sampler == "gp":
+        require("sampler = 'gp'", "torch", install="pip install torch")  # too large for the extra
     import optuna
 
     optuna.logging.set_verbosity(optuna.logging.WARNING)

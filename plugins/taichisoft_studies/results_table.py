@@ -6,7 +6,8 @@ from typing import Any
 
 from taichisoft.atomic_file import atomic_file
 from taichisoft.input_file import is_file
-from taichisoft_studies.errors import StudyError, require
+from taichisoft.optional_packages import extra, require
+from taichisoft_studies.errors import StudyError
 
 CSV, PARQUET = "results.csv", "results.parquet"
 WALL_CLOCK = ("step_time_median_ms", "real_time_factor")
@@ -46,7 +47,7 @@ def write_table(rows: Sequence[Mapping[str, Any]], folder: Path) -> Path:
     Raises:
         StudyError: pandas is not installed, or a file cannot be written.
     """
-    require("the table of results", "pandas", "pyarrow")
+    require("the table of results", "pandas", "pyarrow", install=extra("studies"))
     import pandas
 
     columns = list(dict.fromkeys(column for row in rows for column in row))
@@ -67,7 +68,7 @@ def read_table(folder: Path) -> Any:
     Raises:
         StudyError: pandas is not installed, the table is missing or damaged.
     """
-    require("the table of results", "pandas", "pyarrow")
+    require("the table of results", "pandas", "pyarrow", install=extra("studies"))
     import pandas
 
     path = folder / PARQUET

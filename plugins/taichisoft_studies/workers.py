@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any, Protocol
 from uuid import uuid4
 
+from taichisoft.optional_packages import extra, require
 from taichisoft_studies.access import credentials_in_files, own_credentials
-from taichisoft_studies.errors import StudyError, require
+from taichisoft_studies.errors import StudyError
 from taichisoft_studies.study_file import DASHBOARD, Cluster
 
 LOST = "worker lost"
@@ -87,7 +88,7 @@ def dask_workers(cluster: Cluster, tasks: int, folder: Path) -> Iterator[DaskWor
         StudyError: Dask is not installed, or a cluster cannot be reached or started.
     """
     needed = ["distributed"] if cluster.scheduler is not None else ["distributed", "cryptography"]
-    require("a study", *needed, *(["dask_jobqueue"] if cluster.slurm is not None else []))
+    require("a study", *needed, *(["dask_jobqueue"] if cluster.slurm is not None else []), install=extra("studies"))
     import dask
     from distributed import Client
 

@@ -105,7 +105,7 @@ def _check_settings(path: Path, reader: Callable[..., Any] | None, settings: Map
             )
 
 
-def _scene_readers() -> dict[str, Any]:
+def _scene_readers() -> Mapping[str, Any]:
     """Readers of scenes by suffix."""
     readers = provided("scene reader")
     for suffix in readers:

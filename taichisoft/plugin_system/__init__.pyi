@@ -9,6 +9,7 @@ from .hooks import provided as provided
 from .hooks import provided_by_plugin as provided_by_plugin
 from .hookspecs import RunOption as RunOption
 from .hookspecs import hookimpl as hookimpl
+from .imported import Imported as Imported
 from .plugins import load_plugin as load_plugin
 from .plugins import plugin_registry as plugin_registry
 from .plugins import register_plugin as register_plugin

@@ -3,6 +3,7 @@
 import reprlib
 import sys
 import warnings
+from collections import ChainMap
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -11,6 +12,7 @@ from pluggy import HookImpl
 from taichisoft.errors import GoalMissed, PluginError
 from taichisoft.plugin_system.failure import plugin_failure
 from taichisoft.plugin_system.hookspecs import RunOption
+from taichisoft.plugin_system.imported import Imported
 from taichisoft.plugin_system.plugins import plugin_registry
 
 SHORT = reprlib.Repr()  # of arguments and answers in a trace
@@ -50,21 +52,25 @@ def find(kind: str, name: str) -> Callable[..., Any]:
     return made
 
 
-def provided(kind: str) -> dict[str, Any]:
+def provided(kind: str) -> Mapping[str, Any]:
     """All that plug-ins provide of a kind, by name: options as `RunOption`, materials as tables, else what makes it.
+
+    What is `Imported` is imported when it is looked up.
 
     Raises:
         PluginError: two plug-ins claim one name, or one gave something that is not valid.
     """
     registry = plugin_registry()
-    found: dict[str, tuple[str, Any]] = {}
+    owners: dict[str, str] = {}
+    every: list[Any] = []
     for plugin, by_name in provided_by_plugin(kind):
-        for name, thing in by_name.items():
-            if name in found:
-                both = f"{registry.described(found[name][0])} and {registry.described(plugin)}"
+        for name in by_name:
+            if name in owners:
+                both = f"{registry.described(owners[name])} and {registry.described(plugin)}"
                 raise PluginError(f"two plug-ins, {both}, both provide the {kind} '{name}'")
-            found[name] = (plugin, thing)
-    return {name: thing for name, (_, thing) in found.items()}
+            owners[name] = plugin
+        every.insert(0, by_name)  # a ChainMap begins with the names of the last
+    return ChainMap(*every)
 
 
 def provided_by_plugin(kind: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
@@ -78,14 +84,14 @@ def provided_by_plugin(kind: str) -> Iterator[tuple[str, Mapping[str, Any]]]:
         gave = f"plug-in {plugin_registry().described(plugin)}: {hook}() gave"
         if not isinstance(by_name, Mapping):
             raise PluginError(f"{gave} {by_name!r}; must be a mapping by name")
-        for name, thing in by_name.items():
+        right, what = NEEDED.get(kind, (Callable, "a class or a function"))
+        for name in by_name:
             if not isinstance(name, str) or not name.strip():
                 raise PluginError(f"{gave} the name {name!r}; must be text")
             if kind == "run option" and not (name.startswith("--") and len(name) > 2):
                 raise PluginError(f"{gave} the name {name!r}; must begin with --")
-            right, what = NEEDED.get(kind, (Callable, "a class or a function"))
-            if not isinstance(thing, right):
-                raise PluginError(f"{gave} {thing!r} as '{name}'; must be {what}")
+            if not isinstance(by_name, Imported) and not isinstance(by_name[name], right):
+                raise PluginError(f"{gave} {by_name[name]!r} as '{name}'; must be {what}")
         yield plugin, by_name
 
 

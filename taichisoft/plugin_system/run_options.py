@@ -89,7 +89,7 @@ def requested(context: typer.Context, outputs_option: str) -> Requested:
         context: parsed command line.
         outputs_option: value of --outputs.
     """
-    options: dict[str, RunOption] = provided("run option")
+    options: Mapping[str, RunOption] = provided("run option")
     outputs: dict[str, dict[str, Any]] = {name.strip(): {} for name in outputs_option.split(",") if name.strip()}
     controller = None
     reader: dict[str, Any] = {}

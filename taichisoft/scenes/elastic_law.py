@@ -3,12 +3,12 @@
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Literal
 
-import numpy as np
-
 from taichisoft.rubber_laws import RUBBER_LAWS
 
 LAW_NAMES = ("hooke", *RUBBER_LAWS)
 if TYPE_CHECKING:
+    import numpy as np
+
     Law = str
 else:
     Law = Literal[LAW_NAMES]
@@ -60,8 +60,10 @@ def initial_shear_modulus(law: Law, coefficients: Mapping[str, float], poisson_r
     return RUBBER_LAWS[law].shear_modulus(coefficients)
 
 
-def lame_parameters(young_modulus: np.ndarray, poisson_ratio: np.ndarray) -> np.ndarray:
+def lame_parameters(young_modulus: "np.ndarray", poisson_ratio: "np.ndarray") -> "np.ndarray":
     """Lame's lambda and mu [kPa], shape (count, 2), of isotropic materials given by arrays of shape (count,)."""
+    import numpy as np  # which `taichisoft materials` need not wait for
+
     first = young_modulus * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
     second = young_modulus / (2 * (1 + poisson_ratio))
     return np.column_stack([first, second])

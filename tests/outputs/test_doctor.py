@@ -57,16 +57,19 @@ def test_what_is_missing_is_named_with_the_package_to_install(doctor, monkeypatc
 
 
 def test_what_is_optional_is_no_fault(doctor, monkeypatch):
-    def without_viser(arguments, time_limit):
-        problem = "ModuleNotFoundError: No module named 'viser'" if "import viser" in arguments[-1] else ""
-        return ChildResult(problem, "1.0\n")
+    def without(arguments, time_limit):
+        absent = [module for module in ("gmsh", "viser") if f"import {module}" in arguments[-1]]
+        return ChildResult(f"ModuleNotFoundError: No module named '{absent[0]}'" if absent else "", "1.0\n")
 
-    monkeypatch.setattr(doctor_command, "run_python", without_viser)
+    monkeypatch.setattr(doctor_command, "run_python", without)
     answer = doctor()
     assert answer.exit_code == 0
-    assert (
-        "without viser       not installed; for `taichisoft run --web`: pip install 'taichisoft[web]'" in answer.output
-    )
+    for line in (
+        "without gmsh        not installed; meshing needs it: pip install taichisoft\n",
+        "without viser       not installed; `taichisoft run --web` needs it: pip install 'taichisoft[web]'\n",
+    ):
+        assert line in answer.output
+    assert "apt-get" not in answer.output, "no library of the system would help"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="EGL and Vulkan are how Linux draws without a display")

@@ -1,14 +1,11 @@
 """Where a page listens: what is valid, what is free, and who needs a token."""
 
-import importlib.util
 import socket
-from pathlib import Path
 
 import pytest
 
 from taichisoft_outputs.web import address as module
 from taichisoft_outputs.web.address import WebError, find_address
-from taichisoft_outputs.web.web_output import WebOutput
 
 
 def test_without_an_address_the_next_free_port_of_this_machine_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,9 +49,3 @@ def test_what_is_no_address_is_refused_with_what_would_be(text: str) -> None:
 def test_an_address_of_another_machine_is_refused() -> None:
     with pytest.raises(WebError, match=r"^address 192\.0\.2\.1:8080: cannot be listened at: "):
         find_address("192.0.2.1:8080")
-
-
-def test_without_viser_the_option_says_what_to_install(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    with pytest.raises(WebError, match=r"pip install 'taichisoft\[web\]'$"):
-        WebOutput(tmp_path)

@@ -6,6 +6,8 @@ from typing import Any
 import pytest
 from studies import PLUGIN, Here
 
+from taichisoft import optional_packages
+from taichisoft.errors import PackageMissing
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_studies.errors import StudyError
@@ -187,3 +189,11 @@ def test_a_search_that_is_wrong_is_told_by_its_key(
     with pytest.raises(StudyError) as refused:
         search_of(tmp_path, **tables)
     assert problem in str(refused.value)
+
+
+def test_a_package_too_large_to_come_along_is_named_with_its_own_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(optional_packages, "find_spec", lambda name: None if name == "torch" else "there")
+    with pytest.raises(PackageMissing, match=r"^sampler = 'gp': needs torch, .* not installed: pip install torch$"):
+        open_study(search_of(tmp_path, sampler="gp"), tmp_path)

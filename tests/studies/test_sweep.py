@@ -19,7 +19,7 @@ from taichisoft.errors import MeshError, PluginError, SceneError
 from taichisoft.plugin_system.plugins import load_plugin
 from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_benchmarks.faults.interrupted_sweep import interrupted_sweep
-from taichisoft_studies import errors, varied_values
+from taichisoft_studies import varied_values
 from taichisoft_studies.errors import StudyError
 from taichisoft_studies.make_run import REASONS, reason
 from taichisoft_studies.results_table import WALL_CLOCK, read_table, result_row, write_table
@@ -314,19 +314,6 @@ def test_the_table_has_parameters_metrics_and_no_time_of_the_machine(tmp_path: P
     assert table["metrics.final_pressures_kPa.left.cavity"].tolist() == [1.0, 1.0, 2.0, 2.0]
     assert not [column for column in table if column.removeprefix("metrics.") in WALL_CLOCK]
     assert all(json.loads((tmp_path / folder / "run.json").read_text()) for folder in table["folder"])
-
-
-def test_a_missing_package_is_one_line_that_says_what_to_install() -> None:
-    with pytest.raises(
-        StudyError, match=r"^taichisoft study sweep: needs no_such_package, .*: pip install 'taichisoft\[studies\]'$"
-    ):
-        errors.require("taichisoft study sweep", "no_such_package")
-
-
-def test_a_package_too_large_to_come_along_is_named_with_its_own_command(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(errors.LARGE, "no_such_torch", errors.LARGE["torch"])
-    with pytest.raises(StudyError, match=r"^sampler = 'gp': needs no_such_torch, .*: pip install torch$"):
-        errors.require("sampler = 'gp'", "no_such_torch")
 
 
 ENDS = """

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from taichisoft.errors import MeshError
+from taichisoft.optional_packages import require
 from taichisoft_meshing.commands import mesh_options
 
 if TYPE_CHECKING:
@@ -46,6 +47,7 @@ def mesh(
     from taichisoft_meshing.mesh_set import prepare, write_output
     from taichisoft_meshing.quality.quality_tables import mesh_tables
 
+    require("taichisoft mesh", "gmsh", "matplotlib")
     if step and surfaces:
         raise MeshError("--step and --surfaces: only one of them can be given")
     if len(files) > 1 and not surfaces:

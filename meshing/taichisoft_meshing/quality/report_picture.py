@@ -11,6 +11,7 @@ import numpy as np
 from taichisoft.atomic_file import atomic_file
 from taichisoft.errors import MeshError
 from taichisoft.meshes import VolumeMesh
+from taichisoft.optional_packages import require
 from taichisoft_meshing.quality.mesh_quality import MeshQuality
 from taichisoft_meshing.quality.mesh_surfaces import SurfaceQuality
 from taichisoft_meshing.quality.quality_limits import QualityLimits
@@ -69,6 +70,7 @@ def draw_report(mesh: VolumeMesh, quality: MeshQuality, limits: QualityLimits, t
     Raises:
         MeshError: the file cannot be written.
     """
+    require("a report's picture", "matplotlib")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

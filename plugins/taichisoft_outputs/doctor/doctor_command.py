@@ -15,6 +15,7 @@ import typer
 
 from taichisoft.cache_folder import cache_folder
 from taichisoft.child_process import last_line, run_python
+from taichisoft.optional_packages import WHOLE, extra
 from taichisoft.terminal_text import say
 from taichisoft_outputs.system_libraries import SYSTEM_LIBRARIES, graphics, install_line, packages_for
 
@@ -48,7 +49,12 @@ PROGRAMS: dict[str, tuple[Sequence[str], str]] = {
 """By what is looked at, the arguments of a Python process whose last line of output is the answer, and the module whose
 system libraries are missing when it fails."""
 
-OPTIONAL = {"viser": "for `taichisoft run --web`: pip install 'taichisoft[web]'"}
+OPTIONAL = {
+    "gmsh": f"meshing needs it: {WHOLE}",
+    "matplotlib": f"plots and reports of meshes need it: {WHOLE}",
+    "open3d": f"pictures need it: {WHOLE}",
+    "viser": f"`taichisoft run --web` needs it: {extra('web')}",
+}
 """Modules that need not be there, with what they are for and how to get them."""
 
 
@@ -127,9 +133,8 @@ def _examine(subject: str, deadline: float = math.inf) -> Finding:
     child = run_python(arguments, _time_left(deadline))
     if not child.problem:
         return Finding(subject, last_line(child.output), True)
-    if subject in OPTIONAL:
-        absent = "not installed" if "No module named" in child.problem else child.problem
-        return Finding(subject, f"{absent}; {OPTIONAL[subject]}", False, needed=False)
+    if module in OPTIONAL and f"No module named '{module}'" in child.problem:
+        return Finding(subject, f"not installed; {OPTIONAL[module]}", False, needed=False)
     if child.problem.startswith(LATE):
         hint = "the check hangs, or the machine is busy: --time-limit 120 waits longer"
         return Finding(subject, f"{LATE} the time limit; {hint}", False)

@@ -7,13 +7,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.scenes import red_green_blue
 
 if TYPE_CHECKING:
     from taichisoft.scenes import Scene
 
 VIEWS = ("iso", "front", "top", "orbit", "follow:BODY")
 COLOURINGS = ("none", "displacement", "stress", "strain")
+FPS = 30.0
+"""Frames per second of a video, unless the user chose another number."""
 TRANSLUCENT = 0.6
 """Opacity of soft bodies whose colours need not be compared with a bar."""
 SMALLEST, LARGEST = 16, 8192
@@ -179,6 +180,8 @@ def _numbers(name: str, values: Sequence[float], count: int) -> tuple[float, ...
 
 def _colour(value: Sequence[float] | str) -> tuple[float, ...]:
     if isinstance(value, str):
+        from taichisoft.scenes import red_green_blue  # which brings pydantic, and --help need not wait for it
+
         try:
             return red_green_blue(f"#{value.removeprefix('#')}")  # in a shell, # may have begun a comment
         except ValueError as error:

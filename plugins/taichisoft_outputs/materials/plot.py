@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.optional_packages import require
 from taichisoft.scenes import Material
 from taichisoft_outputs.materials.nominal_stress import nominal_stress
 from taichisoft_outputs.materials.tension_test import MaterialError, TensionTest
@@ -23,6 +24,7 @@ def draw_materials(
     """
     if path.suffix.lower() not in FORMATS:
         raise MaterialError(f"{path}: a picture must end in {' or '.join(FORMATS)}")
+    require("a plot of materials", "matplotlib")
     import matplotlib
 
     matplotlib.use("Agg")

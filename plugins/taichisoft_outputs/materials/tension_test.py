@@ -6,10 +6,12 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from taichisoft.errors import TaichisoftError
+
+if TYPE_CHECKING:
+    import numpy as np
 
 KPA = {"pa": 1e-3, "kpa": 1.0, "mpa": 1e3, "n/mm^2": 1e3, "n/mm2": 1e3, "n/mm²": 1e3}
 RATIOS = {"": 1.0, "-": 1.0, "1": 1.0, "mm/mm": 1.0, "m/m": 1.0}
@@ -41,8 +43,8 @@ class TensionTest:
     """
 
     source: str
-    stretch: np.ndarray
-    stress: np.ndarray
+    stretch: "np.ndarray"
+    stress: "np.ndarray"
 
     def within(self, lowest_strain: float, highest_stretch: float) -> "TensionTest":
         """The points of these strains.
@@ -125,7 +127,9 @@ def _scale(name: str, units: Mapping[str, float], where: str) -> float:
     return units[found[0]]
 
 
-def _rows(path: Path, lines: list[str], first: int, separator: str, columns: tuple[int, int]) -> np.ndarray:
+def _rows(path: Path, lines: list[str], first: int, separator: str, columns: tuple[int, int]) -> "np.ndarray":
+    import numpy as np  # which `taichisoft materials` need not wait for
+
     read = list(enumerate(csv.reader(lines[first:], delimiter=separator), start=first + 1))
     cells = [row[column] for _, row in read for column in columns if column < len(row)]
     comma = _has_decimal_commas(cells)

@@ -4,12 +4,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
-from rich.progress import track
 
 from taichisoft.terminal_text import say
-from taichisoft_outputs.paraview.export import chosen_frames, export_vtu
-from taichisoft_outputs.recording.reader import read_recording
 
 
 def export(
@@ -21,6 +17,12 @@ def export(
     time: Annotated[list[float] | None, typer.Option(help="The frame nearest to this time \\[s] (repeatable).")] = None,
 ) -> None:
     """Write the frames of a recording for ParaView."""
+    from rich.console import Console  # --help need not wait for any of these
+    from rich.progress import track
+
+    from taichisoft_outputs.paraview.export import chosen_frames, export_vtu
+    from taichisoft_outputs.recording.reader import read_recording
+
     with read_recording(run) as recording:
         frames = chosen_frames(recording, every, time)
         if recording.last_start and not time:

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from taichisoft.optional_packages import require
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
@@ -72,6 +74,7 @@ def pieces(time: np.ndarray) -> list[tuple[int, int]]:
 
 def draw_figure(panels: Sequence[Panel], bodies: Sequence[str]) -> "Figure":
     """A figure with all panels; `bodies` get their colours in this order."""
+    require("a plot", "matplotlib")
     import matplotlib
     from matplotlib.figure import Figure
 

@@ -5,11 +5,7 @@ from typing import Annotated
 
 import typer
 
-from taichisoft.atomic_file import atomic_file
 from taichisoft.terminal_text import say
-from taichisoft_outputs.plots.panels import PANELS
-from taichisoft_outputs.plots.run_plots import FORMATS, PlotError, draw_plots
-from taichisoft_outputs.recording.reader import read_recording
 
 
 def plot(
@@ -17,12 +13,18 @@ def plot(
     output: Annotated[
         Path | None, typer.Option("--output", "-o", help="Folder of the picture  \\[default: RUN's]")
     ] = None,
-    format: Annotated[str, typer.Option(help=f"Format of the picture: {' or '.join(FORMATS)}.")] = "png",
+    format: Annotated[str, typer.Option(help="Format of the picture: png or svg.")] = "png",
     only: Annotated[
-        str | None, typer.Option(metavar="NAMES", help=f"Panels, separated by commas: {', '.join(PANELS)}.")
+        str | None,
+        typer.Option(metavar="NAMES", help="Panels, such as bending,slip; one that is unknown is answered with all."),
     ] = None,
 ) -> None:
     """Plot pressures, tensions, motion, forces and step times of a recording."""
+    from taichisoft.atomic_file import atomic_file  # --help need not wait for any of these
+    from taichisoft_outputs.plots.panels import PANELS
+    from taichisoft_outputs.plots.run_plots import PlotError, draw_plots
+    from taichisoft_outputs.recording.reader import read_recording
+
     names = [name.strip() for name in only.split(",") if name.strip()] if only is not None else None
     if names == []:
         raise PlotError(f"--only names no panel; there are: {', '.join(PANELS)}")

@@ -1,14 +1,15 @@
 """The commands `taichisoft resume` and `taichisoft recording repair`."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from taichisoft.plugin_system import GoalOption, OutputsOption, SpeedOption, requested, takes_run_options
 from taichisoft.terminal_text import say
-from taichisoft_outputs.recording.layout import FILE_NAME, RecordingError
-from taichisoft_outputs.recording.reader import Recording, read_recording
+
+if TYPE_CHECKING:
+    from taichisoft_outputs.recording.reader import Recording
 
 
 @takes_run_options
@@ -38,6 +39,8 @@ def resume(
     it did (scripts of steps, closed loops) begins again.
     """
     from taichisoft.running import RunRequest, run_simulation  # starts Taichi, which --help need not wait for
+    from taichisoft_outputs.recording.layout import FILE_NAME, RecordingError
+    from taichisoft_outputs.recording.reader import read_recording
     from taichisoft_outputs.recording.resume import base_has_moved, recorded_scene, remaining_time, resumed_simulation
 
     asked = requested(context, outputs)
@@ -60,7 +63,7 @@ def resume(
         )
 
 
-def _new_folder(recording: Recording, frame: int) -> Path:
+def _new_folder(recording: "Recording", frame: int) -> Path:
     """A folder beside the recording's, with the time in its name."""
     folder = recording.path.resolve().parent
     return folder.with_name(f"{folder.name}-from-{recording.row('time', frame):.2f}s")

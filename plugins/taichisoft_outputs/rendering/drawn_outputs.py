@@ -5,11 +5,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from taichisoft.session import Output
-from taichisoft_outputs.drawing.style import Style, parse_size
+from taichisoft_outputs.drawing.style import FPS, Style, parse_size
 from taichisoft_outputs.recording.reader import read_recording
 from taichisoft_outputs.recording.recording_output import NeededRecording
-from taichisoft_outputs.rendering.render import RenderError, key_moments, render_pictures
-from taichisoft_outputs.rendering.video import FPS, check_slow_motion, frame_progress, render_video
+from taichisoft_outputs.rendering.render import RenderError, key_moments, render_pictures, require_open3d
+from taichisoft_outputs.rendering.video import check_slow_motion, frame_progress, render_video
 from taichisoft_outputs.rendering.video_file import check_video
 
 if TYPE_CHECKING:
@@ -37,8 +37,10 @@ class DrawnAtEnd(Output):
         """Check that there will be something to draw from.
 
         Raises:
+            PackageMissing: Open3D is not installed.
             RecordingNeeded: this run has no recording.
         """
+        require_open3d()
         self._recording.require(self.name)
 
     def record(self, state: "State", report: "StepReport") -> None:

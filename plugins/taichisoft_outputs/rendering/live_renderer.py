@@ -12,8 +12,7 @@ from taichisoft.plugin_system import Renderer
 from taichisoft.worker import Worker, WorkerLost
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recording.reader import live_values
-from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering.render import FRAME_LIMIT, START_LIMIT, RenderError
+from taichisoft_outputs.rendering.render import FRAME_LIMIT, START_LIMIT, RenderError, require_open3d
 from taichisoft_outputs.system_libraries import install_line, packages_for
 
 if TYPE_CHECKING:
@@ -38,8 +37,10 @@ class LiveRenderer(Renderer):
             camera: a view of `Style`, or the points of eye and target [mm].
 
         Raises:
+            PackageMissing: Open3D is not installed.
             StyleError: the size or the camera is not possible, or follows a body that is not there.
         """
+        require_open3d()
         self._model = model
         self._style = _style(size, camera)
         self._style.check(model.scene)

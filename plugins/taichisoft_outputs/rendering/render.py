@@ -9,6 +9,7 @@ import numpy as np
 from taichisoft.atomic_file import atomic_file, named_os_errors
 from taichisoft.errors import TaichisoftError
 from taichisoft.interruption import deferred_signals
+from taichisoft.optional_packages import require
 from taichisoft.worker import Worker, WorkerLost
 from taichisoft_outputs.base_motion import last_at_rest
 from taichisoft_outputs.drawing.style import Style
@@ -68,6 +69,11 @@ def render_pictures(recording: Path, times: dict[str, float], folder: Path, styl
     return [folder / f"{name}.png" for name in times]
 
 
+def require_open3d() -> None:
+    """Raise PackageMissing unless Open3D is there, without importing it."""
+    require("a picture", "open3d")
+
+
 def key_moments(recording: Recording) -> dict[str, float]:
     """Times [s] of the pictures of a run: before, grasped (the last moment before the base rises), lifted.
 
@@ -99,6 +105,7 @@ def draw_frames(
     Raises:
         RenderError: drawing failed again, or cannot succeed; the message says what to install if that could help.
     """
+    require_open3d()
     start_limit = START_LIMIT + LOOK_LIMIT * len(frames)
     frame_limit = FRAME_LIMIT * max(1.0, style.size[0] * style.size[1] / 1e6)
     done = 0

@@ -3,17 +3,11 @@
 from pathlib import Path
 from typing import Annotated
 
-import rich
 import typer
 
 from taichisoft.errors import TaichisoftError
-from taichisoft.running import warnings_printed_to
 from taichisoft.terminal_text import say
-from taichisoft_outputs.drawing.style import COLOURINGS, VIEWS, Style, parse_point, parse_size
-from taichisoft_outputs.recording.reader import read_recording
-from taichisoft_outputs.rendering.render import key_moments, render_pictures
-from taichisoft_outputs.rendering.video import FPS, check_slow_motion, frame_progress, render_video
-from taichisoft_outputs.rendering.video_file import check_video
+from taichisoft_outputs.drawing.style import COLOURINGS, FPS, VIEWS, Style, parse_point, parse_size
 
 STYLE = Style()
 
@@ -77,6 +71,14 @@ def render(
 
     A run that its user restarted is drawn from its last start.
     """
+    import rich  # --help need not wait for any of these
+
+    from taichisoft.running import warnings_printed_to
+    from taichisoft_outputs.recording.reader import read_recording
+    from taichisoft_outputs.rendering.render import key_moments, render_pictures
+    from taichisoft_outputs.rendering.video import check_slow_motion, frame_progress, render_video
+    from taichisoft_outputs.rendering.video_file import check_video
+
     if eye is not None and view:
         raise TaichisoftError("--eye takes the place of a view; give either --eye or --view")
     views: list[str | None] = list(dict.fromkeys(view)) if view else [None]

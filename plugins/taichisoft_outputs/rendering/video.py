@@ -10,12 +10,10 @@ import rich
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from taichisoft.interruption import deferred_signals
-from taichisoft_outputs.drawing.style import Style
+from taichisoft_outputs.drawing.style import FPS, Style
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.rendering.render import RenderError, draw_frames
 from taichisoft_outputs.rendering.video_file import check_video, open_video
-
-FPS = 30.0
 
 
 def render_video(

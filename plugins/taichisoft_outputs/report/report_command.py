@@ -6,7 +6,6 @@ from typing import Annotated
 import typer
 
 from taichisoft.terminal_text import say
-from taichisoft_outputs.report.report_output import write_report
 
 
 def report(
@@ -16,4 +15,6 @@ def report(
     ] = None,
 ) -> None:
     """Write one page with the pictures in a run's folder, its plots, metrics and scene."""
+    from taichisoft_outputs.report.report_output import write_report  # --help need not wait for it
+
     say(write_report(run, output))

@@ -1,6 +1,5 @@
 """Where a page is served: reading HOST:PORT, finding a free port, and who can reach it."""
 
-import importlib.util
 import ipaddress
 import secrets
 import socket
@@ -17,12 +16,6 @@ VALID = "must look like 127.0.0.1:8080 or [::1]:8080, with a port from 0 to 6553
 
 class WebError(TaichisoftError):
     """A web page cannot be served."""
-
-
-def require_viser() -> None:
-    """Raise WebError, which says what to install, unless viser is there."""
-    if importlib.util.find_spec("viser") is None:
-        raise WebError("a web page needs the package viser, which is not installed; run: pip install 'taichisoft[web]'")
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from taichisoft.optional_packages import extra, require
+
 
 def view(
     run: Annotated[Path, typer.Argument(metavar="RUN.h5", help="Recording of a run, also of one that goes on.")],
@@ -15,9 +17,9 @@ def view(
     ] = None,
 ) -> None:
     """Serve a web page on which a recording is played and scrubbed."""
-    from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address, require_viser
+    from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address
 
-    require_viser()
+    require("a web page", "viser", install=extra("web"))
     from taichisoft_outputs.web.recording_page import RecordingPage
 
     found = find_address(address)

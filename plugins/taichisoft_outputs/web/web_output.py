@@ -4,8 +4,9 @@ import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from taichisoft.optional_packages import extra, require
 from taichisoft.session import Output
-from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address, require_viser
+from taichisoft_outputs.web.address import NOT_ENCRYPTED, find_address
 
 if TYPE_CHECKING:
     from taichisoft.session import Session
@@ -35,7 +36,7 @@ class WebOutput(Output):
         Raises:
             WebError: viser is not installed, or nothing can listen at the address.
         """
-        require_viser()
+        require("a web page", "viser", install=extra("web"))
         self._address = find_address(address)
         self._link: PageLink | None = None
         self.url = ""

@@ -10,6 +10,7 @@ from types import CodeType
 from typing import Any
 
 from taichisoft.errors import SceneError
+from taichisoft.optional_packages import extra, require
 from taichisoft_sofa.tree.python2_marks import is_older, why_python2
 from taichisoft_sofa.tree.python2_names import DIVIDE, OF_STRING, STRING
 
@@ -108,6 +109,9 @@ def _tool(in_package: bool) -> Any:
 
 
 def _converted(path: Path, source: bytes, error: Exception | None, in_package: bool) -> CodeType:
+    # A file that Python 3 does not take may also be a scene in Python 3 with a mistake.
+    mistake = f", line {getattr(error, 'lineno', None) or 1}: not Python 3" if error is not None else ""
+    require(f"{path}{mistake}: a scene in Python 2", "fissix", install=extra("sofa"))
     from fissix.pgen2.parse import ParseError
     from fissix.pgen2.tokenize import TokenError
 

@@ -7,8 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
+from taichisoft.optional_packages import extra, require
 from taichisoft_studies.commands import study_options
-from taichisoft_studies.errors import StudyError, require
+from taichisoft_studies.errors import StudyError
 
 FIT, PICTURE = "fit.json", "fit.png"
 
@@ -25,7 +26,7 @@ def calibrate(
     dashboard: study_options.Dashboard = None,
 ) -> None:
     """Fit parameters to measured curves, with an interval of confidence and a plot of the data over the fit."""
-    require("taichisoft study calibrate", "distributed")
+    require("taichisoft study calibrate", "distributed", install=extra("studies"))
     from rich.console import Console
 
     from taichisoft.atomic_file import atomic_file

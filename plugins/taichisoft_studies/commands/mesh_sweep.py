@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from taichisoft.errors import GoalMissed
+from taichisoft.optional_packages import extra, require
 from taichisoft_meshing.commands import mesh_options
 from taichisoft_studies.commands.study_options import (
     Dashboard,
@@ -16,14 +17,12 @@ from taichisoft_studies.commands.study_options import (
     announced_workers,
     requested_plugins,
 )
-from taichisoft_studies.errors import require
-from taichisoft_studies.study_file import Cluster, Sweep, check_study
-from taichisoft_studies.varied_values import varied
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from taichisoft_studies.mesh_variants import Variant
+    from taichisoft_studies.study_file import Cluster
 
 
 def mesh_sweep(
@@ -54,12 +53,14 @@ def mesh_sweep(
     A variant whose mesh lies there already, of the same inputs, is not meshed again. One command at a time works in a
     folder.
     """
-    require("taichisoft mesh sweep", "distributed")
+    require("taichisoft mesh sweep", "distributed", install=extra("studies"))
     from rich.console import Console  # --help need not wait for any of these
 
     from taichisoft.running import locked_folder, print_line, print_warning
     from taichisoft_meshing.mesh_set import prepare_folder
     from taichisoft_studies.mesh_variants import plan, summary_rows, summary_table, write_summary
+    from taichisoft_studies.study_file import Sweep, check_study
+    from taichisoft_studies.varied_values import varied
 
     tables: dict[str, Any] = {"scene": file, "vary": varied(vary)}
     add_cluster(tables, jobs, scheduler, dashboard)
@@ -83,7 +84,7 @@ def mesh_sweep(
 
 
 def make_variants(
-    console: "Console", variants: "Sequence[Variant]", output: Path, cluster: Cluster, force: bool, time_limit: float
+    console: "Console", variants: "Sequence[Variant]", output: Path, cluster: "Cluster", force: bool, time_limit: float
 ) -> "list[Mapping[str, Any]]":
     """Have every variant meshed into its folder, and show how far that is.
 

@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
 
-import numpy as np
 import typer
 
+from taichisoft.optional_packages import extra, require
 from taichisoft_studies.commands import study_options
-from taichisoft_studies.errors import StudyError, require
+from taichisoft_studies.errors import StudyError
 
 CURVE = "optimisation.png"
 
@@ -23,7 +23,7 @@ def optimise(
     dashboard: study_options.Dashboard = None,
 ) -> None:
     """Search for the best values of keys; started again, also on another machine, it continues the same study."""
-    require("taichisoft study optimise", "distributed", "optuna", "pandas", "pyarrow")
+    require("taichisoft study optimise", "distributed", "optuna", "pandas", "pyarrow", install=extra("studies"))
     from rich.console import Console
 
     from taichisoft.running import print_line
@@ -73,6 +73,7 @@ def optimise(
 
 def _draw_curve(trials: Any, names: list[str], output: Path) -> None:
     """Draw the objective of every trial, and the best so far among the trials that satisfy all constraints."""
+    import numpy as np
     from matplotlib.figure import Figure
     from optuna.study import StudyDirection
 

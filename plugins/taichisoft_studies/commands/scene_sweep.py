@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from taichisoft.errors import GoalMissed
+from taichisoft.optional_packages import extra, require
 from taichisoft_studies.commands import study_options
-from taichisoft_studies.errors import StudyError, require
-from taichisoft_studies.varied_values import varied
+from taichisoft_studies.errors import StudyError
 
 STUDY = "study.toml"
 
@@ -48,7 +48,7 @@ def sweep(
     ] = False,
 ) -> None:
     """Run a scene with many values of its keys; what has ended is not done again, and one that fails stops no other."""
-    require("taichisoft study sweep", "distributed", "pandas", "pyarrow")
+    require("taichisoft study sweep", "distributed", "pandas", "pyarrow", install=extra("studies"))
     from rich.console import Console
 
     from taichisoft.running import print_line
@@ -56,6 +56,7 @@ def sweep(
     from taichisoft_studies.run_folder import COMPLETED, ERROR, finished, read_record
     from taichisoft_studies.study_file import Sweep, check_study, find_study, read_tables
     from taichisoft_studies.sweep_runs import RUNS, forget_unsure, make_missing, sweep_jobs
+    from taichisoft_studies.varied_values import varied
 
     console = Console()
     tables: dict[str, Any] = {"scene": study}

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from taichisoft_studies.errors import StudyError
-from taichisoft_studies.study_file import Cluster
 
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from taichisoft_studies.study_file import Cluster
     from taichisoft_studies.workers import DaskWorkers
 
 
@@ -101,7 +101,7 @@ def load_plugins(study: Any) -> None:
 
 
 @contextmanager
-def announced_workers(console: "Console", cluster: Cluster, tasks: int, folder: Path) -> "Iterator[DaskWorkers]":
+def announced_workers(console: "Console", cluster: "Cluster", tasks: int, folder: Path) -> "Iterator[DaskWorkers]":
     """The workers of a study, see `workers.dask_workers`, with a line about them and warnings about access."""
     from taichisoft.running import print_line, print_warning
     from taichisoft_studies.access import cautions

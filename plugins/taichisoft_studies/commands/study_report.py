@@ -5,8 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
+from taichisoft.optional_packages import extra, require
 from taichisoft.terminal_text import printable, say
-from taichisoft_studies.errors import StudyError, require
+from taichisoft_studies.errors import StudyError
 
 PAGE = "report.html"
 
@@ -23,7 +24,7 @@ def report(
     ] = None,
 ) -> None:
     """Write one page: effect of each parameter, scatter, best runs with pictures, failures."""
-    require("taichisoft study report", "pandas", "pyarrow")
+    require("taichisoft study report", "pandas", "pyarrow", install=extra("studies"))
     from taichisoft.atomic_file import atomic_file
     from taichisoft_studies.analysis import best_runs, figure_columns
     from taichisoft_studies.results_table import read_table

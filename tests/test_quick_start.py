@@ -1,0 +1,48 @@
+"""Commands that list something answer at once: they import little, and what plug-ins provide only when it is used."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from conftest import PATIENCE
+
+from taichisoft.plugin_system import provided
+from taichisoft.plugin_system.hooks import KINDS
+
+SLOW = {"h5py", "matplotlib", "numpy", "scipy", "taichi", "trimesh"}
+CODE = """
+import contextlib, io, sys
+from taichisoft.command_line import main
+
+sys.argv = ["taichisoft", *sys.argv[1:]]
+with contextlib.redirect_stdout(io.StringIO()), contextlib.suppress(SystemExit):
+    main()
+print(*sys.modules)
+"""
+
+
+def imported_by(arguments: list[str], folder: Path) -> set[str]:
+    command = [sys.executable, "-c", CODE, *arguments]
+    done = subprocess.run(
+        command, cwd=folder, env=dict(os.environ), capture_output=True, text=True, check=True, timeout=PATIENCE
+    )
+    return set(done.stdout.split())
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["plugins"], ["materials"]])
+def test_a_command_that_lists_something_imports_nothing_slow(arguments: list[str], tmp_path: Path) -> None:
+    modules = imported_by(arguments, tmp_path)
+    assert "typer" in modules and modules & SLOW == set()
+
+
+def test_the_help_does_not_wait_for_pydantic(tmp_path: Path) -> None:
+    assert "pydantic" not in imported_by(["--help"], tmp_path)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_the_shipped_plugins_provide_can_be_imported(kind: str) -> None:
+    found = provided(kind)
+    for name in found:
+        assert kind in ("run option", "material") or callable(found[name]), name
