@@ -13,7 +13,7 @@ from taichisoft.meshes import VolumeMesh
 from taichisoft.plugin_system import Geometry, hookimpl
 from taichisoft.scenes import Positive, Table
 from taichisoft_meshing import (
-    Base,
+    BasePlane,
     FittedSizes,
     checked,
     meshed_body,
@@ -64,7 +64,7 @@ class Tube(Geometry):
             set_sizes(gmsh, FittedSizes(largest, smallest=largest, curvature=16), [])
             gmsh.model.mesh.generate(3)
             mesh = meshed_body(gmsh, shells_of_solid(occ, solid), str(self.file))  # names "outer" and "cavity"
-        return with_base(mesh, Base(point=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0)))
+        return with_base(mesh, BasePlane(point=(0.0, 0.0, 0.0), normal=(1.0, 0.0, 0.0)))
 
 
 @hookimpl
