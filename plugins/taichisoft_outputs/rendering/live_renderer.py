@@ -12,6 +12,7 @@ from taichisoft.plugin_system import Renderer
 from taichisoft.worker import Worker, WorkerLost
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recording.reader import live_values
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.rendering.render import FRAME_LIMIT, START_LIMIT, RenderError, require_open3d
 from taichisoft_outputs.system_libraries import install_line, packages_for
 
