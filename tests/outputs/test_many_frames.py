@@ -1,11 +1,20 @@
-"""One process draws as many frames as a video has without needing more and more memory."""
+"""A video of any length needs no more than so much memory: a process draws a number of frames, and another goes on."""
 
+from pathlib import Path
+
+import numpy as np
+import pytest
 from bent_gripper import record_gripper
+from conftest import PATIENCE
 
+import taichisoft
 from taichisoft.child_process import run_python
+from taichisoft.worker import Worker
+from taichisoft_outputs.drawing.style import Style
+from taichisoft_outputs.rendering import live_renderer, render
 
-LARGEST_GROWTH = 200.0 / 1000
-"""[MB] a frame: a thousand frames may cost 200 MB."""
+LARGEST_GROWTH = 800.0 / render.FRAMES_PER_PROCESS
+"""[MB] a frame: the frames of a process may cost 800 MB."""
 
 SCRIPT = """
 import resource, sys
@@ -27,8 +36,44 @@ Path(sys.argv[2]).write_text(str((peak() - before) / 40))
 """
 
 
-def test_memory_does_not_grow_with_the_frames(tmp_path):
+def test_memory_does_not_grow_with_the_frames(tmp_path: Path) -> None:
     growth = tmp_path / "growth"  # a file, because the renderer writes to standard output
-    child = run_python(["-c", SCRIPT, str(record_gripper(tmp_path)), str(growth)], 120.0)
+    child = run_python(["-c", SCRIPT, str(record_gripper(tmp_path)), str(growth)], PATIENCE)
     assert not child.problem, child.problem
     assert float(growth.read_text()) < LARGEST_GROWTH
+
+
+@pytest.fixture
+def started(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """The functions of all worker processes, of which each draws two frames."""
+    functions: list[str] = []
+
+    def start(function: str) -> Worker:
+        functions.append(function)
+        return Worker(function)
+
+    for module in (render, live_renderer):
+        monkeypatch.setattr(module, "FRAMES_PER_PROCESS", 2)
+        monkeypatch.setattr(module, "Worker", start)
+    return functions
+
+
+def test_the_next_process_goes_on_with_the_frames(tmp_path: Path, started: list[str]) -> None:
+    """In the same camera, which sees all frames."""
+    recording, style = record_gripper(tmp_path), Style(size=(96, 54))
+    images: list[np.ndarray] = []
+    render.draw_frames(recording, style, [2, 0, 1], images.append, lambda: None)
+    assert started == [render.WORKER] * 2
+    whole: list[np.ndarray] = []
+    render.FRAMES_PER_PROCESS = 3
+    render.draw_frames(recording, style, [2, 0, 1], whole.append, lambda: None)
+    assert started == [render.WORKER] * 3
+    assert np.array_equal(images, whole)
+    assert not np.array_equal(images[0], images[1])
+
+
+def test_the_next_process_goes_on_with_the_pictures(started: list[str]) -> None:
+    simulation = taichisoft.Simulation(taichisoft.load_scene("finger-inflated"))
+    pictures = [simulation.render(size=(96, 54)) for _ in range(3)]
+    assert started == [live_renderer.WORKER] * 2
+    assert np.array_equal(pictures[0], pictures[2])

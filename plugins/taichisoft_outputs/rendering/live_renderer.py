@@ -13,7 +13,13 @@ from taichisoft.worker import Worker, WorkerLost
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recording.reader import live_values
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering.render import FRAME_LIMIT, START_LIMIT, RenderError, require_open3d
+from taichisoft_outputs.rendering.render import (
+    FRAME_LIMIT,
+    FRAMES_PER_PROCESS,
+    START_LIMIT,
+    RenderError,
+    require_open3d,
+)
 from taichisoft_outputs.system_libraries import install_line, packages_for
 
 if TYPE_CHECKING:
@@ -54,6 +60,8 @@ class LiveRenderer(Renderer):
             RenderError: drawing failed twice, or cannot succeed; the message says what to install if that could help.
         """
         problem = ""
+        if self._process is not None and self._process.drawn == FRAMES_PER_PROCESS:
+            self.close()
         for _ in range(2):
             if self._process is None:
                 self._process = _Process(self._model, self._style)
@@ -82,9 +90,15 @@ class LiveRenderer(Renderer):
 
 
 class _Process:
-    """The worker process, and a folder with the recording that describes the model to it."""
+    """The worker process, and a folder with the recording that describes the model to it.
+
+    Attributes:
+        worker: the process.
+        drawn: number of pictures that it has drawn.
+    """
 
     def __init__(self, model: "Model", style: Style):
+        self.drawn = 0
         self._actuators = model.actuators
         self._limit = START_LIMIT + FRAME_LIMIT
         self._next_limit = FRAME_LIMIT * max(1.0, style.size[0] * style.size[1] / 1e6)
@@ -100,6 +114,7 @@ class _Process:
         """The picture of a state with its marks; raises what `Worker.receive` raises."""
         drawn: np.ndarray = self.worker.ask((live_values(state, self._actuators), marks), self._limit)
         self._limit = self._next_limit
+        self.drawn += 1
         return drawn
 
     def end(self) -> None:
