@@ -65,20 +65,20 @@ def test_after_a_crash_a_new_process_goes_on_with_the_frame_where_the_first_stop
 
 
 def test_a_process_that_hangs_is_ended_and_replaced(worker, monkeypatch) -> None:
-    monkeypatch.setattr(render, "FRAME_LIMIT", 0.3)
+    monkeypatch.setattr(render, "FRAME_LIMIT", 3.0)
     started = worker("hang", at=1, times=1)
-    with pytest.warns(UserWarning, match="after 1 of 3 frames: no answer within 0.3 s"):
+    with pytest.warns(UserWarning, match="after 1 of 3 frames: no answer within 3 s"):
         assert draw([7, 8, 9]) == [7, 8, 9]
     assert started.starts() == [0, 1]
     assert not any(is_alive(process) for process in started.processes())
 
 
 def test_the_start_may_take_longer_than_a_frame_but_not_forever(worker, monkeypatch) -> None:
-    monkeypatch.setattr(render, "START_LIMIT", 5.0)
+    monkeypatch.setattr(render, "START_LIMIT", 10.0)
     monkeypatch.setattr(render, "LOOK_LIMIT", 0.5)
-    monkeypatch.setattr(render, "FRAME_LIMIT", 0.1)
+    monkeypatch.setattr(render, "FRAME_LIMIT", 3.0)
     worker("hang", at=0, times=1)
-    with pytest.warns(UserWarning, match="after 0 of 2 frames: no answer within 6.1 s"):
+    with pytest.warns(UserWarning, match="after 0 of 2 frames: no answer within 14 s"):
         draw([1, 2])
 
 

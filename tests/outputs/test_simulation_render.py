@@ -52,6 +52,8 @@ def test_a_picture_that_is_interrupted_is_not_taken_for_the_next_one(taichisoft_
     ended = []
 
     class Interrupted:
+        drawn = 0
+
         def draw(self, state: object, marks: object) -> None:
             raise KeyboardInterrupt
 

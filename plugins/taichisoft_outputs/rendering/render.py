@@ -16,11 +16,11 @@ from taichisoft_outputs.drawing.style import Style
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.system_libraries import install_line, packages_for
 
-START_LIMIT = 60.0
+START_LIMIT = 300.0
 """Time that Open3D has to start on a busy machine [s]; usually it takes 3."""
 LOOK_LIMIT = 0.1
 """Further time for each frame of a recording [s]: all are looked at before the first is drawn."""
-FRAME_LIMIT = 10.0
+FRAME_LIMIT = 60.0
 """Time that a frame of a million pixels may take on a busy machine [s]; usually it takes 0.2."""
 ATTEMPTS = 2
 AHEAD = 2
