@@ -151,7 +151,10 @@ def run_command(
     profile: Annotated[bool, typer.Option("--profile", help="Show the times of the phases of a step.")] = False,
 ) -> None:
     """Simulate a scene and write the results to a folder."""
-    from taichisoft.running.command import RunRequest, run_scene  # imports Taichi, for which --help need not wait
+    import rich
+
+    with rich.get_console().status("starting Taichi"):  # for which --help need not wait
+        from taichisoft.running.command import RunRequest, run_scene
     from taichisoft.session.key_log import KeyReplay
 
     asked = requested(context, outputs)

@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-import sysconfig
 import zipfile
 from pathlib import Path
 
@@ -68,7 +67,7 @@ def environment(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     # Folders reached through a .pth file have their own .pth files ignored: the editable install of the
     # checkout stays out of reach. This comes after pip, which would take that one for the wheel.
     (site_packages,) = folder.glob("lib/python*/site-packages")
-    borrowed = {sysconfig.get_path("purelib"), sysconfig.get_path("platlib")}
+    borrowed = [path for path in sys.path if Path(path).name.endswith("-packages")]
     (site_packages / "borrowed.pth").write_text("\n".join(borrowed))
     return folder
 
@@ -141,6 +140,18 @@ def test_a_third_partys_controller_drives_a_run(
     assert re.search(r"closed after *│ never", shown), shown
     with (tmp_path / "out" / "run.csv").open(encoding="utf-8", newline="") as file:
         assert len(list(csv.DictReader(file))) == 2
+
+
+def test_the_installed_command_runs_and_draws_from_an_empty_folder(
+    environment: Path, falling_cube: Path, tmp_path: Path
+) -> None:
+    """With all packages from the network, and the shipped gripper, it is `.ci/try-packages`."""
+    with falling_cube.open("a", encoding="utf-8") as file:
+        file.write('[controller]\nname = "scripted"\nsettings = { script = "rest" }\n')
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    run(environment / "bin/taichisoft", "run", falling_cube, "--duration", "0.02", "--image", folder=folder)
+    assert {path.name for path in (folder / "out" / "cube").glob("*.png")} == {"before.png", "after.png"}
 
 
 def test_a_third_partys_tests_pass_where_the_plugin_is_installed(environment: Path, project: Path) -> None:

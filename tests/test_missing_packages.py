@@ -3,6 +3,7 @@
 import json
 import os
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -15,7 +16,7 @@ from conftest import PATIENCE
 ROOT = Path(__file__).resolve().parents[1]
 TINY_GRIPPER = ROOT / "taichisoft" / "tiny_gripper" / "scene.toml"
 LEFT_OUT = {
-    "": {"gmsh", "imageio_ffmpeg", "matplotlib", "mpl_toolkits", "open3d"},
+    "": {"gmsh", "imageio_ffmpeg", "matplotlib", "mpl_toolkits", "open3d", "PIL"},
     "gym": {"gymnasium"},
     "sofa": {"fissix"},
     "studies": {"bokeh", "cmaes", "cryptography", "dask_jobqueue", "distributed", "optuna", "pandas", "pyarrow"},
@@ -42,6 +43,7 @@ COMMANDS = {
     "recording plot run/recording.h5": "",
     "materials plot": "",
     "recording report run/recording.h5 -o page.html": None,
+    "doctor --time-limit 300": None,
     "materials": None,
     "plugins": None,
 }
@@ -132,6 +134,17 @@ def test_the_environments_name_their_extra_on_import(python: Path, tmp_path: Pat
     code = "try: import taichisoft_gym\nexcept ImportError as error: print(error)"
     said = run(python, code, tmp_path)
     assert said == "taichisoft_gym: needs gymnasium, which is not installed: pip install 'taichisoft[gym]'\n"
+
+
+def test_the_engine_alone_is_installed_as_documented() -> None:
+    """By the names of distributions: what the command of docs/installing.md names is all but what is left out here."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    distributions = {"PIL": "pillow", "imageio_ffmpeg": "imageio-ffmpeg", "open3d": "open3d"}
+    left_out = {distributions.get(name, name) for name in LEFT_OUT[""]} | {"open3d-cpu"}
+    needed = [one for one in project["dependencies"] if re.split("[<>=;]", one)[0] not in left_out]
+    page = (ROOT / "docs" / "installing.md").read_text(encoding="utf-8")
+    (command,) = re.findall(r"^pip install (.*)\npip install --no-deps taichisoft$", page, re.MULTILINE)
+    assert shlex.split(command) == needed
 
 
 def test_the_packages_left_out_are_those_of_the_extras() -> None:

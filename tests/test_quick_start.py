@@ -1,15 +1,21 @@
 """Commands that list something answer at once: they import little, and what plug-ins provide only when it is used."""
 
+import io
 import os
 import subprocess
 import sys
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from conftest import PATIENCE
+from rich.console import Console
 
 from taichisoft.plugin_system import provided
 from taichisoft.plugin_system.hooks import KINDS
+from taichisoft.running.display import progress_bar
+from taichisoft.runtime import launch
 
 SLOW = {"h5py", "matplotlib", "numpy", "scipy", "taichi", "trimesh"}
 CODE = """
@@ -46,3 +52,13 @@ def test_what_the_shipped_plugins_provide_can_be_imported(kind: str) -> None:
     found = provided(kind)
     for name in found:
         assert kind in ("run option", "material") or callable(found[name]), name
+
+
+def test_the_bar_names_the_kernel_that_a_step_waits_for() -> None:
+    screen = io.StringIO()
+    session: Any = SimpleNamespace(step_count=2)
+    with progress_bar(Console(file=screen, force_terminal=True, width=100), session, "a finger"):
+        (show,) = launch.SHOWING
+        show("factorise")
+        assert "preparing factorise" in screen.getvalue(), "before the compilation, while which nothing is drawn"
+    assert launch.SHOWING == []

@@ -4,7 +4,6 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import trimesh
 
 from taichisoft.scenes.shape_settings import Shaped
 
@@ -54,6 +53,8 @@ class RoundShape:
 
     def triangulated(self) -> tuple[np.ndarray, np.ndarray]:
         """Vertices on the surface [mm], shape (vertex_count, 3), and outward triangles, for pictures and files."""
+        import trimesh  # takes long, and scenes of soft bodies do without
+
         if self.flat:
             made = trimesh.creation.cylinder(self.radius, self.length, sections=SECTIONS)
         elif self.length > 0.0:

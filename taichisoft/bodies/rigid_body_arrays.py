@@ -3,7 +3,6 @@
 from dataclasses import dataclass, field
 
 import numpy as np
-import trimesh
 
 from taichisoft.bodies.closed_form_shapes import RoundShape, round_shape
 from taichisoft.bodies.rotations import quaternion_from_matrix, rotation_from_degrees
@@ -156,6 +155,8 @@ def _mass_properties(
     body: settings.RigidBodySettings, shape: RoundShape | None, vertices: np.ndarray, triangles: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass [kg], centre of mass [mm], shape (3,), and inertia about it [kg mm^2], shape (3, 3)."""
+    import trimesh  # takes long, and scenes of soft bodies do without
+
     if shape is not None:
         mass = body.mass if body.mass is not None else (body.density or 0.0) * shape.volume
         centre, inertia = np.zeros(3), shape.inertia(mass)
@@ -177,6 +178,8 @@ def _surface(
     if shape is not None:
         return shape.triangulated()
     if body.box is not None:
+        import trimesh
+
         box = trimesh.creation.box(extents=body.box)
         return np.array(box.vertices), np.array(box.faces)
     vertices, triangles = read_surface(body.surface or "")

@@ -8,10 +8,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import trimesh
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from taichisoft.bodies.selection import select_elements
 from taichisoft.errors import SceneError
+from taichisoft.meshes.surface import enclosed_volume
 from taichisoft.meshes.thin_walls import ADVICE, TOO_STIFF, share_of_thin_walls
 from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
 from taichisoft.model import Model
@@ -140,7 +142,7 @@ def check_rigid_plausibility(model: Model) -> None:
     for body in model.rigid_bodies:
         key, table = f"rigid_bodies.{body.name}", model.scene.rigid_bodies[body.name]
         _check(f"{key}: its longest side", float(np.ptp(body.vertices, axis=0).max()), SIZE)
-        volume = float(trimesh.Trimesh(body.vertices, body.triangles, process=False).volume)
+        volume = enclosed_volume(body.vertices, body.triangles)
         if table.density is not None:
             _check(f"{key}.density", table.density, DENSITY)
         else:
@@ -189,7 +191,8 @@ def _suggest_unit(value: float, plausible: Plausible) -> Iterator[str]:
 def _piece_count(cells: np.ndarray) -> int:
     """Number of connected parts of a mesh; `cells` are node indices, shape (count, nodes)."""
     pairs = cells[:, [[0, k] for k in range(1, cells.shape[1])]].reshape(-1, 2)
-    labels = trimesh.graph.connected_component_labels(pairs)  # type: ignore[no-untyped-call]
+    graph = coo_matrix((np.ones(len(pairs), dtype=np.int8), pairs.T), shape=(cells.max() + 1,) * 2)
+    labels = connected_components(graph, directed=False)[1]
     return len(np.unique(labels[np.unique(cells)]))
 
 

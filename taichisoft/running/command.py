@@ -22,6 +22,7 @@ from taichisoft.running.live_status import live_status
 from taichisoft.running.loop import INTERRUPTED, run_session
 from taichisoft.running.messages import logged_to, warnings_printed_to
 from taichisoft.running.profile import Profile, profiled
+from taichisoft.runtime.launch import compilations_shown
 from taichisoft.scenes.file import scene_to_toml
 from taichisoft.scenes.scene import Scene
 from taichisoft.session.key_log import KeyReplay
@@ -115,11 +116,11 @@ def run_simulation(
             duration = usual_duration()
         # Before the model, which takes long to prepare, so that a misspelt name or a wrong setting is reported at once.
         outputs = [make_output(output, folder, **settings) for output, settings in request.outputs.items()]
-        status = "preparing the model; the first time on a machine Taichi compiles its kernels"
+        status = "preparing the model"
         with console.status(status), logged_to(console), _errors_in(name):
             simulation = make_simulation()
         if speed is not None:
-            with console.status(status):
+            with console.status(status) as shown, compilations_shown(lambda one: shown.update(f"preparing {one}")):
                 _load_kernels(simulation)
         session = Session(simulation, controller, outputs, duration, folder, speed, request.replay)
         _write_scene(scene, folder)

@@ -13,6 +13,7 @@ from taichisoft.control.controller import Controller
 from taichisoft.plugin_system.failure import plugin_failure
 from taichisoft.running.messages import print_line, print_warning
 from taichisoft.running.profile import REST, TOTAL, Profile
+from taichisoft.runtime.launch import compilations_shown
 from taichisoft.session.output import Output
 from taichisoft.session.pace import KEEPING_UP
 from taichisoft.session.session import Session
@@ -22,7 +23,10 @@ from taichisoft.terminal_text import plain, printable
 
 @contextmanager
 def progress_bar(console: Console, session: Session, title: str) -> Iterator[Callable[[StepReport], None]]:
-    """Show a progress bar; yields the function to call after every step."""
+    """Show a progress bar; yields the function to call after every step.
+
+    While a step waits for a kernel, which takes seconds the first time on a machine, the bar names it.
+    """
     columns = (
         TextColumn("{task.description}", markup=False),
         BarColumn(),
@@ -36,7 +40,9 @@ def progress_bar(console: Console, session: Session, title: str) -> Iterator[Cal
         def show(report: StepReport) -> None:
             progress.update(task, advance=1, state=f"{report.time:.2f} s  {report.contact_count} contacts")
 
-        yield show
+        # Nothing else is drawn while Taichi compiles.
+        with compilations_shown(lambda name: progress.update(task, state=f"preparing {name}", refresh=True)):
+            yield show
 
 
 def warn_if_slow(console: Console, session: Session) -> None:

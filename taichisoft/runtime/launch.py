@@ -14,7 +14,8 @@ is in `taichi_private.py`.
 import ast
 import inspect
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from operator import itemgetter
 from threading import Lock
 from typing import Any
@@ -32,6 +33,7 @@ REMEMBERED = 16
 # Taichi has one program a process, and promises nothing to threads that launch at once.
 LAUNCHING = Lock()
 KERNELS: list["Kernel"] = []
+SHOWING: list[Callable[[str], None]] = []
 
 
 def kernel(function: Callable[..., None]) -> "Kernel":
@@ -53,6 +55,16 @@ def forget(*held: Any) -> None:
     with LAUNCHING:
         for one in KERNELS:
             one.forget(unwanted)
+
+
+@contextmanager
+def compilations_shown(show: Callable[[str], None]) -> Iterator[None]:
+    """Within it, `show` gets the name of every kernel that is about to be compiled, or loaded if it was before."""
+    SHOWING.append(show)
+    try:
+        yield
+    finally:
+        SHOWING.remove(show)
 
 
 class Kernel:
@@ -140,6 +152,9 @@ class Kernel:
                 )
 
     def _compile(self, flat: list[Any]) -> CompiledKernel:
+        with suppress(OSError):  # such as a terminal that was closed
+            for show in SHOWING:
+                show(self.__name__)
         first_process.begin_compilation()
         # Taichi keeps the arguments of the compilation but needs their types alone, so the arrays have no entries.
         alike = [np.empty_like(one[:0]) if isinstance(one, np.ndarray) else one for one in flat]

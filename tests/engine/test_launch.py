@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from taichisoft.runtime import launch, taichi_private
-from taichisoft.runtime.launch import forget, func, kernel
+from taichisoft.runtime.launch import compilations_shown, forget, func, kernel
 from taichisoft.runtime.taichi_private import timed_launches
 from taichisoft.runtime.taichi_start import Scalars, Vectors, ti, vec3
 
@@ -134,3 +134,22 @@ def test_only_the_launch_itself_is_timed(monkeypatch: pytest.MonkeyPatch) -> Non
         add_up(np.ones((4, 3)), 1.0, 0, result)
     add_up(np.ones((4, 3)), 2.0, 0, result)
     assert (clock, seconds, result[0]) == ([2.0], [0.0], 6.0)
+
+
+def test_a_kernel_is_named_before_it_is_compiled_and_only_then() -> None:
+    @kernel
+    def count(result: Scalars):
+        for i in range(result.shape[0]):
+            result[i] = 1.0 * i
+
+    shown, result = [], np.zeros(3)
+
+    def show(name: str) -> None:
+        shown.append((name, result.tolist()))
+        raise BrokenPipeError  # a terminal that was closed does not stop the run
+
+    with compilations_shown(show):
+        count(result)
+        count(result)
+    assert shown == [("count", [0.0, 0.0, 0.0])]
+    assert result.tolist() == [0.0, 1.0, 2.0]

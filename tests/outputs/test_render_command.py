@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 import taichisoft_outputs
 from taichisoft.errors import TaichisoftError
 from taichisoft_outputs.recording.recording_output import RecordingOutput
-from taichisoft_outputs.rendering import render_command
+from taichisoft_outputs.rendering import render as rendering
 from taichisoft_outputs.rendering.render import RenderError
 
 
@@ -76,7 +76,7 @@ def test_each_of_several_views_has_its_own_files(run: Path, tmp_path: Path) -> N
 
 def test_every_choice_of_a_style_has_an_option(run: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     drawn = []
-    monkeypatch.setattr(render_command, "render_pictures", lambda *arguments: drawn.append(arguments[3]) or [])
+    monkeypatch.setattr(rendering, "render_pictures", lambda *arguments: drawn.append(arguments[3]) or [])
     options = {
         "size": ("--size", "64x32"),
         "eye": ("--eye", "300,-200,150.5"),

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from importlib.metadata import metadata
+from importlib.util import find_spec
 from typing import Annotated
 
 import typer
@@ -129,6 +130,8 @@ def _examine(subject: str, deadline: float = math.inf) -> Finding:
     """Run one of PROGRAMS, until a moment of the clock at most."""
     if subject == graphics() and sys.platform != "linux":
         return Finding(subject, "only needed on Linux", True)
+    if subject == graphics() and find_spec("open3d") is None:
+        return Finding(subject, "not needed without open3d", True)
     arguments, module = PROGRAMS[subject]
     child = run_python(arguments, _time_left(deadline))
     if not child.problem:
@@ -138,7 +141,9 @@ def _examine(subject: str, deadline: float = math.inf) -> Finding:
     if child.problem.startswith(LATE):
         hint = "the check hangs, or the machine is busy: --time-limit 120 waits longer"
         return Finding(subject, f"{LATE} the time limit; {hint}", False)
-    return Finding(subject, child.problem, False, tuple(packages_for(child.problem, module) if module else ()))
+    needed = subject != "ffmpeg" or find_spec("imageio_ffmpeg") is not None  # left out where the engine is alone
+    packages = tuple(packages_for(child.problem, module)) if module else ()
+    return Finding(subject, child.problem, False, packages, needed)
 
 
 def _examine_libraries(deadline: float = math.inf) -> Finding:
@@ -148,6 +153,8 @@ def _examine_libraries(deadline: float = math.inf) -> Finding:
     loads = "import ctypes; ctypes.CDLL('{}')".format
     missing = []
     for library in SYSTEM_LIBRARIES:
+        if not any(map(find_spec, library.needed_by)):
+            continue
         limit = min(LIBRARY_TIME_LIMIT, _time_left(deadline))
         problem = run_python(["-c", loads(library.file)], limit).problem if library.file else ""
         if problem.startswith(LATE):

@@ -38,7 +38,10 @@ def resume(
     The run continues to the bit, as long as its controller depends on what it observes alone. One that remembers what
     it did (scripts of steps, closed loops) begins again.
     """
-    from taichisoft.running import RunRequest, run_simulation  # starts Taichi, which --help need not wait for
+    import rich
+
+    with rich.get_console().status("starting Taichi"):  # for which --help need not wait
+        from taichisoft.running import RunRequest, run_simulation
     from taichisoft_outputs.recording.layout import FILE_NAME, RecordingError
     from taichisoft_outputs.recording.reader import read_recording
     from taichisoft_outputs.recording.resume import base_has_moved, recorded_scene, remaining_time, resumed_simulation
