@@ -22,3 +22,4 @@ from .shape_functions import linear_tetrahedra as linear_tetrahedra
 from .soft_body_arrays import SoftBody as SoftBody
 from .strain import Stretches as Stretches
 from .strain import spread as spread
+from .training_range import TrainingRange as TrainingRange

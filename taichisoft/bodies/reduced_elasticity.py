@@ -1,6 +1,7 @@
 """The reduced soft bodies of a model: their modes and chosen domains, and what they add to the system of a step."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -132,9 +133,7 @@ class ReducedElasticity:
         row_count[(self.data.law == HOOKE) & (self.data.volume[:, SHAPE] == 0.0)] = DILATED_ROWS
         counts = [len(part.law) for part in parts]
         body_start = np.cumsum([0, *counts])
-        row_start = [
-            np.cumsum(row_count[a:b]) - row_count[a:b] for a, b in zip(body_start, body_start[1:], strict=False)
-        ]
+        row_start = [np.cumsum(row_count[a:b]) - row_count[a:b] for a, b in pairwise(body_start)]
         self.domains = reduced_domains.ReducedDomains(
             body=np.concatenate(body_of_domain).astype(np.int32),
             body_start=body_start.astype(np.int32),
