@@ -103,7 +103,7 @@ def read_modes(path: Path, key: str) -> Modes:
 
 
 def _number(found: dict[str, np.ndarray], name: str, where: str) -> float | None:
-    return float(_numbers(found, name, (), where)) if name in found else None
+    return _numbers(found, name, (), where).item() if name in found else None
 
 
 def _numbers(found: dict[str, np.ndarray], name: str, shape: tuple[int, ...], where: str) -> np.ndarray:

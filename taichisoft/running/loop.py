@@ -14,8 +14,8 @@ from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import notify
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.strain_watch import StrainWatch
-from taichisoft.running.training_watch import TrainingWatch
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
+from taichisoft.running.training_watch import TrainingWatch
 from taichisoft.session.output import Output
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport

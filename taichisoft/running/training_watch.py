@@ -25,12 +25,12 @@ class TrainingWatch:
         """A line for each reduced body whose validation found more than the tolerance."""
         for body in self._model.soft_bodies:
             modes = body.modes
-            if modes is not None and modes.error is not None and modes.tolerance is not None:
-                if modes.error > modes.tolerance:
-                    yield (
-                        f"soft_bodies.{body.name}.reduced: its error of {100 * modes.error:.2g} % is above the tolerance "
-                        f"of {100 * modes.tolerance:.2g} % that was asked for; more modes, or a wider training"
-                    )
+            if modes is None or modes.error is None or modes.tolerance is None or modes.error <= modes.tolerance:
+                continue
+            yield (
+                f"soft_bodies.{body.name}.reduced: its error of {100 * modes.error:.2g} % is above the tolerance of "
+                f"{100 * modes.tolerance:.2g} % that was asked for; try more modes, or a wider training"
+            )
 
     def complaints(self, state: State) -> Iterator[str]:
         """A line for each body that is beyond its training for the first time."""
