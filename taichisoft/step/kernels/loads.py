@@ -86,12 +86,13 @@ def sum_impulses(
         i = anchors.node[k]
         target = base.turn[0] @ (anchors.position[k] - base.place[0]) + base.place[0] + base.place[1]
         away = nodes.position[i] - target + anchors.lag[i] * nodes.velocity[i]
-        force[i] -= anchors.stiffness[i] * away
+        force[i] = force[i] - anchors.stiffness[i] * away  # in place Taichi would make it an atomic operation
     ti.loop_config(serialize=True)
     for coordinate in range(effort.shape[0]):
         if effort[coordinate] != 0.0:
             for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
-                force[coordinates.entry_node[k]] += effort[coordinate] * gradient.soft[k]
+                i = coordinates.entry_node[k]
+                force[i] = force[i] + effort[coordinate] * gradient.soft[k]
     ti.loop_config(serialize=True)
     for k in range(nodes.loaded.shape[0]):
         i = nodes.loaded[k]
