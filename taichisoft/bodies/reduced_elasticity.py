@@ -257,9 +257,12 @@ class ReducedSystem:
         self.modes = own._replace(axes=own.axes.copy(), origin=own.origin.copy())
         tiles, widths = own.tiles, elasticity.widths
         start = np.cumsum([0, *tiles]).astype(np.int32)
+        position, velocity, total = (aligned(int(start[-1]), TILE) for _ in range(3))
         self._amplitudes = mode_motion.Amplitudes(
             start,
-            *(aligned(int(start[-1]), TILE) for _ in range(3)),
+            position,
+            velocity,
+            total,
             moment=aligned(3 * int(start[-1]), TILE),
             drag=elasticity.drag,
             gravity=np.empty((1, 3)),

@@ -4,7 +4,7 @@ from pathlib import Path
 
 from taichisoft.errors import SceneError
 from taichisoft.scenes.scene import Scene
-from taichisoft.scenes.soft_body import SoftBody
+from taichisoft.scenes.soft_body import SoftBodySettings
 
 SUFFIX = ".npz"
 # Keys in which copies of a body may differ: where they are, how they look, and what is not part of their elasticity.
@@ -51,5 +51,5 @@ def with_reduced_bodies(scene: Scene, folder: Path) -> Scene:
     return scene.model_copy(update={"soft_bodies": bodies})
 
 
-def _is_copy(one: SoftBody, other: SoftBody) -> bool:
+def _is_copy(one: SoftBodySettings, other: SoftBodySettings) -> bool:
     return one.model_dump(exclude=OWN_KEYS) == other.model_dump(exclude=OWN_KEYS)
