@@ -321,6 +321,19 @@ def test_taichis_private_interface_is_used_in_one_file():
     assert users == {ENGINE / "runtime/taichi_private.py"}
 
 
+def test_a_class_has_a_name_of_its_own():
+    """`Cable` is either what a user writes or what is simulated, whichever package it stands in."""
+    files = [path for package in PACKAGES for path in package.rglob("*.py")]
+    names = Counter(
+        node.name
+        for path in files
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.ClassDef)
+    )
+    assert len(names) > 300
+    assert [name for name, count in names.items() if count > 1] == []
+
+
 def test_a_file_of_kernels_has_a_name_of_its_own():
     names = Counter(path.stem for path in ENGINE.rglob("*.py"))
     kernels = [path.stem for path in ENGINE.rglob("*.py") if path.parent.name in ("runtime", "kernels")]

@@ -11,7 +11,7 @@ from taichisoft.errors import SceneError
 from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym.actuation import USUAL_SPEED, Travel
-from taichisoft_gym.channels import Quantity, symmetric
+from taichisoft_gym.channels import ChannelGroup, symmetric
 from taichisoft_gym.grasp import STILL, GripperEnvironment
 from taichisoft_gym.task import Judgement
 
@@ -43,9 +43,9 @@ class Carry(GripperEnvironment):
         reach = distance[1] + 20.0
         super().__init__(Travel((-reach, -reach, 0.0), (reach, reach, 60.0), USUAL_SPEED), scene=scene, **common)
 
-    def _observed(self) -> Sequence[Quantity]:
+    def _observed(self) -> Sequence[ChannelGroup]:
         self._target = np.zeros(2)
-        way = Quantity(
+        way = ChannelGroup(
             symmetric("way to the target", "mm", 200.0, ("right", "front")),
             lambda seen: self._target - self._way(seen)[:2],
         )

@@ -26,7 +26,7 @@ class Channel:
 
 
 @dataclass(frozen=True)
-class Quantity:
+class ChannelGroup:
     """A group of channels with a common reading.
 
     Attributes:

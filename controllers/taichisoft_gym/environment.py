@@ -16,14 +16,14 @@ from taichisoft.scenes import Scene, scene_to_toml
 from taichisoft.state import State
 from taichisoft_gym import pressures
 from taichisoft_gym.actuation import Actuation, Travel, scene_axes
-from taichisoft_gym.channels import Channel, Quantity, box_of, saturated
+from taichisoft_gym.channels import Channel, ChannelGroup, box_of, saturated
 from taichisoft_gym.randomisation import Randomisation
 from taichisoft_gym.task import Judgement, changed_scene
 
 if TYPE_CHECKING:  # these import Taichi, which must not start if only the spaces of an environment are used
     from taichisoft.building import Simulation
     from taichisoft.model import Model
-    from taichisoft_gym.page import Page
+    from taichisoft_gym.page import EnvironmentPage
     from taichisoft_gym.places import FreePlaces
 
 SETTLING_TIME = 0.3
@@ -109,7 +109,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         self.render_mode, self._camera, self._size = render_mode, camera, size
         self._model: Model | None = None  # model of `simulation` before randomisation
         self._places: FreePlaces | None = None
-        self._page: Page | None = None
+        self._page: EnvironmentPage | None = None
         self._shown = 0.0
 
     def reset(
@@ -210,7 +210,7 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         return "target"
 
     @abstractmethod
-    def _observed(self) -> Sequence[Quantity]:
+    def _observed(self) -> Sequence[ChannelGroup]:
         """Observed quantities, in the order of the channels."""
 
     @abstractmethod
@@ -318,9 +318,9 @@ class SoftRobotEnvironment(gymnasium.Env[np.ndarray, np.ndarray]):
         if self.render_mode != "human":
             return
         if self._page is None:
-            from taichisoft_gym.page import Page
+            from taichisoft_gym.page import EnvironmentPage
 
-            self._page = Page(self.simulation)
+            self._page = EnvironmentPage(self.simulation)
         self._page.show(self.simulation)
         time.sleep(max(0.0, self._shown + self._period - time.monotonic()))
         self._shown = time.monotonic()

@@ -10,7 +10,7 @@ from taichisoft.control import Observation
 from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym.actuation import AXES, USUAL_SPEED, Travel
-from taichisoft_gym.channels import Channel, Quantity, symmetric
+from taichisoft_gym.channels import Channel, ChannelGroup, symmetric
 from taichisoft_gym.environment import SoftRobotEnvironment
 from taichisoft_gym.task import Judgement
 
@@ -27,7 +27,7 @@ STICKING = 1.0
 class GripperEnvironment(SoftRobotEnvironment):
     """Base class of tasks with a gripper and an object."""
 
-    def _observed(self) -> Sequence[Quantity]:
+    def _observed(self) -> Sequence[ChannelGroup]:
         self._start = np.zeros(3)
         name, axes = self.object, self._axes
         base = tuple(
@@ -35,10 +35,10 @@ class GripperEnvironment(SoftRobotEnvironment):
             for axis, low, high in zip(AXES, self._travel.low, self._travel.high, strict=True)
         )
         return [
-            Quantity(self._actuation.actuator_channels, self._actuation.read),
-            Quantity(base, lambda seen: axes @ seen.base_translation),
-            Quantity(symmetric("object", "mm", 200.0, AXES), lambda seen: self._way(seen)),
-            Quantity(
+            ChannelGroup(self._actuation.actuator_channels, self._actuation.read),
+            ChannelGroup(base, lambda seen: axes @ seen.base_translation),
+            ChannelGroup(symmetric("object", "mm", 200.0, AXES), lambda seen: self._way(seen)),
+            ChannelGroup(
                 symmetric("object velocity", "mm/s", 1000.0, AXES), lambda seen: axes @ seen.object_velocities[name]
             ),
         ]

@@ -21,7 +21,7 @@ class FromOutside(Controller):
         return Control()
 
 
-class Page:
+class EnvironmentPage:
     """A page in the browser, whose address is printed."""
 
     def __init__(self, simulation: "Simulation"):

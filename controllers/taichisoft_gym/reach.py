@@ -12,7 +12,7 @@ from taichisoft.errors import SceneError
 from taichisoft.scenes import Scene
 from taichisoft.state import State
 from taichisoft_gym.actuation import AXES, Actuation
-from taichisoft_gym.channels import Quantity, symmetric
+from taichisoft_gym.channels import ChannelGroup, symmetric
 from taichisoft_gym.environment import SETTLING_TIME, SoftRobotEnvironment
 from taichisoft_gym.task import Judgement
 
@@ -60,14 +60,16 @@ class Reach(SoftRobotEnvironment):
             return self.fingers[0]
         raise SceneError("this needs a scene with a soft body that has anchors")
 
-    def _observed(self) -> Sequence[Quantity]:
+    def _observed(self) -> Sequence[ChannelGroup]:
         self._target = np.zeros(3)
         finger, axes = self.finger, self._axes
         return [
-            Quantity(self._actuation.actuator_channels, self._actuation.read),
-            Quantity(symmetric("tip", "mm", 200.0, AXES), lambda seen: axes @ seen.tip_positions[finger]),
-            Quantity(symmetric("tip velocity", "mm/s", 1000.0, AXES), lambda seen: axes @ seen.tip_velocities[finger]),
-            Quantity(
+            ChannelGroup(self._actuation.actuator_channels, self._actuation.read),
+            ChannelGroup(symmetric("tip", "mm", 200.0, AXES), lambda seen: axes @ seen.tip_positions[finger]),
+            ChannelGroup(
+                symmetric("tip velocity", "mm/s", 1000.0, AXES), lambda seen: axes @ seen.tip_velocities[finger]
+            ),
+            ChannelGroup(
                 symmetric("way to the target", "mm", 100.0, AXES),
                 lambda seen: axes @ (self._target - seen.tip_positions[finger]),
             ),

@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.spaces import Box, Dict
 from gymnasium.utils import RecordConstructorArgs
 
-from taichisoft_gym.channels import Channel, Quantity, box_of, saturated
+from taichisoft_gym.channels import Channel, ChannelGroup, box_of, saturated
 
 
 class Sensor(gymnasium.ObservationWrapper[np.ndarray, np.ndarray, np.ndarray], RecordConstructorArgs):
@@ -18,7 +18,7 @@ class Sensor(gymnasium.ObservationWrapper[np.ndarray, np.ndarray, np.ndarray], R
         channels: name, unit and range of each number of an observation, the new ones last.
     """
 
-    def __init__(self, env: gymnasium.Env[np.ndarray, np.ndarray], quantity: Quantity, **arguments: Any):
+    def __init__(self, env: gymnasium.Env[np.ndarray, np.ndarray], quantity: ChannelGroup, **arguments: Any):
         RecordConstructorArgs.__init__(self, **arguments)
         super().__init__(env)
         self._quantity, self._space = quantity, box_of(quantity.channels)
@@ -37,7 +37,7 @@ class ContactForces(Sensor):
     def __init__(self, env: Any, highest: float = 5000.0):
         fingers, name = env.get_wrapper_attr("fingers"), env.get_wrapper_attr("object")
         channels = tuple(Channel(f"contact force {finger}", "mN", 0.0, highest) for finger in fingers)
-        read = Quantity(channels, lambda seen: [seen.normal_forces.get((finger, name), 0.0) for finger in fingers])
+        read = ChannelGroup(channels, lambda seen: [seen.normal_forces.get((finger, name), 0.0) for finger in fingers])
         super().__init__(env, read, highest=highest)
 
 
@@ -47,7 +47,7 @@ class Bending(Sensor):
     def __init__(self, env: Any):
         fingers = env.get_wrapper_attr("fingers")
         channels = tuple(Channel(f"bending {finger}", "rad", 0.0, np.pi) for finger in fingers)
-        super().__init__(env, Quantity(channels, lambda seen: [seen.bending_angles[finger] for finger in fingers]))
+        super().__init__(env, ChannelGroup(channels, lambda seen: [seen.bending_angles[finger] for finger in fingers]))
 
 
 class Flows(Sensor):
@@ -56,7 +56,7 @@ class Flows(Sensor):
     def __init__(self, env: Any, highest: float = 200e3):
         cavities = env.get_wrapper_attr("cavities")
         channels = tuple(Channel(f"flow {cavity}", "mm^3/s", -highest, highest) for cavity in cavities)
-        read = Quantity(channels, lambda seen: [seen.flows[cavity] for cavity in cavities])
+        read = ChannelGroup(channels, lambda seen: [seen.flows[cavity] for cavity in cavities])
         super().__init__(env, read, highest=highest)
 
 

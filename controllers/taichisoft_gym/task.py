@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from taichisoft.errors import SceneError
-from taichisoft.scenes import RigidBody, Scene, scene_from_dict
+from taichisoft.scenes import RigidBodySettings, Scene, scene_from_dict
 
 
 @dataclass(frozen=True)
@@ -61,5 +61,5 @@ def changed_scene(
 
 def _changed_body(table: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
     """Table of a body with changed keys; a key removes all keys that exclude it."""
-    replaced = {key for keys in RigidBody.alternatives if set(keys) & changes.keys() for key in keys}
+    replaced = {key for keys in RigidBodySettings.alternatives if set(keys) & changes.keys() for key in keys}
     return {**{key: value for key, value in table.items() if key not in replaced}, **changes}

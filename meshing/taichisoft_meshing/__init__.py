@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     from taichisoft.plugin_system import Geometry
     from taichisoft_meshing.bodies.meshed_body import meshed_body, shells_of_solid, with_base
     from taichisoft_meshing.bodies.size_growth import set_sizes
-    from taichisoft_meshing.bodies.tables import Base, FittedSizes
+    from taichisoft_meshing.bodies.tables import BasePlane, FittedSizes
     from taichisoft_meshing.geometry_file import checked
 
-__all__ = ["Base", "FittedSizes", "checked", "meshed_body", "set_sizes", "shells_of_solid", "with_base"]
+__all__ = ["BasePlane", "FittedSizes", "checked", "meshed_body", "set_sizes", "shells_of_solid", "with_base"]
 # Names for geometries of one's own, such as data/plugins/tube.py.
 __getattr__, *_ = lazy_loader.attach(
     __name__,
     submod_attrs={
         "bodies.meshed_body": ["meshed_body", "shells_of_solid", "with_base"],
         "bodies.size_growth": ["set_sizes"],
-        "bodies.tables": ["Base", "FittedSizes"],
+        "bodies.tables": ["BasePlane", "FittedSizes"],
         "geometry_file": ["checked"],
     },
 )

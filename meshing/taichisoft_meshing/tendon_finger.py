@@ -22,7 +22,7 @@ THINNEST = 0.1
 """Least silicone that must remain anywhere [mm]."""
 
 
-class Body(Table):
+class BeamBody(Table):
     """The beam without its notches."""
 
     length: Positive = 90.0
@@ -58,7 +58,7 @@ class Notches(Table):
     """Thickness along y of the silicone that is left at the back [mm]."""
 
 
-class ElementSizes(Table):
+class TendonElementSizes(Table):
     """Sizes of the tetrahedra."""
 
     largest: Positive = 7.0
@@ -72,9 +72,9 @@ class ElementSizes(Table):
 class TendonFingerTable(Table):
     """A geometry file of the kind `tendon_finger`: all tables of a finger, whose values fit together."""
 
-    body: Body = Body()
+    body: BeamBody = BeamBody()
     notches: Notches = Notches()
-    mesh: ElementSizes = ElementSizes()
+    mesh: TendonElementSizes = TendonElementSizes()
 
     @property
     def middles(self) -> list[float]:

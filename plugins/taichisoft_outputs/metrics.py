@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft.actuators import ACTUATOR_KINDS, Measured
+from taichisoft.actuators import ACTUATOR_KINDS, ActuatorFigure
 from taichisoft.atomic_file import atomic_file
 from taichisoft.bodies import Stretches, spread
 from taichisoft.errors import GoalMissed
@@ -281,7 +281,7 @@ class MetricsOutput(Output):
         return shortcomings(self._scene, self._scene.goal, self.metrics, floor_force)
 
 
-def _key(figure: Measured) -> str:
+def _key(figure: ActuatorFigure) -> str:
     """The name of a figure of actuators among the metrics, such as "final_pressures_kPa"."""
     return f"{figure.metric}_{figure.name}s_{figure.unit.replace('^', '')}"
 

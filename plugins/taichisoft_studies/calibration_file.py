@@ -36,7 +36,7 @@ class Parameter(Table):
         return self
 
 
-class Curve(Table):
+class MeasuredCurve(Table):
     """A measured quantity, and its expression in a run."""
 
     column: str
@@ -68,7 +68,7 @@ class Experiment(Table):
     """Rows above this value of `over_column` are left out."""
     shift: Number = 0.0
     """What is added to `over_column`, for data whose clock starts at another moment."""
-    curves: Annotated[tuple[Curve, ...], Field(min_length=1)]
+    curves: Annotated[tuple[MeasuredCurve, ...], Field(min_length=1)]
     """The measured quantities."""
 
 

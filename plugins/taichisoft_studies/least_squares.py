@@ -22,7 +22,7 @@ STEP = 1e-4
 
 
 @dataclass(frozen=True)
-class Fit:
+class CalibrationFit:
     """The result of a calibration.
 
     Attributes:
@@ -48,7 +48,7 @@ def calibrate(
     folder: Path,
     workers: Workers,
     tried: Callable[[Mapping[str, float], float], None],
-) -> Fit:
+) -> CalibrationFit:
     """Find the parameters with the least squares of differences, by trust regions within bounds (Branch et al. 1999).
 
     Derivatives are central finite differences, whose runs are made at the same time. The interval of confidence is
@@ -105,7 +105,7 @@ def calibrate(
     ]
     residual = [np.sqrt((difference**2).mean(axis=1)).tolist() for difference in differences]
     modelled = [one.curves + difference for one, difference in zip(measurements, differences, strict=True)]
-    return Fit(_values(study, found.x), intervals, residual, modelled, evaluations, correlation)
+    return CalibrationFit(_values(study, found.x), intervals, residual, modelled, evaluations, correlation)
 
 
 def _residuals(

@@ -1,8 +1,8 @@
 from .cables import CABLES as CABLES
 from .cavities import CAVITIES as CAVITIES
+from .kind import ActuatorFigure as ActuatorFigure
 from .kind import ActuatorKind as ActuatorKind
 from .kind import Drive as Drive
-from .kind import Measured as Measured
 from .kinds import ACTUATOR_KINDS as ACTUATOR_KINDS
 from .kinds import kind_called as kind_called
 from .kinds import kind_of as kind_of

@@ -40,7 +40,7 @@ class Cable:
     """
 
     name: str
-    settings: settings.Cable
+    settings: settings.CableSettings
     owner: np.ndarray
     nodes: np.ndarray
     weights: np.ndarray
@@ -85,7 +85,7 @@ class Cable:
 def make_cable(
     body: SoftBody,
     name: str,
-    cable: settings.Cable,
+    cable: settings.CableSettings,
     soft: Mapping[str, SoftBody],
     rigid: Mapping[str, tuple[int, RigidBody]],
     obstacles: Mapping[str, Obstacle],

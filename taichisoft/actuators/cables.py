@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.actuators.kind import ActuatorKind, ActuatorSet, Drive, Measured, Room
+from taichisoft.actuators.kind import ActuatorFigure, ActuatorKind, ActuatorSet, Drive, Room
 from taichisoft.actuators.lines import Line
 from taichisoft.bodies.body_geometry import Poses
 from taichisoft.bodies.rotations import matrices_from_quaternions
@@ -134,7 +134,7 @@ class CableShapes:
 
         point_count = len(cables.paths.owner)
         self._cables, self._room, self._kernel = cables, room, kernels.measure
-        self._shapes = kernels.CableShapes(
+        self._shapes = kernels.CableShapeArrays(
             place=cables.place.copy(),
             position=np.empty((point_count, 3)),
             both=np.empty((point_count, 3)),
@@ -206,7 +206,7 @@ CABLES = ActuatorKind(
         more="pull the cables in",
         less="pay the cables out",
     ),
-    value=Measured("cable_length", "mm", observed="cable_lengths", meaning="mean of all cables"),
+    value=ActuatorFigure("cable_length", "mm", observed="cable_lengths", meaning="mean of all cables"),
     imposed="pull_imposed",
     loss="tension_loss",
     drawn="lines",

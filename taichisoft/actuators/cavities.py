@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.actuators.kind import ActuatorKind, ActuatorSet, Drive, Measured, Room
+from taichisoft.actuators.kind import ActuatorFigure, ActuatorKind, ActuatorSet, Drive, Room
 from taichisoft.actuators.limits import limits
 from taichisoft.bodies.body_geometry import Poses
 from taichisoft.meshes import curved_walls
@@ -104,7 +104,7 @@ class CavityVolumes:
 
         self._surfaces, self._curved, self._kernel = cavities.surfaces, cavities.curved, kernels.volumes_and_gradients
         vertex_count = len(cavities.surfaces.vertex_nodes)
-        self._volumes = kernels.CavityVolumes(
+        self._volumes = kernels.CavityVolumeArrays(
             position=np.empty((vertex_count, 3)),
             area_vector=np.empty((vertex_count, 3)),
             volume=room.value,
@@ -148,7 +148,7 @@ CAVITIES = ActuatorKind(
         less="lower the pressure",
     ),
     coordinate=Drive("volume_growth", "mm^3", asked="volume_growth"),
-    value=Measured(
+    value=ActuatorFigure(
         "volume",
         "mm^3",
         observed="volumes",
@@ -158,7 +158,7 @@ CAVITIES = ActuatorKind(
         metric="final",
         plot_factor=1e-3,
     ),
-    rate=Measured(
+    rate=ActuatorFigure(
         "flow",
         "mm^3/s",
         observed="flows",

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Measured:
+class ActuatorFigure:
     """A figure of an actuator that controllers and people see.
 
     Attributes:
@@ -52,7 +52,7 @@ class Measured:
 
 
 @dataclass(frozen=True)
-class Drive(Measured):
+class Drive(ActuatorFigure):
     """A figure by which actuators can be driven: their effort or their coordinate.
 
     Attributes:
@@ -101,11 +101,11 @@ class ActuatorKind:
     plural: str
     effort: Drive
     coordinate: Drive
-    value: Measured
+    value: ActuatorFigure
     imposed: str
     drawn: Literal["walls", "lines"]
     make: "Callable[[Sequence[SoftBody], Sequence[RigidBody], Sequence[Obstacle]], ActuatorSet]"
-    rate: Measured | None = None
+    rate: ActuatorFigure | None = None
     loss: str = ""
     always_driven: bool = False
 
@@ -115,7 +115,7 @@ class ActuatorKind:
         return tuple(drive for drive in (self.coordinate, self.effort) if drive.observed)
 
     @property
-    def measured(self) -> tuple[Measured, ...]:
+    def measured(self) -> tuple[ActuatorFigure, ...]:
         """What an observation shows."""
         some = (self.effort, self.coordinate, self.value, self.rate)
         return tuple(one for one in some if one is not None and one.observed)
@@ -163,7 +163,7 @@ class ActuatorSet(ABC):
         self.compliance: Sequence[np.ndarray] = [np.zeros((1, 1))] * count
 
     @abstractmethod
-    def shapes(self, room: "Room") -> "Shapes":
+    def shapes(self, room: "Room") -> "ActuatorShapes":
         """What measures them, in arrays of all actuators."""
 
     def failure(self, value: np.ndarray) -> tuple[str, str, str] | None:
@@ -194,7 +194,7 @@ class Room:
     node_count: int
 
 
-class Shapes(Protocol):
+class ActuatorShapes(Protocol):
     """Measures the actuators of a kind."""
 
     def update(self, poses: Poses, pull_point: np.ndarray) -> None:

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
-from taichisoft.actuators.kind import ActuatorKind, Room, Shapes
+from taichisoft.actuators.kind import ActuatorKind, ActuatorShapes, Room
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.actuators.limits import UNLIMITED
 from taichisoft.actuators.names import ActuatorNames
@@ -121,7 +121,7 @@ class ActuatorGeometry:
         )
         self.value = actuators.rest_value.copy()
         self.grip = np.zeros(actuators.count)
-        self._shapes: list[Shapes] = []
+        self._shapes: list[ActuatorShapes] = []
         actuator, first = 0, 0
         for one in actuators.sets.values():
             last_actuator, last = actuator + len(one.names), first + int(one.coordinate_start[-1])

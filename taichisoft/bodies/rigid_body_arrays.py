@@ -82,7 +82,7 @@ ROUNDING = 1e-6
 """Relative error of an inertia that was written with a few digits."""
 
 
-def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
+def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
     """Compute a rigid body from its table in the scene.
 
     Raises:
@@ -123,7 +123,7 @@ def make_rigid_body(name: str, body: settings.RigidBody) -> RigidBody:
     )
 
 
-def make_obstacle(name: str, obstacle: settings.Obstacle) -> Obstacle:
+def make_obstacle(name: str, obstacle: settings.ObstacleSettings) -> Obstacle:
     """Compute an obstacle from its table in the scene; its surface need not be closed, but a closed one faces outward.
 
     Raises:
@@ -153,7 +153,7 @@ def make_obstacle(name: str, obstacle: settings.Obstacle) -> Obstacle:
 
 
 def _mass_properties(
-    body: settings.RigidBody, shape: RoundShape | None, vertices: np.ndarray, triangles: np.ndarray
+    body: settings.RigidBodySettings, shape: RoundShape | None, vertices: np.ndarray, triangles: np.ndarray
 ) -> tuple[float, np.ndarray, np.ndarray]:
     """Mass [kg], centre of mass [mm], shape (3,), and inertia about it [kg mm^2], shape (3, 3)."""
     if shape is not None:
@@ -170,7 +170,9 @@ def _mass_properties(
     return mass, centre, inertia
 
 
-def _surface(body: settings.RigidBody | settings.Obstacle, shape: RoundShape | None) -> tuple[np.ndarray, np.ndarray]:
+def _surface(
+    body: settings.RigidBodySettings | settings.ObstacleSettings, shape: RoundShape | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Scaled vertices [mm], shape (vertex_count, 3), and triangles of a body or obstacle with this round shape."""
     if shape is not None:
         return shape.triangulated()

@@ -20,7 +20,7 @@ from taichisoft.meshes.surface_files import read_surface
 from taichisoft.meshes.ten_nodes import linear_parts
 from taichisoft.meshes.volume_mesh import VolumeMesh, boundary_triangles, element_volumes
 from taichisoft.scenes import soft_body as settings
-from taichisoft.scenes.actuators import Cavity as CavitySettings
+from taichisoft.scenes.actuators import CavitySettings
 
 # A surface that follows the mesh may stick out of it by this share of the body's largest extent: a coarse
 # mesh cuts the corners of a fine surface.
@@ -82,7 +82,7 @@ class SoftBody:
     """
 
     name: str
-    settings: settings.SoftBody
+    settings: settings.SoftBodySettings
     mesh: VolumeMesh
     nodes: slice
     rest_position: np.ndarray
@@ -109,7 +109,7 @@ class SoftBody:
 
 
 def make_soft_body(
-    name: str, body: settings.SoftBody, mesh: VolumeMesh, first_node: int, first_material: int
+    name: str, body: settings.SoftBodySettings, mesh: VolumeMesh, first_node: int, first_material: int
 ) -> SoftBody:
     """Compute the arrays of a soft body made of `mesh`; its first node and first material have the numbers given
     in the model.
@@ -153,7 +153,7 @@ def make_soft_body(
     )
 
 
-def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> tuple[ElasticLaws, np.ndarray]:
+def _materials(mesh: VolumeMesh, body: settings.SoftBodySettings, key: str) -> tuple[ElasticLaws, np.ndarray]:
     """The law of each element, and the number of its material: 0 the body's own, from 1 on the regions'."""
     material = np.zeros(len(mesh.elements), dtype=np.int32)
     for index, region in enumerate(body.regions):
@@ -170,14 +170,14 @@ def _make_domains(
     elements: np.ndarray,
     material: np.ndarray,
     laws: ElasticLaws,
-    body: settings.SoftBody,
+    body: settings.SoftBodySettings,
 ) -> IntegrationDomains | None:
     if body.element == "linear" and (laws.kind == HOOKE).all():
         return None
     return ELEMENT_KINDS[body.element].domains(rest_position, elements, material)
 
 
-def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:
+def _node_masses(mesh: VolumeMesh, body: settings.SoftBodySettings) -> np.ndarray:
     node_count = len(mesh.nodes)
     if body.mass is not None:
         return np.full(node_count, body.mass / node_count)
@@ -186,7 +186,7 @@ def _node_masses(mesh: VolumeMesh, body: settings.SoftBody) -> np.ndarray:
     return np.bincount(mesh.elements.ravel(), np.outer(share, part).ravel(), node_count)
 
 
-def _collision_surfaces(mesh: VolumeMesh, body: settings.SoftBody) -> tuple[CollisionSurface, ...]:
+def _collision_surfaces(mesh: VolumeMesh, body: settings.SoftBodySettings) -> tuple[CollisionSurface, ...]:
     """The scene's own surfaces, else the group "outer", else the mesh's boundary; without the walls of cavities.
 
     A boundary that is not closed, such as that of two elements which share an edge alone, is shown as it is where the
@@ -207,7 +207,9 @@ def _collision_surfaces(mesh: VolumeMesh, body: settings.SoftBody) -> tuple[Coll
     return (CollisionSurface(MappedSurface.of_nodes(triangles)),)
 
 
-def _surface_of_file(mesh: VolumeMesh, one: settings.CollisionSurface, body: settings.SoftBody) -> MappedSurface:
+def _surface_of_file(
+    mesh: VolumeMesh, one: settings.CollisionSurfaceSettings, body: settings.SoftBodySettings
+) -> MappedSurface:
     vertices, triangles = read_surface(one.file)
     if one.open and count_open_edges(triangles):
         return _follow(mesh, vertices, triangles, one.file, body)
@@ -225,7 +227,9 @@ def _outermost(vertices: np.ndarray, triangles: np.ndarray, source: str) -> np.n
     return triangles[[encloses[label] for label in part]]
 
 
-def _make_cavity(mesh: VolumeMesh, body: settings.SoftBody, name: str, cavity: CavitySettings, key: str) -> Cavity:
+def _make_cavity(
+    mesh: VolumeMesh, body: settings.SoftBodySettings, name: str, cavity: CavitySettings, key: str
+) -> Cavity:
     if cavity.surface is not None:
         vertices, triangles = read_surface(cavity.surface)
         triangles = closed_outward(vertices, triangles, cavity.surface)
@@ -241,7 +245,7 @@ def _make_cavity(mesh: VolumeMesh, body: settings.SoftBody, name: str, cavity: C
 
 
 def _follow(
-    mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, source: str, body: settings.SoftBody
+    mesh: VolumeMesh, vertices: np.ndarray, triangles: np.ndarray, source: str, body: settings.SoftBodySettings
 ) -> MappedSurface:
     """A surface of its own, embedded in the elements as the body's settings say.
 

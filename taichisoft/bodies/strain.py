@@ -6,7 +6,7 @@ import numpy as np
 
 from taichisoft.bodies.shape_functions import linear_tetrahedra
 from taichisoft.meshes.ten_nodes import linear_parts
-from taichisoft.scenes.soft_body import SoftBody
+from taichisoft.scenes.soft_body import SoftBodySettings
 
 HOOKE_STRETCH = 1.2
 """Stretch up to which Hooke's law does for rubber: pulled to it, its force lies 19 % above the neo-Hookean one of equal
@@ -63,7 +63,7 @@ def spread(stretches: np.ndarray) -> tuple[float, float]:
     return float(stretches.max()), float(np.quantile(stretches, MOST))
 
 
-def valid_stretch(body: SoftBody) -> tuple[float, str]:
+def valid_stretch(body: SoftBodySettings) -> tuple[float, str]:
     """Stretch up to which the law of a body holds [-], infinite where none is known, and what to call the law."""
     if body.law == "hooke":
         return HOOKE_STRETCH, "Hooke's law"

@@ -17,7 +17,7 @@ from taichisoft.meshes.volume_mesh import VolumeMesh, element_volumes
 from taichisoft.model import Model
 from taichisoft.scenes.scene import Scene
 from taichisoft.scenes.shipped import data_folder
-from taichisoft.scenes.soft_body import SoftBody
+from taichisoft.scenes.soft_body import SoftBodySettings
 
 LOGGER = logging.getLogger("taichisoft.building")
 
@@ -100,7 +100,7 @@ def warn_of_thin_walls(scene: Scene, meshes: Mapping[str, VolumeMesh]) -> None:
                 _warn(f"soft_bodies.{name}.mesh: {TOO_STIFF}: {group} ({share:.0%} of the area); {ADVICE}")
 
 
-def _cavity_groups(body: SoftBody) -> list[str]:
+def _cavity_groups(body: SoftBodySettings) -> list[str]:
     return [cavity.group for cavity in body.cavities.values() if cavity.group is not None]
 
 

@@ -8,7 +8,7 @@ from taichisoft.contact.kernels.approach import NodeMotion, move_bodies
 from taichisoft.contact.kernels.box_trees import refit
 from taichisoft.contact.kernels.round_shapes import move_shapes
 from taichisoft.contact.kernels.smooth_surfaces import turn_normals
-from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Poses, move_vertices
+from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, PoseArrays, move_vertices
 from taichisoft.contact.surfaces import ContactSurfaces
 from taichisoft.state import State
 
@@ -36,7 +36,7 @@ class MovingSurfaces:
         self.smooth = surfaces.smooth._replace(normal=surfaces.smooth.local_normal.copy())
         refit(np.arange(surfaces.count, dtype=np.int32), surfaces.trees, self.moved)
         # Reused arrays: a kernel launch with new arrays takes longer than the arithmetic.
-        self._poses = Poses(
+        self._poses = PoseArrays(
             node_position=np.zeros((surfaces.node_count, 3)),
             rigid_position=np.zeros((surfaces.rigid_count, 3)),
             rigid_rotation=np.zeros((surfaces.rigid_count, 3, 3)),

@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.bodies.closed_form_shapes import RoundShape
 from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
-from taichisoft.contact.kernels.round_shapes import SURFACE_PAIR_COLUMNS, MovedShapes, Shapes
+from taichisoft.contact.kernels.round_shapes import SURFACE_PAIR_COLUMNS, MovedShapes, RoundShapes
 from taichisoft.contact.kernels.shape_distance import FACING
 from taichisoft.runtime.taichi_start import STATIC
 from taichisoft.state import State
@@ -59,7 +59,7 @@ def round_parts(first_body: int, rigid: Sequence[RigidBody], obstacles: Sequence
 
 def join_shapes(
     parts: Sequence[RoundPart], surface_pairs: Sequence[tuple[int, int, bool]], shape_pairs: Sequence[tuple[int, int]]
-) -> Shapes:
+) -> RoundShapes:
     """Join shapes in one set of arrays.
 
     Args:
@@ -69,7 +69,7 @@ def join_shapes(
     """
     turns = np.array([part.turn for part in parts]).reshape(-1, 3, 3)
     moves = np.array([part.owner != STATIC and part.collides for part in parts], dtype=bool)
-    return Shapes(
+    return RoundShapes(
         body=np.array([part.body for part in parts], dtype=np.int32),
         owner=np.array([part.owner for part in parts], dtype=np.int32),
         flat=np.array([part.shape.flat for part in parts], dtype=np.int32),
@@ -84,13 +84,13 @@ def join_shapes(
     )
 
 
-def moved_shapes(shapes: Shapes) -> MovedShapes:
+def moved_shapes(shapes: RoundShapes) -> MovedShapes:
     """Arrays of current positions: shapes of obstacles in place, other shapes in body axes."""
     lean = np.repeat(shapes.local_side[:, None], 2, axis=1)
     return MovedShapes(shapes.local_centre.copy(), shapes.local_axis.copy(), shapes.local_side.copy(), lean)
 
 
-def update_lean(shapes: Shapes, there: MovedShapes, state: State) -> None:
+def update_lean(shapes: RoundShapes, there: MovedShapes, state: State) -> None:
     """Align the division of cylinder rims with the load in the step that led to `state`.
 
     On the edge of tipping the load goes through one point of the rim, which must then be a contact. A load near the
@@ -111,7 +111,7 @@ def update_lean(shapes: Shapes, there: MovedShapes, state: State) -> None:
             there.lean[shape, end] = offset / length if clear else there.side[shape]
 
 
-def boxes(shapes: Shapes, there: MovedShapes) -> tuple[np.ndarray, np.ndarray]:
+def boxes(shapes: RoundShapes, there: MovedShapes) -> tuple[np.ndarray, np.ndarray]:
     """Lower and upper corners of the bounding boxes of shapes [mm], each (shape_count, 3)."""
     extent = shapes.half_length[:, None] * np.abs(there.axis) + shapes.radius[:, None]
     return there.centre - extent, there.centre + extent

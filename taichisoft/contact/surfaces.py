@@ -9,7 +9,7 @@ from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
 from taichisoft.bodies.soft_body_arrays import SoftBody
 from taichisoft.contact import bounding_volumes
 from taichisoft.contact.features import find_features, find_round_vertices
-from taichisoft.contact.kernels.round_shapes import SHAPE, SURFACE, Shapes
+from taichisoft.contact.kernels.round_shapes import SHAPE, SURFACE, RoundShapes
 from taichisoft.contact.kernels.surface_vertices import Carriers, Planes, Surfaces
 from taichisoft.contact.shapes import RoundPart, join_shapes, round_parts
 from taichisoft.contact.smooth import find_smooth
@@ -208,7 +208,7 @@ def _join(parts: Sequence[_Part]) -> Surfaces:
     )
 
 
-def _join_shapes(rounds: Sequence[RoundPart], parts: Sequence[_Part]) -> Shapes:
+def _join_shapes(rounds: Sequence[RoundPart], parts: Sequence[_Part]) -> RoundShapes:
     surface_pairs = [
         (number, surface, part.owner == SOFT)
         for number, shape in enumerate(rounds)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators.kind import Measured
+from taichisoft.actuators.kind import ActuatorFigure
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.control.contact_summary import summarise_contacts
@@ -91,7 +91,7 @@ class Observer:
         coordinates, found = actuators.own_coordinates(state), {}
         for kind in ACTUATOR_KINDS:
             names = actuators.names_of(kind)
-            figures: list[tuple[Measured, np.ndarray]] = [
+            figures: list[tuple[ActuatorFigure, np.ndarray]] = [
                 (kind.effort, state.actuator_effort),
                 (kind.coordinate, coordinates),
                 (kind.value, state.actuator_value),

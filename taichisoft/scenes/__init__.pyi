@@ -10,7 +10,7 @@ from .file import scene_to_toml as scene_to_toml
 from .material import Material as Material
 from .material import read_material as read_material
 from .overrides import apply_override as apply_override
-from .rigid_body import RigidBody as RigidBody
+from .rigid_body import RigidBodySettings as RigidBodySettings
 from .scene import Goal as Goal
 from .scene import Scene as Scene
 from .shipped import data_folder as data_folder

@@ -7,7 +7,7 @@ from pydantic import Discriminator, Field, Tag, model_validator
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector, check_order
 
 
-class Cavity(Table):
+class CavitySettings(Table):
     """An air chamber: a closed surface, by a group of the mesh or by a surface file of its own."""
 
     group: str | None = None
@@ -76,7 +76,7 @@ CablePlace = Annotated[
 ]
 
 
-class Cable(Table):
+class CableSettings(Table):
     """A cable (tendon) through points of bodies: pulled in at its first point, attached at the last, free to slide
     through those between."""
 
@@ -126,8 +126,8 @@ class Cable(Table):
 class ActuatorTables(Table):
     """The actuators of a soft body by name: a key for each kind."""
 
-    cavities: dict[Name, Cavity] = {}
-    cables: dict[Name, Cable] = {}
+    cavities: dict[Name, CavitySettings] = {}
+    cables: dict[Name, CableSettings] = {}
 
     @classmethod
     def tables(cls) -> dict[str, type[Table]]:
@@ -138,7 +138,7 @@ class ActuatorTables(Table):
     def _check_actuator_names(self) -> Self:
         known: dict[str, str] = {}
         for key, table in self.tables().items():
-            kind = f"a {table.__name__.lower()}"
+            kind = f"a {table.__name__.removesuffix('Settings').lower()}"
             for name in getattr(self, key):
                 if name in known:
                     raise ValueError(f"{known[name]} and {kind} are both called '{name}'; give one another name")

@@ -10,7 +10,7 @@ from taichisoft.scenes.shapes import SHAPES, Shaped
 from taichisoft.scenes.table import Groups, Positive, Table, Vector
 
 
-class RigidBody(Shaped):
+class RigidBodySettings(Shaped):
     """A rigid object; mass, centre of mass and inertia come from its shape or closed surface unless they are given."""
 
     surface: str | None = None
@@ -49,7 +49,7 @@ class RigidBody(Shaped):
 SHORTEST_NORMAL = 1e-9
 
 
-class Plane(Table):
+class PlaneSettings(Table):
     """An infinite plane, solid on the side that its normal points away from."""
 
     point: Vector
@@ -64,10 +64,10 @@ class Plane(Table):
         return self
 
 
-class Obstacle(Shaped):
+class ObstacleSettings(Shaped):
     """Something that never moves: a plane, or a shape or surface that may be turned and shifted."""
 
-    plane: Plane | None = None
+    plane: PlaneSettings | None = None
     surface: str | None = None
     """Surface file; either this, a shape or plane."""
     scale: Positive = 1.0

@@ -8,8 +8,8 @@ from pydantic import Field, model_validator
 
 from taichisoft.scenes.actuators import ActuatorLimits
 from taichisoft.scenes.colours import Colour
-from taichisoft.scenes.rigid_body import SHORTEST_NORMAL, Obstacle, RigidBody
-from taichisoft.scenes.soft_body import SoftBody
+from taichisoft.scenes.rigid_body import SHORTEST_NORMAL, ObstacleSettings, RigidBodySettings
+from taichisoft.scenes.soft_body import SoftBodySettings
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector
 
 Restitution = Annotated[Number, Field(ge=0.0, le=1.0)]
@@ -110,7 +110,7 @@ class Time(Table):
     """No further linearisation is made where one would move no node by more than this [mm], whatever the step."""
 
 
-class Controller(Table):
+class SceneControllerSettings(Table):
     """Which controller drives the scene, and its settings."""
 
     name: str
@@ -217,14 +217,14 @@ class Scene(Table):
     contact: Contact = Contact()
     base_pivot: Vector | None = None
     """The point about which the base turns [mm]; the mean of the anchored nodes when it is not given."""
-    controller: Controller | None = None
+    controller: SceneControllerSettings | None = None
     limits: Limits = Limits()
     external_forces: list[ExternalForce] = []
     goal: Goal | None = None
     appearance: Appearance = Appearance()
-    soft_bodies: dict[Name, SoftBody] = {}
-    rigid_bodies: dict[Name, RigidBody] = {}
-    obstacles: dict[Name, Obstacle] = {}
+    soft_bodies: dict[Name, SoftBodySettings] = {}
+    rigid_bodies: dict[Name, RigidBodySettings] = {}
+    obstacles: dict[Name, ObstacleSettings] = {}
 
     @property
     def steps_per_control(self) -> int:

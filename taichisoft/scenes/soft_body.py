@@ -128,7 +128,7 @@ class BodyMesh(Table):
         return {key: value for key, value in given.items() if value not in (None, {})}
 
 
-class CollisionSurface(Table):
+class CollisionSurfaceSettings(Table):
     """A surface that touches other bodies; `collision_surface = "FILE"` is short for a single one without groups.
 
     Without any it is the mesh's outer boundary.
@@ -142,7 +142,7 @@ class CollisionSurface(Table):
     """Surfaces that have a group in common do not touch each other; all others do, also two of the same body."""
 
 
-class SoftBody(ActuatorTables):
+class SoftBodySettings(ActuatorTables):
     """A silicone body of corotational finite elements."""
 
     mesh: BodyMesh
@@ -191,7 +191,7 @@ class SoftBody(ActuatorTables):
     points_outside: Literal["refused", "extrapolated"] = "refused"
     """What becomes of points of surface files and cables that lie far outside the mesh: an error, or they follow the
     element that carries them with extrapolated weights, as in SOFA."""
-    collision_surface: list[CollisionSurface] = []
+    collision_surface: list[CollisionSurfaceSettings] = []
     """Surfaces that touch other bodies: the name of a closed surface file that follows the mesh, or a list of tables;
     the mesh's outer boundary when it is not given."""
     collides: bool = True
@@ -243,7 +243,7 @@ class SoftBody(ActuatorTables):
         return self.self_contact or len(self.collision_surface) > 1
 
     @property
-    def materials(self) -> "list[SoftBody | Region]":
+    def materials(self) -> "list[SoftBodySettings | Region]":
         """What has a material: the body itself, then its regions."""
         return [self, *self.regions]
 

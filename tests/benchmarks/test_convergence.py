@@ -9,7 +9,7 @@ from scipy.optimize import brentq
 from taichisoft_benchmarks.case_scenes import tutorial_surfaces
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.studies import convergence
-from taichisoft_benchmarks.studies.convergence import Point, Study
+from taichisoft_benchmarks.studies.convergence import ConvergenceStudy, Point
 from taichisoft_benchmarks.studies.extrapolation import ORDER, limit_of
 from taichisoft_benchmarks.studies.finger_at_rest import bend
 
@@ -76,7 +76,7 @@ def test_the_study_fills_its_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     def measured(sizes, even_sizes, tutorial_meshes, results):
         graded = [point(f"{size:g}", int(50000 / size**2), 1, 56.4 if size == 8 else None) for size in sizes]
         limit = limit_of([p.nodes for p in graded], [p.bend for p in graded])
-        return Study(graded, [point("5 mm", 1860, None)], [point("coarse.vtk", 376, None)], limit)
+        return ConvergenceStudy(graded, [point("5 mm", 1860, None)], [point("coarse.vtk", 376, None)], limit)
 
     monkeypatch.setattr(convergence, "measure_all", measured)
     page = tmp_path / "page.md"

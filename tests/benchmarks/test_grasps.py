@@ -11,7 +11,7 @@ from taichisoft.building.simulation import make_model
 from taichisoft.scenes.file import scene_from_dict
 from taichisoft_benchmarks.errors import BenchmarkError
 from taichisoft_benchmarks.studies import grasp_measure, grasps, settling
-from taichisoft_benchmarks.studies.grasp_measure import Grasp
+from taichisoft_benchmarks.studies.grasp_measure import MeasuredGrasp
 from taichisoft_benchmarks.studies.grasped_objects import AXIS, BOTTOM, OBJECTS
 from taichisoft_benchmarks.studies.grasps import all_grasps
 
@@ -53,7 +53,7 @@ def test_every_grasp_has_a_file_of_its_own() -> None:
     ids=["held", "left behind", "creeps", "squeezed out"],
 )
 def test_what_rises_with_the_base_and_stays_is_held(changed: dict[str, float], held: str) -> None:
-    shown = grasps.grasp_row(Grasp("cube"), {**FIGURES, **changed}).split(" | ")
+    shown = grasps.grasp_row(MeasuredGrasp("cube"), {**FIGURES, **changed}).split(" | ")
     assert shown[5] == held
     assert shown[8:10] == ["3 of 650", "11, 115"]
 
@@ -61,16 +61,16 @@ def test_what_rises_with_the_base_and_stays_is_held(changed: dict[str, float], h
 def test_a_grasp_that_hangs_is_a_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Its process is ended after the time limit, and the table says so in a row as wide as the others."""
     monkeypatch.setattr(grasp_measure, "TIME_LIMIT", 0.01)
-    grasps.measure_all([Grasp("cube")], tmp_path)
+    grasps.measure_all([MeasuredGrasp("cube")], tmp_path)
     (figures,) = grasps.read_all(all_grasps(), tmp_path).values()
     assert figures == {"problem": "no answer within 0.01 s"}
-    lines = grasps.table({Grasp("cube"): figures, Grasp("ball"): FIGURES}).splitlines()
+    lines = grasps.table({MeasuredGrasp("cube"): figures, MeasuredGrasp("ball"): FIGURES}).splitlines()
     assert len({line.count("|") for line in lines}) == 1
 
 
 def test_the_page_is_filled_with_what_was_kept(tmp_path: Path) -> None:
     """`--only none` measures nothing."""
-    (tmp_path / f"{Grasp('torus').name}.json").write_text(json.dumps(FIGURES))
+    (tmp_path / f"{MeasuredGrasp('torus').name}.json").write_text(json.dumps(FIGURES))
     page = tmp_path / "page.md"
     page.write_text("before\n<!-- grasps -->\nold\n<!-- end -->\nafter\n")
     grasps.main(page, only="none", results=tmp_path)
@@ -113,7 +113,7 @@ def test_the_base_rises_by_its_lift_no_faster_than_it_may() -> None:
 )
 def test_what_settles_has_a_time_constant(before: float, last: float, shown: str) -> None:
     """Creep that falls by a factor of e in a second has one of a second; what grows has none."""
-    hold = settling.Hold(Grasp("cube"))
+    hold = settling.Hold(MeasuredGrasp("cube"))
     row = settling.hold_row(hold, [1.0, 0.5, 0.2, 0.1, 0.1, before, last], 0.0).split(" | ")
     assert len(row) == len(settling.HEADINGS)
     assert row[-2] == shown

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from taichisoft.building.simulation import Simulation
-from taichisoft.scenes.scene import Controller, Scene
+from taichisoft.scenes.scene import Scene, SceneControllerSettings
 from taichisoft_benchmarks.cases import RecordingCase, cases_from_dict, read_cases
 from taichisoft_benchmarks.measures import output_costs as outputs
 
@@ -35,7 +35,7 @@ def test_a_recording_is_written_and_measured(taichisoft_scene: Scene) -> None:
     (named,) = cases_from_dict(
         {"a": {"kind": "recording", "title": "", "scene": "", "finger": "", "steps": 4, "pairs": 1}}
     )
-    scene = taichisoft_scene.model_copy(update={"controller": Controller(name="keyboard")})
+    scene = taichisoft_scene.model_copy(update={"controller": SceneControllerSettings(name="keyboard")})
     assert isinstance(named.case, RecordingCase)
     figures = outputs.measure_recording(named.case, scene).figures
     assert min(figures["step_ms"], figures["output_ms"]) > 0.0 and figures["kb_per_step"] > 1.0

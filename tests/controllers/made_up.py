@@ -14,7 +14,7 @@ from taichisoft.control.control import Control
 from taichisoft.control.controller import Controller
 from taichisoft.control.observation import Observation
 from taichisoft.errors import SceneError
-from taichisoft.scenes.actuators import Cable
+from taichisoft.scenes.actuators import CableSettings
 from taichisoft.scenes.scene import Scene
 from taichisoft_controllers.scripted.scripted_controller import scripted_controller
 
@@ -28,7 +28,7 @@ CABLE_LENGTH = 90.0
 class _Actuators(ActuatorNames):
     """Cavities without limits of their own, and cables."""
 
-    def __init__(self, cavities: Sequence[str], cables: Mapping[str, Cable]):
+    def __init__(self, cavities: Sequence[str], cables: Mapping[str, CableSettings]):
         super().__init__({"cavity": cavities, "cable": tuple(cables)})
         free = [limits(None, None)] * len(cavities)
         tensions = [limits(one.lowest_tension, one.highest_tension, UNLIMITED * -one.rod) for one in cables.values()]
@@ -82,12 +82,16 @@ def made_up_model(
         soft_bodies=[SimpleNamespace(name=name) for name in scene.soft_bodies],
         rigid_bodies=[SimpleNamespace(name=name, start_position=np.array([5.0, 0.0, 0.0])) for name in cubes],
         obstacles=[SimpleNamespace(name=name) for name in scene.obstacles],
-        actuators=_Actuators(cavities, {name: Cable(points="points.csv", **keys) for name, keys in cables.items()}),
+        actuators=_Actuators(
+            cavities, {name: CableSettings(points="points.csv", **keys) for name, keys in cables.items()}
+        ),
         cavities=SimpleNamespace(names=tuple(cavities)),
         cables=SimpleNamespace(
             names=tuple(cables),
             all=[
-                SimpleNamespace(name=name, rest_length=CABLE_LENGTH, settings=Cable(points="points.csv", **keys))
+                SimpleNamespace(
+                    name=name, rest_length=CABLE_LENGTH, settings=CableSettings(points="points.csv", **keys)
+                )
                 for name, keys in cables.items()
             ],
         ),

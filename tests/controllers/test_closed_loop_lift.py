@@ -8,7 +8,7 @@ from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
 
-from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_sensing import SensedGrasp
 from taichisoft_controllers.closed_loop.grasp_sequence import LiftProfile
 from taichisoft_controllers.closed_loop.grip_force import GripSetPoint
 
@@ -52,8 +52,8 @@ def test_a_lift_that_waits_comes_to_rest_and_goes_on_from_there() -> None:
     assert rest[-1] == 30.0 and profile.finished
 
 
-def grasp(force: float, slip_speed: float) -> Grasp:
-    return Grasp(0.0, 50.0, force, (), slip_speed, False, 0.0, 0.0)
+def grasp(force: float, slip_speed: float) -> SensedGrasp:
+    return SensedGrasp(0.0, 50.0, force, (), slip_speed, False, 0.0, 0.0)
 
 
 def made(force: float) -> GripSetPoint:

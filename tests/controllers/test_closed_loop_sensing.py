@@ -7,7 +7,7 @@ import pytest
 from made_up import made_up_model
 
 from taichisoft.control.observation import Observation
-from taichisoft_controllers.closed_loop.grasp_sensing import Grasp, GraspSensing
+from taichisoft_controllers.closed_loop.grasp_sensing import GraspSensing, SensedGrasp
 from taichisoft_controllers.drives import PRESSURE, PULL
 
 FINGERS = ("left", "right", "third")
@@ -19,7 +19,9 @@ def sensing() -> GraspSensing:
     return GraspSensing(model, PRESSURE, touch_force=5.0)
 
 
-def sense(made: GraspSensing, normal: list[float], friction: list[float], slip: list[float], **other: Any) -> Grasp:
+def sense(
+    made: GraspSensing, normal: list[float], friction: list[float], slip: list[float], **other: Any
+) -> SensedGrasp:
     """Forces and slip by finger; what is far from the cube is not in an observation at all."""
     near = [index for index, force in enumerate(normal) if force > 0.0]
     by_pair = {

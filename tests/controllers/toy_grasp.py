@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 from taichisoft.errors import ControllerFailed
 from taichisoft_controllers.closed_loop.grasp_actuation import by_pressure
-from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_sensing import SensedGrasp
 from taichisoft_controllers.closed_loop.grasp_sequence import GraspSequence, Phase
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 
@@ -58,11 +58,11 @@ class ToyGrasp:
         self.height += self.speed * time_step
         self.slip_speed = abs(base_speed - self.speed) if self.force > 0.0 else 0.0
 
-    def sense(self, time: float) -> Grasp:
+    def sense(self, time: float) -> SensedGrasp:
         """What the controller is given."""
         missing = () if self.force >= 5.0 else ("finger",)
         slip = self.slip_speed if self.slip_speed > 1e-6 else 0.0
-        return Grasp(
+        return SensedGrasp(
             time=time,
             applied=self.pressure,
             force=self.force,

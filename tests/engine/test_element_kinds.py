@@ -9,11 +9,11 @@ from blocks import make_block
 from taichisoft.bodies.element_kinds import ELEMENT_KINDS
 from taichisoft.meshes.second_order import with_middle_nodes
 from taichisoft.meshes.volume_mesh import element_volumes
-from taichisoft.scenes.soft_body import SoftBody
+from taichisoft.scenes.soft_body import SoftBodySettings
 
 
 def test_scenes_name_all_kinds() -> None:
-    assert get_args(SoftBody.model_fields["element"].annotation) == tuple(ELEMENT_KINDS)
+    assert get_args(SoftBodySettings.model_fields["element"].annotation) == tuple(ELEMENT_KINDS)
 
 
 @pytest.mark.parametrize("name", ELEMENT_KINDS)

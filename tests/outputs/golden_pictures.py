@@ -15,7 +15,7 @@ from PIL import Image
 
 from taichisoft.scenes.scene import Scene
 from taichisoft_outputs.drawing import camera_path, colouring, floor, surface_painter
-from taichisoft_outputs.drawing.camera import Camera
+from taichisoft_outputs.drawing.camera import PictureCamera
 from taichisoft_outputs.drawing.drawer import Drawer
 from taichisoft_outputs.drawing.stage import Stage
 from taichisoft_outputs.drawing.style import Style
@@ -70,9 +70,9 @@ def broken(holder: object, attribute: str, change: Callable) -> Callable:
 def shifted(fit: Callable) -> Callable:
     """A camera that stands where it should not."""
 
-    def fit_shifted(*arguments: object) -> Camera:
+    def fit_shifted(*arguments: object) -> PictureCamera:
         camera = fit(*arguments)
-        return Camera(camera.eye + np.array([0.0, 40.0, 0.0]), camera.target, camera.up)
+        return PictureCamera(camera.eye + np.array([0.0, 40.0, 0.0]), camera.target, camera.up)
 
     return fit_shifted
 

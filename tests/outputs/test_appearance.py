@@ -30,7 +30,7 @@ from taichisoft_outputs.recording.finished_file import user_block
 from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.rendering.render import render_pictures
-from taichisoft_outputs.web.frame import Frame, PageScene
+from taichisoft_outputs.web.frame import PageFrame, PageScene
 from taichisoft_outputs.web.scene_view import COLOURS, SceneView
 
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "outputs.md").read_text(encoding="utf-8")
@@ -201,14 +201,14 @@ def test_colours_that_mean_something_win_over_those_of_bodies(recording: Recordi
     assert moved[finger.name].ndim == 2, "a colour for each vertex"
 
 
-def page_of(scene: Scene) -> tuple[MagicMock, Any, Frame]:
+def page_of(scene: Scene) -> tuple[MagicMock, Any, PageFrame]:
     """A page with a finger, its cavity, a cube and a floor, the server that it is drawn on, and a frame of it."""
     kinds = (("finger", "soft"), ("finger.cavity", "cavity"), ("cube", "rigid"))
     surfaces = [Surface(name, kind, fake_run.CUBE_FACES) for name, kind in kinds]  # type: ignore[arg-type]
     planes = [Plane("floor", np.array([-1.0, 0.0, 0.0]), np.array([1.0, 0.0, 0.0]))]
     points = np.array([[1.0, 2.0, 3.0]])
     plotted, place = np.array([30.0, 0.0, 0.0]), np.vstack([[10.0, 20.0, 30.0], np.eye(3)[[1, 2, 0]]])
-    frame = Frame(0.0, 3 * (fake_run.CUBE,), {}, points, 60.0 * points, plotted, place[None])
+    frame = PageFrame(0.0, 3 * (fake_run.CUBE,), {}, points, 60.0 * points, plotted, place[None])
     server = MagicMock()
     server.scene.add_mesh_simple.side_effect = lambda name, *_, **look: SimpleNamespace(name=name, color=look["color"])
     actuators = ActuatorNames({"cavity": ("finger.cavity",), "cable": ()})

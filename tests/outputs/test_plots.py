@@ -12,7 +12,7 @@ import tiny_run
 from taichisoft.control.observation import Observation
 from taichisoft.errors import GoalMissed
 from taichisoft_outputs.metrics import MetricsOutput
-from taichisoft_outputs.plots.figure import Curve, Panel, draw_figure, pieces
+from taichisoft_outputs.plots.figure import Panel, PlotCurve, draw_figure, pieces
 from taichisoft_outputs.plots.panels import PANELS, TIME_AXIS, RunCurves, expected
 from taichisoft_outputs.plots.run_plots import PlotError, draw_plots
 from taichisoft_outputs.recording.output import RecordingOutput
@@ -41,7 +41,7 @@ def observed(run: tuple[Path, list[Observation]]) -> list[Observation]:
     return run[1]
 
 
-def curves(recording: Recording, panel: str) -> dict[str, Curve]:
+def curves(recording: Recording, panel: str) -> dict[str, PlotCurve]:
     return {curve.label: curve for curve in PANELS[panel](RunCurves(recording)).curves}
 
 
@@ -148,7 +148,7 @@ def test_no_line_runs_back_in_time(recording: Recording) -> None:
 def test_curves_on_each_other_are_drawn_once_with_all_names() -> None:
     """And with a width of each that lets those below be seen."""
     time = np.linspace(0.0, 1.0, 5)
-    same, other = [Curve(name, name, time, time**2, time) for name in "ab"], Curve("c", "c", time, time, time)
+    same, other = [PlotCurve(name, name, time, time**2, time) for name in "ab"], PlotCurve("c", "c", time, time, time)
     axes = draw_figure([Panel("x", "y", [*same, other])], ["a", "b", "c"]).axes[0]
     assert [text.get_text() for text in axes.get_legend().get_texts()] == ["a, b", "c"]
     assert axes.lines[0].get_linewidth() > axes.lines[1].get_linewidth()
@@ -169,7 +169,7 @@ def test_legends_hide_no_curve_and_axes_have_units(recording: Recording) -> None
 
 def test_a_single_frame_is_a_dot() -> None:
     one = np.zeros(1)
-    axes = draw_figure([Panel("x", "y", [Curve("a", "a", one, one, one)])], ["a"]).axes[0]
+    axes = draw_figure([Panel("x", "y", [PlotCurve("a", "a", one, one, one)])], ["a"]).axes[0]
     assert axes.lines[0].get_marker() == "."
 
 

@@ -17,7 +17,7 @@ from taichisoft_outputs.recording.output import RecordingOutput
 from taichisoft_outputs.recording.reader import read_recording
 from taichisoft_outputs.web.address import find_address
 from taichisoft_outputs.web.curves import MOST_POINTS, History, plotted_row
-from taichisoft_outputs.web.frame import Frame
+from taichisoft_outputs.web.frame import PageFrame
 from taichisoft_outputs.web.page_link import page_setup, snapshot
 from taichisoft_outputs.web.page_process import frame_of as live_frame
 from taichisoft_outputs.web.recording_page import Playback
@@ -55,12 +55,12 @@ SCENE = Scene.model_validate(
 )
 
 
-def frame(time: float, height: float = 0.0) -> Frame:
+def frame(time: float, height: float = 0.0) -> PageFrame:
     """A frame of a run with one cavity and one cable, in which the second rigid body is gripped."""
     forces = {("left", "cube"): 3.0, ("cube", "right"): 2.0, ("cube", "floor"): 9.0, ("left", "ball"): 7.0}
     places, nothing = np.array([[99.0, 0.0, 0.0], [height, 0.0, 0.0]]), np.zeros((0, 3))
     plotted = plotted_row(SCENE, [10.0 * time, 400.0 * time], forces, places)
-    return Frame(time, (), {}, nothing, nothing, plotted)
+    return PageFrame(time, (), {}, nothing, nothing, plotted)
 
 
 def test_curves_have_pressures_tensions_forces_of_the_fingers_and_the_height_from_the_first_frame() -> None:

@@ -38,7 +38,7 @@ PRESSURES = "controller.settings.pressure=1:8"
 
 
 @dataclass(frozen=True)
-class Outcome:
+class DisturbedSweep:
     """Outcome of a sweep that was disturbed.
 
     Attributes:
@@ -63,7 +63,7 @@ def interrupted_sweep(
     scene: Path = TINY_GRIPPER,
     values: str = PRESSURES,
     pause: float = 0.0,
-) -> Outcome:
+) -> DisturbedSweep:
     """Make a sweep, kill workers and the command, and start it again.
 
     Args:
@@ -92,7 +92,7 @@ def interrupted_sweep(
     done += _kill_workers(process, disturbed, kills - kills // 2, len(ended), runs, chance)
     complete = process.wait() == 0
     redone = sum(ended[name] != stamp for name, stamp in _ended(disturbed).items() if name in ended)
-    return Outcome(complete and len(_ended(disturbed)) == runs, redone, done, len(ended))
+    return DisturbedSweep(complete and len(_ended(disturbed)) == runs, redone, done, len(ended))
 
 
 def interrupted_runs(runs: int) -> list[str]:

@@ -62,7 +62,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Study:
+class ConvergenceStudy:
     """The measurements of all meshes.
 
     Attributes:
@@ -85,7 +85,7 @@ class Study:
 
 def measure_all(
     sizes: Sequence[float], even_sizes: Sequence[float], tutorial_meshes: Path | None, results: Path
-) -> Study:
+) -> ConvergenceStudy:
     """Mesh, bend, extrapolate; what `results` has of a mesh is not measured again.
 
     Raises:
@@ -109,7 +109,7 @@ def measure_all(
         surfaces = tutorial_surfaces(tutorial_meshes)
         for name in TUTORIAL_MESHES.values():
             tutorial.append(_point(results, name, str(tutorial_meshes / name), **surfaces))
-    return Study(graded, even, tutorial, limit)
+    return ConvergenceStudy(graded, even, tutorial, limit)
 
 
 def _point(results: Path, name: str, mesh: Any, graded: VolumeMesh | None = None, **body: Any) -> Point:
@@ -130,7 +130,7 @@ def _point(results: Path, name: str, mesh: Any, graded: VolumeMesh | None = None
     return point
 
 
-def page_section(study: Study) -> Iterator[str]:
+def page_section(study: ConvergenceStudy) -> Iterator[str]:
     """The study as Markdown: limit and two tables."""
     limit = study.limit
     yield f"Limit: {limit.value:.1f} ± {limit.doubt:.1f} mm from quadratic elements (± when one mesh is left out).\n"
@@ -155,7 +155,7 @@ def page_section(study: Study) -> Iterator[str]:
         yield row([one.name, one.nodes, one.elements, f"{one.bend:.1f}", f"{one.linear_bend:.1f}"])
 
 
-def draw(study: Study, path: Path) -> None:
+def draw(study: ConvergenceStudy, path: Path) -> None:
     """Draw displacement against nodes."""
     limit = study.limit
     with svg_axes(path, (8.4, 3.6)) as axes:

@@ -50,7 +50,7 @@ class FrictionProblem:
         return float(np.linalg.norm(missed) / np.linalg.norm(self.q))
 
 
-class Answer(NamedTuple):
+class MethodResult(NamedTuple):
     """What a method found: natural map [-], sweeps, processor time [s]."""
 
     natural_map: float
@@ -84,17 +84,17 @@ def project_on_cones(values: np.ndarray, friction: np.ndarray) -> np.ndarray:
     return np.column_stack([projected, shrink[:, None] * points[:, 1:]]).reshape(-1)
 
 
-def solve(problem: FrictionProblem) -> Answer:
+def solve(problem: FrictionProblem) -> MethodResult:
     """By the engine's solver, from no impulses."""
     solver = ContactSolver(problem.engine_problem())
     solver.impulse[:] = 0.0
     started = time.process_time()
     solver.solve(TOLERANCE * np.abs(problem.q).max(), MOST_ITERATIONS)
     seconds = time.process_time() - started
-    return Answer(problem.natural_map(solver.impulse), solver.iterations, seconds)
+    return MethodResult(problem.natural_map(solver.impulse), solver.iterations, seconds)
 
 
-def sweep_alone(problem: FrictionProblem) -> Answer:
+def sweep_alone(problem: FrictionProblem) -> MethodResult:
     """By a plain projected Gauss-Seidel, from no impulses."""
     iterate = Iterate(np.zeros(len(problem.q)), np.zeros(len(problem.q)))
     outcome = np.zeros(2)
@@ -103,7 +103,7 @@ def sweep_alone(problem: FrictionProblem) -> Answer:
         problem.engine_problem(), iterate, outcome, TOLERANCE * float(np.abs(problem.q).max()), PLAIN_SWEEPS
     )
     seconds = time.process_time() - started
-    return Answer(problem.natural_map(iterate.impulse), int(outcome[SWEEPS]), seconds)
+    return MethodResult(problem.natural_map(iterate.impulse), int(outcome[SWEEPS]), seconds)
 
 
 def main(folder: Annotated[Path, typer.Argument(help="Folder of .npz files.")]) -> None:

@@ -31,7 +31,7 @@ TIME_LIMIT = 600.0
 
 
 @dataclass(frozen=True)
-class Grasp:
+class MeasuredGrasp:
     """One grasp.
 
     Attributes:
@@ -58,7 +58,7 @@ class Grasp:
         return "-".join([*words, f"{self.mass:g}g", f"{self.pressure:g}kPa", f"{self.friction:g}"])
 
 
-def measure_in_process(grasp: Grasp) -> dict[str, Any]:
+def measure_in_process(grasp: MeasuredGrasp) -> dict[str, Any]:
     """Figures of a grasp, see `measure`; only a `problem`, one line, where there are none."""
     try:
         figures: dict[str, Any] = call_apart(f"{__name__}:measure", grasp, time_limit=TIME_LIMIT)
@@ -67,7 +67,7 @@ def measure_in_process(grasp: Grasp) -> dict[str, Any]:
     return figures
 
 
-def measure(grasp: Grasp) -> dict[str, Any]:
+def measure(grasp: MeasuredGrasp) -> dict[str, Any]:
     """Close the fingers, lift the object, shake it, hold it.
 
     Returns:
@@ -134,7 +134,7 @@ class _Grasped:
         )
 
 
-def scene_of(grasp: Grasp, folder: Path, step: float = 0.01, damping: float | None = None) -> Any:
+def scene_of(grasp: MeasuredGrasp, folder: Path, step: float = 0.01, damping: float | None = None) -> Any:
     """The shipped gripper with other objects, whose base may move as fast as it is asked to.
 
     Args:

@@ -18,7 +18,7 @@ import typer
 
 from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
 from taichisoft_benchmarks.program import run_program
-from taichisoft_benchmarks.studies.grasp_measure import LIFT, Grasp, measure_in_process
+from taichisoft_benchmarks.studies.grasp_measure import LIFT, MeasuredGrasp, measure_in_process
 from taichisoft_benchmarks.studies.grasped_objects import OBJECTS, ROUND
 
 YIELD = 10.0
@@ -46,7 +46,7 @@ PRESSURE_SHARES = {"linear": 1.0, "smoothed": 0.45, "quadratic": 0.45}
 """Pressures over the pressure of linear fingers [-]: on the shipped mesh the others bend 2.3 and 2.4 times as far."""
 
 
-def all_grasps(element: str = "linear") -> list[Grasp]:
+def all_grasps(element: str = "linear") -> list[MeasuredGrasp]:
     """Every object once, round ones also by their exact shape, and a cube and a ball at other settings.
 
     The masses stay where fingers of other elements have less pressure, so that these hold with less to spare.
@@ -54,15 +54,15 @@ def all_grasps(element: str = "linear") -> list[Grasp]:
     grasps = []
     for name in OBJECTS:
         forms = (False, True) if name in ROUND else (False,)
-        grasps += [Grasp(name, exact) for exact in forms]
-    grasps.append(Grasp("cube", mass=12.0, pressure=30.0))  # a ball is out of reach of the fingers then
+        grasps += [MeasuredGrasp(name, exact) for exact in forms]
+    grasps.append(MeasuredGrasp("cube", mass=12.0, pressure=30.0))  # a ball is out of reach of the fingers then
     for name, exact in (("cube", False), ("ball", False), ("ball", True)):
-        grasps += [Grasp(name, exact, **changes) for changes in VARIED]
+        grasps += [MeasuredGrasp(name, exact, **changes) for changes in VARIED]
     share = PRESSURE_SHARES[element]
     return [replace(grasp, element=element, pressure=share * grasp.pressure) for grasp in grasps]
 
 
-def measure_all(grasps: Sequence[Grasp], folder: Path) -> None:
+def measure_all(grasps: Sequence[MeasuredGrasp], folder: Path) -> None:
     """Try grasps one after the other, and keep what was measured."""
     folder.mkdir(parents=True, exist_ok=True)
     for grasp in grasps:
@@ -71,18 +71,18 @@ def measure_all(grasps: Sequence[Grasp], folder: Path) -> None:
         print(f"{grasp.name}: {figures.get('problem') or grasp_row(grasp, figures)}", flush=True)
 
 
-def read_all(grasps: Sequence[Grasp], folder: Path) -> dict[Grasp, dict[str, Any]]:
+def read_all(grasps: Sequence[MeasuredGrasp], folder: Path) -> dict[MeasuredGrasp, dict[str, Any]]:
     """The figures that were kept of these grasps."""
     files = {grasp: folder / f"{grasp.name}.json" for grasp in grasps}
     return {grasp: json.loads(file.read_text(encoding="utf-8")) for grasp, file in files.items() if file.is_file()}
 
 
-def table(measured: Mapping[Grasp, Mapping[str, Any]]) -> str:
+def table(measured: Mapping[MeasuredGrasp, Mapping[str, Any]]) -> str:
     """A table in Markdown, one row a grasp."""
     return "\n".join([heading(HEADINGS), *(grasp_row(grasp, figures) for grasp, figures in measured.items())])
 
 
-def grasp_row(grasp: Grasp, figures: Mapping[str, Any]) -> str:
+def grasp_row(grasp: MeasuredGrasp, figures: Mapping[str, Any]) -> str:
     """The line of a grasp; a problem takes the place of the figures."""
     setting = [f"{grasp.object}{', exact' if grasp.exact else ''}"]
     setting += [f"{value:g}" for value in (grasp.mass, grasp.pressure, grasp.friction)]

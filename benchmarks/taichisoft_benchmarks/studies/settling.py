@@ -17,7 +17,7 @@ import numpy as np
 
 from taichisoft_benchmarks.marked_page import PageOption, fill_section, heading, row
 from taichisoft_benchmarks.program import run_program
-from taichisoft_benchmarks.studies.grasp_measure import SHAKEN_TO, Grasp, control_at, scene_of
+from taichisoft_benchmarks.studies.grasp_measure import SHAKEN_TO, MeasuredGrasp, control_at, scene_of
 
 DAMPING = 0.1
 """Rayleigh's factor of the stiffness of the shipped fingers [s]."""
@@ -35,7 +35,7 @@ HEADINGS = (
 class Hold:
     """A grasp that is held, the time step [s], and Rayleigh's factor of the stiffness of the fingers [s]."""
 
-    grasp: Grasp
+    grasp: MeasuredGrasp
     step: float = 0.01
     damping: float = DAMPING
 
@@ -43,15 +43,15 @@ class Hold:
 def all_holds() -> list[Hold]:
     """Grasps that still move after three seconds at other steps and with less damping, then others' pressures."""
     moving = (
-        Grasp("cube turned by 45 degrees"),
-        Grasp("cube 10 mm off centre"),
-        Grasp("cube", mass=60.0, pressure=100.0),
-        Grasp("cube", mass=100.0, pressure=120.0, friction=1.5),
+        MeasuredGrasp("cube turned by 45 degrees"),
+        MeasuredGrasp("cube 10 mm off centre"),
+        MeasuredGrasp("cube", mass=60.0, pressure=100.0),
+        MeasuredGrasp("cube", mass=100.0, pressure=120.0, friction=1.5),
     )
     changes: tuple[dict[str, float], ...] = ({}, {"step": 0.005}, {"step": 0.0025}, {"damping": DAMPING / 5})
     pressures = (80.0, 90.0, 95.0, 100.0, 105.0, 110.0)
     holds = [Hold(grasp, **change) for grasp in moving for change in changes]
-    return holds + [Hold(Grasp("cube", mass=60.0, pressure=pressure, friction=1.5)) for pressure in pressures]
+    return holds + [Hold(MeasuredGrasp("cube", mass=60.0, pressure=pressure, friction=1.5)) for pressure in pressures]
 
 
 def measure(hold: Hold) -> tuple[list[float], float]:

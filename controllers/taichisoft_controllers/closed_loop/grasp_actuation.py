@@ -18,7 +18,7 @@ PULL_ERROR = 0.01
 
 
 @dataclass(frozen=True)
-class Actuation:
+class GraspActuation:
     """The quantity that closes the fingers, the same for all, with its range and the tuning that belongs to its unit.
 
     Attributes:
@@ -42,19 +42,19 @@ class Actuation:
     rate: float
 
 
-def by_pressure(settings: GraspSettings, lowest: float, highest: float) -> Actuation:
+def by_pressure(settings: GraspSettings, lowest: float, highest: float) -> GraspActuation:
     """Air in cavities, at pressures from `lowest` to `highest` [kPa]."""
     gains = settings.proportional_gain, settings.integral_gain
-    return Actuation(PRESSURE, lowest, highest, ROUND_OFF, settings.approach_rate, *gains, settings.pressure_rate)
+    return GraspActuation(PRESSURE, lowest, highest, ROUND_OFF, settings.approach_rate, *gains, settings.pressure_rate)
 
 
-def by_pull(settings: GraspSettings, lowest: float, highest: float) -> Actuation:
+def by_pull(settings: GraspSettings, lowest: float, highest: float) -> GraspActuation:
     """Cables that are pulled in by `lowest` to `highest` [mm]."""
     gains = settings.pull_proportional_gain, settings.pull_integral_gain
-    return Actuation(PULL, lowest, highest, PULL_ERROR, settings.pull_approach_speed, *gains, settings.pull_speed)
+    return GraspActuation(PULL, lowest, highest, PULL_ERROR, settings.pull_approach_speed, *gains, settings.pull_speed)
 
 
-def actuation_of(model: "Model", settings: GraspSettings) -> Actuation:
+def actuation_of(model: "Model", settings: GraspSettings) -> GraspActuation:
     """The cavities of a model, or its cables without cavities, within the limits of scene, cables and settings.
 
     Raises:

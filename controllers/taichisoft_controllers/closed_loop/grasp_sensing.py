@@ -19,7 +19,7 @@ SLIDING = 0.95
 
 
 @dataclass(frozen=True)
-class Grasp:
+class SensedGrasp:
     """The object between the fingers, as it is sensed.
 
     Attributes:
@@ -74,14 +74,14 @@ class GraspSensing:
         self._most_used = dict.fromkeys(self._pairs, 0.0)
         self._touch_force = touch_force
 
-    def sense(self, observation: Observation, asked: float) -> Grasp:
+    def sense(self, observation: Observation, asked: float) -> SensedGrasp:
         """The grasp in an observation; `asked` is what was asked of the actuators before [kPa] or [mm]."""
         # Bodies that are far apart are not in an observation: nothing presses, nothing slides.
         forces = {finger: observation.normal_forces.get(pair, 0.0) for finger, pair in self._pairs.items()}
         touching = [finger for finger, force in forces.items() if force >= self._touch_force]
         sliding = sum(forces[finger] * self._slip_speed(finger, observation) for finger in touching)
         base_height = float(observation.base_translation @ self.up)
-        return Grasp(
+        return SensedGrasp(
             time=observation.time,
             applied=sum(self._applied(name, observation, asked) for name in self.actuators) / len(self.actuators),
             force=sum(forces.values()),

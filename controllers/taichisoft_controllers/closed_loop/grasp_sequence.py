@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from enum import IntEnum
 
 from taichisoft.errors import ControllerFailed
-from taichisoft_controllers.closed_loop.grasp_actuation import Actuation
-from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_actuation import GraspActuation
+from taichisoft_controllers.closed_loop.grasp_sensing import SensedGrasp
 from taichisoft_controllers.closed_loop.grasp_settings import GraspSettings
 from taichisoft_controllers.closed_loop.grip_force import ForceRegulator, GripSetPoint
 
@@ -45,7 +45,7 @@ class GraspSequence:
         sunk: how far the object is below where the last lift took it up, relative to the base [mm].
     """
 
-    def __init__(self, settings: GraspSettings, object_name: str, actuation: Actuation):
+    def __init__(self, settings: GraspSettings, object_name: str, actuation: GraspActuation):
         """Begin with open fingers.
 
         Args:
@@ -75,7 +75,7 @@ class GraspSequence:
             Phase.RELEASE: self._release,
         }
 
-    def advance(self, grasp: Grasp, elapsed: float) -> None:
+    def advance(self, grasp: SensedGrasp, elapsed: float) -> None:
         """Update what is asked for, `elapsed` [s] after the last time.
 
         Raises:
@@ -83,7 +83,7 @@ class GraspSequence:
         """
         self._advance[self.phase](grasp, elapsed)
 
-    def _approach(self, grasp: Grasp, elapsed: float) -> None:
+    def _approach(self, grasp: SensedGrasp, elapsed: float) -> None:
         """Close until all fingers touch."""
         by = self._actuation
         self.command = min(grasp.applied + by.approach_rate * elapsed, by.highest)
@@ -93,7 +93,7 @@ class GraspSequence:
         elif self._settled(grasp.applied >= by.highest - by.near, grasp):
             self._fail(grasp, f"no contact of {', '.join(grasp.missing)} up to {by.highest:g} {by.drive.unit}")
 
-    def _grip(self, grasp: Grasp, elapsed: float) -> None:
+    def _grip(self, grasp: SensedGrasp, elapsed: float) -> None:
         """Press until the force is there; a raised set point counts as reached at the highest command."""
         self._regulate(grasp, elapsed)
         reached = abs(self.set_point.force - grasp.force) < SETTLED * self.set_point.force
@@ -105,7 +105,7 @@ class GraspSequence:
         else:
             self._fail_if_late(grasp, "the force does not settle")
 
-    def _lift(self, grasp: Grasp, elapsed: float) -> None:
+    def _lift(self, grasp: SensedGrasp, elapsed: float) -> None:
         """Rise, but wait while the object slips; going on as soon as it sticks shows whether it does."""
         slips = self._watch(grasp)
         self._regulate(grasp, elapsed)
@@ -117,7 +117,7 @@ class GraspSequence:
         else:
             self._fail_if_late(grasp, f"'{self._object}' is not lifted")
 
-    def _hold(self, grasp: Grasp, elapsed: float) -> None:
+    def _hold(self, grasp: SensedGrasp, elapsed: float) -> None:
         """Wait until the object has kept its place for long enough."""
         slips = self._watch(grasp)
         self._regulate(grasp, elapsed)
@@ -133,29 +133,29 @@ class GraspSequence:
         else:
             self._fail_if_late(grasp, f"'{self._object}' does not keep its place")
 
-    def _keep_holding(self, grasp: Grasp, elapsed: float) -> None:
+    def _keep_holding(self, grasp: SensedGrasp, elapsed: float) -> None:
         """Go on as in the hold, to the end of the run."""
         self._watch(grasp)
         self._regulate(grasp, elapsed)
 
-    def _lower(self, grasp: Grasp, elapsed: float) -> None:
+    def _lower(self, grasp: SensedGrasp, elapsed: float) -> None:
         """Put the object down where it stood."""
         self._regulate(grasp, elapsed)
         self.height = self._profile.advance(elapsed, waits=False)
         if self._settled(self._profile.finished and not grasp.base_held_back, grasp):
             self._enter(Phase.RELEASE, grasp)
 
-    def _release(self, grasp: Grasp, elapsed: float) -> None:
+    def _release(self, grasp: SensedGrasp, elapsed: float) -> None:
         """Open the fingers."""
         by = self._actuation
         self.command = max(grasp.applied - by.approach_rate * elapsed, by.lowest)
         if self._settled(grasp.applied <= by.lowest + by.near, grasp):
             self._enter(Phase.APPROACH, grasp)
 
-    def _regulate(self, grasp: Grasp, elapsed: float) -> None:
+    def _regulate(self, grasp: SensedGrasp, elapsed: float) -> None:
         self.command = self._regulator.command(self.set_point.force - grasp.force, grasp.applied, elapsed)
 
-    def _watch(self, grasp: Grasp) -> bool:
+    def _watch(self, grasp: SensedGrasp) -> bool:
         """Raise the set point if the lifted object slips; returns whether it does."""
         self.sunk = self._taken_up - grasp.offset
         if self.sunk > self._settings.longest_slip:
@@ -165,13 +165,13 @@ class GraspSequence:
     def _plan_rise(self, rise: float) -> None:
         self._profile = LiftProfile(self.height, self.height + rise, self._settings.lift_time, WAITING_TIME)
 
-    def _restart_hold(self, grasp: Grasp) -> None:
+    def _restart_hold(self, grasp: SensedGrasp) -> None:
         self._held_at, self._held_since = grasp.offset, grasp.time
 
-    def _enter(self, phase: Phase, grasp: Grasp) -> None:
+    def _enter(self, phase: Phase, grasp: SensedGrasp) -> None:
         self.phase, self._phase_begun, self._true_since = phase, grasp.time, None
 
-    def _settled(self, condition: bool, grasp: Grasp) -> bool:
+    def _settled(self, condition: bool, grasp: SensedGrasp) -> bool:
         """Whether the condition that ends the phase has been true for long enough."""
         if not condition:
             self._true_since = None
@@ -179,11 +179,11 @@ class GraspSequence:
             self._true_since = grasp.time
         return self._true_since is not None and grasp.time - self._true_since >= SETTLING_TIME - TIME_ROUND_OFF
 
-    def _fail_if_late(self, grasp: Grasp, what: str) -> None:
+    def _fail_if_late(self, grasp: SensedGrasp, what: str) -> None:
         if grasp.time - self._phase_begun > self._settings.patience + TIME_ROUND_OFF:
             self._fail(grasp, f"{what} within {self._settings.patience:g} s")
 
-    def _fail(self, grasp: Grasp, reason: str) -> None:
+    def _fail(self, grasp: SensedGrasp, reason: str) -> None:
         raise ControllerFailed(
             f"{self.phase.name.lower()} failed at {grasp.time:.2f} s: {reason}; the fingers press with "
             f"{grasp.force:.0f} of {self.set_point.force:.0f} mN at {grasp.applied:.1f} {self._actuation.drive.unit}"

@@ -3,8 +3,8 @@
 import math
 from dataclasses import dataclass
 
-from taichisoft_controllers.closed_loop.grasp_actuation import Actuation
-from taichisoft_controllers.closed_loop.grasp_sensing import Grasp
+from taichisoft_controllers.closed_loop.grasp_actuation import GraspActuation
+from taichisoft_controllers.closed_loop.grasp_sensing import SensedGrasp
 
 
 @dataclass
@@ -28,7 +28,7 @@ class GripSetPoint:
     raised_count: int = 0
     _being_raised: bool = False
 
-    def watch(self, grasp: Grasp, can_follow: bool) -> bool:
+    def watch(self, grasp: SensedGrasp, can_follow: bool) -> bool:
         """Raise the set point if the object slips and the force `can_follow`; returns whether it slips."""
         slips = grasp.slip_speed > self.slip_speed
         enough = self.margin * grasp.force
@@ -55,7 +55,7 @@ class ForceRegulator:
         saturated: whether the last command was the highest one, although the error asked for more.
     """
 
-    actuation: Actuation
+    actuation: GraspActuation
     tracking_time: float
 
     def __post_init__(self) -> None:

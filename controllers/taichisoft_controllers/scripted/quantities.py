@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, Measured
+from taichisoft.actuators import ACTUATOR_KINDS, ActuatorFigure, ActuatorKind
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft_controllers.model_names import actuators_called, called, fingers_called, object_called, pairs_called
@@ -23,7 +23,7 @@ Combine = Callable[[Sequence[float]], float]
 
 
 @dataclass(frozen=True)
-class Kind:
+class QuantityKind:
     """A row of the table of quantities.
 
     Attributes:
@@ -54,7 +54,7 @@ def bind_quantity(quantity: Quantity, model: "Model") -> Reading:
         raise SceneError(f"{quantity}: {error}") from error
 
 
-def _actuators(kind: ActuatorKind, figure: Measured) -> Kind:
+def _actuators(kind: ActuatorKind, figure: ActuatorFigure) -> QuantityKind:
     """The row of a figure of actuators."""
     combine = sum if figure.total else _mean
 
@@ -62,7 +62,7 @@ def _actuators(kind: ActuatorKind, figure: Measured) -> Kind:
         chosen = actuators_called(key, model.actuators.names_of(kind), kind.name)
         return lambda seen, elapsed: combine([getattr(seen, figure.observed)[name] for name in chosen])
 
-    return Kind(figure.unit, figure.meaning, bind, f"finger or {kind.name}")
+    return QuantityKind(figure.unit, figure.meaning, bind, f"finger or {kind.name}")
 
 
 def _fingers(measure: Callable[[Observation, str], float], combine: Combine) -> Bind:
@@ -125,28 +125,34 @@ def _tip_speed(seen: Observation, finger: str) -> float:
 ON_OBJECT = "of the soft bodies on the object"
 FINGER, OBJECT, PAIR, AXIS = "finger", "rigid body", "pair of bodies", "x, y or z"
 
-QUANTITIES: Mapping[str, Kind] = {
-    "time": Kind("s", "time since the run began", lambda model, key: lambda seen, elapsed: seen.time),
-    "elapsed": Kind("s", "time since this step of the script began", lambda model, key: lambda seen, elapsed: elapsed),
-    "contact_force": Kind("mN", f"sum of the normal forces {ON_OBJECT}", _pairs("normal_forces", sum), PAIR),
-    "normal_force": Kind("mN", "another name of `contact_force`", _pairs("normal_forces", sum), PAIR),
-    "friction_force": Kind("mN", f"sum of the amounts of friction {ON_OBJECT}", _pairs("friction_forces", sum), PAIR),
-    "slip_speed": Kind("mm/s", f"fastest sliding {ON_OBJECT}", _pairs("slip_speeds", max), PAIR),
-    "contact_count": Kind("1", f"number of pressing contacts {ON_OBJECT}", _pairs("contact_counts", sum), PAIR),
+QUANTITIES: Mapping[str, QuantityKind] = {
+    "time": QuantityKind("s", "time since the run began", lambda model, key: lambda seen, elapsed: seen.time),
+    "elapsed": QuantityKind(
+        "s", "time since this step of the script began", lambda model, key: lambda seen, elapsed: elapsed
+    ),
+    "contact_force": QuantityKind("mN", f"sum of the normal forces {ON_OBJECT}", _pairs("normal_forces", sum), PAIR),
+    "normal_force": QuantityKind("mN", "another name of `contact_force`", _pairs("normal_forces", sum), PAIR),
+    "friction_force": QuantityKind(
+        "mN", f"sum of the amounts of friction {ON_OBJECT}", _pairs("friction_forces", sum), PAIR
+    ),
+    "slip_speed": QuantityKind("mm/s", f"fastest sliding {ON_OBJECT}", _pairs("slip_speeds", max), PAIR),
+    "contact_count": QuantityKind("1", f"number of pressing contacts {ON_OBJECT}", _pairs("contact_counts", sum), PAIR),
     **{
         figure.name: _actuators(kind, figure)
         for kind in ACTUATOR_KINDS
         for figure in (*kind.drives, kind.value, kind.rate)
         if figure is not None
     },
-    "bending_angle": Kind(
+    "bending_angle": QuantityKind(
         "degrees", "turn of the tip against the base, mean of all fingers", _fingers(_bending_angle, _mean), FINGER
     ),
-    "tip_speed": Kind("mm/s", "speed of the fastest fingertip", _fingers(_tip_speed, max), FINGER),
-    "height": Kind("mm", "coordinate of the object's centre of mass, upwards", _height, OBJECT),
-    "lift": Kind("mm", "height of the object over its height at the start", _lift, OBJECT),
-    "speed": Kind("mm/s", "speed of the object's centre of mass", _speed, OBJECT),
-    "base_translation": Kind("mm", "distance of the base from its rest", _base("base_translation", 1.0), AXIS),
-    "base_rotation": Kind("degrees", "angle of the base's turn", _base("base_rotation", math.degrees(1.0)), AXIS),
+    "tip_speed": QuantityKind("mm/s", "speed of the fastest fingertip", _fingers(_tip_speed, max), FINGER),
+    "height": QuantityKind("mm", "coordinate of the object's centre of mass, upwards", _height, OBJECT),
+    "lift": QuantityKind("mm", "height of the object over its height at the start", _lift, OBJECT),
+    "speed": QuantityKind("mm/s", "speed of the object's centre of mass", _speed, OBJECT),
+    "base_translation": QuantityKind("mm", "distance of the base from its rest", _base("base_translation", 1.0), AXIS),
+    "base_rotation": QuantityKind(
+        "degrees", "angle of the base's turn", _base("base_rotation", math.degrees(1.0)), AXIS
+    ),
 }
 """Quantities by name. "The object" is that of the goal; without a goal it is all rigid bodies, or the only one."""

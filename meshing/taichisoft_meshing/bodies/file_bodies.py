@@ -15,7 +15,7 @@ from taichisoft_meshing.bodies.hollow_body import HollowBody, read_hollow_body
 from taichisoft_meshing.bodies.meshed_body import with_base
 from taichisoft_meshing.bodies.step_mesher import StepSolid, mesh_step, read_step
 from taichisoft_meshing.bodies.surface_mesher import keep_surfaces, remesh_surfaces
-from taichisoft_meshing.bodies.tables import Base, Count, FittedSizes, Sizes, SolidSizes, preset_sizes
+from taichisoft_meshing.bodies.tables import BasePlane, Count, FittedSizes, Sizes, SolidSizes, preset_sizes
 from taichisoft_meshing.bodies.wall_splitting import with_elements_across
 from taichisoft_meshing.curved_sides import CurvedSides, with_curved_sides
 from taichisoft_meshing.geometry_file import CheckedGeometry
@@ -30,7 +30,7 @@ class StepTable(Table):
     """STEP file, beside the TOML; it names its unit itself, and is converted to millimetres."""
     cavities: Count | None = None
     """Number of voids that the body must have; any number when it is not given."""
-    base: Base | None = None
+    base: BasePlane | None = None
     """Triangles of the outside that make the group "base"."""
     mesh: SolidSizes = SolidSizes()
 
@@ -52,7 +52,7 @@ class SurfacesTable(Table):
     """Whether the tetrahedra end at exactly the given triangles; otherwise the surfaces are remeshed."""
     feature_angle: Annotated[float, Field(strict=True, gt=0, lt=180)] = 40.0
     """Angle between two triangles above which their edge stays an edge when the surfaces are remeshed [degrees]."""
-    base: Base | None = None
+    base: BasePlane | None = None
     """Triangles of the outside that make the group "base"."""
     mesh: Sizes = Sizes()
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from taichisoft.errors import MeshError
 from taichisoft.meshes import VolumeMesh, boundary_triangles, element_volumes, enclosed_volume
-from taichisoft_meshing.bodies.tables import Base
+from taichisoft_meshing.bodies.tables import BasePlane
 from taichisoft_meshing.gmsh_session import TRIANGLE, GmshFailure, tetrahedra
 from taichisoft_meshing.quality.mesh_surfaces import cavity_names
 
@@ -56,7 +56,7 @@ def shells_of_solid(occ: Any, solid: int) -> list[list[int]]:
     return [shells.pop(outside), *shells]
 
 
-def with_base(mesh: VolumeMesh, base: Base | None) -> VolumeMesh:
+def with_base(mesh: VolumeMesh, base: BasePlane | None) -> VolumeMesh:
     """The mesh with the part of its outside that `base` selects as the group "base"; unchanged when `base` is None.
 
     Raises:

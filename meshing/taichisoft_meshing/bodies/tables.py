@@ -17,7 +17,7 @@ PRESETS = {"coarse": 12.0, "medium": 24.0, "fine": 48.0}
 """Diagonal of the body over the element size [-]; the tutorial's finger has 600, 2000 and 6000 nodes."""
 
 
-class Base(Table):
+class BasePlane(Table):
     """The triangles of the outer surface in a plane, by which a gripper holds the body."""
 
     point: Vector
@@ -26,7 +26,7 @@ class Base(Table):
     """Normal of the plane, of any length [-]."""
 
     @model_validator(mode="after")
-    def _check_normal(self) -> "Base":
+    def _check_normal(self) -> "BasePlane":
         if not any(self.normal):
             raise ValueError("normal = [0, 0, 0]: has no direction")
         return self

@@ -21,7 +21,7 @@ class _Table(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
 
-class Walls(_Table):
+class WallThicknesses(_Table):
     """Thicknesses of silicone; one that is given takes the place of the positions that it decides."""
 
     side: Length | None = None
@@ -36,7 +36,7 @@ class Walls(_Table):
     """Thickness along x from a slot to the chambers beside it [mm]; decides slots.width, first and pitch."""
 
 
-class Body(_Table):
+class FingerBody(_Table):
     """The block of silicone."""
 
     length: Length = 115.0
@@ -70,7 +70,7 @@ class Slots(_Table):
     """Radius of the two edges across the finger at the bottom of each slot [mm]; 0: sharp edges."""
 
 
-class Channel(_Table):
+class AirChannel(_Table):
     """The air duct that joins the chambers."""
 
     start: Length = 16.0
@@ -158,10 +158,10 @@ class FingerDimensions(_Table):
 
     wall: Length | None = None
     """Thickness of the side walls [mm]: short for walls.side."""
-    walls: Walls = Walls()
-    body: Body = Body()
+    walls: WallThicknesses = WallThicknesses()
+    body: FingerBody = FingerBody()
     slots: Slots = Slots()
-    channel: Channel = Channel()
+    channel: AirChannel = AirChannel()
     chambers: Chambers = Chambers()
     inlet: Inlet = Inlet()
     stiff_layer: StiffLayer = StiffLayer()

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_outputs.drawing.camera import Camera, project
+from taichisoft_outputs.drawing.camera import PictureCamera, project
 from taichisoft_outputs.drawing.painting import Colour, paint_arrow, paint_text
 from taichisoft_outputs.drawing.scales import round_down, sample_frames
 from taichisoft_outputs.recording.reader import Recording
@@ -49,13 +49,13 @@ class ForceArrows:
         self._strongest = max((float(np.linalg.norm(force, axis=1).max(initial=0.0)) for force in forces), default=0)
         self._length = LONGEST * radius / self._strongest if self._strongest else 0.0  # [mm/mN]
 
-    def paint(self, picture: Any, camera: Camera, frame: int) -> None:
+    def paint(self, picture: Any, camera: PictureCamera, frame: int) -> None:
         """Paint a frame's arrows, which end where the forces act, into a Pillow image."""
         if self._strongest:
             points, forces = self._recording.contacts(frame)
             _paint_arrows(picture, camera, points - self._length * forces, points, FORCE_WIDTH, [self._colour])
 
-    def paint_scale(self, picture: Any, camera: Camera, ink: Colour) -> None:
+    def paint_scale(self, picture: Any, camera: PictureCamera, ink: Colour) -> None:
         """Paint an arrow of a round force in the lower right corner, as long as it is in the middle of the scene."""
         if not self._strongest:
             return
@@ -77,7 +77,7 @@ def arrow_colour(behind: Sequence[np.ndarray]) -> Colour:
     return next((colour for colour in FORCE_COLOURS if nearest(colour) >= SEEN), max(FORCE_COLOURS, key=nearest))
 
 
-def paint_axes(picture: Any, camera: Camera, colours: Sequence[Colour]) -> None:
+def paint_axes(picture: Any, camera: PictureCamera, colours: Sequence[Colour]) -> None:
     """Paint the directions of x, y and z, as the camera sees them, into the lower left corner of a Pillow image."""
     height = picture.height
     origin = np.array([0.1 * height, 0.9 * height])
@@ -94,7 +94,9 @@ def paint_axes(picture: Any, camera: Camera, colours: Sequence[Colour]) -> None:
         paint_text(picture, (label[0], label[1]), "xyz"[axis], height / 38, colours[axis], "mm")
 
 
-def paint_body_axes(picture: Any, camera: Camera, axes: np.ndarray, radius: float, colours: Sequence[Colour]) -> None:
+def paint_body_axes(
+    picture: Any, camera: PictureCamera, axes: np.ndarray, radius: float, colours: Sequence[Colour]
+) -> None:
     """Paint the axes of bodies into a Pillow image.
 
     Args:
@@ -110,7 +112,7 @@ def paint_body_axes(picture: Any, camera: Camera, axes: np.ndarray, radius: floa
 
 
 def _paint_arrows(
-    picture: Any, camera: Camera, tails: np.ndarray, tips: np.ndarray, width: float, colours: Sequence[Colour]
+    picture: Any, camera: PictureCamera, tails: np.ndarray, tips: np.ndarray, width: float, colours: Sequence[Colour]
 ) -> None:
     """Paint arrows between points [mm], shape (count, 3), in turns of the colours, the farthest first."""
     tail_pixels, tail_distance = project(camera, tails, picture.size)

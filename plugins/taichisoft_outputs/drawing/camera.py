@@ -21,7 +21,7 @@ VIEW_DIRECTIONS = {
 
 
 @dataclass(frozen=True)
-class Camera:
+class PictureCamera:
     """A perspective camera.
 
     Attributes:
@@ -52,7 +52,7 @@ def radius_around_mean(points: np.ndarray) -> float:
     return float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
 
 
-def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> Camera:
+def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> PictureCamera:
     """The nearest camera of a named view that has all points in the picture, with its margins free.
 
     Args:
@@ -75,10 +75,10 @@ def fit_camera(points: np.ndarray, up: np.ndarray, view: str, aspect: float) -> 
     # Something long seen from its end would have the camera at its very tip.
     eye = np.array([*centres, max(*distances, depth.max() + radius_around_mean(points) / 2)]) @ axes
     middle = np.array([*centres, depth.mean()]) @ axes
-    return Camera(eye, middle, up_in_picture)
+    return PictureCamera(eye, middle, up_in_picture)
 
 
-def distance_to_see(points: np.ndarray, camera: Camera, aspect: float) -> float:
+def distance_to_see(points: np.ndarray, camera: PictureCamera, aspect: float) -> float:
     """Distance from its target [mm] at which a camera that looks in the same direction has all points in the picture.
 
     Args:
@@ -119,13 +119,15 @@ def picture_up(backward: np.ndarray, up: np.ndarray) -> np.ndarray:
     return up if abs(backward @ up) < 0.999 else -scene_axes(up)[1]
 
 
-def seen_from_front(camera: Camera, corners: np.ndarray) -> np.ndarray:
+def seen_from_front(camera: PictureCamera, corners: np.ndarray) -> np.ndarray:
     """Which triangles turn their front to the camera, shape (triangle_count,), of corners (triangle_count, 3, 3)."""
     a, b, c = np.moveaxis(corners, 1, 0)
     return np.einsum("ij,ij->i", np.cross(b - a, c - a), camera.eye - a) > 0
 
 
-def pixel_matrix(camera: Camera, origin: np.ndarray, directions: np.ndarray, size: tuple[int, int]) -> np.ndarray:
+def pixel_matrix(
+    camera: PictureCamera, origin: np.ndarray, directions: np.ndarray, size: tuple[int, int]
+) -> np.ndarray:
     """The projection from coordinates on a plane, or in space, to pixels.
 
     Args:
@@ -144,7 +146,7 @@ def pixel_matrix(camera: Camera, origin: np.ndarray, directions: np.ndarray, siz
     return np.array([size[0] / 2 * depth + scale * vectors[:, 0], size[1] / 2 * depth - scale * vectors[:, 1], depth])
 
 
-def project(camera: Camera, points: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
+def project(camera: PictureCamera, points: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
     """Where the camera sees points.
 
     Args:

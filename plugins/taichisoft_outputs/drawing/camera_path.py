@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
 
-from taichisoft_outputs.drawing.camera import Camera, distance_to_see, fit_camera, picture_up, view_direction
+from taichisoft_outputs.drawing.camera import PictureCamera, distance_to_see, fit_camera, picture_up, view_direction
 from taichisoft_outputs.drawing.style import Style, StyleError
 from taichisoft_outputs.recording.reader import RecordedSurface
 
@@ -13,7 +13,7 @@ ORBIT_DIRECTIONS = 72
 POINTS_AT_A_TIME = 100_000
 """Number of points that are kept before they are reduced to their outermost."""
 
-CameraPath = Callable[[int], Camera]
+CameraPath = Callable[[int], PictureCamera]
 """Gives the camera of a frame."""
 
 
@@ -84,18 +84,18 @@ def _outermost(points: np.ndarray) -> np.ndarray:
     return points[ConvexHull(points, qhull_options="QJ").vertices]
 
 
-def _explicit(style: Style, points: np.ndarray, up: np.ndarray) -> Camera:
+def _explicit(style: Style, points: np.ndarray, up: np.ndarray) -> PictureCamera:
     eye = np.array(style.eye)
     target = points.mean(axis=0) if style.target is None else np.array(style.target)
-    return Camera(eye, target, picture_up((eye - target) / np.linalg.norm(eye - target), up))
+    return PictureCamera(eye, target, picture_up((eye - target) / np.linalg.norm(eye - target), up))
 
 
 def _orbiting(points: np.ndarray, frames: Sequence[int], up: np.ndarray, aspect: float) -> CameraPath:
     middle = (points.min(axis=0) + points.max(axis=0)) / 2
 
-    def looking(turned: float, distance: float) -> Camera:
+    def looking(turned: float, distance: float) -> PictureCamera:
         backward, up_in_picture = view_direction(up, "iso", turned)
-        return Camera(middle + distance * backward, middle, up_in_picture)
+        return PictureCamera(middle + distance * backward, middle, up_in_picture)
 
     turns = np.linspace(0, 2 * np.pi, ORBIT_DIRECTIONS, endpoint=False)
     distance = max(distance_to_see(points, looking(turned, 1.0), aspect) for turned in turns)
@@ -112,4 +112,4 @@ def _following(
         return followed.vertices(frame).mean(axis=0)
 
     around_it = fit_camera(outermost_points(surfaces, frames, middle), up, "iso", aspect)
-    return lambda frame: Camera(around_it.eye + middle(frame), around_it.target + middle(frame), around_it.up)
+    return lambda frame: PictureCamera(around_it.eye + middle(frame), around_it.target + middle(frame), around_it.up)

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from taichisoft.bodies import Plane
-from taichisoft_outputs.drawing.camera import Camera, pixel_matrix, radius_around_mean, scene_axes
+from taichisoft_outputs.drawing.camera import PictureCamera, pixel_matrix, radius_around_mean, scene_axes
 from taichisoft_outputs.drawing.planes import HALF_WIDTH, foot_of
 from taichisoft_outputs.drawing.shadow import PIXELS, SUN, Caster, shadow
 
@@ -51,9 +51,9 @@ class Floor:
         self._axes = axes[[1, 0]]
         self._background = background
         self._colour = BRIGHTNESS * background if colour is None else colour
-        self._plain: tuple[Camera, np.ndarray, np.ndarray] | None = None
+        self._plain: tuple[PictureCamera, np.ndarray, np.ndarray] | None = None
 
-    def paint(self, picture: np.ndarray, camera: Camera, casters: Sequence[Caster]) -> np.ndarray:
+    def paint(self, picture: np.ndarray, camera: PictureCamera, casters: Sequence[Caster]) -> np.ndarray:
         """The picture with the floor over it, as far as the camera stands above the floor.
 
         Args:
@@ -95,7 +95,7 @@ class Floor:
         return picture
 
     def _without_shadows(
-        self, camera: Camera, to_floor: np.ndarray, size: tuple[int, int]
+        self, camera: PictureCamera, to_floor: np.ndarray, size: tuple[int, int]
     ) -> tuple[np.ndarray, np.ndarray]:
         """Colours, shape (height, width, 3), dtype uint8, and where the floor is and not the sky, (height, width)."""
         from PIL import Image

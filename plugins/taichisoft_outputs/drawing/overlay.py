@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft_outputs.drawing.arrows import AXIS_COLOURS, ON_DARK, ForceArrows, paint_axes, paint_body_axes
-from taichisoft_outputs.drawing.camera import Camera, project
+from taichisoft_outputs.drawing.camera import PictureCamera, project
 from taichisoft_outputs.drawing.colouring import body_colours
 from taichisoft_outputs.drawing.painting import (
     SMALLEST_LETTERS,
@@ -52,7 +52,7 @@ class Overlay:
         self._axis_colours = ON_DARK if is_dark(style.background_colour) else AXIS_COLOURS
         self._radius = radius
 
-    def paint(self, picture: np.ndarray, camera: Camera, frame: int, marks: np.ndarray) -> np.ndarray:
+    def paint(self, picture: np.ndarray, camera: PictureCamera, frame: int, marks: np.ndarray) -> np.ndarray:
         """The picture of a frame with everything painted over it, marks too; shape (height, width, 3), dtype uint8."""
         from PIL import Image
 
@@ -71,7 +71,7 @@ class Overlay:
         return np.asarray(image)
 
 
-def paint_marks(picture: Any, camera: Camera, points: np.ndarray) -> None:
+def paint_marks(picture: Any, camera: PictureCamera, points: np.ndarray) -> None:
     """Paint a ring and a dot at points [mm], shape (count, 3), into a Pillow image; nothing hides them."""
     height = picture.height
     angles = np.linspace(0.0, 2.0 * np.pi, 49)

@@ -5,7 +5,7 @@ from collections.abc import Collection
 
 import numpy as np
 
-from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, Camera
+from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, PictureCamera
 
 EMPTY = (255, 0, 255)
 """Red, green and blue where nothing stands, a colour that no surface has: other things are painted there."""
@@ -66,7 +66,7 @@ class Stage:
         self._scene.add_geometry(name, mesh, self._material)
         self._names.add(name)
 
-    def image(self, camera: Camera, visible: Collection[str]) -> np.ndarray:
+    def image(self, camera: PictureCamera, visible: Collection[str]) -> np.ndarray:
         """The picture of the visible names, EMPTY where nothing is, shape (height, width, 3), dtype uint8."""
         for name in self._names:
             self._scene.show_geometry(name, name in visible)

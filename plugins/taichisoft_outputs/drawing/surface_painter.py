@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from taichisoft_outputs.drawing.camera import Camera, project, seen_from_front
+from taichisoft_outputs.drawing.camera import PictureCamera, project, seen_from_front
 from taichisoft_outputs.drawing.shading import SmoothNormals, shade
 from taichisoft_outputs.drawing.stage import EMPTY, Stage
 
@@ -53,7 +53,11 @@ class SurfacePainter:
         self._always.append(name + HOLDOUT)
 
     def paint(
-        self, picture: np.ndarray, camera: Camera, vertices: dict[str, np.ndarray], colours: dict[str, np.ndarray]
+        self,
+        picture: np.ndarray,
+        camera: PictureCamera,
+        vertices: dict[str, np.ndarray],
+        colours: dict[str, np.ndarray],
     ) -> np.ndarray:
         """The picture with all surfaces over it.
 
@@ -73,7 +77,7 @@ class SurfacePainter:
             picture = lay_over(picture, image, self._opacity)
         return picture
 
-    def _put(self, name: str, camera: Camera, vertices: np.ndarray, colours: np.ndarray) -> None:
+    def _put(self, name: str, camera: PictureCamera, vertices: np.ndarray, colours: np.ndarray) -> None:
         corners, normals = self._normals[name](vertices)
         if colours.ndim == 2:
             colours = colours[self._triangles[name].ravel()]
@@ -87,7 +91,7 @@ class SurfacePainter:
         self._stage.put(name, vertices, triangles, np.tile(np.array(EMPTY) / 255, (len(vertices), 1)))
 
 
-def depth_layers(bodies: Sequence[np.ndarray], camera: Camera, size: tuple[int, int]) -> list[list[int]]:
+def depth_layers(bodies: Sequence[np.ndarray], camera: PictureCamera, size: tuple[int, int]) -> list[list[int]]:
     """Indices of bodies from the farthest layer to the nearest; in no layer does one stand before another.
 
     Two bodies may share a layer where their rectangles in the picture do not touch, so mostly few layers are needed.

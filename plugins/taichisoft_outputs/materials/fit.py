@@ -19,7 +19,7 @@ POINTS_PER_COEFFICIENT = 5
 
 
 @dataclass(frozen=True)
-class Fit:
+class LawFit:
     """A law with coefficients.
 
     Attributes:
@@ -54,7 +54,7 @@ class Fit:
         return 3.0 * initial_shear_modulus(self.law, self.coefficients)
 
 
-def fit_law(test: TensionTest, law: Law, terms: int = 1) -> Fit:
+def fit_law(test: TensionTest, law: Law, terms: int = 1) -> LawFit:
     """Fit a law to all points of a test; Hooke's law to the points of small strain.
 
     Args:
@@ -74,7 +74,7 @@ def fit_law(test: TensionTest, law: Law, terms: int = 1) -> Fit:
     misfit = nominal_stress(law, coefficients, test.stretch) - test.stress
     scale = np.abs(test.stress).max()
     error, worst = np.sqrt((misfit**2).mean()) / scale, np.abs(misfit).max() / scale
-    return Fit(law, coefficients, float(test.stretch.max()), float(error), float(worst), len(test.stretch))
+    return LawFit(law, coefficients, float(test.stretch.max()), float(error), float(worst), len(test.stretch))
 
 
 def _fit_rubber(test: TensionTest, law: Law, rubber: RubberLaw, terms: int) -> dict[str, float]:

@@ -28,7 +28,7 @@ EARLIER_START = 0.3
 
 
 @dataclass(frozen=True)
-class Curve:
+class PlotCurve:
     """A line.
 
     Attributes:
@@ -59,7 +59,7 @@ class Panel:
 
     x_axis: str
     y_axis: str
-    curves: list[Curve]
+    curves: list[PlotCurve]
     equal_scales: bool = False
     logarithmic: bool = False
     level: tuple[float, str] | None = None
@@ -138,7 +138,7 @@ def _draw_panel(axes: "Axes", panel: Panel, colours: dict[str, str]) -> None:
     _add_legend(axes)
 
 
-def _draw_curve(axes: "Axes", curve: Curve, label: str, marked: bool, **look: Any) -> None:
+def _draw_curve(axes: "Axes", curve: PlotCurve, label: str, marked: bool, **look: Any) -> None:
     """Draw each start by itself, so that no line runs back; a path has a dot where its last start was."""
     parts = pieces(curve.time)
     for start, end in parts:
@@ -180,9 +180,9 @@ def _add_legend(axes: "Axes") -> None:
         )
 
 
-def _without_doubles(curves: Sequence[Curve]) -> list[tuple[Curve, list[str]]]:
+def _without_doubles(curves: Sequence[PlotCurve]) -> list[tuple[PlotCurve, list[str]]]:
     """The different curves, each with the labels of all that are equal to it: only one of them would be seen."""
-    groups: list[tuple[Curve, list[str]]] = []
+    groups: list[tuple[PlotCurve, list[str]]] = []
     for curve in curves:
         for first, labels in groups:
             if _equal(curve.x, first.x) and _equal(curve.y, first.y):

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, Measured
+from taichisoft.actuators import ACTUATOR_KINDS, ActuatorFigure, ActuatorKind
 from taichisoft.bodies import Stretches, anchor_stiffness, select_nodes
 from taichisoft_outputs.base_motion import last_at_rest
-from taichisoft_outputs.plots.figure import Curve, Panel, pieces
+from taichisoft_outputs.plots.figure import Panel, PlotCurve, pieces
 from taichisoft_outputs.recording.reader import RecordedSoftBody, Recording
 
 TIME_AXIS = "time [s]"
@@ -64,13 +64,13 @@ class RunCurves:
     def over_time(self, y_axis: str, values: np.ndarray, names: Sequence[str], bodies: Sequence[str]) -> Panel:
         """A panel of columns (frame_count, len(names)); a recording without such bodies may have an empty one more."""
         curves = [
-            Curve(name, body, self.times, values[:, column], self.times)
+            PlotCurve(name, body, self.times, values[:, column], self.times)
             for column, (name, body) in enumerate(zip(names, bodies, strict=True))
         ]
         return Panel(TIME_AXIS, y_axis, curves)
 
 
-def _actuators(kind: ActuatorKind, figure: Measured, run: RunCurves) -> Panel:
+def _actuators(kind: ActuatorKind, figure: ActuatorFigure, run: RunCurves) -> Panel:
     """A figure of all actuators of a kind, such as the pressures of the cavities."""
     names = run.recording.actuators.names_of(kind)
     values = figure.plot_factor * run.recording.column(figure.name)
@@ -80,7 +80,9 @@ def _actuators(kind: ActuatorKind, figure: Measured, run: RunCurves) -> Panel:
 def bending(run: RunCurves) -> Panel:
     """Angles by which the tips have turned against the base."""
     names, times, _, angles = run.tips
-    curves = [Curve(name, name, times, of_tip, times) for name, of_tip in zip(names, np.degrees(angles).T, strict=True)]
+    curves = [
+        PlotCurve(name, name, times, of_tip, times) for name, of_tip in zip(names, np.degrees(angles).T, strict=True)
+    ]
     return Panel(TIME_AXIS, "bending angle [degrees]", curves)
 
 
@@ -92,7 +94,7 @@ def stretch(run: RunCurves) -> Panel:
     for body in run.recording.soft_bodies:
         stretches = Stretches(body.rest_position, body.elements)
         largest = np.array([stretches.largest(row[body.nodes]).max() for row in rows])
-        curves.append(Curve(body.name, body.name, run.times[frames], largest, run.times[frames]))
+        curves.append(PlotCurve(body.name, body.name, run.times[frames], largest, run.times[frames]))
     return Panel(TIME_AXIS, "largest stretch [-]", curves)
 
 
@@ -143,7 +145,7 @@ def step_time(run: RunCurves) -> Panel:
     values = 1e3 * np.where(run.recording.column("step_time") > 0.0, run.recording.column("step_time"), np.nan)
     every = run.recording.every
     label = "each step" if every == 1 else f"mean of {every} steps"
-    curves = [Curve(label, "", run.times, values, run.times)]
+    curves = [PlotCurve(label, "", run.times, values, run.times)]
     level = (1e3 * run.recording.step_size, "real time")
     return Panel(TIME_AXIS, "time per step [ms]", curves, logarithmic=True, level=level)
 
@@ -198,7 +200,7 @@ def _since_start(run: RunCurves, level: np.ndarray) -> np.ndarray:
 def _paths(run: RunCurves, x_name: str, x_axis: np.ndarray, y_name: str, y_axis: np.ndarray) -> Panel:
     names, times, positions, _ = run.tips
     curves = [
-        Curve(name, name, path @ x_axis, path @ y_axis, times)
+        PlotCurve(name, name, path @ x_axis, path @ y_axis, times)
         for name, path in zip(names, positions.swapaxes(0, 1), strict=True)
     ]
     return Panel(f"{x_name} of the tips [mm]", f"{y_name} of the tips [mm]", curves, equal_scales=True)

@@ -28,7 +28,7 @@ class DamagedContent(ValueError):
 
 
 @dataclass(frozen=True)
-class Quantity:
+class RecordedQuantity:
     """A dataset.
 
     Attributes:
@@ -52,25 +52,25 @@ class Quantity:
         return part(self.kind, values)
 
 
-def _quantities(kind: ActuatorKind) -> dict[str, Quantity]:
+def _quantities(kind: ActuatorKind) -> dict[str, RecordedQuantity]:
     """The datasets with a column for each actuator of a kind."""
     effort, coordinate, value = kind.effort, kind.coordinate, kind.value
     either = f"{effort.unit} or {coordinate.unit}"
     found = {
-        f"steps/{kind.imposed}": Quantity("1", "actuator_imposed", kind=kind),
-        f"steps/{kind.name}_request": Quantity(either, "actuator_request", kind=kind),
-        f"steps/{kind.name}_target": Quantity(either, "actuator_target", kind=kind),
-        f"steps/{effort.name}": Quantity(effort.unit, "actuator_effort", kind=kind),
-        f"steps/{value.name}": Quantity(value.unit, "actuator_value", kind=kind),
+        f"steps/{kind.imposed}": RecordedQuantity("1", "actuator_imposed", kind=kind),
+        f"steps/{kind.name}_request": RecordedQuantity(either, "actuator_request", kind=kind),
+        f"steps/{kind.name}_target": RecordedQuantity(either, "actuator_target", kind=kind),
+        f"steps/{effort.name}": RecordedQuantity(effort.unit, "actuator_effort", kind=kind),
+        f"steps/{value.name}": RecordedQuantity(value.unit, "actuator_value", kind=kind),
     }
     if kind.loss:
-        found[f"steps/{kind.loss}"] = Quantity(effort.unit, "actuator_loss", kind=kind)
+        found[f"steps/{kind.loss}"] = RecordedQuantity(effort.unit, "actuator_loss", kind=kind)
     if coordinate.observed:
-        found[f"steps/{coordinate.name}"] = Quantity(coordinate.unit, kind=kind)
+        found[f"steps/{coordinate.name}"] = RecordedQuantity(coordinate.unit, kind=kind)
     return found
 
 
-def _controls(kind: ActuatorKind) -> dict[str, Quantity]:
+def _controls(kind: ActuatorKind) -> dict[str, RecordedQuantity]:
     """What a controller acts through by the actuators of a kind."""
     paths = (f"steps/{kind.imposed}", f"steps/{kind.name}_target")
     return {path.replace("steps/", "controls/"): _quantities(kind)[path] for path in paths}
@@ -80,47 +80,47 @@ COUNTS = {"states": "steps/state_count", "controls": "steps/control_count", "con
 """Groups that have any number of rows in a frame, and the quantity that counts them."""
 
 QUANTITIES = {
-    "steps/time": Quantity("s", "time"),
-    "steps/step": Quantity("1", "step"),
-    "steps/position": Quantity("mm", "position", single=True),
-    "steps/rigid_position": Quantity("mm", "rigid_position"),
-    "steps/rigid_rotation": Quantity("quaternion w, x, y, z", "rigid_rotation"),
-    "steps/rigid_velocity": Quantity("mm/s", "rigid_velocity"),
-    "steps/rigid_angular_velocity": Quantity("rad/s", "rigid_angular_velocity"),
-    "steps/base_translation": Quantity("mm", "base_translation"),
-    "steps/base_rotation": Quantity("rad", "base_rotation"),
-    "steps/base_request": Quantity("mm, rad", "base_request"),
-    "steps/base_velocity": Quantity("mm/s, rad/s", "base_velocity"),
-    "steps/anchor_position": Quantity("mm", "anchor_position"),
-    "steps/gravity": Quantity("mm/s^2", "gravity"),
-    "steps/young_modulus": Quantity("kPa", "young_modulus"),
+    "steps/time": RecordedQuantity("s", "time"),
+    "steps/step": RecordedQuantity("1", "step"),
+    "steps/position": RecordedQuantity("mm", "position", single=True),
+    "steps/rigid_position": RecordedQuantity("mm", "rigid_position"),
+    "steps/rigid_rotation": RecordedQuantity("quaternion w, x, y, z", "rigid_rotation"),
+    "steps/rigid_velocity": RecordedQuantity("mm/s", "rigid_velocity"),
+    "steps/rigid_angular_velocity": RecordedQuantity("rad/s", "rigid_angular_velocity"),
+    "steps/base_translation": RecordedQuantity("mm", "base_translation"),
+    "steps/base_rotation": RecordedQuantity("rad", "base_rotation"),
+    "steps/base_request": RecordedQuantity("mm, rad", "base_request"),
+    "steps/base_velocity": RecordedQuantity("mm/s, rad/s", "base_velocity"),
+    "steps/anchor_position": RecordedQuantity("mm", "anchor_position"),
+    "steps/gravity": RecordedQuantity("mm/s^2", "gravity"),
+    "steps/young_modulus": RecordedQuantity("kPa", "young_modulus"),
     **{path: quantity for kind in ACTUATOR_KINDS for path, quantity in _quantities(kind).items()},
-    "steps/pull_point": Quantity("mm", "pull_point"),
-    "steps/normal_force": Quantity("mN"),
-    "steps/friction_force": Quantity("mN"),
-    "steps/slip_speed": Quantity("mm/s"),
-    "steps/slide": Quantity("mm"),
-    "steps/signals": Quantity("of the controller"),
-    **dict.fromkeys(COUNTS.values(), Quantity("1")),
-    "steps/max_penetration": Quantity("mm"),
-    "steps/iterations": Quantity("1"),
-    "steps/residual": Quantity("mm/s"),
-    "steps/converged": Quantity("1"),
-    "steps/step_time": Quantity("s"),
-    "states/position": Quantity("mm", "position"),
-    "states/velocity": Quantity("mm/s", "velocity"),
-    "controls/base_translation": Quantity("mm", "base_translation"),
-    "controls/base_rotation": Quantity("rad", "base_rotation"),
-    "controls/anchor_position": Quantity("mm", "anchor_position"),
-    "controls/gravity": Quantity("mm/s^2", "gravity"),
-    "controls/young_modulus": Quantity("kPa", "young_modulus"),
+    "steps/pull_point": RecordedQuantity("mm", "pull_point"),
+    "steps/normal_force": RecordedQuantity("mN"),
+    "steps/friction_force": RecordedQuantity("mN"),
+    "steps/slip_speed": RecordedQuantity("mm/s"),
+    "steps/slide": RecordedQuantity("mm"),
+    "steps/signals": RecordedQuantity("of the controller"),
+    **dict.fromkeys(COUNTS.values(), RecordedQuantity("1")),
+    "steps/max_penetration": RecordedQuantity("mm"),
+    "steps/iterations": RecordedQuantity("1"),
+    "steps/residual": RecordedQuantity("mm/s"),
+    "steps/converged": RecordedQuantity("1"),
+    "steps/step_time": RecordedQuantity("s"),
+    "states/position": RecordedQuantity("mm", "position"),
+    "states/velocity": RecordedQuantity("mm/s", "velocity"),
+    "controls/base_translation": RecordedQuantity("mm", "base_translation"),
+    "controls/base_rotation": RecordedQuantity("rad", "base_rotation"),
+    "controls/anchor_position": RecordedQuantity("mm", "anchor_position"),
+    "controls/gravity": RecordedQuantity("mm/s^2", "gravity"),
+    "controls/young_modulus": RecordedQuantity("kPa", "young_modulus"),
     **{path: quantity for kind in ACTUATOR_KINDS for path, quantity in _controls(kind).items()},
-    "controls/pull_point": Quantity("mm", "pull_point"),
-    "contacts/bodies": Quantity("1", "contact_body_pair"),
-    "contacts/point": Quantity("mm", "contact_point"),
-    "contacts/normal": Quantity("1", "contact_normal"),
-    "contacts/impulse": Quantity("mN s", "contact_impulse"),
-    "contacts/slip": Quantity("mm/s", "contact_slip"),
+    "controls/pull_point": RecordedQuantity("mm", "pull_point"),
+    "contacts/bodies": RecordedQuantity("1", "contact_body_pair"),
+    "contacts/point": RecordedQuantity("mm", "contact_point"),
+    "contacts/normal": RecordedQuantity("1", "contact_normal"),
+    "contacts/impulse": RecordedQuantity("mN s", "contact_impulse"),
+    "contacts/slip": RecordedQuantity("mm/s", "contact_slip"),
 }
 """All datasets of frames by their paths. `steps` have a row for every frame. Other groups have as many rows for a frame
 as `COUNTS` says: `states` one where a run can go on, `controls` one for each step since the frame before that is not a

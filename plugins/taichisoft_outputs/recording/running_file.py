@@ -41,7 +41,7 @@ SEARCHED = 2**20
 """Bytes that are searched at a time for the next record behind a damaged one."""
 
 
-class Kind(IntEnum):
+class RecordKind(IntEnum):
     """What a record has; the number of figures and fields is that of their frame."""
 
     OUTCOME, CONSTANTS, FORMAT, SIGNALS, FIGURES, FIELDS = range(6)
@@ -112,8 +112,8 @@ class RunningFile:
         with atomic_file(path, RecordingError) as begun:
             self._file = begun.open("xb", buffering=0)
             try:
-                self._write(_outcome(UNFINISHED) + _record(Kind.CONSTANTS, 0, constants))
-                self._write(_record(Kind.FORMAT, 0, json.dumps(self._format.types).encode()))
+                self._write(_outcome(UNFINISHED) + _record(RecordKind.CONSTANTS, 0, constants))
+                self._write(_record(RecordKind.FORMAT, 0, json.dumps(self._format.types).encode()))
                 self._append(rows, signals)
             except BaseException:
                 self._file.close()
@@ -144,10 +144,10 @@ class RunningFile:
     def _append(self, rows: Mapping[str, np.ndarray], signals: Sequence[str]) -> None:
         if len(signals) > self._signals:
             self._signals = len(signals)
-            self._write(_record(Kind.SIGNALS, 0, json.dumps(list(signals)).encode()))
+            self._write(_record(RecordKind.SIGNALS, 0, json.dumps(list(signals)).encode()))
         figures, fields = self._format.encoded(rows)
         number = self.frame_count
-        self._write(_record(Kind.FIGURES, number, figures) + _record(Kind.FIELDS, number, fields))
+        self._write(_record(RecordKind.FIGURES, number, figures) + _record(RecordKind.FIELDS, number, fields))
         self.frame_count += 1
 
     def _write(self, content: bytes) -> None:
@@ -164,13 +164,13 @@ class RunningFile:
             return False
 
 
-def _record(kind: Kind, number: int, content: bytes) -> bytes:
+def _record(kind: RecordKind, number: int, content: bytes) -> bytes:
     header = HEADER.pack(MARK, kind, number, len(content), crc32(content), 0)[:-4]
     return header + struct.pack("<I", crc32(header)) + content
 
 
 def _outcome(text: str) -> bytes:
-    return _record(Kind.OUTCOME, 0, text.encode(errors="replace")[:OUTCOME_LENGTH].ljust(OUTCOME_LENGTH, b"\0"))
+    return _record(RecordKind.OUTCOME, 0, text.encode(errors="replace")[:OUTCOME_LENGTH].ljust(OUTCOME_LENGTH, b"\0"))
 
 
 class RunningRecording:
@@ -197,15 +197,15 @@ class RunningRecording:
         self._file, self.size = file, os.fstat(file.fileno()).st_size
         self._records: dict[tuple[int, int], tuple[int, int, int]] = {}
         self._find_records()
-        self.constants = h5py.File(io.BytesIO(self._content(Kind.CONSTANTS)), "r")
-        self.format = FrameFormat(json.loads(self._content(Kind.FORMAT)))
+        self.constants = h5py.File(io.BytesIO(self._content(RecordKind.CONSTANTS)), "r")
+        self.format = FrameFormat(json.loads(self._content(RecordKind.FORMAT)))
         self.outcome = self._outcome()
-        self.frame_count = 1 + max((number for kind, number in self._records if kind == Kind.FIELDS), default=-1)
+        self.frame_count = 1 + max((number for kind, number in self._records if kind == RecordKind.FIELDS), default=-1)
 
     @property
     def signals(self) -> list[str]:
         """Names of the columns of signals."""
-        return json.loads(self._content(Kind.SIGNALS)) if (Kind.SIGNALS, 0) in self._records else []
+        return json.loads(self._content(RecordKind.SIGNALS)) if (RecordKind.SIGNALS, 0) in self._records else []
 
     def close(self) -> None:
         """Close the file."""
@@ -227,23 +227,23 @@ class RunningRecording:
         return {path: figures[path] for path in figures.dtype.names or ()} | self._fields(first, end)
 
     def _figures(self, first: int, end: int) -> np.ndarray:
-        contents = [self._content(Kind.FIGURES, number) for number in range(first, end)]
+        contents = [self._content(RecordKind.FIGURES, number) for number in range(first, end)]
         return np.frombuffer(b"".join(contents), self.format.figures)
 
     def _fields(self, first: int, end: int) -> dict[str, np.ndarray]:
         frames = [
-            self.format.fields(figures, self._content(Kind.FIELDS, number))
+            self.format.fields(figures, self._content(RecordKind.FIELDS, number))
             for number, figures in zip(range(first, end), self._figures(first, end), strict=True)
         ]
         return {path: np.concatenate([frame[path] for frame in frames]) for path in FIELDS}
 
     def _outcome(self) -> str:
         with suppress(DamagedContent):  # it may just be written
-            return self._content(Kind.OUTCOME).rstrip(b"\0").decode(errors="replace")
+            return self._content(RecordKind.OUTCOME).rstrip(b"\0").decode(errors="replace")
         return UNFINISHED
 
-    def _content(self, kind: Kind, number: int = 0) -> bytes:
-        name = kind.name.lower() if kind < Kind.FIGURES else f"{kind.name.lower()} of frame {number}"
+    def _content(self, kind: RecordKind, number: int = 0) -> bytes:
+        name = kind.name.lower() if kind < RecordKind.FIGURES else f"{kind.name.lower()} of frame {number}"
         if (kind, number) not in self._records:
             raise DamagedContent(f"{name} are missing")
         place, length, checksum = self._records[kind, number]

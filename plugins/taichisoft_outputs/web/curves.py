@@ -9,7 +9,7 @@ import numpy as np
 from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind
 from taichisoft.control import Pair
 from taichisoft.scenes import Scene
-from taichisoft_outputs.web.frame import Frame, PageScene
+from taichisoft_outputs.web.frame import PageFrame, PageScene
 
 MOST_POINTS = 300
 """Most points that are drawn at once; beyond that every second one goes, so that a plot reaches back to the start."""
@@ -50,7 +50,7 @@ class History:
         rows: their rows of `plotted_row`, with heights over that of the first frame of all.
     """
 
-    def __init__(self, first: Frame):
+    def __init__(self, first: PageFrame):
         """Begin without any frame; heights are counted from that in `first`."""
         self._start = first.plotted[-1]
         self.times: list[float] = []
@@ -58,7 +58,7 @@ class History:
         self._last = -math.inf
         self._count, self._stride = 0, 1
 
-    def add(self, frame: Frame) -> None:
+    def add(self, frame: PageFrame) -> None:
         """Add a frame; an earlier time than the last clears the plots, and the same time is ignored."""
         if frame.time < self._last:
             self.times, self.rows, self._last, self._count, self._stride = [], [], -math.inf, 0, 1

@@ -29,10 +29,10 @@ class PageScene:
 
     Attributes:
         scene: the scene that was or is simulated.
-        surfaces: surfaces in the order of `Frame.vertices`.
+        surfaces: surfaces in the order of `PageFrame.vertices`.
         planes: infinite obstacles.
         actuators: names of the actuators.
-        axes: by name, the axes of bodies that are shown, in the order of `Frame.axes`.
+        axes: by name, the axes of bodies that are shown, in the order of `PageFrame.axes`.
     """
 
     scene: Scene
@@ -43,7 +43,7 @@ class PageScene:
 
 
 @dataclass(frozen=True)
-class Frame:
+class PageFrame:
     """What a page shows at one time of a run.
 
     Attributes:

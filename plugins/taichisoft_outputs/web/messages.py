@@ -19,7 +19,7 @@ class Snapshot:
         position: soft nodes [mm], shape (node_count, 3).
         rigid_position: centres of mass [mm], shape (rigid_count, 3).
         rigid_rotation: unit quaternions (w, x, y, z), shape (rigid_count, 4).
-        lines: as in `frame.Frame`.
+        lines: as in `frame.PageFrame`.
         contact_points: points of contact [mm], shape (contact_count, 3).
         contact_forces: forces on the second bodies [mN], shape (contact_count, 3).
         plotted: a row of `curves.plotted_row`.

@@ -4,7 +4,7 @@ from typing import Any
 
 from taichisoft_outputs.web.address import WebError
 from taichisoft_outputs.web.curves import Curves
-from taichisoft_outputs.web.frame import Frame, PageScene
+from taichisoft_outputs.web.frame import PageFrame, PageScene
 from taichisoft_outputs.web.guard import Guard, guarded
 from taichisoft_outputs.web.scene_view import SceneView
 
@@ -29,7 +29,7 @@ class Page:
         curves: the plots.
     """
 
-    def __init__(self, host: str, port: int, token: str, content: PageScene, first: Frame):
+    def __init__(self, host: str, port: int, token: str, content: PageScene, first: PageFrame):
         """Serve viewers who know the token, at an address of `find_address`.
 
         Raises:

@@ -11,7 +11,7 @@ import numpy as np
 from taichisoft.worker import Link
 from taichisoft_outputs.web.controls import Controls
 from taichisoft_outputs.web.curves import History
-from taichisoft_outputs.web.frame import Frame
+from taichisoft_outputs.web.frame import PageFrame
 from taichisoft_outputs.web.messages import PageSetup, RunEnded, Snapshot
 from taichisoft_outputs.web.page import KEEP_KEYS_FROM_CAMERA, Page
 
@@ -103,10 +103,10 @@ class LivePage:
         self._controls.pop(client.client_id, None)
 
 
-def frame_of(setup: PageSetup, snapshot: Snapshot) -> Frame:
+def frame_of(setup: PageSetup, snapshot: Snapshot) -> PageFrame:
     """The frame of a snapshot."""
     vertices = [surface.vertices(snapshot) for surface in setup.surfaces]
-    return Frame(
+    return PageFrame(
         snapshot.time,
         vertices,
         snapshot.lines,

@@ -13,7 +13,7 @@ from taichisoft_outputs.recording.layout import UNFINISHED
 from taichisoft_outputs.recording.reader import Recording, read_recording
 from taichisoft_outputs.web.address import Address
 from taichisoft_outputs.web.curves import MOST_POINTS, plotted_row
-from taichisoft_outputs.web.frame import Frame, PageScene, lines_shown
+from taichisoft_outputs.web.frame import PageFrame, PageScene, lines_shown
 from taichisoft_outputs.web.page import SPEEDS, Page, clamped
 
 FRAMES_PER_SECOND = 30.0
@@ -174,7 +174,7 @@ class RecordingPage:
             playback.speed = clamped(speed.value, SPEEDS)
 
 
-def frame_of(recording: Recording, index: int) -> Frame:
+def frame_of(recording: Recording, index: int) -> PageFrame:
     """A frame of a recording."""
     vertices = [surface.vertices(index) for surface in recording.surfaces]
     plotted = _plotted_row(recording, *(recording.row(name, index) for name in PLOTTED))
@@ -183,7 +183,7 @@ def frame_of(recording: Recording, index: int) -> Frame:
         for kind in ACTUATOR_KINDS
         if kind.drawn == "lines"
     }
-    return Frame(
+    return PageFrame(
         float(recording.row("time", index)),
         vertices,
         lines,

@@ -9,13 +9,13 @@ from taichisoft.actuators import ACTUATOR_KINDS
 from taichisoft.bodies import quaternion_from_matrix
 from taichisoft.scenes import Scene, red_green_blue
 from taichisoft_outputs.drawing.arrows import BODY_AXIS, arrow_colour
-from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, Camera, fit_camera, radius_around_mean
+from taichisoft_outputs.drawing.camera import VERTICAL_ANGLE, PictureCamera, fit_camera, radius_around_mean
 from taichisoft_outputs.drawing.colouring import body_colours
 from taichisoft_outputs.drawing.planes import square_of_plane
 from taichisoft_outputs.drawing.scales import LINE
 from taichisoft_outputs.drawing.shading import key_light, split_creases
 from taichisoft_outputs.drawing.style import BACKGROUND
-from taichisoft_outputs.web.frame import Frame, LinesShown, PageScene
+from taichisoft_outputs.web.frame import LinesShown, PageFrame, PageScene
 from taichisoft_outputs.web.scales_shown import Scales
 
 LENGTH_UNIT = 0.01
@@ -56,7 +56,7 @@ LIGHT, GROUND = 2.0, (150, 150, 150)
 class SceneView:
     """Draws frames into the scene of a viser server; what did not move is not sent again."""
 
-    def __init__(self, server: Any, content: PageScene, first: Frame):
+    def __init__(self, server: Any, content: PageScene, first: PageFrame):
         """Put everything where the first frame has it, and the camera where it sees that."""
         self._server = server
         self._scales, self._scales_shown = Scales(), None
@@ -110,7 +110,7 @@ class SceneView:
             visible=False,
         )
 
-    def show(self, frame: Frame) -> None:
+    def show(self, frame: PageFrame) -> None:
         """Move everything to where a frame has it."""
         strength = np.linalg.norm(frame.contact_forces, axis=1)
         walls = [kind for kind in ACTUATOR_KINDS if kind.drawn == "walls"]
@@ -224,7 +224,7 @@ class SceneView:
         away = BACKWARD * (camera.eye - camera.target)
         if eye is not None:
             target_point = camera.target if target is None else np.array(target)
-            camera = Camera(np.array(eye), target_point, scene.up)
+            camera = PictureCamera(np.array(eye), target_point, scene.up)
             away = camera.eye - camera.target
         initial = self._server.initial_camera
         initial.position = (camera.target + away) * LENGTH_UNIT

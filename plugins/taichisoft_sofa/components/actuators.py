@@ -6,7 +6,7 @@ import numpy as np
 
 from taichisoft_sofa.components.cable_areas import METHODS, list_areas
 from taichisoft_sofa.components.contacts import surface_triangles
-from taichisoft_sofa.components.draft import Cable, Cavity
+from taichisoft_sofa.components.draft import DraftCable, DraftCavity
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import flag, numbers, text
 from taichisoft_sofa.meshes.loaded_mesh import split_quads
@@ -51,7 +51,7 @@ def cavity(component: "Component", draft: "SceneDraft") -> None:
         return
     if flag(component, "flipNormal", False):
         walls = walls[:, ::-1]
-    body.cavities.append(Cavity(component, points, walls))
+    body.cavities.append(DraftCavity(component, points, walls))
 
 
 def cable(component: "Component", draft: "SceneDraft") -> None:
@@ -70,4 +70,4 @@ def cable(component: "Component", draft: "SceneDraft") -> None:
         return
     places = points[indices].tolist() if method == "point" else list_areas(component, points, draft)
     if places:
-        body.cables.append(Cable(component, places))
+        body.cables.append(DraftCable(component, places))

@@ -26,7 +26,7 @@ from taichisoft_sofa.components.selections import (
 )
 from taichisoft_sofa.components.states import WIDTHS, start_position, width_of
 from taichisoft_sofa.tree.component import COMPUTED, Component
-from taichisoft_sofa.tree.kinds import ANY, INDICES, Kind, declare, index_rows, vectors
+from taichisoft_sofa.tree.kinds import ANY, INDICES, ValueKind, declare, index_rows, vectors
 
 ENGINES = ("BoxROI", "SphereROI")
 
@@ -54,7 +54,7 @@ def _given(state: Component, name: str) -> Any:
     return np.zeros(0) if data is None else data.given()
 
 
-def _coordinates(state: Component) -> Kind:
+def _coordinates(state: Component) -> ValueKind:
     return vectors(max(width_of(state), 1))
 
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.draft import Surface
+from taichisoft_sofa.components.draft import DraftSurface
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, described, flag, number, numbers, text
 from taichisoft_sofa.meshes.loaded_mesh import split_quads
@@ -76,7 +76,7 @@ def collision_model(component: "Component", draft: "SceneDraft") -> None:
         points = draft.points_of(component)
         if not draft.has_points(component, triangles, len(points)):
             return
-        body.surfaces[path] = Surface(component, points, triangles, groups, False)
+        body.surfaces[path] = DraftSurface(component, points, triangles, groups, False)
     body.surfaces[path].self_collision |= flag(component, "selfCollision", False)
 
 

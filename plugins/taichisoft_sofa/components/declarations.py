@@ -14,7 +14,7 @@ from taichisoft_sofa.tree.kinds import (
     SCALAR,
     TEXT,
     VECTOR,
-    Kind,
+    ValueKind,
     declare,
     fixed,
     index_rows,
@@ -22,11 +22,11 @@ from taichisoft_sofa.tree.kinds import (
 )
 
 
-def _coordinates(state: Component) -> Kind:
+def _coordinates(state: Component) -> ValueKind:
     return vectors(max(width_of(state), 1))
 
 
-def _derivatives(state: Component) -> Kind:
+def _derivatives(state: Component) -> ValueKind:
     return vectors(6 if is_rigid(state) else max(width_of(state), 1))
 
 

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Material:
+class DraftMaterial:
     """A force field of tetrahedra; force fields on the same tetrahedra add up.
 
     Attributes:
@@ -55,7 +55,7 @@ class Mass:
 
 
 @dataclass(frozen=True)
-class Anchor:
+class DraftAnchor:
     """Points held in place.
 
     Attributes:
@@ -74,7 +74,7 @@ class Anchor:
 
 
 @dataclass
-class Surface:
+class DraftSurface:
     """Collision models of one node.
 
     Attributes:
@@ -93,7 +93,7 @@ class Surface:
 
 
 @dataclass(frozen=True)
-class Cavity:
+class DraftCavity:
     """An air chamber: its constraint and its walls, points of shape (count, 3) [mm], triangles of shape (count, 3)."""
 
     component: "Component"
@@ -102,7 +102,7 @@ class Cavity:
 
 
 @dataclass(frozen=True)
-class Cable:
+class DraftCable:
     """A cable: its constraint, and the points and areas through which it runs from the pull point on, as native scenes
     list them."""
 
@@ -111,7 +111,7 @@ class Cable:
 
 
 @dataclass
-class Body:
+class DraftBody:
     """All data of one independent mechanical object.
 
     Attributes:
@@ -124,11 +124,11 @@ class Body:
     state: "Component"
     position: np.ndarray
     mass: Mass | None = None
-    materials: list[Material] = field(default_factory=list)
-    anchors: list[Anchor] = field(default_factory=list)
-    surfaces: dict[str, Surface] = field(default_factory=dict)
-    cavities: list[Cavity] = field(default_factory=list)
-    cables: list[Cable] = field(default_factory=list)
+    materials: list[DraftMaterial] = field(default_factory=list)
+    anchors: list[DraftAnchor] = field(default_factory=list)
+    surfaces: dict[str, DraftSurface] = field(default_factory=dict)
+    cavities: list[DraftCavity] = field(default_factory=list)
+    cables: list[DraftCable] = field(default_factory=list)
     colours: list[str] = field(default_factory=list)
 
     @property
@@ -163,7 +163,7 @@ class SceneDraft:
 
     exact: bool = False
     effort_of_value: float = 1.0
-    bodies: dict[int, Body] = field(default_factory=dict)
+    bodies: dict[int, DraftBody] = field(default_factory=dict)
     solvers: dict[int, "Component"] = field(default_factory=dict)
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)
     corrections: dict[int, "Component"] = field(default_factory=dict)
@@ -181,14 +181,14 @@ class SceneDraft:
         """Record a difference from SOFA, once."""
         self.departures[line] = None
 
-    def body_of(self, component: "Component") -> Body | None:
+    def body_of(self, component: "Component") -> DraftBody | None:
         """The body on which a component acts; without one, the component is refused and the result is None."""
         state = independent_state(node_of(component))
         if state is None:
             self.refuse(component, "acts on nothing: there is no MechanicalObject in its node or above")
             return None
         if id(state) not in self.bodies:
-            self.bodies[id(state)] = Body(state, start_position(state))
+            self.bodies[id(state)] = DraftBody(state, start_position(state))
         return self.bodies[id(state)]
 
     def points_of(self, component: "Component") -> np.ndarray:

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.draft import Anchor, Mass, Material
+from taichisoft_sofa.components.draft import DraftAnchor, DraftMaterial, Mass
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, described, flag, is_given, number, numbers, text
 from taichisoft_sofa.tree.component import Component
@@ -132,7 +132,7 @@ def tetrahedron_elasticity(component: Component, draft: "SceneDraft") -> None:
     if not count or not draft.has_points(component, tetrahedra, len(body.position)):
         return
     young, poisson = young_modulus(component, count), _of_tetrahedra(component, "poissonRatio", 0.45, count)
-    body.materials.append(Material(component, tetrahedra, young, poisson, COROTATIONS[method]))
+    body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, COROTATIONS[method]))
 
 
 def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
@@ -162,7 +162,7 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
         "energy differs for large strains"
     )
     young, poisson = np.full(len(tetrahedra), 2.0 * (1.0 + ratio) * shear), np.full(len(tetrahedra), ratio)
-    body.materials.append(Material(component, tetrahedra, young, poisson, "polar", HYPERELASTIC[material]))
+    body.materials.append(DraftMaterial(component, tetrahedra, young, poisson, "polar", HYPERELASTIC[material]))
 
 
 def _tetrahedra_of(component: Component, draft: "SceneDraft") -> np.ndarray:
@@ -198,7 +198,7 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     # As in SOFA: the first stiffness holds for all points unless there is one per point.
     each = stiffness if len(stiffness) == len(chosen) else np.full(len(chosen), stiffness[0])
     for value in np.unique(each):
-        body.anchors.append(Anchor(component, chosen[each == value], float(value), follows_rest=True))
+        body.anchors.append(DraftAnchor(component, chosen[each == value], float(value), follows_rest=True))
     _note_selection(component, "points", draft)
 
 
@@ -218,7 +218,7 @@ def fixed_points(component: Component, draft: "SceneDraft") -> None:
     if not draft.has_points(component, chosen, len(body.position)):
         return
     if directions:
-        body.anchors.append(Anchor(component, chosen, HELD, follows_rest=False, directions=directions))
+        body.anchors.append(DraftAnchor(component, chosen, HELD, follows_rest=False, directions=directions))
 
 
 def _note_selection(component: "Component", name: str, draft: "SceneDraft") -> None:

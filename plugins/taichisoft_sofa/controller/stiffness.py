@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.draft import Material
+from taichisoft_sofa.components.draft import DraftMaterial
 from taichisoft_sofa.components.dynamics import young_modulus
 from taichisoft_sofa.components.reading import described, flag
 from taichisoft_sofa.translation.parts import SoftPart
@@ -67,7 +67,7 @@ class PartStiffness:
         return {self._names[number]: float(after[number]) for number in np.flatnonzero(after != before)}
 
 
-def _present(field: Material) -> Material:
+def _present(field: DraftMaterial) -> DraftMaterial:
     """A force field with its present moduli; the same object if unchanged."""
     component = field.component
     if not component.reinit_requested and not flag(component, "updateStiffness", False):

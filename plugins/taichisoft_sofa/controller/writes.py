@@ -12,7 +12,7 @@ from taichisoft_sofa.components.reading import described, flag, is_given, number
 from taichisoft_sofa.components.table import IGNORED
 from taichisoft_sofa.controller.stiffness import PartStiffness
 from taichisoft_sofa.translation.parts import SoftPart, Translation
-from taichisoft_sofa.tree.base import Base
+from taichisoft_sofa.tree.base import TreeObject
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
 from taichisoft_sofa.tree.kinds import canonical, numbers
@@ -66,7 +66,7 @@ class SceneWrites:
         self._rest = {name: known_data(part.body.state, "rest_position") for name, part in translation.soft.items()}
         self._stiffness = [PartStiffness(name, part) for name, part in translation.soft.items() if part.body.materials]
         self._gravity = known_data(tree.root, "gravity")
-        self._watched: list[tuple[Base, int]] = []
+        self._watched: list[tuple[TreeObject, int]] = []
         self._revisions: dict[int, int] = {}
 
     def begin(self) -> None:
@@ -151,7 +151,7 @@ class SceneWrites:
             if item.type_name not in IGNORED | APPEARANCE:
                 yield f"{line}, which has no effect in a run"
 
-    def _unused_writes(self, owner: Base) -> Iterator[str]:
+    def _unused_writes(self, owner: TreeObject) -> Iterator[str]:
         of_type = USED.get(canonical(owner.type_name), set())
         used = set() if isinstance(owner, Node) and owner is not self._tree.root else of_type
         for data in owner.data_by_name.values():
@@ -161,14 +161,14 @@ class SceneWrites:
                 where = f"{owner.described()} ({data.place})"
                 yield f"{where}: the scene writes to '{data.name}', which has no effect in a run"
 
-    def _changeable(self) -> Iterator[Base]:
+    def _changeable(self) -> Iterator[TreeObject]:
         yield from self._tree.nodes()
         for component in self._tree.components():
             if type(component) is Component and component.type_name not in IGNORED | APPEARANCE:
                 yield component
 
 
-def known_data(owner: Base, name: str) -> Data:
+def known_data(owner: TreeObject, name: str) -> Data:
     """A data that exists in every owner of its type."""
     data = owner.findData(name)
     assert data is not None

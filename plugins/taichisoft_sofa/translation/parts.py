@@ -11,7 +11,7 @@ import taichisoft
 from taichisoft.meshes import VolumeMesh, write_stl, write_volume_mesh
 
 if TYPE_CHECKING:
-    from taichisoft_sofa.components.draft import Body
+    from taichisoft_sofa.components.draft import DraftBody
     from taichisoft_sofa.tree.component import Component
 
 
@@ -28,7 +28,7 @@ class SoftPart:
         anchored_follows: whether each anchored node follows `rest_position`, else it is fixed, shape (anchor_count,).
     """
 
-    body: "Body"
+    body: "DraftBody"
     points: np.ndarray
     elements: np.ndarray
     material: np.ndarray
@@ -60,7 +60,7 @@ class Translation:
     effort_of_value: float = 1.0
     signs: "dict[Component, float]" = field(default_factory=dict)
     soft: dict[str, SoftPart] = field(default_factory=dict)
-    rigid: "dict[str, Body]" = field(default_factory=dict)
+    rigid: "dict[str, DraftBody]" = field(default_factory=dict)
     departures: list[str] = field(default_factory=list)
     understood: dict[str, int] = field(default_factory=dict)
     ignored: dict[str, int] = field(default_factory=dict)

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from taichisoft_sofa.components.draft import Body, SceneDraft
+from taichisoft_sofa.components.draft import DraftBody, SceneDraft
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.reading import number
 from taichisoft_sofa.components.states import start_velocity
@@ -18,7 +18,7 @@ UNIT_INERTIA = np.eye(3)
 """Default inertia over mass of SOFA and STLIB [mm^2]."""
 
 
-def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
+def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a rigid body to a translation."""
     if len(body.position) != 1:
         draft.refuse(body.state, f"has {len(body.position)} rigid frames; one is known")
@@ -59,7 +59,7 @@ def add_rigid_body(name: str, body: Body, draft: SceneDraft, translation: Transl
     translation.rigid[name] = body
 
 
-def add_obstacle(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
+def add_obstacle(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add an obstacle to a translation; without surfaces or collisions it is omitted."""
     points, triangles = joined_surfaces(body)
     if not len(triangles) or not collides(draft):
@@ -72,7 +72,7 @@ def add_obstacle(name: str, body: Body, draft: SceneDraft, translation: Translat
     translation.names[body.state] = name
 
 
-def joined_surfaces(body: Body) -> tuple[np.ndarray, np.ndarray]:
+def joined_surfaces(body: DraftBody) -> tuple[np.ndarray, np.ndarray]:
     """Points and triangles of all collision surfaces of a body."""
     points, triangles, count = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.int64)], 0
     for surface in body.surfaces.values():
@@ -82,7 +82,7 @@ def joined_surfaces(body: Body) -> tuple[np.ndarray, np.ndarray]:
     return np.vstack(points), np.vstack(triangles)
 
 
-def groups_of(body: Body) -> list[int]:
+def groups_of(body: DraftBody) -> list[int]:
     """Collision groups of all surfaces of a body."""
     return sorted({group for surface in body.surfaces.values() for group in surface.groups})
 
@@ -95,7 +95,7 @@ def degrees(quaternion: np.ndarray) -> list[float]:
     return turns
 
 
-def _note_lost_weight(body: Body, mass: float, draft: SceneDraft) -> None:
+def _note_lost_weight(body: DraftBody, mass: float, draft: SceneDraft) -> None:
     """Record the lost weight: SOFA's conjugate gradient stops before its first iteration if the load is small."""
     solver = draft.above(body.node, draft.linear_solvers)
     if solver is None or canonical(solver.type_name) != "CGLinearSolver":

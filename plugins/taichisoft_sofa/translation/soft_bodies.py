@@ -9,7 +9,7 @@ import numpy as np
 from taichisoft.meshes import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
 from taichisoft.scenes import lame_parameters
 from taichisoft_sofa.components.actuators import PRESSURE, is_driven_by_force, value_type
-from taichisoft_sofa.components.draft import Anchor, Body, Mass, Material, SceneDraft
+from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
 from taichisoft_sofa.components.states import start_velocity
@@ -31,7 +31,7 @@ LARGEST = 1e30
 """Beyond any tension [mN] and pull [mm]: scenes use the largest number as no limit."""
 
 
-def body_tetrahedra(body: Body) -> np.ndarray:
+def body_tetrahedra(body: DraftBody) -> np.ndarray:
     """Tetrahedra of a body: from its topology, then additional ones from force fields, shape (count, 4)."""
     topology = _topology(body)
     own = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
@@ -40,11 +40,13 @@ def body_tetrahedra(body: Body) -> np.ndarray:
     return rows[np.sort(first)]
 
 
-def _topology(body: Body) -> Component | None:
+def _topology(body: DraftBody) -> Component | None:
     return nearest(body.node, TOPOLOGIES, lambda container: len(computed(container, "tetrahedra", 4)) > 0)
 
 
-def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneDraft, translation: Translation) -> None:
+def add_soft_body(
+    name: str, body: DraftBody, solver: Component | None, draft: SceneDraft, translation: Translation
+) -> None:
     """Add a soft body to a translation; without a solver it stands still."""
     moves = solver is not None
     tetrahedra = body_tetrahedra(body)
@@ -98,7 +100,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     table["corotation"], table["law"] = next(iter(kinds), ("edges", "hooke"))
     node_of_point = np.full(len(body.position), -1)
     node_of_point[points] = np.arange(len(points))
-    anchors = body.anchors if moves else [Anchor(body.state, np.arange(len(body.position)), STANDING, False)]
+    anchors = body.anchors if moves else [DraftAnchor(body.state, np.arange(len(body.position)), STANDING, False)]
     table["anchors"] = _anchors(anchors, node_of_point)
     _add_surfaces(name, body, table, draft, translation)
     _add_cavities(name, body, table, draft, translation)
@@ -113,7 +115,7 @@ def add_soft_body(name: str, body: Body, solver: Component | None, draft: SceneD
     translation.soft[name] = SoftPart(body, points, elements, element_material, np.flatnonzero(held), follows[held])
 
 
-def add_moduli(tetrahedra: np.ndarray, materials: Sequence[Material]) -> tuple[np.ndarray, np.ndarray]:
+def add_moduli(tetrahedra: np.ndarray, materials: Sequence[DraftMaterial]) -> tuple[np.ndarray, np.ndarray]:
     """Young's modulus [kPa] and Poisson's ratio of the sum of force fields on each tetrahedron; 0 without any."""
     place = {tuple(sorted(row)): index for index, row in enumerate(tetrahedra.tolist())}
     lame, young = np.zeros((len(tetrahedra), 2)), np.zeros(len(tetrahedra))
@@ -163,7 +165,7 @@ def _mass(mass: Mass | None, kept: int, all_points: int) -> dict[str, float]:
     return {"mass": mass.total if mass.total is not None and kept == all_points else each * kept}
 
 
-def _anchors(anchors: list[Anchor], node_of_point: np.ndarray) -> list[dict[str, Any]]:
+def _anchors(anchors: list[DraftAnchor], node_of_point: np.ndarray) -> list[dict[str, Any]]:
     tables = []
     for anchor in anchors:
         nodes = np.unique(node_of_point[anchor.points])
@@ -174,7 +176,9 @@ def _anchors(anchors: list[Anchor], node_of_point: np.ndarray) -> list[dict[str,
     return tables
 
 
-def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
+def _add_surfaces(
+    name: str, body: DraftBody, table: dict[str, Any], draft: SceneDraft, translation: Translation
+) -> None:
     surfaces = [surface for surface in body.surfaces.values() if len(surface.triangles)]
     for surface in body.surfaces.values():
         if not len(surface.triangles):
@@ -201,7 +205,9 @@ def _add_surfaces(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
         table.setdefault("collision_surface", []).append(made)
 
 
-def _add_cavities(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
+def _add_cavities(
+    name: str, body: DraftBody, table: dict[str, Any], draft: SceneDraft, translation: Translation
+) -> None:
     names = unique(actuator_names([cavity.component for cavity in body.cavities]))
     for cavity_name, cavity in zip(names, body.cavities, strict=True):
         component = cavity.component
@@ -217,7 +223,7 @@ def _add_cavities(name: str, body: Body, table: dict[str, Any], draft: SceneDraf
         translation.signs[component] = sign
 
 
-def _add_cables(name: str, body: Body, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
+def _add_cables(name: str, body: DraftBody, table: dict[str, Any], draft: SceneDraft, translation: Translation) -> None:
     cavities = list(table.get("cavities", {}))
     names = unique([*cavities, *actuator_names([cable.component for cable in body.cables])])[len(cavities) :]
     for cable_name, cable in zip(names, body.cables, strict=True):

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # registers computed data
-from taichisoft_sofa.components.draft import Body, SceneDraft
+from taichisoft_sofa.components.draft import DraftBody, SceneDraft
 from taichisoft_sofa.components.graph import upwards
 from taichisoft_sofa.components.reading import described, flag
 from taichisoft_sofa.components.remarks import remarks
@@ -127,7 +127,7 @@ def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
             translation.tables["rigid_bodies"][name]["axes"] = True  # for soft bodies SOFA shows the points
 
 
-def _add_body(name: str, body: Body, draft: SceneDraft, translation: Translation) -> None:
+def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a body as a rigid body, soft body or obstacle."""
     solver = _moved_by(body, draft)
     if not body.rigid and len(body_tetrahedra(body)):
@@ -140,7 +140,7 @@ def _add_body(name: str, body: Body, draft: SceneDraft, translation: Translation
         draft.refuse(body.state, "moves, but is neither rigid nor made of tetrahedra")
 
 
-def _moved_by(body: Body, draft: SceneDraft) -> "Component | None":
+def _moved_by(body: DraftBody, draft: SceneDraft) -> "Component | None":
     """The solver that moves a body; None if it stands still."""
     solver = draft.above(body.node, draft.solvers)
     if solver is None or not draft.free_motion or draft.above(body.node, draft.corrections) is not None:

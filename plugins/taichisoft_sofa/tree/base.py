@@ -30,7 +30,7 @@ INTERNAL = {"data_by_name", "place", "type_name", "data_revision", "initialised"
 _made = count()
 
 
-class Base(ABC):
+class TreeObject(ABC):
     """A component or node.
 
     Attributes:
@@ -167,7 +167,7 @@ class Base(ABC):
     def linked_data(self, path: str, same_name: str) -> Data | None:
         """Target of a link to a data; for a link to a component its data `same_name`; None for a broken link."""
         found = path.target if isinstance(path, LinkPath) else follow(path, self.link_start(), self)
-        return found.findData(same_name) if isinstance(found, Base) else found
+        return found.findData(same_name) if isinstance(found, TreeObject) else found
 
     def linked(self, name: str) -> Any:
         """Target of a data that is a link, such as `src`: component, node or data; None for a broken link."""

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft_sofa.tree.base import COMMON, Base
+from taichisoft_sofa.tree.base import COMMON, TreeObject
 from taichisoft_sofa.tree.data import Data
 from taichisoft_sofa.tree.kinds import TEXT, Declared, canonical, declared
 from taichisoft_sofa.tree.place import Place
@@ -16,14 +16,14 @@ COMPUTED: dict[str, dict[str, Callable[[Any], Any]]] = {}
 OF_COMPONENTS = {**COMMON, "template": Declared(TEXT), "src": Declared(TEXT)}
 
 
-class Component(Base):
+class Component(TreeObject):
     """A component, called an object in scenes.
 
     Attributes:
         reinit_requested: whether `reinit` was called and not yet processed.
     """
 
-    _context: Base | None
+    _context: TreeObject | None
     reinit_requested: bool
 
     def __new__(cls, *arguments: Any, **named: Any) -> "Component":
@@ -35,7 +35,7 @@ class Component(Base):
     def __init__(
         self,
         type_name: str,
-        context: Base | None = None,
+        context: TreeObject | None = None,
         data: Mapping[str, Any] | None = None,
         place: Place | None = None,
     ) -> None:

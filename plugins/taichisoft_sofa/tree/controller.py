@@ -46,7 +46,7 @@ class PythonComponent(Component):
         """Whether a method for an event is defined."""
 
 
-class Controller(PythonComponent):
+class SceneController(PythonComponent):
     """A controller of SofaPython3, with methods such as onKeypressedEvent for a pressed key."""
 
     def handles_event(self, event: str) -> bool:
@@ -70,6 +70,10 @@ class Controller(PythonComponent):
 
     def bwdInit(self) -> None:
         """Do nothing; classes of scenes override this, with all other components initialised."""
+
+
+# Scenes know the class as Sofa.Core.Controller, and an object of it has this type and name.
+SceneController.__name__ = "Controller"
 
 
 class PythonScriptController(PythonComponent):

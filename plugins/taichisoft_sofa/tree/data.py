@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.tree.arithmetic import Arithmetic
-from taichisoft_sofa.tree.kinds import ANY, LINK, TEXT, Declared, Kind, WrongValue, numbers
+from taichisoft_sofa.tree.kinds import ANY, LINK, TEXT, Declared, ValueKind, WrongValue, numbers
 from taichisoft_sofa.tree.moment import now
 from taichisoft_sofa.tree.place import Place, asked_by_older_code, here
 
@@ -60,7 +60,7 @@ class Data(Arithmetic):
 
     names_given = 0
 
-    def __init__(self, name: str, owner: Owner, kind: Kind | None = None, default: Any = None) -> None:
+    def __init__(self, name: str, owner: Owner, kind: ValueKind | None = None, default: Any = None) -> None:
         self.name = name
         self.owner = owner
         self.revision = 0
@@ -68,7 +68,7 @@ class Data(Arithmetic):
         self.provider: Callable[[], Any] | None = None
         self._own = Declared(kind, default, None) if kind is not None else None
         self._written: Any = None
-        self._converted: tuple[Kind, Any, Any] | None = None  # kind, converted value, and result
+        self._converted: tuple[ValueKind, Any, Any] | None = None  # kind, converted value, and result
         self._rows: tuple[NDArray[Any], list[Any]] | None = None
         self._parent: Data | None = None
         self._path: str | None = None
@@ -81,12 +81,12 @@ class Data(Arithmetic):
     # Description.
 
     @property
-    def kind(self) -> Kind:
+    def kind(self) -> ValueKind:
         """Kind of the values."""
         known = self._declared()
         if known is None:
             return ANY
-        return known.kind if isinstance(known.kind, Kind) else known.kind(self.owner)
+        return known.kind if isinstance(known.kind, ValueKind) else known.kind(self.owner)
 
     @property
     def linkpath(self) -> LinkPath:

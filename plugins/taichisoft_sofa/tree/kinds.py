@@ -22,7 +22,7 @@ class WrongValue(ValueError):
 
 
 @dataclass(frozen=True)
-class Kind:
+class ValueKind:
     """A kind of value.
 
     Attributes:
@@ -39,7 +39,7 @@ class Kind:
 
 
 # The kind of a data may depend on other data of its component, such as a template.
-KindOf = Kind | Callable[[Any], Kind]
+KindOf = ValueKind | Callable[[Any], ValueKind]
 
 
 @dataclass(frozen=True)
@@ -203,37 +203,37 @@ def _exactly(value: Any, count: int) -> NDArray[Any]:
     return found
 
 
-SCALAR = Kind("a number", lambda value: _one(value, float), lambda: 0.0)
-INTEGER = Kind("an integer", lambda value: _one(value, int), lambda: 0)
-BOOL = Kind("true or false", _bool, lambda: False)
-TEXT = Kind("a text", _text, lambda: "")
-TEXTS = Kind("texts", _texts, list)
+SCALAR = ValueKind("a number", lambda value: _one(value, float), lambda: 0.0)
+INTEGER = ValueKind("an integer", lambda value: _one(value, int), lambda: 0)
+BOOL = ValueKind("true or false", _bool, lambda: False)
+TEXT = ValueKind("a text", _text, lambda: "")
+TEXTS = ValueKind("texts", _texts, list)
 # A vector of any length: shape (n,).
-VECTOR = Kind("numbers", numbers, lambda: np.empty(0), 1)
-BOOLS = Kind("true or false each", _bools, lambda: np.empty(0, bool), 1)
-INDICES = Kind("indices", _indices, lambda: np.empty(0, int), 1)
+VECTOR = ValueKind("numbers", numbers, lambda: np.empty(0), 1)
+BOOLS = ValueKind("true or false each", _bools, lambda: np.empty(0, bool), 1)
+INDICES = ValueKind("indices", _indices, lambda: np.empty(0, int), 1)
 # Any value.
-ANY = Kind("anything", lambda value: value, lambda: None)
+ANY = ValueKind("anything", lambda value: value, lambda: None)
 # The path of another component, which is not resolved when the data is read.
-LINK = Kind("a link", _text, lambda: "")
+LINK = ValueKind("a link", _text, lambda: "")
 
 
 @cache
-def fixed(count: int) -> Kind:
+def fixed(count: int) -> ValueKind:
     """A vector of exactly `count` numbers: shape (count,)."""
-    return Kind(f"{count} numbers", lambda value: _exactly(value, count), lambda: np.zeros(count), count)
+    return ValueKind(f"{count} numbers", lambda value: _exactly(value, count), lambda: np.zeros(count), count)
 
 
 @cache
-def vectors(width: int) -> Kind:
+def vectors(width: int) -> ValueKind:
     """Any number of vectors of `width` numbers, such as positions: shape (n, width)."""
-    return Kind(f"rows of {width}", lambda value: _rows(value, width, float), lambda: np.empty((0, width)), width)
+    return ValueKind(f"rows of {width}", lambda value: _rows(value, width, float), lambda: np.empty((0, width)), width)
 
 
 @cache
-def index_rows(width: int) -> Kind:
+def index_rows(width: int) -> ValueKind:
     """Any number of rows of `width` indices, such as triangles: shape (n, width)."""
-    return Kind(
+    return ValueKind(
         f"rows of {width} indices", lambda value: _rows(value, width, int), lambda: np.empty((0, width), int), width
     )
 
@@ -249,7 +249,7 @@ SINGLE = {
 }
 
 
-def kind_called(type_name: str) -> Kind:
+def kind_called(type_name: str) -> ValueKind:
     """Kind of a data by SOFA's name of the type: `double`, `Vec3d`, `vector<Vec3d>`, `string`."""
     if type_name in SINGLE:
         return SINGLE[type_name]

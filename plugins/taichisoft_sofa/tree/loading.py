@@ -13,7 +13,7 @@ from taichisoft_sofa.tree.keys import character
 from taichisoft_sofa.tree.modules import SceneModules
 from taichisoft_sofa.tree.moment import frozen_time
 from taichisoft_sofa.tree.node import Node
-from taichisoft_sofa.tree.place import ORIGIN, Origin, Place
+from taichisoft_sofa.tree.place import ORIGIN, ModuleOrigin, Place
 from taichisoft_sofa.tree.scene_modules import LIBRARIES
 
 # Sources of libraries that scenes import.
@@ -211,7 +211,7 @@ def _place(error: BaseException, path: Path) -> str:
     while traceback is not None:
         frame = traceback.tb_frame
         origin = frame.f_globals.get(ORIGIN)
-        if isinstance(origin, Origin):
+        if isinstance(origin, ModuleOrigin):
             place = Place(frame.f_code.co_filename, traceback.tb_lineno)
             of_scene, of_library = (place, None) if origin.of_scene else (of_scene, place)
         traceback = traceback.tb_next

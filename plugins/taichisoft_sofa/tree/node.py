@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable, Iterator
 from typing import Any
 
-from taichisoft_sofa.tree.base import COMMON, Base
+from taichisoft_sofa.tree.base import COMMON, TreeObject
 from taichisoft_sofa.tree.bounds import ABOVE_0
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
@@ -42,7 +42,7 @@ class Members(list[Any]):
         return self[index]
 
 
-class Node(Base):
+class Node(TreeObject):
     """A node of the tree.
 
     Children, components and data are attributes by name.
@@ -51,7 +51,7 @@ class Node(Base):
     _children: list["Node"]
     _parents: list["Node"]
     _objects: list[Component]
-    _changes: list[tuple[Base, str]]
+    _changes: list[tuple[TreeObject, str]]
     _taken: set[str]
     _names_given: int
     _numbers: dict[str, int]
@@ -115,7 +115,7 @@ class Node(Base):
 
     def add(self, made: Any, **data: Any) -> Any:
         """Add the result of a function of this node, or an argument of addObject or addChild."""
-        if isinstance(made, str | Base):
+        if isinstance(made, str | TreeObject):
             return self.addObject(made, **data)
         return made(self, **data)
 
@@ -160,14 +160,14 @@ class Node(Base):
             self._note("adds", component)
         return component
 
-    def _note(self, what: str, item: Base) -> None:
+    def _note(self, what: str, item: TreeObject) -> None:
         """Record a change of a complete tree; changes by the scene's own controllers affect a run."""
         root = self.getRoot()
         own_program = isinstance(item, Component) and type(item) is not Component
         if root.initialised and not own_program and (isinstance(item, Component) or any(item.walk_components())):
             root._changes.append((item, f"{here()}: the scene {what} {item.described()}"))
 
-    def changes_of_tree(self) -> list[tuple[Base, str]]:
+    def changes_of_tree(self) -> list[tuple[TreeObject, str]]:
         """Objects added or removed since the last call, with a line for each; for the root of a complete scene."""
         changes, self._changes = self._changes, []
         return changes

@@ -22,7 +22,7 @@ class Place(NamedTuple):
 
 
 @dataclass(frozen=True)
-class Origin:
+class ModuleOrigin:
     """Origin of a module loaded for a scene.
 
     Attributes:
@@ -39,9 +39,9 @@ def here() -> Place | None:
     library = outside = None
     for frame in _frames_outside():
         origin = frame.f_globals.get(ORIGIN)
-        if isinstance(origin, Origin) and origin.of_scene:
+        if isinstance(origin, ModuleOrigin) and origin.of_scene:
             return _place(frame)
-        if isinstance(origin, Origin) and library is None:
+        if isinstance(origin, ModuleOrigin) and library is None:
             library = _place(frame)
         if outside is None:
             outside = _place(frame)
@@ -54,7 +54,7 @@ def asked_by_older_code() -> bool:
     while frame is not None and _is_ours(frame):
         frame = frame.f_back
     origin = frame.f_globals.get(ORIGIN) if frame else None
-    return isinstance(origin, Origin) and origin.older
+    return isinstance(origin, ModuleOrigin) and origin.older
 
 
 def _place(frame: FrameType) -> Place:

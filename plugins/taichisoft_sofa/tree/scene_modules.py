@@ -9,7 +9,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from taichisoft_sofa.tree.place import ORIGIN, Origin
+from taichisoft_sofa.tree.place import ORIGIN, ModuleOrigin
 from taichisoft_sofa.tree.python2 import compiled
 from taichisoft_sofa.tree.python2_names import NAMES
 
@@ -44,7 +44,7 @@ class SceneLoader(OurLoader):
     def exec_module(self, module: ModuleType) -> None:
         """Execute the file."""
         program = compiled(self.file, self._in_package)
-        vars(module)[ORIGIN] = Origin(self.of_scene, program.older)
+        vars(module)[ORIGIN] = ModuleOrigin(self.of_scene, program.older)
         if program.python2:
             self._converted[self.file] = program.python2
             vars(module).update(NAMES)

@@ -6,9 +6,9 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from taichisoft_sofa.tree.base import Base
+from taichisoft_sofa.tree.base import TreeObject
 from taichisoft_sofa.tree.component import Component
-from taichisoft_sofa.tree.controller import Controller, PythonScriptController
+from taichisoft_sofa.tree.controller import PythonScriptController, SceneController
 from taichisoft_sofa.tree.data import Data, LinkPath
 from taichisoft_sofa.tree.keys import KEYS
 from taichisoft_sofa.tree.node import Node
@@ -60,10 +60,10 @@ def stand_ins(repositories: list[Path]) -> dict[str, ModuleType]:
     messages = {f"msg_{level}": _message(number) for level, number in LEVELS.items()}
     core = StandIn(
         "Sofa.Core",
-        Base=Base,
+        Base=TreeObject,
         BaseData=Data,
         BaseObject=Component,
-        Controller=Controller,
+        Controller=SceneController,
         Data=Data,
         DataContainer=Data,
         DataString=Data,
@@ -114,7 +114,7 @@ def _message(level: int) -> Callable[..., None]:
     """Make a function that logs a scene's messages, optionally preceded by their subject."""
 
     def message(*said: Any) -> None:
-        about = [item.getPathName() if isinstance(item, Base) else str(item) for item in said]
+        about = [item.getPathName() if isinstance(item, TreeObject) else str(item) for item in said]
         LOG.log(level, ": ".join(about))
 
     return message

@@ -48,7 +48,7 @@ class CurvedTriangles(NamedTuple):
     second_slope: ScalarTable
 
 
-class CavityVolumes(NamedTuple):
+class CavityVolumeArrays(NamedTuple):
     """Volumes at the nodes' present positions.
 
     Attributes:
@@ -67,7 +67,7 @@ class CavityVolumes(NamedTuple):
 
 @kernel
 def volumes_and_gradients(
-    node_position: Vectors, cavities: CavitySurfaces, curved: CurvedTriangles, volumes: CavityVolumes
+    node_position: Vectors, cavities: CavitySurfaces, curved: CurvedTriangles, volumes: CavityVolumeArrays
 ):
     """Volumes by the divergence theorem, and their gradients, which for a closed surface have nothing of its edges.
 

@@ -45,7 +45,7 @@ class CablePaths(NamedTuple):
     friction: Scalars
 
 
-class CableShapes(NamedTuple):
+class CableShapeArrays(NamedTuple):
     """The cables at the bodies' present positions.
 
     Attributes:
@@ -73,7 +73,7 @@ def measure(
     node_position: Vectors,
     rigid_position: Vectors,
     rigid_rotation: Matrices,
-    shapes: CableShapes,
+    shapes: CableShapeArrays,
     gradient: Gradient,
 ):
     """Lengths, turning angles, and the gradients of the cables' coordinates, `first_coordinate` and those after it."""

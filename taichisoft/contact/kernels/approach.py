@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from taichisoft.bodies.kernels.rigid_integration import RigidState
 from taichisoft.contact.kernels.contacts import Contacts
-from taichisoft.contact.kernels.surface_vertices import Poses
+from taichisoft.contact.kernels.surface_vertices import PoseArrays
 from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.rotation_matrices import rotation_of_vector
 from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, ScalarTable, Vectors, ti
@@ -95,7 +95,7 @@ def look_ahead(
 
 
 @kernel
-def move_bodies(passed: ti.f64, soft: NodeMotion, rigid: RigidState, poses: Poses):
+def move_bodies(passed: ti.f64, soft: NodeMotion, rigid: RigidState, poses: PoseArrays):
     """Move the bodies from the start of the step by a time `passed` [s] at constant velocities."""
     ti.loop_config(serialize=True)
     for node in range(soft.position.shape[0]):

@@ -7,7 +7,7 @@ from the other cylinder can have several minima.
 import math
 
 from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append_points, ivec3
-from taichisoft.contact.kernels.round_shapes import MovedShapes, Shapes
+from taichisoft.contact.kernels.round_shapes import MovedShapes, RoundShapes
 from taichisoft.contact.kernels.shape_distance import FACING, HALVINGS, LEVEL, QUARTERS, RIM_POINTS, signed_distance
 from taichisoft.runtime.launch import func
 from taichisoft.runtime.taichi_start import ti
@@ -22,7 +22,7 @@ def cylinder_against_cylinder(
     pair: ti.i32,
     group: ti.i32,
     reach: ti.f64,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
@@ -56,7 +56,7 @@ def cylinder_against_cylinder(
 
 
 @func
-def rim_point(angle: ti.f64, end: ti.i32, s: ti.i32, shapes: Shapes, there: MovedShapes):
+def rim_point(angle: ti.f64, end: ti.i32, s: ti.i32, shapes: RoundShapes, there: MovedShapes):
     """Point of a rim of cylinder s at an angle [rad] from the direction of `lean`, and its radial unit vector."""
     first = there.lean[s, end]
     outward = ti.cos(angle) * first + ti.sin(angle) * there.axis[s].cross(first)
@@ -65,7 +65,9 @@ def rim_point(angle: ti.f64, end: ti.i32, s: ti.i32, shapes: Shapes, there: Move
 
 
 @func
-def rim_slope(angle: ti.f64, end: ti.i32, mine: ti.i32, other: ti.i32, shapes: Shapes, there: MovedShapes) -> ti.f64:
+def rim_slope(
+    angle: ti.f64, end: ti.i32, mine: ti.i32, other: ti.i32, shapes: RoundShapes, there: MovedShapes
+) -> ti.f64:
     """Derivative of the signed distance between rim point and other cylinder by the angle, over the radius [-]."""
     x, outward = rim_point(angle, end, mine, shapes, there)
     _distance, out, _where = signed_distance(x, other, shapes, there)
@@ -81,7 +83,7 @@ def rim_against_cylinder(
     reach: ti.f64,
     mine: ti.i32,
     other: ti.i32,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
@@ -144,7 +146,7 @@ def touch_rim(
     reach: ti.f64,
     mine: ti.i32,
     other: ti.i32,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,

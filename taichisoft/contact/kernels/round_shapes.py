@@ -6,15 +6,15 @@ ends.
 
 from typing import NamedTuple
 
-from taichisoft.contact.kernels.surface_vertices import Poses
+from taichisoft.contact.kernels.surface_vertices import PoseArrays
 from taichisoft.runtime.launch import kernel
 from taichisoft.runtime.taichi_start import Integers, IntegerTable, Scalars, Vectors, VectorTable, ti
 
-# Columns of `Shapes.surface_pairs`.
+# Columns of `RoundShapes.surface_pairs`.
 SHAPE, SURFACE, IS_SOFT, SURFACE_PAIR_COLUMNS = range(4)
 
 
-class Shapes(NamedTuple):
+class RoundShapes(NamedTuple):
     """Geometry and owners of the shapes, and the surfaces and shapes that they can touch.
 
     Attributes:
@@ -61,7 +61,7 @@ class MovedShapes(NamedTuple):
 
 
 @kernel
-def move_shapes(shapes: Shapes, poses: Poses, there: MovedShapes):
+def move_shapes(shapes: RoundShapes, poses: PoseArrays, there: MovedShapes):
     """Move the shapes of rigid bodies to their poses."""
     ti.loop_config(serialize=True)
     for s in range(shapes.owner.shape[0]):

@@ -2,7 +2,7 @@
 
 from taichisoft.contact.kernels.contacts import Contacts, SearchSpace, append_points
 from taichisoft.contact.kernels.cylinder_contacts import cylinder_against_cylinder
-from taichisoft.contact.kernels.round_shapes import MovedShapes, Shapes
+from taichisoft.contact.kernels.round_shapes import MovedShapes, RoundShapes
 from taichisoft.contact.kernels.shape_distance import (
     END,
     SIDE,
@@ -24,7 +24,7 @@ def shapes_against_planes(
     reaches: ScalarTable,
     first_group: ti.i32,
     planes: Planes,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
@@ -48,7 +48,12 @@ def shapes_against_planes(
 
 @func
 def shapes_against_shapes(
-    reaches: ScalarTable, first_group: ti.i32, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts
+    reaches: ScalarTable,
+    first_group: ti.i32,
+    shapes: RoundShapes,
+    there: MovedShapes,
+    space: SearchSpace,
+    found: Contacts,
 ):
     """Find contacts of two shapes closer than the reach of their bodies."""
     for pair in range(shapes.shape_pairs.shape[0]):
@@ -72,7 +77,7 @@ def axis_against_shape(
     reach: ti.f64,
     seen: ti.i32,
     s: ti.i32,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,

@@ -6,7 +6,7 @@ sign.
 
 import math
 
-from taichisoft.contact.kernels.round_shapes import MovedShapes, Shapes
+from taichisoft.contact.kernels.round_shapes import MovedShapes, RoundShapes
 from taichisoft.runtime.launch import func
 from taichisoft.runtime.taichi_start import ti, vec3
 
@@ -27,7 +27,7 @@ QUARTERS = 4
 
 
 @func
-def signed_distance(x: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes):
+def signed_distance(x: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes):
     """Distance of x from shape s [mm], negative inside, its gradient (the outward normal), and SIDE, END or RIM."""
     axis, radius, half = there.axis[s], shapes.radius[s], shapes.half_length[s]
     away = x - there.centre[s]
@@ -64,7 +64,7 @@ def signed_distance(x: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes):
 
 
 @func
-def lowest_along(a: vec3, b: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes) -> ti.f64:
+def lowest_along(a: vec3, b: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes) -> ti.f64:
     """Fraction of the segment from a to b at the least signed distance from shape s, found by bisection."""
     low, high = 0.0, 1.0
     for _ in range(HALVINGS):
@@ -84,7 +84,7 @@ def lowest_along(a: vec3, b: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes
 
 
 @func
-def side_by_side(a: vec3, b: vec3, where: ti.i32, s: ti.i32, shapes: Shapes, there: MovedShapes):
+def side_by_side(a: vec3, b: vec3, where: ti.i32, s: ti.i32, shapes: RoundShapes, there: MovedShapes):
     """Part of the segment from a to b beside the axis of s, or beyond its flat end: two fractions of the segment.
 
     If a segment lies along the side or on an end, the distance has no single minimum: both ends of this part touch.
@@ -109,7 +109,7 @@ def side_by_side(a: vec3, b: vec3, where: ti.i32, s: ti.i32, shapes: Shapes, the
 
 
 @func
-def ball_count(normal: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes) -> ti.i32:
+def ball_count(normal: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes) -> ti.i32:
     """Number of balls that represent shape s against a plane with this normal, see `ball`."""
     count = 1
     if shapes.half_length[s] > 0.0:
@@ -125,7 +125,7 @@ def ball_count(normal: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes) -> t
 
 
 @func
-def ball(k: ti.i32, count: ti.i32, normal: vec3, s: ti.i32, shapes: Shapes, there: MovedShapes):
+def ball(k: ti.i32, count: ti.i32, normal: vec3, s: ti.i32, shapes: RoundShapes, there: MovedShapes):
     """Centre and radius [mm] of the k-th of `count` balls inside shape s that reach as far as s against `normal`.
 
     For round ends the balls are the ends themselves. For a cylinder they touch the rims at the points farthest against

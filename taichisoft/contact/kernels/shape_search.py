@@ -2,7 +2,7 @@
 
 from taichisoft.contact.kernels.box_trees import Trees
 from taichisoft.contact.kernels.contacts import Contacts, SearchSpace
-from taichisoft.contact.kernels.round_shapes import MovedShapes, Shapes
+from taichisoft.contact.kernels.round_shapes import MovedShapes, RoundShapes
 from taichisoft.contact.kernels.shape_contacts import shapes_against_planes, shapes_against_shapes
 from taichisoft.contact.kernels.shape_surface_contacts import shapes_against_surfaces
 from taichisoft.contact.kernels.surface_vertices import MovedSurfaces, Planes, Surfaces
@@ -20,7 +20,7 @@ def find_on_surfaces(
     surfaces: Surfaces,
     trees: Trees,
     moved: MovedSurfaces,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
@@ -33,7 +33,7 @@ def find_on_surfaces(
 
 @kernel
 def find_on_planes(
-    reach: ScalarTable, planes: Planes, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts
+    reach: ScalarTable, planes: Planes, shapes: RoundShapes, there: MovedShapes, space: SearchSpace, found: Contacts
 ):
     """Add the contacts of shapes with planes within their reach [mm]; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
@@ -42,7 +42,7 @@ def find_on_planes(
 
 
 @kernel
-def find_on_shapes(reach: ScalarTable, shapes: Shapes, there: MovedShapes, space: SearchSpace, found: Contacts):
+def find_on_shapes(reach: ScalarTable, shapes: RoundShapes, there: MovedShapes, space: SearchSpace, found: Contacts):
     """Add the contacts of two shapes within their reach [mm]; the count may exceed the capacity."""
     ti.loop_config(serialize=True)
     for _ in range(1):

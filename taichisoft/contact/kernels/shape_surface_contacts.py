@@ -14,7 +14,7 @@ from taichisoft.contact.kernels.local_distance import (
     is_local_minimum,
     outward_normal,
 )
-from taichisoft.contact.kernels.round_shapes import IS_SOFT, SHAPE, SURFACE, MovedShapes, Shapes
+from taichisoft.contact.kernels.round_shapes import IS_SOFT, SHAPE, SURFACE, MovedShapes, RoundShapes
 from taichisoft.contact.kernels.shape_distance import (
     END,
     RIM,
@@ -49,7 +49,7 @@ def shapes_against_surfaces(
     surfaces: Surfaces,
     trees: Trees,
     moved: MovedSurfaces,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
@@ -99,7 +99,7 @@ def touch_ball(
     surfaces: Surfaces,
     trees: Trees,
     moved: MovedSurfaces,
-    shapes: Shapes,
+    shapes: RoundShapes,
     space: SearchSpace,
     found: Contacts,
 ):
@@ -156,7 +156,7 @@ def touch_face(
     surfaces: Surfaces,
     trees: Trees,
     moved: MovedSurfaces,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
@@ -201,7 +201,7 @@ def touch_edge(
     reach: ti.f64,
     surfaces: Surfaces,
     moved: MovedSurfaces,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
@@ -241,7 +241,7 @@ def touch_edge(
 
 @func
 def is_level(
-    a: vec3, b: vec3, first: ti.f64, last: ti.f64, lowest: ti.f64, s: ti.i32, shapes: Shapes, there: MovedShapes
+    a: vec3, b: vec3, first: ti.f64, last: ti.f64, lowest: ti.f64, s: ti.i32, shapes: RoundShapes, there: MovedShapes
 ) -> ti.i32:
     """Whether both ends of a part of the segment from a to b are as close to shape s as its nearest point."""
     one, _out, _where = signed_distance(a + first * (b - a), s, shapes, there)
@@ -257,7 +257,7 @@ def touch_vertex(
     reach: ti.f64,
     surfaces: Surfaces,
     moved: MovedSurfaces,
-    shapes: Shapes,
+    shapes: RoundShapes,
     there: MovedShapes,
     space: SearchSpace,
     found: Contacts,
@@ -283,7 +283,7 @@ def touch_vertex(
 
 
 @func
-def mesh_side(pair: ti.i32, surfaces: Surfaces, shapes: Shapes) -> ti.i32:
+def mesh_side(pair: ti.i32, surfaces: Surfaces, shapes: RoundShapes) -> ti.i32:
     """Side of the surface in a contact: the lower body number is first."""
     body = shapes.body[shapes.surface_pairs[pair, SHAPE]]
     return ti.i32(surfaces.body[shapes.surface_pairs[pair, SURFACE]] > body)
@@ -299,7 +299,7 @@ def store_shape(
     out: vec3,
     distance: ti.f64,
     surfaces: Surfaces,
-    shapes: Shapes,
+    shapes: RoundShapes,
     space: SearchSpace,
     found: Contacts,
 ) -> ti.i32:
@@ -324,7 +324,7 @@ def store_face(
     out: vec3,
     distance: ti.f64,
     surfaces: Surfaces,
-    shapes: Shapes,
+    shapes: RoundShapes,
     space: SearchSpace,
     found: Contacts,
 ):

@@ -7,7 +7,7 @@ reproduces a sphere to the fourth order of the triangle's size. The normal is th
 
 from typing import NamedTuple
 
-from taichisoft.contact.kernels.surface_vertices import Carriers, MovedSurfaces, Poses, Surfaces
+from taichisoft.contact.kernels.surface_vertices import Carriers, MovedSurfaces, PoseArrays, Surfaces
 from taichisoft.runtime.launch import func, kernel
 from taichisoft.runtime.taichi_start import Integers, IntegerTable, Vectors, ti, vec3
 
@@ -36,7 +36,7 @@ class SmoothSurfaces(NamedTuple):
 
 
 @kernel
-def turn_normals(smooth: SmoothSurfaces, carriers: Carriers, poses: Poses):
+def turn_normals(smooth: SmoothSurfaces, carriers: Carriers, poses: PoseArrays):
     """Rotate the normals with their rigid bodies."""
     ti.loop_config(serialize=True)
     for i in range(smooth.vertices.shape[0]):

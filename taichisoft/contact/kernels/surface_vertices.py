@@ -65,7 +65,7 @@ class Carriers(NamedTuple):
     weights: ScalarTable
 
 
-class Poses(NamedTuple):
+class PoseArrays(NamedTuple):
     """Positions and rotations of the bodies.
 
     Attributes:
@@ -93,7 +93,7 @@ class MovedSurfaces(NamedTuple):
 
 
 @kernel
-def move_vertices(carriers: Carriers, poses: Poses, moved: MovedSurfaces):
+def move_vertices(carriers: Carriers, poses: PoseArrays, moved: MovedSurfaces):
     """Move the vertices of soft bodies with their nodes, and the vertices of rigid bodies with their poses."""
     ti.loop_config(serialize=True)
     for v in range(carriers.owner.shape[0]):
