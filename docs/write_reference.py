@@ -20,7 +20,8 @@ import taichisoft
 from taichisoft.plugin_system import hook_names, hookspecs
 from taichisoft.scenes import actuators, rigid_body, scene, shapes, soft_body, table
 from taichisoft_sofa.components.older_names import ALIASES
-from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD
+from taichisoft_sofa.components.table import UNDERSTOOD
+from taichisoft_sofa.components.without_effect import IGNORED
 
 FOLDER = Path(__file__).parent / "reference"
 NOTE = "<!-- Written by `python docs/write_reference.py` from docstrings; a test compares. -->"

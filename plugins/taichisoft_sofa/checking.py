@@ -31,36 +31,38 @@ class Checked:
     counts: dict[str, Mapping[str, int]] = field(default_factory=dict)
 
 
-def checked(scene: Path, python_path: str, exact: bool) -> Checked:
+def checked(scene: Path, python_path: str, exact: bool, data_path: str = "") -> Checked:
     """Load and translate a scene, and build its model and controllers as a run does before its first step."""
     found = Checked()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", UserWarning)
         try:
             with _kept(found.said):
-                tree = load_tree(scene, split_path(python_path))
+                tree = load_tree(scene, split_path(python_path), split_path(data_path, "--data-path"))
                 translation = translate(tree, exact)
             found.remarks += tree.converted
             found.counts = {"understood": translation.understood, "without effect": translation.ignored}
             found.remarks += [f"otherwise than in SOFA: {line}" for line in translation.departures]
             found.problems += translation.refused
             if not translation.refused:
-                _build(scene, translation, python_path, exact, found)
+                _build(scene, translation, python_path, data_path, exact, found)
         except TaichisoftError as error:
             found.problems.append(str(error))
     found.remarks += dict.fromkeys(f"warning: {one.message}" for one in warned if issubclass(one.category, UserWarning))
     return found
 
 
-def _build(scene: Path, translation: Translation, python_path: str, exact: bool, found: Checked) -> None:
+def _build(
+    scene: Path, translation: Translation, python_path: str, data_path: str, exact: bool, found: Checked
+) -> None:
     from taichisoft.building import make_model, scene_from_dict
     from taichisoft_sofa.controller.controller import SofaController
 
     tables = with_files_in(kept_files(translation, scene.stem), translation.tables)
     model = make_model(scene_from_dict(tables, str(scene)))
-    folders = [str(folder) for folder in split_path(python_path)]
+    folders, data_folders = ([str(folder) for folder in split_path(path)] for path in (python_path, data_path))
     with _kept(found.said):
-        SofaController(str(scene), folders, exact).reset(model)
+        SofaController(str(scene), folders, exact, data_folders).reset(model)
 
 
 @contextlib.contextmanager

@@ -16,6 +16,9 @@ PythonPath = Annotated[
     str,
     typer.Option("--python-path", metavar="DIRS", help="Folders of libraries that scenes import, as in PYTHONPATH."),
 ]
+DataPath = Annotated[
+    str, typer.Option("--data-path", metavar="DIRS", help="Folders of meshes that scenes name, such as SOFA's share.")
+]
 Exact = Annotated[bool, typer.Option("--sofa-exact", help="Follow SOFA exactly where the default departs from it.")]
 EXIT_REFUSED = 1
 
@@ -24,6 +27,7 @@ EXIT_REFUSED = 1
 def check(
     scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="SOFA scenes (.py, .pyscn).")],
     python_path: PythonPath = "",
+    data_path: DataPath = "",
     sofa_exact: Exact = False,
 ) -> None:
     """List the components of scenes that are understood, have no effect, depart from SOFA, or are refused.
@@ -34,7 +38,7 @@ def check(
 
     refused = False
     for scene in scenes:
-        found = checked(scene, python_path, sofa_exact)
+        found = checked(scene, python_path, sofa_exact, data_path)
         refused = refused or bool(found.problems)
         _line(f"{scene}: {'refused' if found.problems else 'can be run'}")
         for title, counts in found.counts.items():
@@ -62,6 +66,7 @@ def convert(
         Path, typer.Option("--output", "-o", help="Native scene (.toml) to write, its meshes beside it.")
     ],
     python_path: PythonPath = "",
+    data_path: DataPath = "",
     sofa_exact: Exact = False,
 ) -> None:
     """Write a native scene with its meshes, without the scene's own controllers."""
@@ -73,7 +78,7 @@ def convert(
 
     if output.suffix.lower() != ".toml":
         raise SceneError(f"--output {output}: '{output.suffix}' is not a kind of native scene; valid: .toml")
-    translation = _translated(scene, python_path, sofa_exact)
+    translation = _translated(scene, python_path, data_path, sofa_exact)
     if translation.refused:
         raise SceneError(f"{translation.refused[0]}; taichisoft sofa check {scene} lists all")
     for line in translation.departures:
@@ -88,9 +93,10 @@ def convert(
     say(f"{output}, with its meshes in {meshes}")
 
 
-def _translated(scene: Path, python_path: str, exact: bool) -> "Translation":
+def _translated(scene: Path, python_path: str, data_path: str, exact: bool) -> "Translation":
     from taichisoft_sofa.reader import split_path
     from taichisoft_sofa.translation.translate import translate
     from taichisoft_sofa.tree.loading import load_tree
 
-    return translate(load_tree(scene, split_path(python_path)), exact)
+    folders, data_folders = split_path(python_path), split_path(data_path, "--data-path")
+    return translate(load_tree(scene, folders, data_folders), exact)

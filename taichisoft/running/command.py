@@ -44,6 +44,7 @@ class RunRequest:
         replay: keys of an earlier run; None: keys from the user.
         profile: whether to show the times of the phases of a step.
         steering: name of the controller for an output by which a user steers, such as a page, or None.
+        steps: number of time steps, instead of `duration`, or None.
     """
 
     folder: Path
@@ -53,6 +54,7 @@ class RunRequest:
     replay: KeyReplay | None = None
     profile: bool = False
     steering: str | None = None
+    steps: int | None = None
 
 
 def run_scene(
@@ -100,6 +102,10 @@ def run_simulation(
         typer.Exit: the run was interrupted.
     """
     duration, speed, folder = request.duration, request.speed, request.folder
+    if request.steps is not None:
+        if duration is not None:
+            raise TaichisoftError(f"--steps {request.steps}, --duration {duration:g}: give one of them")
+        duration = request.steps * scene.time.step
     if speed is not None and not 0.0 < speed < math.inf:
         raise TaichisoftError(f"--speed {speed:g}: must be a positive, finite number; 1 is real time")
     console = rich.get_console()  # an output that takes long at the end also shows its progress there

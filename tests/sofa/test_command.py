@@ -70,6 +70,17 @@ def test_a_scene_runs_with_its_libraries_and_says_what_it_does_otherwise(folder:
     assert scene.controller.settings["python_path"] == [str(folder / "library")]
 
 
+def test_a_run_has_as_many_steps_as_are_asked_for(folder: Path, command: Command) -> None:
+    arguments = ("run", "scene.py", "--python-path", "library", "--outputs", "csv", "-o", "out", "--steps", 3)
+    code, _, errors = command(*arguments)
+    assert code == 0, errors
+    times = np.genfromtxt(folder / "out" / "run.csv", delimiter=",", names=True)["time_s"]
+    assert times == pytest.approx([0.01, 0.02, 0.03])
+    code, _, errors = command(*arguments, "--duration", "0.01")
+    assert code == 2
+    assert "--steps 3, --duration 0.01: give one of them" in errors
+
+
 def test_files_in_python_2_are_named(folder: Path, command: Command) -> None:
     (folder / "library" / "material.py").write_text("print 'a'\nYOUNG = 1401 / 2\n")
     arguments = ("run", "scene.py", "--duration", "0.01", "--outputs", "", "-o", "out", "--python-path", "library")

@@ -155,6 +155,7 @@ class SceneDraft:
         linear_solvers: linear solvers by node.
         corrections: constraint corrections by node.
         pipeline: components of the contact pipeline, by role.
+        inverse: components of the inverse solver.
         free_motion: whether the animation loop solves constraints.
         appearance: entries of the native table `appearance`.
         departures: differences from SOFA, one line each.
@@ -168,6 +169,7 @@ class SceneDraft:
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)
     corrections: dict[int, "Component"] = field(default_factory=dict)
     pipeline: dict[str, "Component"] = field(default_factory=dict)
+    inverse: list["Component"] = field(default_factory=list)
     free_motion: bool = False
     appearance: dict[str, Any] = field(default_factory=dict)
     departures: dict[str, None] = field(default_factory=dict)

@@ -10,6 +10,8 @@ ALIASES.update(
         "DefaultPipeline": "CollisionPipeline",
         "FixedConstraint": "FixedProjectiveConstraint",
         "PartialFixedConstraint": "PartialFixedProjectiveConstraint",
+        "GenericConstraintSolver": "BlockGaussSeidelConstraintSolver",
+        "FreeMotionMasterSolver": "FreeMotionAnimationLoop",
         "Mesh": "MeshTopology",
         "MeshObjLoader": "MeshOBJLoader",
         "Triangle": "TriangleCollisionModel",

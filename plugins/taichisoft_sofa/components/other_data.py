@@ -24,7 +24,7 @@ CORRECTIONS = (
     "PrecomputedConstraintCorrection",
 )
 CONSTRAINT_SOLVERS = (
-    *("GenericConstraintSolver", "BlockGaussSeidelConstraintSolver", "ProjectedGaussSeidelConstraintSolver"),
+    *("BlockGaussSeidelConstraintSolver", "ProjectedGaussSeidelConstraintSolver"),
     *("UnbuiltGaussSeidelConstraintSolver", "NNCGConstraintSolver", "ImprovedJacobiConstraintSolver"),
     "LCPConstraintSolver",
 )

@@ -1,4 +1,4 @@
-"""The table of components: translations by type, types without effect, and purposes of unknown types."""
+"""The table of components: translations by type."""
 
 from collections.abc import Callable
 
@@ -67,7 +67,6 @@ UNDERSTOOD: dict[str, Contribution] = {
     ),
     **dict.fromkeys(
         (
-            "GenericConstraintSolver",
             "BlockGaussSeidelConstraintSolver",
             "ProjectedGaussSeidelConstraintSolver",
             "UnbuiltGaussSeidelConstraintSolver",
@@ -153,79 +152,3 @@ UNDERSTOOD: dict[str, Contribution] = {
     **dict.fromkeys(("Camera", "InteractiveCamera"), visuals.camera),
 }
 """Translation of each type to the draft of a scene."""
-
-IGNORED = {
-    "RequiredPlugin",
-    "AddDataRepository",
-    "AddPluginRepository",
-    "DefaultVisualManagerLoop",
-    "VisualManagerLoop",
-    "VisualStyle",
-    "VisualModelImpl",
-    "OglGrid",
-    "OglLabel",
-    "OglViewport",
-    "OglShadowShader",
-    "LightManager",
-    "DirectionalLight",
-    "SpotLight",
-    "PositionalLight",
-    "RecordedCamera",
-    "ViewerSetting",
-    "StatsSetting",
-    "MouseButtonSetting",
-    "AttachBodyButtonSetting",
-    "SofaDefaultPathSetting",
-    "APIVersion",
-    "InfoComponent",
-    "MessageHandlerComponent",
-    "FileMessageHandlerComponent",
-    "Monitor",
-    "VTKExporter",
-    "STLExporter",
-    "OBJExporter",
-    "MeshExporter",
-    "VisualModelOBJExporter",
-    "WriteState",
-    "ExtraMonitor",
-    "Visual3DText",
-    "PythonMainScriptController",
-    # modifiers of meshes, and geometry algorithms: meshes never change here
-    "TetrahedronSetTopologyModifier",
-    "TetrahedronSetTopologyAlgorithms",
-    "TetrahedronSetGeometryAlgorithms",
-    "TriangleSetTopologyModifier",
-    "TriangleSetTopologyAlgorithms",
-    "TriangleSetGeometryAlgorithms",
-    "EdgeSetTopologyModifier",
-    "EdgeSetTopologyAlgorithms",
-    "EdgeSetGeometryAlgorithms",
-    "PointSetTopologyModifier",
-    "PointSetTopologyAlgorithms",
-    "PointSetGeometryAlgorithms",
-}
-"""Types without effect on the motion of a scene."""
-
-PURPOSES = {
-    "ForceField": "forces on the bodies",
-    "Mass": "the mass of a body",
-    "Solver": "how bodies move in time",
-    "ConstraintCorrection": "how constraints move a body",
-    "Constraint": "what bodies must not do, or an actuator",
-    "CollisionModel": "a surface that touches others",
-    "Intersection": "how contacts are found",
-    "Mapping": "points that follow a body",
-    "Loader": "a mesh",
-    "Container": "the topology of a body",
-    "Topology": "the topology of a body",
-    "ROI": "a selection of points",
-    "Engine": "data that other components read",
-    "Controller": "what happens while the scene runs",
-    "Actuator": "an actuator",
-}
-"""Purpose of a type of component, by the end of its name."""
-
-
-def purpose(type_name: str) -> str:
-    """Purpose of an unknown component, by its name."""
-    return next((what for ending, what in PURPOSES.items() if type_name.endswith(ending)), "an unknown purpose")

@@ -27,19 +27,20 @@ class SofaController(Controller):
     their values in the scene.
     """
 
-    def __init__(self, scene: str, python_path: Sequence[str] = (), exact: bool = False):
+    def __init__(self, scene: str, python_path: Sequence[str] = (), exact: bool = False, data_path: Sequence[str] = ()):
         """Execute the scene.
 
         Args:
             scene: path of the SOFA scene.
             python_path: folders of libraries that the scene imports.
             exact: whether the translation follows SOFA exactly where the default departs from it.
+            data_path: folders of meshes that the scene names.
 
         Raises:
             SceneError: the scene cannot be read.
         """
         self._scene, self._exact = Path(scene), exact
-        self._folders = [Path(folder) for folder in python_path]
+        self._folders, self._data_path = list(map(Path, python_path)), list(map(Path, data_path))
         self._fresh: SceneTree | None = self._load()
         handles_keys = any(
             controller.handles_event(event) for controller in self._fresh.controllers for event in KEY_EVENTS
@@ -49,7 +50,7 @@ class SofaController(Controller):
         self.interactive = handles_keys and sys.stdin is not None and sys.stdin.isatty()
 
     def _load(self) -> SceneTree:
-        return load_tree(self._scene, self._folders)
+        return load_tree(self._scene, self._folders, self._data_path)
 
     def reset(self, model: "Model") -> None:
         """Execute the scene again, and connect it to a run of `model`.

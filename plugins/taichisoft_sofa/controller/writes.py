@@ -9,7 +9,7 @@ from taichisoft.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.actuators import VOLUME, is_driven_by_force, value_type
 from taichisoft_sofa.components.reading import described, flag, is_given, number
-from taichisoft_sofa.components.table import IGNORED
+from taichisoft_sofa.components.without_effect import is_without_effect
 from taichisoft_sofa.controller.stiffness import PartStiffness
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.base import TreeObject
@@ -148,7 +148,7 @@ class SceneWrites:
                 self._watched[place] = owner, owner.data_revision
                 yield from self._unused_writes(owner)
         for item, line in self._tree.root.changes_of_tree():
-            if item.type_name not in IGNORED | APPEARANCE:
+            if item.type_name not in APPEARANCE and not is_without_effect(item.type_name):
                 yield f"{line}, which has no effect in a run"
 
     def _unused_writes(self, owner: TreeObject) -> Iterator[str]:
@@ -164,7 +164,8 @@ class SceneWrites:
     def _changeable(self) -> Iterator[TreeObject]:
         yield from self._tree.nodes()
         for component in self._tree.components():
-            if type(component) is Component and component.type_name not in IGNORED | APPEARANCE:
+            kind = component.type_name
+            if type(component) is Component and kind not in APPEARANCE and not is_without_effect(kind):
                 yield component
 
 

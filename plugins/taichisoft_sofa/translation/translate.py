@@ -8,14 +8,17 @@ from taichisoft_sofa.components import computed as computed  # registers compute
 from taichisoft_sofa.components.draft import DraftBody, SceneDraft
 from taichisoft_sofa.components.graph import upwards
 from taichisoft_sofa.components.reading import described, flag
+from taichisoft_sofa.components.refusals import INVERSE, refuse_inverse, refuse_unknown
 from taichisoft_sofa.components.remarks import remarks
-from taichisoft_sofa.components.table import IGNORED, UNDERSTOOD, purpose
+from taichisoft_sofa.components.table import UNDERSTOOD
+from taichisoft_sofa.components.without_effect import instead_of, is_without_effect
 from taichisoft_sofa.translation.contact import contact_table
 from taichisoft_sofa.translation.names import body_names
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
 from taichisoft_sofa.tree.kinds import canonical
+from taichisoft_sofa.tree.own_components import OwnComponent
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
@@ -46,6 +49,8 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
             continue
         for component in node.objects:
             _gather(component, draft, translation)
+    if draft.inverse:
+        draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
     first_order = _is_first_order(draft)
     draft.effort_of_value = translation.effort_of_value = 1.0 if first_order else 1.0 / time_step
@@ -80,9 +85,7 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
     """Add a component to the draft."""
     kind = component.type_name
     contribute = UNDERSTOOD.get(kind) or UNDERSTOOD.get(canonical(kind))
-    if kind in IGNORED or canonical(kind) in IGNORED:
-        translation.ignored[kind] = translation.ignored.get(kind, 0) + 1
-    elif contribute is not None:
+    if contribute is not None:
         translation.understood[kind] = translation.understood.get(kind, 0) + 1
         try:
             contribute(component, draft)
@@ -90,8 +93,16 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
                 draft.depart(line)
         except SceneError as error:
             draft.refused.append(str(error))
+    elif is_without_effect(kind):
+        translation.ignored[kind] = translation.ignored.get(kind, 0) + 1
+        if missed := instead_of(kind):
+            draft.depart(f"{described(component)}: {missed}")
+    elif kind in INVERSE:
+        draft.inverse.append(component)
+    elif isinstance(component, OwnComponent):
+        draft.refuse(component, component.refusal)
     elif not is_controller(component):
-        draft.refused.append(f"{described(component)}: is not known here; it would be needed for {purpose(kind)}")
+        draft.refused.append(refuse_unknown(component))
 
 
 def _is_first_order(draft: SceneDraft) -> bool:
