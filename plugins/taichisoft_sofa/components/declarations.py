@@ -50,7 +50,7 @@ declare(
     topology=LINK,
     filename=TEXT,
 )
-for _loader in ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader"):
+for _loader in ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader", "GIDMeshLoader"):
     declare(
         _loader,
         filename=TEXT,
@@ -107,8 +107,22 @@ declare(
     tetrahedra=index_rows(4),
     hexahedra=index_rows(8),
 )
-for _mapping in ("BarycentricMapping", "RigidMapping", "IdentityMapping"):
-    declare(_mapping, input=LINK, output=LINK)
+LINKS = dict.fromkeys(("input", "input1", "input2", "output", "object1", "object2"), LINK)
+for _mapping in ("BarycentricMapping", "RigidMapping", "IdentityMapping", "SubsetMultiMapping", "SkinningMapping"):
+    declare(_mapping, **LINKS)
+declare("RigidMapping", index=INTEGER, rigidIndexPerPoint=(INDICES, (), FROM_0), globalToLocalCoords=BOOL)
+declare("SubsetMultiMapping", indexPairs=INDICES)
+declare("SkinningMapping", nbRef=INDICES, indices=INDICES, weight=VECTOR)
+declare("ArticulatedSystemMapping", **LINKS, indexInput2=INTEGER)
+declare("ArticulatedHierarchyContainer", filename=TEXT)
+declare("ArticulationCenter", parentIndex=INTEGER, childIndex=INTEGER, posOnParent=fixed(3), posOnChild=fixed(3))
+declare(
+    "Articulation",
+    translation=BOOL,
+    rotation=BOOL,
+    rotationAxis=(fixed(3), (1.0, 0.0, 0.0)),
+    articulationIndex=INTEGER,
+)
 declare("Tetra2TriangleTopologicalMapping", input=LINK, output=LINK)
 
 # time and systems of equations

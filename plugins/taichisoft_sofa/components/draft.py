@@ -5,9 +5,18 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft_sofa.components.graph import STATE, in_node, independent_state, mapping_of, node_of, upwards
+from taichisoft_sofa.components.graph import (
+    STATE,
+    in_node,
+    independent_state,
+    is_assembled,
+    mapping_of,
+    nearest,
+    node_of,
+    upwards,
+)
 from taichisoft_sofa.components.reading import described
-from taichisoft_sofa.components.states import is_rigid, start_position
+from taichisoft_sofa.components.states import is_rigid, start_position, width_of
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
@@ -62,8 +71,9 @@ class DraftAnchor:
         component: the springs or the constraint.
         points: indices of the points, shape (count,).
         stiffness: stiffness per point [mN/mm].
+        follows_rest: whether the points follow `rest_position`, else their initial positions or a frame.
         directions: axes along which they are held.
-        follows_rest: whether the points follow `rest_position`, else their initial positions.
+        frame: mechanical object and index of the driven frame that carries the points, or None.
     """
 
     component: "Component"
@@ -71,6 +81,7 @@ class DraftAnchor:
     stiffness: float
     follows_rest: bool
     directions: str = "xyz"
+    frame: "tuple[Component, int] | None" = None
 
 
 @dataclass
@@ -108,6 +119,23 @@ class DraftCable:
 
     component: "Component"
     places: list[Any]
+
+
+@dataclass
+class DraftJoint:
+    """The angles of a mechanical object of Vec1, held by springs.
+
+    Attributes:
+        state: the mechanical object.
+        springs: the springs that hold the angles to `rest_position`.
+        mass: inertia of each angle [kg mm^2].
+        is_used: whether a mapping turns frames by the angles.
+    """
+
+    state: "Component"
+    springs: "Component | None" = None
+    mass: float = 0.0
+    is_used: bool = False
 
 
 @dataclass
@@ -151,6 +179,7 @@ class SceneDraft:
         effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so: an impulse, or in first order
             the same.
         bodies: one body per independent mechanical object, by the identity of the component.
+        joints: angles by the identity of their mechanical object.
         solvers: time integration by node.
         linear_solvers: linear solvers by node.
         corrections: constraint corrections by node.
@@ -165,6 +194,7 @@ class SceneDraft:
     exact: bool = False
     effort_of_value: float = 1.0
     bodies: dict[int, DraftBody] = field(default_factory=dict)
+    joints: dict[int, DraftJoint] = field(default_factory=dict)
     solvers: dict[int, "Component"] = field(default_factory=dict)
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)
     corrections: dict[int, "Component"] = field(default_factory=dict)
@@ -189,9 +219,21 @@ class SceneDraft:
         if state is None:
             self.refuse(component, "acts on nothing: there is no MechanicalObject in its node or above")
             return None
+        if width_of(state) == 1 or (is_assembled(state) and is_rigid(state)):
+            self.refuse(
+                component, f"acts on {state.getPathName()}, which joints drive; only soft bodies follow it here"
+            )
+            return None
         if id(state) not in self.bodies:
             self.bodies[id(state)] = DraftBody(state, start_position(state))
         return self.bodies[id(state)]
+
+    def joint_of(self, component: "Component") -> DraftJoint | None:
+        """The angles on which a component acts, or None if it acts on something else."""
+        state = nearest(node_of(component), {STATE})
+        if state is None or width_of(state) != 1 or mapping_of(state) is not None:
+            return None
+        return self.joints.setdefault(id(state), DraftJoint(state))
 
     def points_of(self, component: "Component") -> np.ndarray:
         """Points of the mechanical object in a component's node, mapped or independent [mm], shape (count, 3)."""

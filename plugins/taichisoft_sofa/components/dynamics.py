@@ -7,6 +7,7 @@ import numpy as np
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.draft import DraftAnchor, DraftMaterial, Mass
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
+from taichisoft_sofa.components.joints import hold_joint, weigh_joint
 from taichisoft_sofa.components.reading import computed, described, flag, is_given, number, numbers, text
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import canonical
@@ -47,7 +48,10 @@ def constraint_correction(component: Component, draft: "SceneDraft") -> None:
 
 
 def uniform_mass(component: Component, draft: "SceneDraft") -> None:
-    """Translate equal masses of all points, or mass and inertia of a rigid body."""
+    """Translate equal masses of all points, mass and inertia of a rigid body, or inertia of a joint."""
+    if (joint := draft.joint_of(component)) is not None:
+        weigh_joint(component, joint)
+        return
     body = draft.body_of(component)
     if body is None:
         return
@@ -180,7 +184,13 @@ def _has_tetrahedra(topology: Component) -> bool:
 
 
 def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
-    """Translate springs from points to their rest positions; without indices, from all points."""
+    """Translate springs from points to their rest positions; without indices, from all points.
+
+    Springs of a joint hold its angle.
+    """
+    if (joint := draft.joint_of(component)) is not None:
+        hold_joint(component, joint)
+        return
     body = draft.body_of(component)
     if body is None:
         return

@@ -28,12 +28,15 @@ CONSTRAINT_SOLVERS = (
     *("UnbuiltGaussSeidelConstraintSolver", "NNCGConstraintSolver", "ImprovedJacobiConstraintSolver"),
     "LCPConstraintSolver",
 )
-LOADERS = ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader")
+LOADERS = ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader", "GIDMeshLoader")
 CONTAINERS = (
     *("MeshTopology", "TetrahedronSetTopologyContainer", "TriangleSetTopologyContainer", "QuadSetTopologyContainer"),
     *("EdgeSetTopologyContainer", "PointSetTopologyContainer"),
 )
-MAPPINGS = ("BarycentricMapping", "RigidMapping", "IdentityMapping")
+MAPPINGS = (
+    *("BarycentricMapping", "RigidMapping", "IdentityMapping", "SubsetMultiMapping", "SkinningMapping"),
+    "ArticulatedSystemMapping",
+)
 ROIS = ("BoxROI", "SphereROI")
 MASSES = ("UniformMass", "MeshMatrixMass", "DiagonalMass")
 TETRAHEDRA = (
@@ -58,7 +61,7 @@ UNUSED: dict[tuple[str, ...], dict[str, Any]] = {
     ("LCPConstraintSolver",): {"mu": 0.6},
     LOADERS: {"transformation": "", "flipNormals": False},
     MAPPINGS: {"mapConstraints": True},
-    ("RigidMapping",): {"globalToLocalCoords": False, "index": 0, "rigidIndexPerPoint": ()},
+    ("ArticulationCenter",): {"articulationProcess": 0},
     ("Tetra2TriangleTopologicalMapping",): {"flipNormals": False},
     MASSES: {"rayleighMass": 0.0},
     ("UniformMass",): {"compliance": 0.0, "handleTopologicalChanges": False},
@@ -129,7 +132,10 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     MAPPINGS: """
         mapForces mapMasses mapMatrices applyRestPosition useRestPosition isMechanical mapGeometricStiffness
         initialPoints geometricStiffness useX0 indexFromEnd repartition pointMap mapper inputTopology outputTopology
-        parallelMapping object1 object2
+        parallelMapping object1 object2 pointsPerFrame displayWeights
+    """,
+    ("ArticulationCenter",): """
+        globalPosition articulations
     """,
     ("Tetra2TriangleTopologicalMapping",): """
         noNewTriangles noInitialTriangles object1 object2

@@ -2,8 +2,10 @@
 
 from collections.abc import Callable
 
-from taichisoft_sofa.components import actuators, contacts, dynamics, selections, visuals
+from taichisoft_sofa.components import actuators, contacts, dynamics, joints, selections, visuals
 from taichisoft_sofa.components.draft import SceneDraft
+from taichisoft_sofa.components.graph import is_assembled
+from taichisoft_sofa.components.states import is_rigid
 from taichisoft_sofa.tree.component import Component
 
 Contribution = Callable[[Component, SceneDraft], None]
@@ -24,8 +26,10 @@ def _selection(component: Component, draft: SceneDraft) -> None:
 
 
 def _state(component: Component, draft: SceneDraft) -> None:
-    """Make a body of an independent mechanical object."""
-    if not draft.is_mapped(component):
+    """Make a body of an independent mechanical object, or of points that are put together from several others."""
+    if draft.joint_of(component) is None and (
+        not draft.is_mapped(component) or (is_assembled(component) and not is_rigid(component))
+    ):
         draft.body_of(component)
 
 
@@ -83,6 +87,7 @@ UNDERSTOOD: dict[str, Contribution] = {
             "MeshSTLLoader",
             "MeshOBJLoader",
             "MeshGmshLoader",
+            "GIDMeshLoader",
             "MeshTopology",
             "TetrahedronSetTopologyContainer",
             "TriangleSetTopologyContainer",
@@ -93,9 +98,15 @@ UNDERSTOOD: dict[str, Contribution] = {
             "BarycentricMapping",
             "RigidMapping",
             "IdentityMapping",
+            "SkinningMapping",
+            "ArticulatedHierarchyContainer",
+            "ArticulationCenter",
+            "Articulation",
         ),
         _is_read,
     ),
+    "SubsetMultiMapping": joints.subset_mapping,
+    "ArticulatedSystemMapping": joints.articulated_mapping,
     "MechanicalObject": _state,
     "BoxROI": _selection,
     "SphereROI": _selection,

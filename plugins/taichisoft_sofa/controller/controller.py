@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from taichisoft.control import Control, Controller, KeyEvent, Observation
 from taichisoft.errors import ControllerFailed, SceneError
+from taichisoft_sofa.controller.driven_frames import DrivenFrames
 from taichisoft_sofa.controller.reads import RunValues
 from taichisoft_sofa.controller.writes import SceneWrites
 from taichisoft_sofa.translation.translate import translate
@@ -61,8 +62,9 @@ class SofaController(Controller):
         self._tree, self._fresh = self._fresh or self._load(), None
         translation = translate(self._tree, self._exact)
         try:
-            self._values = RunValues(self._tree, translation, model)
-            self._writes = SceneWrites(self._tree, translation, model)
+            driven = DrivenFrames(self._tree, translation)
+            self._values = RunValues(self._tree, translation, model, driven)
+            self._writes = SceneWrites(self._tree, translation, model, driven)
         except SceneError as error:
             raise ControllerFailed(f"{self._scene}: {error}") from error
         self._tree.initialise()

@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,6 +14,7 @@ from taichisoft.state import State
 from taichisoft_sofa.components.graph import STATE, independent_state, mapping_of, node_of
 from taichisoft_sofa.components.reading import described
 from taichisoft_sofa.components.states import start_position
+from taichisoft_sofa.controller.driven_frames import DrivenFrames, JointMotion
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
@@ -26,7 +28,7 @@ if TYPE_CHECKING:
 class RunValues:
     """Provides the data of a scene's components with their values in a run."""
 
-    def __init__(self, tree: SceneTree, translation: Translation, model: "Model"):
+    def __init__(self, tree: SceneTree, translation: Translation, model: "Model", driven: DrivenFrames):
         """Register as the provider of the tree's data.
 
         Raises:
@@ -42,6 +44,11 @@ class RunValues:
         if missing:
             raise SceneError(f"has a body '{missing[0]}' that the run does not have")
         self._provide(tree.root.findData("time"), lambda: self._seen.time)
+        for joint in driven.joints:
+            self._provide(joint.state.findData("position"), partial(_column, joint, "angle"))
+            self._provide(joint.state.findData("velocity"), partial(_column, joint, "velocity"))
+        for frames in driven.frames:
+            self._provide(frames.findData("position"), partial(driven.poses, frames))
         for component in tree.components():
             kind = canonical(component.type_name)
             if kind == STATE:
@@ -123,6 +130,12 @@ class RunValues:
             "force": lambda: self._seen.cable_tensions[name] / self._effort_of_value,
         }.items():
             self._provide(cable.findData(data), value)
+
+
+def _column(joint: JointMotion, name: str) -> np.ndarray:
+    """Angles or angular velocities of a joint in rows of one number."""
+    column: np.ndarray = getattr(joint, name)[:, None]
+    return column
 
 
 def _no_force(state: Component) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -88,7 +89,8 @@ def add_soft_body(
             table["velocity"] = velocity.tolist()
         table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
-        table["damped_anchors"] = True
+        # Nodes that follow a frame are where it is: the lag is that of the joint's angle.
+        table["damped_anchors"] = all(anchor.frame is None for anchor in body.anchors)
     topology = _topology(body)
     if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
         table["embedding"] = "grid"
@@ -107,12 +109,27 @@ def add_soft_body(
     _add_cables(name, body, table, draft, translation)
     translation.tables.setdefault("soft_bodies", {})[name] = table
     translation.names[body.state] = name
-    held, follows = np.zeros(len(points), dtype=bool), np.ones(len(points), dtype=bool)
+    translation.soft[name] = _held_part(SoftPart(body, points, elements, element_material), anchors, node_of_point)
+
+
+def _held_part(part: SoftPart, anchors: Sequence[DraftAnchor], node_of_point: np.ndarray) -> SoftPart:
+    """A soft body with what its anchored nodes follow; where two anchors hold a node, the later one decides."""
+    count = len(part.points)
+    held, follows, frame_of = np.zeros(count, dtype=bool), np.ones(count, dtype=bool), np.full(count, -1)
+    frames = list(dict.fromkeys(anchor.frame for anchor in anchors if anchor.frame is not None))
     for anchor in anchors:
         nodes = node_of_point[anchor.points]
-        held[nodes[nodes >= 0]] = True
-        follows[nodes[nodes >= 0]] &= anchor.follows_rest
-    translation.soft[name] = SoftPart(body, points, elements, element_material, np.flatnonzero(held), follows[held])
+        nodes = nodes[nodes >= 0]
+        held[nodes] = True
+        follows[nodes] &= anchor.follows_rest
+        frame_of[nodes] = -1 if anchor.frame is None else frames.index(anchor.frame)
+    return replace(
+        part,
+        anchored=np.flatnonzero(held),
+        anchored_follows=follows[held],
+        frames=tuple(frames),
+        anchored_frame=frame_of[held],
+    )
 
 
 def add_moduli(tetrahedra: np.ndarray, materials: Sequence[DraftMaterial]) -> tuple[np.ndarray, np.ndarray]:

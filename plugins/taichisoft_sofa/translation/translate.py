@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # registers computed data
 from taichisoft_sofa.components.draft import DraftBody, SceneDraft
-from taichisoft_sofa.components.graph import upwards
+from taichisoft_sofa.components.graph import node_of
+from taichisoft_sofa.components.joints import check_joints
 from taichisoft_sofa.components.reading import described, flag
 from taichisoft_sofa.components.refusals import INVERSE, refuse_inverse, refuse_unknown
 from taichisoft_sofa.components.remarks import remarks
@@ -14,8 +15,9 @@ from taichisoft_sofa.components.table import UNDERSTOOD
 from taichisoft_sofa.components.without_effect import instead_of, is_without_effect
 from taichisoft_sofa.translation.contact import contact_table
 from taichisoft_sofa.translation.names import body_names
-from taichisoft_sofa.translation.parts import Translation
+from taichisoft_sofa.translation.parts import Joint, Translation
 from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body
+from taichisoft_sofa.translation.rigid_parts import add_rigid_parts, parts_of_bodies
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
 from taichisoft_sofa.tree.kinds import canonical
 from taichisoft_sofa.tree.own_components import OwnComponent
@@ -45,7 +47,7 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     root._exact, root._find_file = exact, tree.find_file
     draft, translation = SceneDraft(exact=exact), Translation()
     for node in root.walk():
-        if not all(map(_is_active, upwards(node))):
+        if not _is_active(node):
             continue
         for component in node.objects:
             _gather(component, draft, translation)
@@ -68,6 +70,12 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
             translation.tables["contact"] = contact
     except SceneError as error:
         draft.refused.append(str(error))
+    check_joints(draft)
+    translation.joints = [
+        Joint(joint.state, joint.springs, joint.mass, draft.above(node_of(joint.state), draft.solvers))
+        for joint in draft.joints.values()
+        if joint.springs is not None
+    ]
     _add_bodies(draft, translation)
     if draft.appearance:
         translation.tables["appearance"] = draft.appearance
@@ -77,8 +85,10 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
 
 
 def _is_active(node: "Node") -> bool:
+    """Whether a node and those on one way up to the root are active."""
     data = node.findData("activated")  # an attribute would search all components and children first
-    return data is None or bool(data.read_value())
+    active = data is None or bool(data.read_value())
+    return active and (not node.parents or any(map(_is_active, node.parents)))
 
 
 def _gather(component: "Component", draft: SceneDraft, translation: Translation) -> None:
@@ -122,12 +132,21 @@ def is_controller(component: "Component") -> bool:
 
 
 def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
-    bodies = list(draft.bodies.values())
+    try:
+        parts = parts_of_bodies(draft)
+    except SceneError as error:
+        draft.refused.append(str(error))
+        return
+    bodies = [body for key, body in draft.bodies.items() if key not in parts]
+    for key in parts.keys() & draft.bodies.keys():
+        for surface in draft.bodies[key].surfaces.values() if draft.bodies[key].rigid else ():
+            draft.refuse(surface.component, "is a surface of a rigid part of a soft body; give the surface to the body")
     if len(bodies) > MOST_BODIES:  # each has its own meshes and surfaces, which would be written first
         draft.refuse(bodies[MOST_BODIES].state, f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
         return
     for name, body in zip(body_names([body.node for body in bodies]), bodies, strict=True):
         try:
+            add_rigid_parts(body, draft)
             _add_body(name, body, draft, translation)
         except SceneError as error:
             draft.refused.append(str(error))
@@ -141,6 +160,8 @@ def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
 def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a body as a rigid body, soft body or obstacle."""
     solver = _moved_by(body, draft)
+    if body.rigid and any(anchor.directions == "xyz" and not anchor.follows_rest for anchor in body.anchors):
+        solver = None  # its frame is fixed
     if not body.rigid and len(body_tetrahedra(body)):
         add_soft_body(name, body, solver, draft, translation)
     elif solver is None:
