@@ -15,8 +15,8 @@ if TYPE_CHECKING:
 def articulated_mapping(component: "Component", draft: "SceneDraft") -> None:
     """Turn and shift frames by angles that springs hold to their rest position; soft bodies follow the frames."""
     state = in_node(node_of(component), {STATE})
-    if state is None:
-        draft.refuse(component, "turns nothing: there is no MechanicalObject in its node")
+    if state is None or not is_rigid(state):
+        draft.refuse(component, "turns nothing: there is no MechanicalObject of Rigid3 in its node")
         return
     joint = next((draft.joint_of(angles) for angles in inputs_of(component)[:1]), None)
     if joint is None:

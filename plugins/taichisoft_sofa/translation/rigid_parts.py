@@ -90,7 +90,7 @@ def add_rigid_parts(body: "DraftBody", draft: "SceneDraft") -> None:
     A free frame has no inertia but that of its points, so points that keep their distances move as SOFA's do.
     """
     mapping = mapping_of(body.state)
-    if mapping is None or not body.materials:
+    if mapping is None or canonical(mapping.type_name) != "SubsetMultiMapping" or not body.materials:
         return
     first, stiffness = body.materials[0], STIFFENING * max(one.young_modulus.max() for one in body.materials)
     _take_anchors(body, mapping, draft)
