@@ -167,6 +167,7 @@ declare(
     indices=(INDICES, (), FROM_0),
     stiffness=(VECTOR, (), FROM_0),
     external_rest_shape=LINK,
+    external_points=(INDICES, (), FROM_0),
 )
 for _support in ("FixedProjectiveConstraint", "PartialFixedProjectiveConstraint"):
     declare(
@@ -174,6 +175,15 @@ for _support in ("FixedProjectiveConstraint", "PartialFixedProjectiveConstraint"
         indices=(INDICES, (0,), FROM_0),
         fixAll=BOOL,
         fixedDirections=(BOOLS, (True, True, True)),
+    )
+
+for _motion in ("LinearMovementProjectiveConstraint",):
+    declare(
+        _motion,
+        indices=(INDICES, (0,), FROM_0),
+        keyTimes=VECTOR,
+        movements=vectors(3),
+        relativeMovements=(BOOL, True),
     )
 
 # contact

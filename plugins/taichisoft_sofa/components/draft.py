@@ -19,6 +19,7 @@ from taichisoft_sofa.components.reading import described
 from taichisoft_sofa.components.states import is_rigid, start_position, width_of
 
 if TYPE_CHECKING:
+    from taichisoft_sofa.components.anchor_targets import AnchorTarget
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.node import Node
 
@@ -71,9 +72,9 @@ class DraftAnchor:
         component: the springs or the constraint.
         points: indices of the points, shape (count,).
         stiffness: stiffness per point [mN/mm].
-        follows_rest: whether the points follow `rest_position`, else their initial positions or a frame.
+        follows_rest: whether the points follow `rest_position`, else their target or initial positions.
         directions: axes along which they are held.
-        frame: mechanical object and index of the driven frame that carries the points, or None.
+        target: what the points follow, or None.
     """
 
     component: "Component"
@@ -81,7 +82,7 @@ class DraftAnchor:
     stiffness: float
     follows_rest: bool
     directions: str = "xyz"
-    frame: "tuple[Component, int] | None" = None
+    target: "AnchorTarget | None" = None
 
 
 @dataclass
@@ -184,6 +185,7 @@ class SceneDraft:
         linear_solvers: linear solvers by node.
         corrections: constraint corrections by node.
         pipeline: components of the contact pipeline, by role.
+        guides: mechanical objects to which springs lead, with the springs of each.
         inverse: components of the inverse solver.
         free_motion: whether the animation loop solves constraints.
         appearance: entries of the native table `appearance`.
@@ -199,6 +201,7 @@ class SceneDraft:
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)
     corrections: dict[int, "Component"] = field(default_factory=dict)
     pipeline: dict[str, "Component"] = field(default_factory=dict)
+    guides: list[tuple["Component", "Component"]] = field(default_factory=list)
     inverse: list["Component"] = field(default_factory=list)
     free_motion: bool = False
     appearance: dict[str, Any] = field(default_factory=dict)

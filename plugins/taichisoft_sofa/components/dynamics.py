@@ -1,14 +1,17 @@
 """Time integration, solvers, masses, elasticity and supports of bodies."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichisoft.errors import SceneError
+from taichisoft_sofa.components.anchor_targets import MotionTarget, PointsTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftMaterial, Mass
-from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
+from taichisoft_sofa.components.graph import TOPOLOGIES, linked_state, nearest, node_of
 from taichisoft_sofa.components.joints import hold_joint, weigh_joint
 from taichisoft_sofa.components.reading import computed, described, flag, is_given, number, numbers, text
+from taichisoft_sofa.components.states import start_position
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import canonical
 
@@ -194,9 +197,6 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
     body = draft.body_of(component)
     if body is None:
         return
-    if text(component, "external_rest_shape"):
-        draft.refuse(component, "external_rest_shape; springs to other bodies are not there")
-        return
     points = numbers(component, "points", "indices").astype(np.int64)
     if not draft.has_points(component, points, len(body.position)):
         return
@@ -207,9 +207,60 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
         stiffness = np.array([SPRING])
     # As in SOFA: the first stiffness holds for all points unless there is one per point.
     each = stiffness if len(stiffness) == len(chosen) else np.full(len(chosen), stiffness[0])
+    external = _external_points(component, chosen)
+    if external is not None:
+        draft.guides.append((external.state, component))
     for value in np.unique(each):
-        body.anchors.append(DraftAnchor(component, chosen[each == value], float(value), follows_rest=True))
+        target = None if external is None else replace(external, indices=external.indices[each == value])
+        own = DraftAnchor(component, chosen[each == value], float(value), follows_rest=target is None, target=target)
+        body.anchors.append(own)
     _note_selection(component, "points", draft)
+
+
+def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget | None:
+    """Points of another mechanical object to which springs lead, or None.
+
+    Raises:
+        SceneError: the link leads to no mechanical object, or it has other numbers of points.
+    """
+    if not text(component, "external_rest_shape"):
+        return None
+    ((path, target), *_) = component.linked_all("external_rest_shape") or [("", None)]
+    state = linked_state(component, path, target)
+    count = len(start_position(state))
+    indices = numbers(component, "external_points").astype(np.int64)
+    if not len(indices):
+        indices = chosen if count > int(chosen.max(initial=-1)) and count != len(chosen) else np.arange(len(chosen))
+    if len(indices) != len(chosen) or (len(indices) and indices.max() >= count):
+        raise SceneError(
+            f"{described(component)}: external_points has {len(indices)} points, of {count} in {state.getPathName()}; "
+            f"{len(chosen)} are needed"
+        )
+    return PointsTarget(state, indices)
+
+
+def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
+    """Translate points that are shifted in time from key to key, linearly."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    if body.rigid:
+        draft.refuse(component, "moves a rigid body; only points of soft bodies are moved so here")
+        return
+    points = numbers(component, "indices", default=[0.0]).astype(np.int64)
+    times, shifts = numbers(component, "keyTimes"), numbers(component, "movements").reshape(-1, 3)
+    if not draft.has_points(component, points, len(body.position)):
+        return
+    if not len(times) or len(times) != len(shifts) or (np.diff(times) <= 0.0).any():
+        draft.refuse(
+            component, f"keyTimes has {len(times)} times, movements {len(shifts)}; there must be one for each, rising"
+        )
+        return
+    start = body.position[points]
+    if flag(component, "relativeMovements", True) is False:
+        shifts = shifts - start[:1]
+    target = MotionTarget(start, times, shifts)
+    body.anchors.append(DraftAnchor(component, points, HELD, follows_rest=False, target=target))
 
 
 def fixed_points(component: Component, draft: "SceneDraft") -> None:

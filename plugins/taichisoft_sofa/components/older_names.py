@@ -12,6 +12,7 @@ ALIASES.update(
         "PartialFixedConstraint": "PartialFixedProjectiveConstraint",
         "GenericConstraintSolver": "BlockGaussSeidelConstraintSolver",
         "FreeMotionMasterSolver": "FreeMotionAnimationLoop",
+        "LinearMovementConstraint": "LinearMovementProjectiveConstraint",
         "Mesh": "MeshTopology",
         "MeshObjLoader": "MeshOBJLoader",
         "Triangle": "TriangleCollisionModel",

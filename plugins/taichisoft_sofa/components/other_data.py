@@ -166,7 +166,7 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
         indices filename listening edgeInfo tetraInfo topology initialPosition mstate
     """,
     ("RestShapeSpringsForceField",): """
-        angularStiffness drawSpring springColor external_points recompute_indices topology
+        angularStiffness drawSpring springColor recompute_indices topology
     """,
     FIXED: """
         drawSize showObject topology

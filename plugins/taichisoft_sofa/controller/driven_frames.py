@@ -3,11 +3,11 @@
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.frames import FramePoses, bases_of, composed, relative, start_values
+from taichisoft_sofa.components.frames import FramePoses, bases_of, start_values
 from taichisoft_sofa.components.graph import STATE, mapping_of
 from taichisoft_sofa.components.reading import described, flag, number, numbers
 from taichisoft_sofa.components.states import is_rigid, width_of
-from taichisoft_sofa.translation.parts import Joint, SoftPart, Translation
+from taichisoft_sofa.translation.parts import Joint, Translation
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.kinds import canonical
 from taichisoft_sofa.tree.loading import SceneTree
@@ -90,30 +90,28 @@ class DrivenFrames:
     def __init__(self, tree: SceneTree, translation: Translation):
         """Begin at the start of the scene."""
         self._joints = {id(joint.state): JointMotion(joint) for joint in translation.joints}
-        self._parts = {name: part for name, part in translation.soft.items() if part.frames}
-        start = FramePoses(start_values)
-        self._local = {name: _local(part, start) for name, part in self._parts.items()}
+        self._parts = {name: part for name, part in translation.soft.items() if part.targets}
         self._driven = [component for component in tree.components() if self._is_driven(component)]
-        self._poses = start
+        self._poses = FramePoses(start_values)
+        self._time = 0.0
 
     def advance(self, time_step: float) -> None:
         """Move all joints by a time step [s], and all frames with them."""
         for joint in self._joints.values():
             joint.advance(time_step)
         self._poses = FramePoses(self._present)
+        self._time += time_step
 
     def anchor_positions(self, name: str, positions: np.ndarray) -> bool:
-        """Write the places of the nodes of a soft body that follow frames into the places of its anchors [mm].
+        """Write the places of the nodes of a soft body that follow targets into the places of its anchors [mm].
 
         Returns:
             Whether there are such nodes.
         """
-        if name not in self._parts:
-            return False
-        part = self._parts[name]
-        carried = part.anchored_frame >= 0
-        positions[carried] = composed(_frames(part, self._poses)[part.anchored_frame[carried]], self._local[name])
-        return True
+        targets = self._parts[name].targets if name in self._parts else ()
+        for target, nodes, rows in targets:
+            positions[nodes] = target.places(rows, self._time, self._poses)
+        return bool(targets)
 
     @property
     def joints(self) -> list[JointMotion]:
@@ -134,20 +132,9 @@ class DrivenFrames:
             return self._joints[id(state)].angle
         data = state.findData("position")
         assert data is not None
-        return np.reshape(data.read_value(), (-1, 7))
+        return np.reshape(data.read_value(), (-1, width_of(state)))
 
     def _is_driven(self, component: Component) -> bool:
         if canonical(component.type_name) != STATE or mapping_of(component) is None or not is_rigid(component):
             return False
         return any(width_of(base) == 1 for base in bases_of(component))
-
-
-def _frames(part: SoftPart, poses: FramePoses) -> np.ndarray:
-    return np.array([poses.of(state)[index] for state, index in part.frames])
-
-
-def _local(part: SoftPart, start: FramePoses) -> np.ndarray:
-    """Places of the anchored nodes in the axes of the frames that carry them [mm]."""
-    carried = part.anchored_frame >= 0
-    places = part.body.position[part.points[part.anchored[carried]]]
-    return relative(_frames(part, start)[part.anchored_frame[carried]], places)

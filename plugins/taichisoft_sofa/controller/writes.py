@@ -8,7 +8,6 @@ import numpy as np
 from taichisoft.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.actuators import VOLUME, is_driven_by_force, value_type
-from taichisoft_sofa.components.frames import bases_of
 from taichisoft_sofa.components.reading import described, flag, is_given, number
 from taichisoft_sofa.components.without_effect import is_without_effect
 from taichisoft_sofa.controller.driven_frames import DrivenFrames
@@ -50,9 +49,8 @@ class SceneWrites:
             SceneError: the run lacks a cavity or cable of the scene.
         """
         self._tree, self._translation, self._driven = tree, translation, driven
-        self._steering = {
-            id(base) for part in translation.soft.values() for state, _ in part.frames for base in bases_of(state)
-        }
+        targets = (target for part in translation.soft.values() for target, _, _ in part.targets)
+        self._steering = {id(source) for target in targets for source in target.sources()}
         self._steering |= {id(joint.springs) for joint in translation.joints}
         self.time_step = model.scene.time.step
         self._cavities, self._cables = [], []

@@ -11,6 +11,7 @@ import taichisoft
 from taichisoft.meshes import VolumeMesh, write_stl, write_volume_mesh
 
 if TYPE_CHECKING:
+    from taichisoft_sofa.components.anchor_targets import AnchorTarget
     from taichisoft_sofa.components.draft import DraftBody
     from taichisoft_sofa.tree.component import Component
 
@@ -26,8 +27,7 @@ class SoftPart:
         material: number of each element's native material: 0 for the body's own, from 1 for regions, (element_count,).
         anchored: native indices of the anchored nodes, rising, shape (anchor_count,).
         anchored_follows: whether each anchored node follows `rest_position`, else a frame or nothing, (anchor_count,).
-        frames: driven frames that carry anchored nodes: mechanical object and index of each.
-        anchored_frame: number in `frames` of the frame that carries each anchored node, or -1, shape (anchor_count,).
+        targets: what anchored nodes follow: the target, numbers of the nodes in `anchored`, numbers of points of it.
     """
 
     body: "DraftBody"
@@ -36,8 +36,7 @@ class SoftPart:
     material: np.ndarray
     anchored: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
     anchored_follows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
-    frames: "tuple[tuple[Component, int], ...]" = ()
-    anchored_frame: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    targets: "tuple[tuple[AnchorTarget, np.ndarray, np.ndarray], ...]" = ()
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial import Delaunay, QhullError
 
 from taichisoft.meshes import tetrahedron_volumes
+from taichisoft_sofa.components.anchor_targets import FrameTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftMaterial
 from taichisoft_sofa.components.dynamics import HELD
 from taichisoft_sofa.components.frames import base_frames, bases_of, index_pairs, rigid_indices
@@ -97,9 +98,8 @@ def add_rigid_parts(body: "DraftBody", draft: "SceneDraft") -> None:
     for part in rigid_parts(body.state):
         where = f"{part.state.getPathName()}, frame {part.index}"
         if is_driven(part, draft):
-            body.anchors.append(
-                DraftAnchor(mapping, part.points, HELD, follows_rest=False, frame=(part.state, part.index))
-            )
+            target = FrameTarget.carrying(part.state, part.index, body.position[part.points])
+            body.anchors.append(DraftAnchor(mapping, part.points, HELD, follows_rest=False, target=target))
             continue
         for base, _ in base_frames(part.state, part.index):
             if (own := draft.bodies.get(id(base))) is not None and own.mass is not None:
@@ -127,7 +127,12 @@ def _take_anchors(body: "DraftBody", mapping: "Component", draft: "SceneDraft") 
         for component in (one.component for one in acting):
             draft.refuse(component, f"acts on a part of {body.node.getPathName()}; let it act on the whole")
         for anchor in other.anchors:
-            points = np.flatnonzero((pairs[:, 0] == which) & np.isin(pairs[:, 1], anchor.points))
+            whole = np.full(len(other.position), -1)
+            whole[pairs[pairs[:, 0] == which, 1]] = np.flatnonzero(pairs[:, 0] == which)
+            points = whole[anchor.points]
+            if (points < 0).any():
+                draft.refuse(anchor.component, f"holds points that are not in {body.node.getPathName()}")
+                continue
             body.anchors.append(replace(anchor, points=points, follows_rest=False))
 
 

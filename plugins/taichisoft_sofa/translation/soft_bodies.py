@@ -10,6 +10,7 @@ import numpy as np
 from taichisoft.meshes import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
 from taichisoft.scenes import lame_parameters
 from taichisoft_sofa.components.actuators import PRESSURE, is_driven_by_force, value_type
+from taichisoft_sofa.components.anchor_targets import FrameTarget, MotionTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.reading import computed, flag, is_given, number, vector
@@ -89,8 +90,9 @@ def add_soft_body(
             table["velocity"] = velocity.tolist()
         table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
-        # Nodes that follow a frame are where it is: the lag is that of the joint's angle.
-        table["damped_anchors"] = all(anchor.frame is None for anchor in body.anchors)
+        # Nodes on frames and in prescribed motions are where these are: the lag is that of a joint's angle.
+        prescribed = (FrameTarget, MotionTarget)
+        table["damped_anchors"] = not any(isinstance(anchor.target, prescribed) for anchor in body.anchors)
     topology = _topology(body)
     if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
         table["embedding"] = "grid"
@@ -115,21 +117,20 @@ def add_soft_body(
 def _held_part(part: SoftPart, anchors: Sequence[DraftAnchor], node_of_point: np.ndarray) -> SoftPart:
     """A soft body with what its anchored nodes follow; where two anchors hold a node, the later one decides."""
     count = len(part.points)
-    held, follows, frame_of = np.zeros(count, dtype=bool), np.ones(count, dtype=bool), np.full(count, -1)
-    frames = list(dict.fromkeys(anchor.frame for anchor in anchors if anchor.frame is not None))
-    for anchor in anchors:
+    held, follows = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
+    by, row = np.full(count, -1), np.zeros(count, dtype=np.int64)
+    for place, anchor in enumerate(anchors):
         nodes = node_of_point[anchor.points]
-        nodes = nodes[nodes >= 0]
-        held[nodes] = True
+        there = np.flatnonzero(nodes >= 0)
+        nodes = nodes[there]
+        held[nodes], by[nodes], row[nodes] = True, place, there
         follows[nodes] &= anchor.follows_rest
-        frame_of[nodes] = -1 if anchor.frame is None else frames.index(anchor.frame)
-    return replace(
-        part,
-        anchored=np.flatnonzero(held),
-        anchored_follows=follows[held],
-        frames=tuple(frames),
-        anchored_frame=frame_of[held],
-    )
+    targets = []
+    for place, anchor in enumerate(anchors):
+        if anchor.target is not None and (by[held] == place).any():
+            chosen = np.flatnonzero(by[held] == place)
+            targets.append((anchor.target, chosen, row[held][chosen]))
+    return replace(part, anchored=np.flatnonzero(held), anchored_follows=follows[held], targets=tuple(targets))
 
 
 def add_moduli(tetrahedra: np.ndarray, materials: Sequence[DraftMaterial]) -> tuple[np.ndarray, np.ndarray]:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # registers computed data
 from taichisoft_sofa.components.draft import DraftBody, SceneDraft
+from taichisoft_sofa.components.frames import bases_of
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.joints import check_joints
 from taichisoft_sofa.components.reading import described, flag
@@ -54,7 +55,12 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     if draft.inverse:
         draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
-    first_order = _is_first_order(draft)
+    try:
+        bodies = _own_bodies(draft)
+    except SceneError as error:
+        draft.refused.append(str(error))
+        bodies = []
+    first_order = _is_first_order(bodies, draft)
     draft.effort_of_value = translation.effort_of_value = 1.0 if first_order else 1.0 / time_step
     translation.tables = {
         "title": Path(tree.path).stem,
@@ -76,7 +82,7 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         for joint in draft.joints.values()
         if joint.springs is not None
     ]
-    _add_bodies(draft, translation)
+    _add_bodies(bodies, draft, translation)
     if draft.appearance:
         translation.tables["appearance"] = draft.appearance
     translation.departures += draft.departures
@@ -115,9 +121,9 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
         draft.refused.append(refuse_unknown(component))
 
 
-def _is_first_order(draft: SceneDraft) -> bool:
+def _is_first_order(bodies: list[DraftBody], draft: SceneDraft) -> bool:
     """Whether bodies move without inertia; mixed scenes are refused."""
-    moved = [solver for body in draft.bodies.values() if (solver := _moved_by(body, draft)) is not None]
+    moved = [solver for body in bodies if (solver := _moved_by(body, draft)) is not None]
     kinds = {flag(solver, "firstOrder", False) for solver in moved}
     if len(kinds) > 1:
         draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
@@ -131,16 +137,38 @@ def is_controller(component: "Component") -> bool:
     return type(component) is not Component
 
 
-def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
-    try:
-        parts = parts_of_bodies(draft)
-    except SceneError as error:
-        draft.refused.append(str(error))
-        return
-    bodies = [body for key, body in draft.bodies.items() if key not in parts]
+def _own_bodies(draft: SceneDraft) -> list[DraftBody]:
+    """Bodies that are not parts of others, and not mere points: these touch nothing and nothing joins them.
+
+    Raises:
+        SceneError: the parts of a body cannot be found.
+    """
+    parts = parts_of_bodies(draft)
     for key in parts.keys() & draft.bodies.keys():
         for surface in draft.bodies[key].surfaces.values() if draft.bodies[key].rigid else ():
             draft.refuse(surface.component, "is a surface of a rigid part of a soft body; give the surface to the body")
+    bodies = [body for key, body in draft.bodies.items() if key not in parts]
+    for body in filter(_is_mere_points, bodies):
+        if body.mass is not None and _moved_by(body, draft) is not None:
+            draft.depart(f"{body.node.getPathName()}: its points are not joined and touch nothing; they are left out")
+    kept = [body for body in bodies if not _is_mere_points(body)]
+    moving = {id(body.state): body for body in kept if _moved_by(body, draft) is not None}
+    for state, springs in draft.guides:
+        for base in bases_of(state):
+            if id(base) in moving or id(base) in parts:
+                draft.refuse(
+                    springs, f"leads to {state.getPathName()}, which moves; springs between bodies are not there"
+                )
+    return kept
+
+
+def _is_mere_points(body: DraftBody) -> bool:
+    if body.materials or body.cavities or body.cables or body.surfaces:
+        return False
+    return body.mass is None if body.rigid else not len(body_tetrahedra(body))
+
+
+def _add_bodies(bodies: list[DraftBody], draft: SceneDraft, translation: Translation) -> None:
     if len(bodies) > MOST_BODIES:  # each has its own meshes and surfaces, which would be written first
         draft.refuse(bodies[MOST_BODIES].state, f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
         return
