@@ -86,6 +86,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[soft_bodies.NAME.collision_surface]]": soft_body.CollisionSurfaceSettings,
     "[[soft_bodies.NAME.regions]]": soft_body.Region,
     "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
+    "[[soft_bodies.NAME.forces]]": soft_body.NodalForce,
     "[soft_bodies.NAME.tip]": soft_body.Tip,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,

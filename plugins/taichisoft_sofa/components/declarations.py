@@ -1,6 +1,7 @@
 """Declarations of the data that are read: kinds, SOFA's defaults, and valid ranges."""
 
 from taichisoft_sofa.components import older_names as older_names  # declared under the present names
+from taichisoft_sofa.components.reading import text
 from taichisoft_sofa.components.states import is_rigid, width_of
 from taichisoft_sofa.tree.bounds import ABOVE_0, FINITE, FROM_0, LIMIT, LIMIT_FROM_0, RATIO
 from taichisoft_sofa.tree.component import Component
@@ -28,6 +29,11 @@ def _coordinates(state: Component) -> ValueKind:
 
 def _derivatives(state: Component) -> ValueKind:
     return vectors(6 if is_rigid(state) else max(width_of(state), 1))
+
+
+def _forces(component: Component) -> ValueKind:
+    """Forces on points, or with torques on the frames of a template Rigid3."""
+    return vectors(6 if text(component, "template").startswith("Rigid") else 3)
 
 
 declare(
@@ -177,6 +183,14 @@ for _support in ("FixedProjectiveConstraint", "PartialFixedProjectiveConstraint"
         fixedDirections=(BOOLS, (True, True, True)),
     )
 
+declare(
+    "ConstantForceField",
+    indices=(INDICES, (), FROM_0),
+    points=(INDICES, (), FROM_0),
+    force=_forces,
+    forces=_forces,
+    totalForce=_forces,
+)
 for _motion in ("LinearMovementProjectiveConstraint",):
     declare(
         _motion,

@@ -85,6 +85,15 @@ class DraftAnchor:
     target: "AnchorTarget | None" = None
 
 
+@dataclass(frozen=True)
+class DraftForces:
+    """Constant forces: the component, indices of points, shape (count,), and a force on each [mN], shape (count, 3)."""
+
+    component: "Component"
+    points: np.ndarray
+    forces: np.ndarray
+
+
 @dataclass
 class DraftSurface:
     """Collision models of one node.
@@ -155,6 +164,7 @@ class DraftBody:
     mass: Mass | None = None
     materials: list[DraftMaterial] = field(default_factory=list)
     anchors: list[DraftAnchor] = field(default_factory=list)
+    forces: list[DraftForces] = field(default_factory=list)
     surfaces: dict[str, DraftSurface] = field(default_factory=dict)
     cavities: list[DraftCavity] = field(default_factory=list)
     cables: list[DraftCable] = field(default_factory=list)

@@ -7,7 +7,7 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.anchor_targets import MotionTarget, PointsTarget
-from taichisoft_sofa.components.draft import DraftAnchor, DraftMaterial, Mass
+from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftMaterial, Mass
 from taichisoft_sofa.components.graph import TOPOLOGIES, linked_state, nearest, node_of
 from taichisoft_sofa.components.joints import hold_joint, weigh_joint
 from taichisoft_sofa.components.reading import computed, described, flag, is_given, number, numbers, text
@@ -237,6 +237,32 @@ def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget |
             f"{len(chosen)} are needed"
         )
     return PointsTarget(state, indices)
+
+
+def constant_forces(component: Component, draft: "SceneDraft") -> None:
+    """Translate constant forces on points: one for each, the same for all, or shares of `totalForce`."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    if body.rigid:
+        draft.refuse(component, "acts on a rigid body; constant forces act on the points of soft bodies here")
+        return
+    points = numbers(component, "indices", "points").astype(np.int64)
+    points = points if len(points) else np.arange(len(body.position))
+    if not draft.has_points(component, points, len(body.position)):
+        return
+    if is_given(component, "totalForce"):
+        each = numbers(component, "totalForce").reshape(-1, 3)[:1] / max(len(points), 1)
+    elif is_given(component, "forces"):
+        each = numbers(component, "forces").reshape(-1, 3)
+    else:
+        each = numbers(component, "force", default=(0.0, 0.0, 0.0)).reshape(-1, 3)[:1]
+    if not len(each):
+        draft.refuse(component, "has no force; give force, forces or totalForce")
+        return
+    # As in SOFA: points beyond the list have its last force.
+    forces = each[np.minimum(np.arange(len(points)), len(each) - 1)]
+    body.forces.append(DraftForces(component, points, forces))
 
 
 def prescribed_motion(component: Component, draft: "SceneDraft") -> None:

@@ -168,6 +168,12 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     ("RestShapeSpringsForceField",): """
         angularStiffness drawSpring springColor recompute_indices topology
     """,
+    ("ConstantForceField",): """
+        arrowSizeCoef showArrowSize showColor indexFromEnd topology
+    """,
+    ("LinearMovementProjectiveConstraint",): """
+        showMovement topology
+    """,
     FIXED: """
         drawSize showObject topology
     """,

@@ -121,6 +121,7 @@ UNDERSTOOD: dict[str, Contribution] = {
     "RestShapeSpringsForceField": dynamics.rest_shape_springs,
     "FixedProjectiveConstraint": dynamics.fixed_points,
     "PartialFixedProjectiveConstraint": dynamics.fixed_points,
+    "ConstantForceField": dynamics.constant_forces,
     "LinearMovementProjectiveConstraint": dynamics.prescribed_motion,
     # contact
     "CollisionPipeline": contacts.role("pipeline"),

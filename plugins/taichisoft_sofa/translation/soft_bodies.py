@@ -106,6 +106,8 @@ def add_soft_body(
     node_of_point[points] = np.arange(len(points))
     anchors = body.anchors if moves else [DraftAnchor(body.state, np.arange(len(body.position)), STANDING, False)]
     table["anchors"] = _anchors(anchors, node_of_point)
+    if moves and (forces := _forces(body, node_of_point, draft)):
+        table["forces"] = forces
     _add_surfaces(name, body, table, draft, translation)
     _add_cavities(name, body, table, draft, translation)
     _add_cables(name, body, table, draft, translation)
@@ -192,6 +194,19 @@ def _anchors(anchors: list[DraftAnchor], node_of_point: np.ndarray) -> list[dict
             table = {"nodes": nodes.tolist(), "stiffness": anchor.stiffness}
             tables.append(table if anchor.directions == "xyz" else table | {"directions": [*anchor.directions]})
     return tables
+
+
+def _forces(body: DraftBody, node_of_point: np.ndarray, draft: SceneDraft) -> list[dict[str, Any]]:
+    """Constant forces, those of nodes with the same force together."""
+    each = np.zeros((int(node_of_point.max()) + 1, 3))
+    for one in body.forces:
+        nodes = node_of_point[one.points]
+        np.add.at(each, nodes[nodes >= 0], one.forces[nodes >= 0])
+        if one.forces[nodes < 0].any():
+            draft.depart(f"{one.component.getPathName()}: forces on points that are left out have no effect")
+    kinds, kind_of = np.unique(each, axis=0, return_inverse=True)
+    groups = [(force, np.flatnonzero(kind_of.reshape(-1) == kind)) for kind, force in enumerate(kinds) if force.any()]
+    return [{"nodes": nodes.tolist(), "force": (force * len(nodes)).tolist()} for force, nodes in groups]
 
 
 def _add_surfaces(
