@@ -208,6 +208,14 @@ for _distance in ("LocalMinDistance", "MinProximityIntersection", "NewProximityI
 for _model in ("TriangleCollisionModel", "LineCollisionModel", "PointCollisionModel"):
     declare(_model, group=INDICES, selfCollision=BOOL)
 
+declare(
+    "SphereCollisionModel",
+    radius=(SCALAR, 1.0, ABOVE_0),
+    listRadius=(VECTOR, (), ABOVE_0),
+    group=INDICES,
+    selfCollision=BOOL,
+)
+
 # actuators
 
 declare(

@@ -104,6 +104,7 @@ class DraftSurface:
         triangles: point indices, shape (count, 3).
         groups: collision groups.
         self_collision: whether the surface may touch itself.
+        spheres: centres and radii of the spheres that the triangles stand for [mm], shape (count, 4).
     """
 
     component: "Component"
@@ -111,6 +112,7 @@ class DraftSurface:
     triangles: np.ndarray
     groups: frozenset[int]
     self_collision: bool
+    spheres: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
 
 
 @dataclass(frozen=True)

@@ -49,7 +49,7 @@ PHASES = (
     *("BVHNarrowPhase", "ParallelBVHNarrowPhase"),
 )
 DISTANCES = ("LocalMinDistance", "MinProximityIntersection", "NewProximityIntersection", "DiscreteIntersection")
-MODELS = ("TriangleCollisionModel", "LineCollisionModel", "PointCollisionModel")
+MODELS = ("TriangleCollisionModel", "LineCollisionModel", "PointCollisionModel", "SphereCollisionModel")
 VISUALS = ("OglModel", "VisualModel")
 CAMERAS = ("Camera", "InteractiveCamera")
 
@@ -193,7 +193,7 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     MODELS: """
         moving simulated bothSide color numberOfPoints numberOfLines numberOfTriangles useCurvature computeNormals
         displayAsNormals enableDirectPaint topology template LineActiverPath PointActiverPath TriangleActiverPath
-        useBoundaryEdges ignoreCollision displayNormals
+        useBoundaryEdges ignoreCollision displayNormals showImpostors
     """,
     ("SurfacePressureConstraint",): """
         drawPressure drawScale visualization showVisuScale showObject color topology constraintIndex visualize

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from taichisoft_sofa.components import actuators, contacts, dynamics, joints, selections, visuals
+from taichisoft_sofa.components import actuators, contacts, dynamics, joints, selections, spheres, visuals
 from taichisoft_sofa.components.draft import SceneDraft
 from taichisoft_sofa.components.graph import is_assembled
 from taichisoft_sofa.components.states import is_rigid
@@ -154,6 +154,7 @@ UNDERSTOOD: dict[str, Contribution] = {
         ),
         contacts.collision_model,
     ),
+    "SphereCollisionModel": spheres.sphere_model,
     # actuators
     "SurfacePressureConstraint": actuators.cavity,
     "CableConstraint": actuators.cable,

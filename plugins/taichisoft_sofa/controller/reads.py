@@ -13,7 +13,7 @@ from taichisoft.errors import SceneError
 from taichisoft.state import State
 from taichisoft_sofa.components.graph import STATE, independent_state, mapping_of, node_of
 from taichisoft_sofa.components.reading import described
-from taichisoft_sofa.components.states import start_position
+from taichisoft_sofa.components.states import is_rigid, start_position
 from taichisoft_sofa.controller.driven_frames import DrivenFrames, JointMotion
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
@@ -103,8 +103,9 @@ class RunValues:
         elif name in rigid and name is not None:
             number = rigid[name]
             if mapping_of(state) is None:
-                self._provide(state.findData("position"), lambda: _pose(self._state, number))
-                self._provide(state.findData("velocity"), lambda: _twist(self._state, number))
+                point, turning = (7, 6) if is_rigid(state) else (3, 3)
+                self._provide(state.findData("position"), lambda: _pose(self._state, number)[:, :point])
+                self._provide(state.findData("velocity"), lambda: _twist(self._state, number)[:, :turning])
             else:
                 local = start_position(state)[:, :3]
                 self._provide(state.findData("position"), lambda: _carried(self._state, number, local))
@@ -146,7 +147,7 @@ def _no_force(state: Component) -> np.ndarray:
 def _carriers(state: Component, part: SoftPart) -> tuple[np.ndarray, np.ndarray]:
     """Native nodes that carry the points of a mechanical object, and their weights, 0 for points without nodes."""
     points = start_position(state)
-    if mapping_of(state) is None:
+    if mapping_of(state) is None or state is part.body.state:
         place = np.full(len(points), -1)
         place[part.points] = np.arange(len(part.points))
         return np.maximum(place, 0)[:, None], (place >= 0).astype(np.float64)[:, None]

@@ -17,7 +17,7 @@ from taichisoft_sofa.components.without_effect import instead_of, is_without_eff
 from taichisoft_sofa.translation.contact import contact_table
 from taichisoft_sofa.translation.names import body_names
 from taichisoft_sofa.translation.parts import Joint, Translation
-from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body
+from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body, only_sphere
 from taichisoft_sofa.translation.rigid_parts import add_rigid_parts, parts_of_bodies
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
 from taichisoft_sofa.tree.kinds import canonical
@@ -194,7 +194,7 @@ def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Transl
         add_soft_body(name, body, solver, draft, translation)
     elif solver is None:
         add_obstacle(name, body, draft, translation)
-    elif body.rigid:
+    elif body.rigid or (len(body.position) == 1 and only_sphere(body) is not None):
         add_rigid_body(name, body, draft, translation)
     else:
         draft.refuse(body.state, "moves, but is neither rigid nor made of tetrahedra")
