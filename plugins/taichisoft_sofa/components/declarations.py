@@ -74,6 +74,7 @@ for _container in (
     "TetrahedronSetTopologyContainer",
     "TriangleSetTopologyContainer",
     "QuadSetTopologyContainer",
+    "HexahedronSetTopologyContainer",
     "EdgeSetTopologyContainer",
     "PointSetTopologyContainer",
 ):
@@ -129,7 +130,19 @@ declare(
     rotationAxis=(fixed(3), (1.0, 0.0, 0.0)),
     articulationIndex=INTEGER,
 )
-declare("Tetra2TriangleTopologicalMapping", input=LINK, output=LINK)
+for _made in ("Tetra2Triangle", "Hexa2Tetra", "Hexa2Quad", "Quad2Triangle"):
+    declare(f"{_made}TopologicalMapping", input=LINK, output=LINK)
+declare("Hexa2TetraTopologicalMapping", swapping=BOOL)
+declare(
+    "RegularGridTopology",
+    n=(INDICES, (2, 2, 2), ABOVE_0),
+    min=fixed(3),
+    max=(fixed(3), (1.0, 1.0, 1.0)),
+    p0=fixed(3),
+    cellWidth=(SCALAR, 0.0, FROM_0),
+    **{f"n{axis}": (INTEGER, 2, ABOVE_0) for axis in "xyz"},
+    **{f"{axis}{end}": (SCALAR, value) for axis in "xyz" for end, value in (("min", 0.0), ("max", 1.0))},
+)
 
 # time and systems of equations
 

@@ -9,6 +9,7 @@ from taichisoft.errors import SceneError
 from taichisoft_sofa.components.anchor_targets import MotionTarget, PointsTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftMaterial, Mass
 from taichisoft_sofa.components.graph import TOPOLOGIES, linked_state, nearest, node_of
+from taichisoft_sofa.components.grids import divided, hexahedra_of
 from taichisoft_sofa.components.joints import hold_joint, weigh_joint
 from taichisoft_sofa.components.reading import computed, described, flag, is_given, number, numbers, text
 from taichisoft_sofa.components.states import start_position
@@ -173,10 +174,14 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
 
 
 def _tetrahedra_of(component: Component, draft: "SceneDraft") -> np.ndarray:
-    """Tetrahedra of the nearest topology with tetrahedra, shape (count, 4); without one, it is refused."""
+    """Tetrahedra of the nearest topology with tetrahedra or hexahedra, shape (count, 4); without one, it is refused."""
     link = text(component, "topology")
     topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_tetrahedra)
     tetrahedra = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
+    if not len(tetrahedra):
+        with_cells = topology or nearest(node_of(component), TOPOLOGIES, lambda one: len(hexahedra_of(one)[0]) > 0)
+        if with_cells is not None:
+            tetrahedra = divided(*hexahedra_of(with_cells), alternating=True)
     if not len(tetrahedra):
         draft.refuse(component, "finds no tetrahedra in a topology container of its node or above")
     return tetrahedra

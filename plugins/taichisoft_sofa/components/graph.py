@@ -26,6 +26,7 @@ MAPPINGS = {
 ASSEMBLING = {"SubsetMultiMapping", "ArticulatedSystemMapping"}
 """Mappings from several mechanical objects."""
 TOPOLOGIES = {
+    "RegularGridTopology",
     "MeshTopology",
     "TetrahedronSetTopologyContainer",
     "TriangleSetTopologyContainer",

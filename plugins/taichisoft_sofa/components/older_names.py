@@ -16,6 +16,7 @@ ALIASES.update(
         "Sphere": "SphereCollisionModel",
         "SphereModel": "SphereCollisionModel",
         "SphereSet": "SphereCollisionModel",
+        "RegularGrid": "RegularGridTopology",
         "Mesh": "MeshTopology",
         "MeshObjLoader": "MeshOBJLoader",
         "Triangle": "TriangleCollisionModel",

@@ -30,12 +30,17 @@ CONSTRAINT_SOLVERS = (
 )
 LOADERS = ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader", "GIDMeshLoader")
 CONTAINERS = (
+    "HexahedronSetTopologyContainer",
     *("MeshTopology", "TetrahedronSetTopologyContainer", "TriangleSetTopologyContainer", "QuadSetTopologyContainer"),
     *("EdgeSetTopologyContainer", "PointSetTopologyContainer"),
 )
 MAPPINGS = (
     *("BarycentricMapping", "RigidMapping", "IdentityMapping", "SubsetMultiMapping", "SkinningMapping"),
     "ArticulatedSystemMapping",
+)
+TOPOLOGICAL = (
+    *("Tetra2TriangleTopologicalMapping", "Hexa2TetraTopologicalMapping", "Hexa2QuadTopologicalMapping"),
+    "Quad2TriangleTopologicalMapping",
 )
 ROIS = ("BoxROI", "SphereROI")
 MASSES = ("UniformMass", "MeshMatrixMass", "DiagonalMass")
@@ -62,7 +67,7 @@ UNUSED: dict[tuple[str, ...], dict[str, Any]] = {
     LOADERS: {"transformation": "", "flipNormals": False},
     MAPPINGS: {"mapConstraints": True},
     ("ArticulationCenter",): {"articulationProcess": 0},
-    ("Tetra2TriangleTopologicalMapping",): {"flipNormals": False},
+    TOPOLOGICAL: {"flipNormals": False},
     MASSES: {"rayleighMass": 0.0},
     ("UniformMass",): {"compliance": 0.0, "handleTopologicalChanges": False},
     (*TETRAHEDRA, "RestShapeSpringsForceField"): {"rayleighStiffness": 0.0, "isCompliance": False},
@@ -137,8 +142,12 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     ("ArticulationCenter",): """
         globalPosition articulations
     """,
-    ("Tetra2TriangleTopologicalMapping",): """
-        noNewTriangles noInitialTriangles object1 object2
+    ("RegularGridTopology",): """
+        computeHexaList computeQuadList computeTriangleList computeEdgeList computePointList createTexCoords
+        drawEdges drawTriangles drawQuads drawTetrahedra drawHexahedra uv filename points
+    """,
+    TOPOLOGICAL: """
+        noNewTriangles noInitialTriangles object1 object2 noInitialTriangles noNewQuads
     """,
     ("MechanicalObject",): """
         showObjectScale showIndices showIndicesScale showVectors showVectorsScale showColor drawMode derivX dforce
