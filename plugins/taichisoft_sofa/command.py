@@ -29,18 +29,20 @@ def check(
     python_path: PythonPath = "",
     data_path: DataPath = "",
     sofa_exact: Exact = False,
+    steps: Annotated[int, typer.Option(help="Make so many steps of each scene, too.", min=0)] = 0,
 ) -> None:
     """List the components of scenes that are understood, have no effect, depart from SOFA, or are refused.
 
-    The model of a scene that can be run is built, as before the first step of a run.
+    The model of a scene that can be run is built, as before the first step of a run; --steps makes some of it.
     """
     from taichisoft_sofa.checking import checked
 
-    refused = False
+    refused = 0
     for scene in scenes:
-        found = checked(scene, python_path, sofa_exact, data_path)
-        refused = refused or bool(found.problems)
-        _line(f"{scene}: {'refused' if found.problems else 'can be run'}")
+        found = checked(scene, python_path, sofa_exact, data_path, steps)
+        refused += bool(found.problems)
+        made = f", {steps} steps made" if steps else ""
+        _line(f"{scene}: {'refused' if found.problems else f'can be run{made}'}")
         for title, counts in found.counts.items():
             listed = ", ".join(f"{kind} ({count})" if count > 1 else kind for kind, count in sorted(counts.items()))
             _line(f"  {title}: {listed or 'nothing'}")
@@ -50,6 +52,8 @@ def check(
             _line(f"  {line}")
         for line in found.problems:
             _line(f"  refused: {line}")
+    if len(scenes) > 1:
+        _line(f"{len(scenes) - refused} of {len(scenes)} scenes can be run")
     if refused:
         raise typer.Exit(EXIT_REFUSED)
 

@@ -102,4 +102,4 @@ def test_a_grid_is_a_body_of_tetrahedra_with_a_surface(tmp_path: Path, mapped: b
 @pytest.mark.parametrize("size", [[0, 2, 2], [2, 2], [1000, 1000, 1000]])
 def test_a_grid_without_points_or_with_too_many_is_an_error(size: list[int]) -> None:
     with pytest.raises(Exception, match=r"RegularGridTopology '/grid'.*(n = |must be above 0)"):
-        grid(n=size).grid.position.value
+        _ = grid(n=size).grid.position.value

@@ -234,3 +234,17 @@ def test_what_cannot_be_driven_is_refused_in_one_line(folder: Path, lines: str, 
 
     refused = translate(load_tree(folder / "scene.py")).refused
     assert any(refusal in line for line in refused), refused
+
+
+def test_controllers_read_where_the_parts_of_a_body_are(folder: Path) -> None:
+    """The free frame of a falling body falls with it, and free points are where the body's are."""
+    run = Run(folder, FREE.format(held="root.EulerImplicitSolver.rayleighStiffness = 0"))
+    run.steps(10)
+    run.controller.control(run.simulation.observe())
+    fall = -9810.0 * STEP**2 * 55.0
+    frames = run.root.parts.stiff.dofs.position.value
+    assert frames == pytest.approx(np.array([[-30, 0, fall, 0, 0, 0, 1], [25, 0, fall, 0, 0, 0, 1]]), abs=1e-4)
+    free = np.abs(run.start[:, 0]) < 19
+    assert run.root.parts.soft.dofs.position.value == pytest.approx(run.start[free] + [0, 0, fall], abs=1e-4)
+    carried = run.root.parts.stiff.carried.dofs.position.value
+    assert sorted(carried[:, 2]) == pytest.approx(sorted(run.start[~free, 2] + fall), abs=1e-4)

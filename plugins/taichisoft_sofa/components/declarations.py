@@ -215,6 +215,11 @@ for _motion in ("LinearMovementProjectiveConstraint",):
 
 # contact
 
+for _solver in (
+    *("BlockGaussSeidelConstraintSolver", "ProjectedGaussSeidelConstraintSolver", "NNCGConstraintSolver"),
+    *("UnbuiltGaussSeidelConstraintSolver", "ImprovedJacobiConstraintSolver", "LCPConstraintSolver"),
+):
+    declare(_solver, constraintForces=VECTOR)
 declare("RuleBasedContactManager", response=(TEXT, "PenalityContactForceField"), responseParams=TEXT, default=TEXT)
 for _distance in ("LocalMinDistance", "MinProximityIntersection", "NewProximityIntersection", "DiscreteIntersection"):
     declare(_distance, alarmDistance=(SCALAR, 1.0, ABOVE_0), contactDistance=(SCALAR, 0.5, FROM_0))

@@ -114,7 +114,7 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
         tolerance maxIterations maxIt tol sor scaleTolerance allVerified resolutionMethod unbuilt schemeCorrection
         multithreading reverseAccumulateOrder computeGraphs graphErrors graphConstraints graphForces graphViolations
         currentNumConstraints currentNumConstraintGroups currentIterations currentError computeConstraintForces
-        constraintForces newtonIterations convergence_iterations initial_guess build_lcp multi_grid
+        newtonIterations convergence_iterations initial_guess build_lcp multi_grid
         multi_grid_levels merge_method merge_spatial_step merge_local_levels displayTime displayDebug numIterations
         showGraphs showLevels showCells showTranslation showLevelTranslation displayedGroup graph initialGuess rho
         spectralRadius

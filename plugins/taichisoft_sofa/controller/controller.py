@@ -8,10 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 from taichisoft.control import Control, Controller, KeyEvent, Observation
 from taichisoft.errors import ControllerFailed, SceneError
+from taichisoft_sofa.components.graph import STATE
+from taichisoft_sofa.components.states import keep_start_position
 from taichisoft_sofa.controller.driven_frames import DrivenFrames
 from taichisoft_sofa.controller.reads import RunValues
 from taichisoft_sofa.controller.writes import SceneWrites
 from taichisoft_sofa.translation.translate import translate
+from taichisoft_sofa.tree.kinds import canonical
 from taichisoft_sofa.tree.loading import SceneTree, load_tree
 
 if TYPE_CHECKING:
@@ -67,6 +70,9 @@ class SofaController(Controller):
             self._writes = SceneWrites(self._tree, translation, model, driven)
         except SceneError as error:
             raise ControllerFailed(f"{self._scene}: {error}") from error
+        for component in self._tree.components():
+            if canonical(component.type_name) == STATE:
+                keep_start_position(component)
         self._tree.initialise()
         self._writes.begin()
         self._pressed: list[KeyEvent] = []

@@ -12,8 +12,10 @@ from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.state import State
 from taichisoft_sofa.components.graph import STATE, independent_state, mapping_of, node_of
+from taichisoft_sofa.components.other_data import CONSTRAINT_SOLVERS
 from taichisoft_sofa.components.reading import described
 from taichisoft_sofa.components.states import is_rigid, start_position
+from taichisoft_sofa.controller.body_parts import part_positions
 from taichisoft_sofa.controller.driven_frames import DrivenFrames, JointMotion
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
@@ -38,6 +40,7 @@ class RunValues:
         self._provided: list[tuple[Data, Callable[[], Any]]] = []
         self._effort_of_value = translation.effort_of_value
         self._names = translation.names
+        self._has_friction = model.scene.contact.friction > 0.0
         soft = {body.name: body for body in model.soft_bodies}
         rigid = {body.name: number for number, body in enumerate(model.rigid_bodies)}
         missing = [name for name in translation.soft if name not in soft]
@@ -53,10 +56,15 @@ class RunValues:
             kind = canonical(component.type_name)
             if kind == STATE:
                 self._provide_state(component, translation, soft, rigid)
+            elif kind in CONSTRAINT_SOLVERS:
+                self._provide(component.findData("constraintForces"), self._contact_impulses)
             elif kind == "SurfacePressureConstraint" and component in translation.names:
                 self._provide_cavity(component, model)
             elif kind == "CableConstraint" and component in translation.names:
                 self._provide_cable(component, model)
+
+        for name, part in translation.soft.items():
+            self._provide_parts(part, soft[name].nodes)
 
     def observe(self, observation: Observation) -> None:
         """Provide the values of this observation from now on."""
@@ -109,6 +117,31 @@ class RunValues:
             else:
                 local = start_position(state)[:, :3]
                 self._provide(state.findData("position"), lambda: _carried(self._state, number, local))
+
+    def _provide_parts(self, part: SoftPart, nodes: slice) -> None:
+        """Provide the mechanical objects of which the scene puts a body together."""
+
+        def points() -> np.ndarray:
+            present = part.body.position[:, :3].copy()
+            present[part.points] = self._state.position[nodes]
+            return present
+
+        for state, positions in part_positions(part, points):
+            if all(state is not driven for target, _, _ in part.targets for driven in target.sources()):
+                self._provide(state.findData("position"), positions)
+
+    def _contact_impulses(self) -> np.ndarray:
+        """Impulse of each contact, along its normal and, with friction, along two tangents [mN s], flattened."""
+        state = self._state
+        normal, impulse = state.contact_normal, state.contact_impulse
+        along = np.einsum("cd,cd->c", impulse, normal)
+        if not self._has_friction:
+            return along
+        axis = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+        first = np.cross(normal, axis)
+        first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
+        tangents = (first, np.cross(normal, first))
+        return np.column_stack([along, *(np.einsum("cd,cd->c", impulse, one) for one in tangents)]).ravel()
 
     def _provide_cavity(self, cavity: Component, model: "Model") -> None:
         name = self._names[cavity]

@@ -196,6 +196,22 @@ def _anchors(anchors: list[DraftAnchor], node_of_point: np.ndarray) -> list[dict
     return tables
 
 
+def _part_open_surfaces(surfaces: list[dict[str, Any]], name: str, draft: SceneDraft) -> None:
+    """Give the open surfaces of a body a group in common.
+
+    What lies behind an open surface is inside of it, so that two that stand back to back would overlap.
+    """
+    open_ones = [surface for surface in surfaces if surface.get("open")]
+    if len(open_ones) < 2:
+        return
+    taken = {group for body in draft.bodies.values() for one in body.surfaces.values() for group in one.groups}
+    group = max(taken, default=0) + 1 + draft.own_groups
+    draft.own_groups += 1
+    for surface in open_ones:
+        surface["groups"] = sorted({*surface.get("groups", []), group})
+    draft.depart(f"{name}: its {len(open_ones)} open surfaces do not touch each other; in SOFA they do")
+
+
 def _forces(body: DraftBody, node_of_point: np.ndarray, draft: SceneDraft) -> list[dict[str, Any]]:
     """Constant forces, those of nodes with the same force together."""
     each = np.zeros((int(node_of_point.max()) + 1, 3))
@@ -236,6 +252,7 @@ def _add_surfaces(
         if count_open_edges(merged_triangles(surface.points, surface.triangles)):
             made["open"] = True
         table.setdefault("collision_surface", []).append(made)
+    _part_open_surfaces(table.get("collision_surface", []), name, draft)
 
 
 def _add_cavities(
