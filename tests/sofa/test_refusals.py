@@ -92,6 +92,17 @@ def test_components_are_found_by_the_names_of_other_versions(tmp_path: Path) -> 
         tree.root.BlockGaussSeidelConstraintSolver  # noqa: B018
 
 
+@pytest.mark.parametrize("name", ["scene.scn", "scene.py"])
+def test_a_scene_in_xml_names_the_way_to_python(tmp_path: Path, name: str) -> None:
+    from taichisoft.building.scene_files import load_scene
+    from taichisoft_sofa.tree.loading import load_tree
+
+    (tmp_path / name).write_text('<?xml version="1.0"?>\n<Node name="root"><MechanicalObject/></Node>\n')
+    for load in (load_tree, load_scene):
+        with pytest.raises(SceneError, match=r"is a scene in XML.*root\.addChild\('a'\).*addObject"):
+            load(tmp_path / name)
+
+
 def test_meshes_are_found_in_the_data_path(tmp_path: Path) -> None:
     from taichisoft_sofa.tree.loading import load_tree
 

@@ -93,6 +93,8 @@ FREE = """
 """
 HELD = 'stiff.addObject("FixedProjectiveConstraint", indices=[0])'
 
+HELD_BY_SPRINGS = 'stiff.addObject("RestShapeSpringsForceField", points=[0, 1], stiffness=1e9, angularStiffness=1e9)'
+
 
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sofa: None) -> Path:
@@ -220,6 +222,10 @@ def test_joints_of_a_chain_turn_and_shift_what_comes_after_them(tmp_path: Path) 
             "stiff = rigidified(root, node, [ends(node)[0][:3]], [[0, 0, 0, 0, 0, 0, 1]])",
             "frame 0 moves freely, and its 3 points fill no volume",
         ),
+        (
+            FREE.format(held=HELD_BY_SPRINGS.replace("1e9", "1e3")),
+            "stiffness = 1000 on a frame of a soft body; 1e+06 or more",
+        ),
         (DRIVEN.replace("indexPairs=[0, 1]", "indexPairs=[0, 7]"), "names frame 7 of /servo/joint/wheel/dofs"),
         (DRIVEN.replace("indexPairs=[0, 1]", "indexPairs=[4, 1]"), "indexPairs must be pairs of one of 1 inputs"),
         (DRIVEN.replace("wheel.linkpath", "'@nowhere'"), "'@nowhere' leads to no MechanicalObject"),
@@ -248,3 +254,64 @@ def test_controllers_read_where_the_parts_of_a_body_are(folder: Path) -> None:
     assert run.root.parts.soft.dofs.position.value == pytest.approx(run.start[free] + [0, 0, fall], abs=1e-4)
     carried = run.root.parts.stiff.carried.dofs.position.value
     assert sorted(carried[:, 2]) == pytest.approx(sorted(run.start[~free, 2] + fall), abs=1e-4)
+
+
+def test_the_rest_position_of_a_frame_stays_when_its_position_is_written(folder: Path) -> None:
+    """SOFA keeps it from the initialisation; the tutorials move a servo from there, step by step."""
+    run = Run(folder, DRIVEN)
+    base = run.root.servo.base.dofs
+    rest = base.rest_position.value.copy()
+    for shift in (1.0, 2.0):
+        base.position = rest + np.array([0, 0, shift, 0, 0, 0, 0])
+        run.steps(1)
+        assert base.rest_position.value == pytest.approx(rest)
+    left = run.start[:, 0] < -29
+    assert run.simulation.state.position[left].mean(axis=0)[2] == pytest.approx(2.0, abs=1e-6)
+
+
+def test_forces_of_contacts_are_impulses_along_normal_and_tangents(folder: Path, tmp_path: Path) -> None:
+    """The normal impulses of a body at rest on a floor balance its weight in a step, m g h."""
+    written(
+        folder,
+        {
+            "scene.py": BODY
+            + """
+def createScene(root):
+    collisions(root, mu=0.5)
+    root.gravity = [0, 0, -9810]
+    root.dt = 0.01
+    floor = root.addChild("floor")
+    floor.addObject("MechanicalObject", template="Rigid3")
+    surface(floor, "mesh/cube.obj", mapping="RigidMapping")
+    ball = root.addChild("ball")
+    ball.addObject("EulerImplicitSolver")
+    ball.addObject("CGLinearSolver", threshold=1e-30)
+    ball.addObject("MechanicalObject", name="point", position=[[0, 0, 3.9]])
+    ball.addObject("UniformMass", totalMass=0.01)
+    ball.addObject("SphereCollisionModel", radius=2)
+    ball.addObject("UncoupledConstraintCorrection")
+"""
+        },
+    )
+    scene = load_scene(folder / "scene.py")
+    simulation, controller = Simulation(scene), make_controller(scene)
+    assert isinstance(controller, SofaController)
+    controller.reset(simulation.model)
+    for _ in range(50):
+        simulation.step(controller.control(simulation.observe()))
+    controller.control(simulation.observe())
+    forces = controller._tree.root.GenericConstraintSolver.constraintForces.value.reshape(-1, 3)
+    assert forces[:, 0].sum() == pytest.approx(0.01 * 9810.0 * 0.01, rel=1e-3)
+    assert np.abs(forces[:, 1:]).max() < 1e-3
+
+
+def test_frames_on_stiff_springs_follow_their_rest_poses(folder: Path) -> None:
+    run = Run(folder, FREE.format(held=HELD_BY_SPRINGS))
+    run.steps(2)
+    assert run.simulation.state.position == pytest.approx(run.start, abs=0.05)
+    right = run.start[:, 0] > 19
+    quarter = [0, 0, np.sin(0.1), np.cos(0.1)]
+    run.root.parts.stiff.dofs.rest_position = [[-30, 0, 0, 0, 0, 0, 1], [25, 3, 0, *quarter]]
+    position = run.steps(1)[right]
+    turned = Rotation.from_quat(quarter).apply(run.start[right] - [25, 0, 0]) + np.array([25, 3, 0])
+    assert position == pytest.approx(turned, abs=1e-6)

@@ -197,6 +197,7 @@ class SceneDraft:
         linear_solvers: linear solvers by node.
         corrections: constraint corrections by node.
         pipeline: components of the contact pipeline, by role.
+        sprung: frames of soft bodies that follow `rest_position`.
         own_groups: number of collision groups that the translation adds to those of the scene.
         guides: mechanical objects to which springs lead, with the springs of each.
         inverse: components of the inverse solver.
@@ -214,6 +215,7 @@ class SceneDraft:
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)
     corrections: dict[int, "Component"] = field(default_factory=dict)
     pipeline: dict[str, "Component"] = field(default_factory=dict)
+    sprung: dict["Component", None] = field(default_factory=dict)
     own_groups: int = 0
     guides: list[tuple["Component", "Component"]] = field(default_factory=list)
     inverse: list["Component"] = field(default_factory=list)

@@ -94,6 +94,7 @@ class DrivenFrames:
         self._driven = [component for component in tree.components() if self._is_driven(component)]
         self._poses = FramePoses(start_values)
         self._time = 0.0
+        self._sprung = translation.sprung
 
     def advance(self, time_step: float) -> None:
         """Move all joints by a time step [s], and all frames with them."""
@@ -130,6 +131,9 @@ class DrivenFrames:
     def _present(self, state: Component) -> np.ndarray:
         if id(state) in self._joints:
             return self._joints[id(state)].angle
+        rest = state.findData("rest_position") if state in self._sprung else None
+        if rest is not None and rest.is_set():
+            return np.reshape(rest.given(), (-1, width_of(state)))
         data = state.findData("position")
         assert data is not None
         return np.reshape(data.read_value(), (-1, width_of(state)))

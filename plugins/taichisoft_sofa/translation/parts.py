@@ -69,6 +69,7 @@ class Translation:
         soft: soft bodies by native name.
         rigid: rigid bodies by native name.
         joints: angles that turn frames.
+        sprung: mechanical objects of frames that follow `rest_position`, not `position`.
         departures: differences from SOFA, one line each.
         understood: number of components of each type that were translated.
         ignored: number of components of each type without effect on the motion.
@@ -83,6 +84,7 @@ class Translation:
     soft: dict[str, SoftPart] = field(default_factory=dict)
     rigid: "dict[str, DraftBody]" = field(default_factory=dict)
     joints: list[Joint] = field(default_factory=list)
+    sprung: "dict[Component, None]" = field(default_factory=dict)
     departures: list[str] = field(default_factory=list)
     understood: dict[str, int] = field(default_factory=dict)
     ignored: dict[str, int] = field(default_factory=dict)

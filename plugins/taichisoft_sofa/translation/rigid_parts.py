@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 STIFFENING = 1e4
 """Young's modulus of a rigid part over that of the body [-]."""
+STIFF = 1e6
+"""Stiffness of springs that hold a frame of a soft body as if it were fixed [mN/mm]."""
 FLATTEST = 1e-4
 """Volume over the cube of the longest edge, below which a tetrahedron is left out of a rigid part [-]."""
 
@@ -71,13 +73,30 @@ def parts_of_bodies(draft: "SceneDraft") -> "dict[int, DraftBody]":
 
 
 def is_driven(part: RigidPart, draft: "SceneDraft") -> bool:
-    """Whether the scene says where the frame of a part is: joints turn it, it is fixed, or nothing moves it."""
+    """Whether the scene says where the frame of a part is: joints turn it, it is held, or nothing moves it."""
     return all(
         width_of(base) == 1
         or draft.above(node_of(base), draft.solvers) is None
         or any(anchor.directions == "xyz" and index in (None, *anchor.points) for anchor in _anchors(base, draft))
         for base, index in base_frames(part.state, part.index)
     )
+
+
+def _note_springs(part: RigidPart, draft: "SceneDraft") -> None:
+    """Record frames that springs hold to their rest pose, which stiff ones alone do here."""
+    for base, index in base_frames(part.state, part.index):
+        for anchor in _anchors(base, draft):
+            if not anchor.follows_rest or index not in (None, *anchor.points):
+                continue
+            if anchor.stiffness < STIFF:
+                draft.refuse(
+                    anchor.component,
+                    f"stiffness = {anchor.stiffness:g} on a frame of a soft body; {STIFF:g} or more holds it here",
+                )
+            draft.sprung[base] = None
+            draft.depart(
+                f"{base.getPathName()}: springs hold its frames where their rest poses are; in SOFA they give way"
+            )
 
 
 def _anchors(state: "Component", draft: "SceneDraft") -> list[DraftAnchor]:
@@ -98,6 +117,7 @@ def add_rigid_parts(body: "DraftBody", draft: "SceneDraft") -> None:
     for part in rigid_parts(body.state):
         where = f"{part.state.getPathName()}, frame {part.index}"
         if is_driven(part, draft):
+            _note_springs(part, draft)
             target = FrameTarget.carrying(part.state, part.index, body.position[part.points])
             body.anchors.append(DraftAnchor(mapping, part.points, HELD, follows_rest=False, target=target))
             continue

@@ -83,6 +83,7 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         if joint.springs is not None
     ]
     _add_bodies(bodies, draft, translation)
+    translation.sprung = draft.sprung
     if draft.appearance:
         translation.tables["appearance"] = draft.appearance
     translation.departures += draft.departures

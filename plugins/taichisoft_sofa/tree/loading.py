@@ -23,6 +23,7 @@ SOURCES = {
 }
 
 
+XML = (".scn", ".xml")
 DEEPEST = 200
 """Largest depth of nodes: more are an error of the scene, and would cause a RecursionError."""
 
@@ -165,6 +166,11 @@ def load_tree(
         source = path.read_bytes()
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if path.suffix.lower() in XML or source.lstrip().startswith(b"<"):
+        raise SceneError(
+            f"{path}: is a scene in XML, which is not read here; in Python each <Node name='a'> is root.addChild('a'), "
+            "and each <Type data='...'/> in it addObject('Type', data=...), in a function createScene(root)"
+        )
     if b"createScene" not in source and b"import *" not in source:
         raise SceneError(f"{path}: has no function createScene(root)")
     tree = SceneTree(path, folders, data_folders)
