@@ -96,3 +96,30 @@ def test_spheres_without_a_radius_are_refused(folder: Path, data: str, refusal: 
     except Exception as error:
         refused = [str(error)]
     assert any(refusal in line for line in refused), refused
+
+
+@pytest.mark.parametrize("template", ["Rigid3", "Vec3"])
+def test_a_goal_without_mass_is_left_out_whatever_the_dynamics_of_its_solver(folder: Path, template: str) -> None:
+    """Such goals have solvers of first order beside robots that have inertia, and spheres that show them."""
+    pose = [1, 2, 3, 0, 0, 0, 1] if template == "Rigid3" else [1, 2, 3]
+    translation = translated(
+        folder,
+        f"""
+        collisions(root)
+        body(root)
+        goal = root.addChild("goal")
+        goal.addObject("EulerImplicitSolver", firstOrder=True)
+        goal.addObject("CGLinearSolver")
+        goal.addObject("MechanicalObject", template="{template}", position={pose})
+        goal.addObject("UncoupledConstraintCorrection")
+        spheres = goal.addChild("spheres")
+        spheres.addObject("MechanicalObject", position=[[0, 0, 0]])
+        spheres.addObject("SphereCollisionModel", radius=5)
+        spheres.addObject("{"RigidMapping" if template == "Rigid3" else "IdentityMapping"}")
+        """,
+    )
+    assert translation.refused == []
+    assert list(translation.tables["soft_bodies"]) == ["body"]
+    assert "rigid_bodies" not in translation.tables
+    assert "obstacles" not in translation.tables
+    assert any("/goal: has no mass, so that the scene alone moves it" in line for line in translation.departures)

@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # registers computed data
 from taichisoft_sofa.components.draft import DraftBody, SceneDraft
-from taichisoft_sofa.components.frames import bases_of
 from taichisoft_sofa.components.graph import node_of
 from taichisoft_sofa.components.joints import check_joints
 from taichisoft_sofa.components.reading import described, flag
@@ -16,9 +15,10 @@ from taichisoft_sofa.components.table import UNDERSTOOD
 from taichisoft_sofa.components.without_effect import instead_of, is_without_effect
 from taichisoft_sofa.translation.contact import contact_table
 from taichisoft_sofa.translation.names import body_names
+from taichisoft_sofa.translation.own_bodies import moved_by, own_bodies
 from taichisoft_sofa.translation.parts import Joint, Translation
 from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body, only_sphere
-from taichisoft_sofa.translation.rigid_parts import add_rigid_parts, parts_of_bodies
+from taichisoft_sofa.translation.rigid_parts import add_rigid_parts
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
 from taichisoft_sofa.tree.kinds import canonical
 from taichisoft_sofa.tree.own_components import OwnComponent
@@ -56,7 +56,7 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
         draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
     try:
-        bodies = _own_bodies(draft)
+        bodies = own_bodies(draft)
     except SceneError as error:
         draft.refused.append(str(error))
         bodies = []
@@ -124,7 +124,7 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
 
 def _is_first_order(bodies: list[DraftBody], draft: SceneDraft) -> bool:
     """Whether bodies move without inertia; mixed scenes are refused."""
-    moved = [solver for body in bodies if (solver := _moved_by(body, draft)) is not None]
+    moved = [solver for body in bodies if (solver := moved_by(body, draft)) is not None]
     kinds = {flag(solver, "firstOrder", False) for solver in moved}
     if len(kinds) > 1:
         draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
@@ -136,37 +136,6 @@ def is_controller(component: "Component") -> bool:
     from taichisoft_sofa.tree.component import Component
 
     return type(component) is not Component
-
-
-def _own_bodies(draft: SceneDraft) -> list[DraftBody]:
-    """Bodies that are not parts of others, and not mere points: these touch nothing and nothing joins them.
-
-    Raises:
-        SceneError: the parts of a body cannot be found.
-    """
-    parts = parts_of_bodies(draft)
-    for key in parts.keys() & draft.bodies.keys():
-        for surface in draft.bodies[key].surfaces.values() if draft.bodies[key].rigid else ():
-            draft.refuse(surface.component, "is a surface of a rigid part of a soft body; give the surface to the body")
-    bodies = [body for key, body in draft.bodies.items() if key not in parts]
-    for body in filter(_is_mere_points, bodies):
-        if body.mass is not None and _moved_by(body, draft) is not None:
-            draft.depart(f"{body.node.getPathName()}: its points are not joined and touch nothing; they are left out")
-    kept = [body for body in bodies if not _is_mere_points(body)]
-    moving = {id(body.state): body for body in kept if _moved_by(body, draft) is not None}
-    for state, springs in draft.guides:
-        for base in bases_of(state):
-            if id(base) in moving or id(base) in parts:
-                draft.refuse(
-                    springs, f"leads to {state.getPathName()}, which moves; springs between bodies are not there"
-                )
-    return kept
-
-
-def _is_mere_points(body: DraftBody) -> bool:
-    if body.materials or body.cavities or body.cables or body.surfaces:
-        return False
-    return body.mass is None if body.rigid else not len(body_tetrahedra(body))
 
 
 def _add_bodies(bodies: list[DraftBody], draft: SceneDraft, translation: Translation) -> None:
@@ -188,7 +157,7 @@ def _add_bodies(bodies: list[DraftBody], draft: SceneDraft, translation: Transla
 
 def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a body as a rigid body, soft body or obstacle."""
-    solver = _moved_by(body, draft)
+    solver = moved_by(body, draft)
     if body.rigid and any(anchor.directions == "xyz" and not anchor.follows_rest for anchor in body.anchors):
         solver = None  # its frame is fixed
     if not body.rigid and len(body_tetrahedra(body)):
@@ -199,18 +168,3 @@ def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Transl
         add_rigid_body(name, body, draft, translation)
     else:
         draft.refuse(body.state, "moves, but is neither rigid nor made of tetrahedra")
-
-
-def _moved_by(body: DraftBody, draft: SceneDraft) -> "Component | None":
-    """The solver that moves a body; None if it stands still."""
-    solver = draft.above(body.node, draft.solvers)
-    if solver is None or not draft.free_motion or draft.above(body.node, draft.corrections) is not None:
-        return solver
-    path = body.node.getPathName()
-    if draft.exact:
-        draft.depart(f"{path}: stands still, since it has no constraint correction")
-        return None
-    draft.depart(
-        f"{path}: moves and collides, though it has no constraint correction, without which SOFA moves nothing"
-    )
-    return solver
