@@ -509,7 +509,9 @@ def test_components_of_a_node_get_names_of_their_own_however_many_they_are(tmp_p
 
 
 def test_too_many_bodies_and_levels_are_refused(tmp_path: Path) -> None:
-    body = "n = root.addChild('n')\n    n.addObject('MechanicalObject', template='Rigid3')\n    n.addObject('UniformMass')"
+    body = (
+        "n = root.addChild('n')\n    n.addObject('MechanicalObject', template='Rigid3')\n    n.addObject('UniformMass')"
+    )
     (line,) = translate(loaded(tmp_path, f"for i in range(1001):\n    {body}")).refused
     assert "is one of 1001 bodies; at most 1000 are known here" in line
     with pytest.raises(SceneError, match=r"scene.py: its nodes are nested 252 deep; at most 200 are known here"):

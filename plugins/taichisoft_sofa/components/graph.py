@@ -46,7 +46,7 @@ def node_of(component: "Component") -> "Node":
     """
     node = component.getContext()
     if node is None:
-        raise SceneError(f"{component.describe()} ({component.place}) is in no node")
+        raise SceneError(f"{component.described()} ({component.place}) is in no node")
     return node
 
 
