@@ -19,8 +19,9 @@ from pydantic.fields import FieldInfo
 import taichisoft
 from taichisoft.plugin_system import hook_names, hookspecs
 from taichisoft.scenes import actuators, rigid_body, scene, shape_settings, soft_body, table
-from taichisoft_sofa.components.component_table import IGNORED, UNDERSTOOD
+from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.older_names import ALIASES
+from taichisoft_sofa.components.without_effect import IGNORED
 
 FOLDER = Path(__file__).parent / "reference"
 NOTE = "<!-- Written by `python docs/write_reference.py` from docstrings; a test compares. -->"
@@ -85,6 +86,7 @@ TABLES: dict[str, type[BaseModel]] = {
     "[[soft_bodies.NAME.collision_surface]]": soft_body.CollisionSurfaceSettings,
     "[[soft_bodies.NAME.regions]]": soft_body.Region,
     "[[soft_bodies.NAME.anchors]]": soft_body.Anchor,
+    "[[soft_bodies.NAME.forces]]": soft_body.NodalForce,
     "[soft_bodies.NAME.tip]": soft_body.Tip,
     **{f"[soft_bodies.NAME.{key}.NAME]": made for key, made in actuators.ActuatorTables.tables().items()},
     "{ body = ..., point = ... } in points of a cable": actuators.CablePoint,

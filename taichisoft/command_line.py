@@ -145,6 +145,7 @@ def run_command(
     ] = None,
     goal: GoalOption = None,
     duration: Annotated[float | None, typer.Option(help="Simulated time \\[s]  \\[default: the scene's]")] = None,
+    steps: Annotated[int | None, typer.Option(help="Number of time steps, instead of --duration.", min=1)] = None,
     outputs: OutputsOption = "recording,metrics",
     speed: SpeedOption = None,
     keys: Annotated[Path | None, typer.Option(help="Key log (keys.jsonl) of an earlier run, to repeat it.")] = None,
@@ -164,5 +165,5 @@ def run_command(
     asked = requested(context, outputs)
     folder = output or Path("out") / Path(scene).stem
     replay = KeyReplay(keys) if keys is not None else None
-    request = RunRequest(folder, asked.outputs, duration, speed, replay, profile, asked.controller, reduced)
+    request = RunRequest(folder, asked.outputs, duration, speed, replay, profile, asked.controller, reduced, steps)
     run_scene(scene, set_ or [], controller, request, asked.reader, goal)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 @hookimpl
 def taichisoft_scene_readers() -> Mapping[str, Callable[..., Mapping[str, Any]]]:
     """Readers of SOFA's scenes of both generations."""
-    return {".py": _read, ".pyscn": _read}
+    return {".py": _read, ".pyscn": _read, ".scn": _read}  # a scene in XML is refused with a way out
 
 
 @hookimpl
@@ -33,6 +33,9 @@ def taichisoft_run_options() -> "Mapping[str, RunOption]":
         "--python-path": RunOption(
             None, "Folders of libraries that a SOFA scene imports, as in PYTHONPATH.", "python_path", str, "DIRS"
         ),
+        "--data-path": RunOption(
+            None, "Folders of meshes that a SOFA scene names, such as SOFA's share.", "data_path", str, "DIRS"
+        ),
         "--sofa-exact": RunOption(None, "Follow SOFA exactly where the default departs from it.", "sofa_exact", bool),
     }
 
@@ -45,7 +48,7 @@ def taichisoft_commands(application: "typer.Typer") -> None:
     application.add_typer(sofa, name="sofa")
 
 
-def _read(path: Path, python_path: str = "", sofa_exact: bool = False) -> Mapping[str, Any]:
+def _read(path: Path, python_path: str = "", sofa_exact: bool = False, data_path: str = "") -> Mapping[str, Any]:
     from taichisoft_sofa.scene_reader import read_scene  # other commands need neither tree nor translation
 
-    return read_scene(path, python_path, sofa_exact)
+    return read_scene(path, python_path, sofa_exact, data_path)

@@ -6,12 +6,17 @@ import warnings
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from taichisoft.errors import TaichisoftError
 from taichisoft_sofa.scene_reader import kept_files, split_path, with_files_in
 from taichisoft_sofa.translation.parts import Translation
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.loading import load_tree
+
+if TYPE_CHECKING:
+    from taichisoft import Simulation
+    from taichisoft_sofa.controller.sofa_controller import SofaController
 
 
 @dataclass
@@ -31,36 +36,56 @@ class Checked:
     counts: dict[str, Mapping[str, int]] = field(default_factory=dict)
 
 
-def checked(scene: Path, python_path: str, exact: bool) -> Checked:
-    """Load and translate a scene, and build its model and controllers as a run does before its first step."""
+def checked(scene: Path, python_path: str, exact: bool, data_path: str = "", steps: int = 0) -> Checked:
+    """Load and translate a scene, and build its model and controllers as a run does; make some steps of it."""
     found = Checked()
     with warnings.catch_warnings(record=True) as warned:
         warnings.simplefilter("always", UserWarning)
         try:
             with _kept(found.said):
-                tree = load_tree(scene, split_path(python_path))
+                tree = load_tree(scene, split_path(python_path), split_path(data_path, "--data-path"))
                 translation = translate(tree, exact)
             found.remarks += tree.converted
             found.counts = {"understood": translation.understood, "without effect": translation.ignored}
             found.remarks += [f"otherwise than in SOFA: {line}" for line in translation.departures]
             found.problems += translation.refused
             if not translation.refused:
-                _build(scene, translation, python_path, exact, found)
+                _build(scene, translation, python_path, data_path, exact, steps, found)
         except TaichisoftError as error:
             found.problems.append(str(error))
     found.remarks += dict.fromkeys(f"warning: {one.message}" for one in warned if issubclass(one.category, UserWarning))
     return found
 
 
-def _build(scene: Path, translation: Translation, python_path: str, exact: bool, found: Checked) -> None:
-    from taichisoft.building import make_model, scene_from_dict
+def _build(
+    scene: Path,
+    translation: Translation,
+    python_path: str,
+    data_path: str,
+    exact: bool,
+    steps: int,
+    found: Checked,
+) -> None:
+    from taichisoft import Simulation, make_model, scene_from_dict
     from taichisoft_sofa.controller.sofa_controller import SofaController
 
     tables = with_files_in(kept_files(translation, scene.stem), translation.tables)
     model = make_model(scene_from_dict(tables, str(scene)))
-    folders = [str(folder) for folder in split_path(python_path)]
+    folders, data_folders = ([str(folder) for folder in split_path(path)] for path in (python_path, data_path))
     with _kept(found.said):
-        SofaController(str(scene), folders, exact).reset(model)
+        controller = SofaController(str(scene), folders, exact, data_folders)
+        controller.reset(model)
+        if steps:
+            _run(Simulation(model), controller, steps)
+
+
+def _run(simulation: "Simulation", controller: "SofaController", steps: int) -> None:
+    """Make steps, those before an error of which the error names."""
+    for made in range(steps):
+        try:
+            simulation.step(controller.control(simulation.observe()))
+        except TaichisoftError as error:
+            raise TaichisoftError(f"after {made} of {steps} steps: {error}") from error
 
 
 @contextlib.contextmanager

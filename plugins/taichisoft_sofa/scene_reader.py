@@ -23,20 +23,21 @@ DIGITS = 16  # digits of the hash in the name of a folder of meshes
 FILE_KEYS = ("mesh", "surface", "file")
 
 
-def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False) -> dict[str, Any]:
+def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False, data_path: str = "") -> dict[str, Any]:
     """Translate a SOFA scene to the tables of a native scene, with meshes in the user's cache folder.
 
     Args:
         path: the scene, a program that runs with the rights of the user.
         python_path: folders of libraries that the scene imports, separated as in PYTHONPATH.
         sofa_exact: whether to follow SOFA exactly where the default departs from it.
+        data_path: folders of meshes, such as SOFA's share folder, separated as in PYTHONPATH.
 
     Raises:
         SceneError: the scene cannot be read or translated.
         MeshError: the meshes cannot be written.
     """
-    folders = split_path(python_path)
-    tree = load_tree(path, folders)
+    folders, data_folders = split_path(python_path), split_path(data_path, "--data-path")
+    tree = load_tree(path, folders, data_folders)
     for line in tree.converted:
         LOGGER.info("%s", line)
     translation = translate(tree, sofa_exact)
@@ -51,14 +52,16 @@ def read_scene(path: Path, python_path: str = "", sofa_exact: bool = False) -> d
     settings: dict[str, Any] = {"scene": str(path.resolve())}
     if folders:
         settings["python_path"] = [str(folder.resolve()) for folder in folders]
+    if data_folders:
+        settings["data_path"] = [str(folder.resolve()) for folder in data_folders]
     if sofa_exact:
         settings["exact"] = True
     tables = with_files_in(kept_files(translation, path.stem), translation.tables)
     return {**tables, "controller": {"name": CONTROLLER, "settings": settings}}
 
 
-def split_path(folders: str) -> list[Path]:
-    """Split a text of folders in the format of PYTHONPATH.
+def split_path(folders: str, option: str = "--python-path") -> list[Path]:
+    """Split the value of an option, a text of folders in the format of PYTHONPATH.
 
     Raises:
         SceneError: a folder does not exist.
@@ -66,7 +69,7 @@ def split_path(folders: str) -> list[Path]:
     found = [Path(folder).expanduser() for folder in folders.split(os.pathsep) if folder]
     for folder in found:
         if not folder.is_dir():
-            raise SceneError(f"--python-path {folder}: no such folder")
+            raise SceneError(f"{option} {folder}: no such folder")
     return found
 
 

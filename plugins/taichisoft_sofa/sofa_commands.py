@@ -16,6 +16,9 @@ PythonPath = Annotated[
     str,
     typer.Option("--python-path", metavar="DIRS", help="Folders of libraries that scenes import, as in PYTHONPATH."),
 ]
+DataPath = Annotated[
+    str, typer.Option("--data-path", metavar="DIRS", help="Folders of meshes that scenes name, such as SOFA's share.")
+]
 Exact = Annotated[bool, typer.Option("--sofa-exact", help="Follow SOFA exactly where the default departs from it.")]
 EXIT_REFUSED = 1
 
@@ -24,19 +27,22 @@ EXIT_REFUSED = 1
 def check(
     scenes: Annotated[list[Path], typer.Argument(metavar="SCENE...", help="SOFA scenes (.py, .pyscn).")],
     python_path: PythonPath = "",
+    data_path: DataPath = "",
     sofa_exact: Exact = False,
+    steps: Annotated[int, typer.Option(help="Make so many steps of each scene, too.", min=0)] = 0,
 ) -> None:
     """List the components of scenes that are understood, have no effect, depart from SOFA, or are refused.
 
-    The model of a scene that can be run is built, as before the first step of a run.
+    The model of a scene that can be run is built, as before the first step of a run; --steps makes some of it.
     """
     from taichisoft_sofa.checking import checked
 
-    refused = False
+    refused = 0
     for scene in scenes:
-        found = checked(scene, python_path, sofa_exact)
-        refused = refused or bool(found.problems)
-        _line(f"{scene}: {'refused' if found.problems else 'can be run'}")
+        found = checked(scene, python_path, sofa_exact, data_path, steps)
+        refused += bool(found.problems)
+        made = f", {steps} steps made" if steps else ""
+        _line(f"{scene}: {'refused' if found.problems else f'can be run{made}'}")
         for title, counts in found.counts.items():
             listed = ", ".join(f"{kind} ({count})" if count > 1 else kind for kind, count in sorted(counts.items()))
             _line(f"  {title}: {listed or 'nothing'}")
@@ -46,6 +52,8 @@ def check(
             _line(f"  {line}")
         for line in found.problems:
             _line(f"  refused: {line}")
+    if len(scenes) > 1:
+        _line(f"{len(scenes) - refused} of {len(scenes)} scenes can be run")
     if refused:
         raise typer.Exit(EXIT_REFUSED)
 
@@ -62,6 +70,7 @@ def convert(
         Path, typer.Option("--output", "-o", help="Native scene (.toml) to write, its meshes beside it.")
     ],
     python_path: PythonPath = "",
+    data_path: DataPath = "",
     sofa_exact: Exact = False,
 ) -> None:
     """Write a native scene with its meshes, without the scene's own controllers."""
@@ -73,7 +82,7 @@ def convert(
 
     if output.suffix.lower() != ".toml":
         raise SceneError(f"--output {output}: '{output.suffix}' is not a kind of native scene; valid: .toml")
-    translation = _translated(scene, python_path, sofa_exact)
+    translation = _translated(scene, python_path, data_path, sofa_exact)
     if translation.refused:
         raise SceneError(f"{translation.refused[0]}; taichisoft sofa check {scene} lists all")
     for line in translation.departures:
@@ -88,9 +97,10 @@ def convert(
     say(f"{output}, with its meshes in {meshes}")
 
 
-def _translated(scene: Path, python_path: str, exact: bool) -> "Translation":
+def _translated(scene: Path, python_path: str, data_path: str, exact: bool) -> "Translation":
     from taichisoft_sofa.scene_reader import split_path
     from taichisoft_sofa.translation.translate import translate
     from taichisoft_sofa.tree.loading import load_tree
 
-    return translate(load_tree(scene, split_path(python_path)), exact)
+    folders, data_folders = split_path(python_path), split_path(data_path, "--data-path")
+    return translate(load_tree(scene, folders, data_folders), exact)

@@ -6,7 +6,7 @@ import numpy as np
 
 from taichisoft.errors import SceneError
 from taichisoft.meshes.volume_mesh import VolumeMesh
-from taichisoft.scenes.soft_body import Anchor, NodeSelection, Selection
+from taichisoft.scenes.soft_body import Anchor, NodalForce, NodeSelection, Selection
 from taichisoft.scenes.table import Vector
 
 # A node on the face of a box belongs to it: tolerance for the last digit of a coordinate in a file [mm].
@@ -44,6 +44,19 @@ def anchor_stiffness(mesh: VolumeMesh, anchors: Sequence[Anchor], key: str) -> n
         for direction in anchor.directions:
             stiffness[nodes, "xyz".index(direction)] = anchor.stiffness
     return stiffness
+
+
+def nodal_forces(mesh: VolumeMesh, forces: Sequence[NodalForce], key: str) -> np.ndarray:
+    """Sum of the constant forces on each node [mN], shape (node_count, 3).
+
+    Raises:
+        SceneError: a force selects nothing; `key` begins the error.
+    """
+    total = np.zeros((len(mesh.nodes), 3))
+    for index, force in enumerate(forces):
+        nodes = select_nodes(mesh, force, f"{key}.{index}")
+        total[nodes] += np.array(force.force) / len(nodes)
+    return total
 
 
 def select_elements(mesh: VolumeMesh, selection: Selection, key: str) -> np.ndarray:

@@ -13,7 +13,7 @@ from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAW_NUMBERS
 from taichisoft.bodies.modes import Modes, check_modes, read_modes
 from taichisoft.bodies.rotations import rotation_from_degrees
-from taichisoft.bodies.selection import anchor_stiffness, select_elements, select_nodes, surface_group
+from taichisoft.bodies.selection import anchor_stiffness, nodal_forces, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
 from taichisoft.meshes.curved_walls import curved_walls, enclosed_volume_of_walls
 from taichisoft.meshes.second_order import with_middle_nodes
@@ -78,6 +78,7 @@ class SoftBody:
         domains: its integration domains; None where they are linear tetrahedra under Hooke's law.
         node_mass: [kg], shape (node_count,).
         anchor_stiffness: [mN/mm] of the spring at each node along x, y and z, 0 where there is none, (node_count, 3).
+        node_force: constant force on each node [mN], shape (node_count, 3).
         tip_nodes: nodes that the scene's `tip` selects, or None.
         collision_surfaces: what touches other bodies, and each other where they have no group in common.
         cavities: the air chambers.
@@ -96,6 +97,7 @@ class SoftBody:
     domains: IntegrationDomains | None
     node_mass: np.ndarray
     anchor_stiffness: np.ndarray
+    node_force: np.ndarray
     tip_nodes: np.ndarray | None
     collision_surfaces: tuple[CollisionSurface, ...]
     cavities: tuple[Cavity, ...]
@@ -170,6 +172,7 @@ def make_soft_body(
         domains=_make_domains(rest_position, mesh.elements, material, laws, body),
         node_mass=_node_masses(mesh, body),
         anchor_stiffness=anchor_stiffness(mesh, body.anchors, f"{key}.anchors"),
+        node_force=nodal_forces(mesh, body.forces, f"{key}.forces"),
         tip_nodes=None if body.tip is None else select_nodes(mesh, body.tip, f"{key}.tip"),
         collision_surfaces=_collision_surfaces(mesh, body),
         cavities=tuple(

@@ -47,6 +47,7 @@ class RunRequest:
         profile: whether to show the times of the phases of a step.
         steering: name of the controller for an output by which a user steers, such as a page, or None.
         reduced: folder with the modes of soft bodies, or None.
+        steps: number of time steps, instead of `duration`, or None.
     """
 
     folder: Path
@@ -57,6 +58,7 @@ class RunRequest:
     profile: bool = False
     steering: str | None = None
     reduced: Path | None = None
+    steps: int | None = None
 
 
 def run_scene(
@@ -106,6 +108,10 @@ def run_simulation(
         typer.Exit: the run was interrupted.
     """
     duration, speed, folder = request.duration, request.speed, request.folder
+    if request.steps is not None:
+        if duration is not None:
+            raise TaichisoftError(f"--steps {request.steps}, --duration {duration:g}: give one of them")
+        duration = request.steps * scene.time.step
     if speed is not None and not 0.0 < speed < math.inf:
         raise TaichisoftError(f"--speed {speed:g}: must be a positive, finite number; 1 is real time")
     console = rich.get_console()  # an output that takes long at the end also shows its progress there

@@ -84,6 +84,13 @@ class Anchor(NodeSelection):
     """Axes of space along which the nodes are held; along the others they move freely."""
 
 
+class NodalForce(NodeSelection):
+    """A constant force on nodes, such as the weight of something that is not simulated."""
+
+    force: Vector
+    """Sum of the forces on the nodes, in the axes of space [mN]; each node has an equal share."""
+
+
 class Tip(NodeSelection):
     """Nodes whose motion is observed as that of the tip; without this table those farthest from the anchors."""
 
@@ -211,6 +218,7 @@ class SoftBodySettings(ActuatorTables):
     """The nodes whose motion is observed as that of the tip; those farthest from the anchors when it is not given."""
     regions: list[Region] = []
     anchors: list[Anchor] = []
+    forces: list[NodalForce] = []
     alternatives = (("mass", "density"), ("young_modulus", "coefficients"))
 
     @model_validator(mode="after")

@@ -95,6 +95,7 @@ class EndOfStep:
         kernels.sum_impulses(
             self._time_step,
             self._nodes,
+            soft.forces,
             self._anchors,
             soft.base,
             self._model.actuators.coordinates,

@@ -19,6 +19,7 @@ class SoftMotion:
         known_velocity: node velocities whose change the step's equations give [mm/s], shape (node_count, 3).
         system: elastic forces, matrix and direct solver of the step.
         nodes: loads on the nodes, at the start of the step.
+        forces: constant forces on nodes.
         anchors: springs that hold nodes, with the lag at the start of a step.
         base: pose of the base.
     """
@@ -55,6 +56,9 @@ class SoftMotion:
             lag=elasticity.anchor_lag,
             position=np.empty((len(model.anchored_nodes), 3)),
         )
+        constant = np.vstack([body.node_force for body in model.soft_bodies])
+        loaded = np.flatnonzero(constant.any(axis=1))
+        self.forces = kernels.ConstantForces(node=loaded.astype(np.int32), force=constant[loaded])
         self.base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
         self._base_rotation: np.ndarray | None = None  # rotation vector of `base.turn`
         self._anchor_position: np.ndarray | None = None  # the last that was checked
@@ -167,6 +171,7 @@ class SoftMotion:
         kernels.sum_impulses(
             self._model.scene.time.step,
             self.nodes,
+            self.forces,
             self.anchors,
             self.base,
             self._model.actuators.coordinates,

@@ -70,6 +70,17 @@ def test_a_scene_runs_with_its_libraries_and_says_what_it_does_otherwise(folder:
     assert scene.controller.settings["python_path"] == [str(folder / "library")]
 
 
+def test_a_run_has_as_many_steps_as_are_asked_for(folder: Path, command: Command) -> None:
+    arguments = ("run", "scene.py", "--python-path", "library", "--outputs", "csv", "-o", "out", "--steps", 3)
+    code, _, errors = command(*arguments)
+    assert code == 0, errors
+    times = np.genfromtxt(folder / "out" / "run.csv", delimiter=",", names=True)["time_s"]
+    assert times == pytest.approx([0.01, 0.02, 0.03])
+    code, _, errors = command(*arguments, "--duration", "0.01")
+    assert code == 2
+    assert "--steps 3, --duration 0.01: give one of them" in errors
+
+
 def test_files_in_python_2_are_named(folder: Path, command: Command) -> None:
     (folder / "library" / "material.py").write_text("print 'a'\nYOUNG = 1401 / 2\n")
     arguments = ("run", "scene.py", "--duration", "0.01", "--outputs", "", "-o", "out", "--python-path", "library")
@@ -105,9 +116,24 @@ def test_settings_reach_the_reader_alone(folder: Path, command: Command) -> None
         load_scene("scene.py", reader_settings={"python_path": f"library{os.pathsep}nowhere"})
 
 
+def test_check_makes_steps_and_says_where_they_end(folder: Path, command: Command) -> None:
+    fails = (
+        "import Sofa.Core\nclass Mine(Sofa.Core.Controller):\n    n = 0\n    def onAnimateBeginEvent(self, event):\n"
+    )
+    fails += "        self.n += 1\n        assert self.n < 3, 'enough'\n"
+    text = BODY + SCENE + "    root.addObject(Mine(name='mine'))\n"
+    (folder / "fails.py").write_text(fails + text)
+    code, shown, _ = command("sofa", "check", "--steps", 4, "--python-path", "library", "scene.py", "fails.py")
+    assert code == 1
+    assert "scene.py: can be run, 4 steps made" in shown
+    assert "refused: after 2 of 4 steps: " in shown
+    assert "enough" in shown
+    assert "1 of 2 scenes can be run" in shown
+
+
 def test_check_lists_all_and_fails_if_something_is_refused(folder: Path, command: Command) -> None:
     text = (folder / "scene.py").read_text()
-    (folder / "other.py").write_text(f"{text}    node.addObject('SphereCollisionModel')\n")
+    (folder / "other.py").write_text(f"{text}    node.addObject('CylinderCollisionModel')\n")
     code, shown, _ = command("sofa", "check", "scene.py", "--python-path", "library")
     assert code == 0
     assert "scene.py: can be run" in shown
@@ -115,7 +141,7 @@ def test_check_lists_all_and_fails_if_something_is_refused(folder: Path, command
     code, shown, _ = command("sofa", "check", "scene.py", "other.py", "--python-path", "library")
     assert code == 1
     assert "other.py: refused" in shown
-    assert "refused: SphereCollisionModel '/body/SphereCollisionModel' (" in shown
+    assert "refused: CylinderCollisionModel '/body/CylinderCollisionModel' (" in shown
     assert "a surface that touches others" in shown
 
 
@@ -139,6 +165,7 @@ def test_check_goes_on_after_files_that_fail_and_shows_no_control_characters(fol
     assert [line for line in shown.splitlines() if not line.startswith(" ")] == [
         *(f"{name}: refused" for name in FAILING),
         "scene.py: can be run",
+        "1 of 8 scenes can be run",
     ]
     assert all(character.isprintable() or character == "\n" for character in shown)
     for line in ("missing.py: no such file", "line 3: Own", "SystemExit: bye", "RecursionError", "GeneratorExit"):
@@ -171,7 +198,7 @@ def test_what_can_be_run_has_a_model(folder: Path, command: Command, open_cavity
 
 def test_a_scene_that_is_refused_is_one_line(folder: Path, command: Command) -> None:
     text = (folder / "scene.py").read_text()
-    (folder / "other.py").write_text(f"{text}    for n in 'ab': node.addObject('SphereCollisionModel', name=n)\n")
+    (folder / "other.py").write_text(f"{text}    for n in 'ab': node.addObject('CylinderCollisionModel', name=n)\n")
     code, _, errors = command("run", "other.py", "--python-path", "library")
     assert code == 2
     assert len(errors.splitlines()) == 1

@@ -178,3 +178,44 @@ def test_loaders_place_to_the_last_bit_as_sofa(shared: Path) -> None:
         assert (placed_by_loader(points, (1, 1, 1), rotation, shift) == fingers[f"finger{number}_x0"]).all()
     surface = read_mesh(shared / "sofa-scenes/soft-gripper/mesh/finger.stl")
     assert (surface.triangles == fingers["collis_finger1_collis_tri"]).all()
+
+
+GID = """ MESH dimension 3 ElemType {kind} Nnode {count}
+Coordinates
+    1  0 0 0
+    2  1.5 0 0
+    3  0 2e-3 0
+    7  0 0 -3
+End Coordinates
+
+Elements
+{elements}
+End Elements
+"""
+
+
+def test_meshes_of_gid_keep_their_order_whatever_the_numbers_of_their_nodes(tmp_path: Path) -> None:
+    path = tmp_path / "one.gidmsh"
+    path.write_text(GID.format(kind="Tetrahedra", count=4, elements="1 1 2 3 7"))
+    mesh = read_mesh(path)
+    assert mesh.points.tolist() == [[0, 0, 0], [1.5, 0, 0], [0, 2e-3, 0], [0, 0, -3]]
+    assert mesh.tetrahedra.tolist() == [[0, 1, 2, 3]]
+    path = tmp_path / "triangles.gid"
+    path.write_text(GID.format(kind="Triangle", count=3, elements="5 7 2 3\n6 1 2 3"))
+    assert read_mesh(path).triangles.tolist() == [[3, 1, 2], [0, 1, 2]]
+
+
+@pytest.mark.parametrize(
+    ("text", "wrong"),
+    [
+        (GID.format(kind="Tetrahedra", count=10, elements="1 1 2 3 7"), r"Nnode 10; known are Linear of 2 nodes, "),
+        (GID.format(kind="Tetrahedra", count=4, elements="1 1 2 3 4"), "names node 4, which is not among"),
+        (GID.format(kind="Tetrahedra", count=4, elements=""), "no lines between 'Elements'"),
+        ("MESH", "has no ElemType and Nnode"),
+    ],
+)
+def test_a_broken_mesh_of_gid_is_one_line(tmp_path: Path, text: str, wrong: str) -> None:
+    path = tmp_path / "broken.gidmsh"
+    path.write_text(text)
+    with pytest.raises(MeshError, match=wrong):
+        read_mesh(path)

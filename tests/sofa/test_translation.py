@@ -554,3 +554,48 @@ def test_a_moving_body_needs_mass_stiffness_and_tetrahedra(folder: Path) -> None
         before = "\n".join(line for line in BODY.splitlines() if component not in line)
         (line,) = translate(loaded(folder, "body(root)", before)).refused
         assert problem in line
+
+
+@pytest.mark.parametrize(
+    ("data", "each"),
+    [
+        ("indices=[0, 1, 3], totalForce=[3, 0, 6]", {0: [1, 0, 2], 1: [1, 0, 2], 3: [1, 0, 2]}),
+        ("indices='0 1 3', force='0 5 0'", {0: [0, 5, 0], 1: [0, 5, 0], 3: [0, 5, 0]}),
+        ("indices=[2, 0, 5], forces=[[1, 0, 0], [0, 2, 0]]", {2: [1, 0, 0], 0: [0, 2, 0], 5: [0, 2, 0]}),
+        ("indices='@roi.indices', totalForce=[0, 0, 8]", {}),
+        ("totalForce=[12, 0, 0]", {point: [1, 0, 0] for point in range(12)}),
+    ],
+)
+def test_constant_forces_act_on_points_as_in_sofa(folder: Path, data: str, each: dict[int, list[float]]) -> None:
+    """The last of the forces holds for all points after it; a total is shared evenly."""
+    translation = translated(
+        folder,
+        f"""
+        node = body(root)
+        node.addObject("BoxROI", name="roi", box=[9, -99, -99, 11, 99, 99])
+        node.addObject("ConstantForceField", {data})
+        """,
+    )
+    assert not translation.refused
+    right = np.flatnonzero(make_block((2, 1, 1), SIZE).nodes[:, 0] == 10.0).tolist()
+    if "@roi" in data:
+        each = {point: [0, 0, 2] for point in right}
+    found = np.zeros((12, 3))
+    for table in translation.tables["soft_bodies"]["body"]["forces"]:
+        found[table["nodes"]] += np.array(table["force"]) / len(table["nodes"])
+    expected = np.zeros((12, 3))
+    for point, force in each.items():
+        expected[point] = force
+    assert found == pytest.approx(expected)
+
+
+def test_constant_forces_on_frames_are_refused(folder: Path) -> None:
+    translation = translated(
+        folder,
+        """
+        cube = root.addChild("cube")
+        cube.addObject("MechanicalObject", template="Rigid3")
+        cube.addObject("ConstantForceField", template="Rigid3", totalForce=[0, 0, 1, 0, 0, 0])
+        """,
+    )
+    assert any("acts on a rigid body" in line for line in translation.refused)

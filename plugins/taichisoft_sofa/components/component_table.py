@@ -1,9 +1,19 @@
-"""The table of components: translations by type, types without effect, and purposes of unknown types."""
+"""The table of components: translations by type."""
 
 from collections.abc import Callable
 
-from taichisoft_sofa.components import actuator_components, contact_components, dynamics, selections, visuals
+from taichisoft_sofa.components import (
+    actuator_components,
+    contact_components,
+    dynamics,
+    joints,
+    selections,
+    spheres,
+    visuals,
+)
 from taichisoft_sofa.components.draft import SceneDraft
+from taichisoft_sofa.components.graph import is_assembled
+from taichisoft_sofa.components.states import is_rigid
 from taichisoft_sofa.tree.component import Component
 
 Contribution = Callable[[Component, SceneDraft], None]
@@ -24,8 +34,10 @@ def _selection(component: Component, draft: SceneDraft) -> None:
 
 
 def _state(component: Component, draft: SceneDraft) -> None:
-    """Make a body of an independent mechanical object."""
-    if not draft.is_mapped(component):
+    """Make a body of an independent mechanical object, or of points that are put together from several others."""
+    if draft.joint_of(component) is None and (
+        not draft.is_mapped(component) or (is_assembled(component) and not is_rigid(component))
+    ):
         draft.body_of(component)
 
 
@@ -67,7 +79,6 @@ UNDERSTOOD: dict[str, Contribution] = {
     ),
     **dict.fromkeys(
         (
-            "GenericConstraintSolver",
             "BlockGaussSeidelConstraintSolver",
             "ProjectedGaussSeidelConstraintSolver",
             "UnbuiltGaussSeidelConstraintSolver",
@@ -84,19 +95,31 @@ UNDERSTOOD: dict[str, Contribution] = {
             "MeshSTLLoader",
             "MeshOBJLoader",
             "MeshGmshLoader",
+            "GIDMeshLoader",
             "MeshTopology",
             "TetrahedronSetTopologyContainer",
             "TriangleSetTopologyContainer",
             "QuadSetTopologyContainer",
             "EdgeSetTopologyContainer",
             "PointSetTopologyContainer",
+            "HexahedronSetTopologyContainer",
+            "RegularGridTopology",
             "Tetra2TriangleTopologicalMapping",
+            "Hexa2TetraTopologicalMapping",
+            "Hexa2QuadTopologicalMapping",
+            "Quad2TriangleTopologicalMapping",
             "BarycentricMapping",
             "RigidMapping",
             "IdentityMapping",
+            "SkinningMapping",
+            "ArticulatedHierarchyContainer",
+            "ArticulationCenter",
+            "Articulation",
         ),
         _is_read,
     ),
+    "SubsetMultiMapping": joints.subset_mapping,
+    "ArticulatedSystemMapping": joints.articulated_mapping,
     "MechanicalObject": _state,
     "BoxROI": _selection,
     "SphereROI": _selection,
@@ -111,6 +134,8 @@ UNDERSTOOD: dict[str, Contribution] = {
     "RestShapeSpringsForceField": dynamics.rest_shape_springs,
     "FixedProjectiveConstraint": dynamics.fixed_points,
     "PartialFixedProjectiveConstraint": dynamics.fixed_points,
+    "ConstantForceField": dynamics.constant_forces,
+    "LinearMovementProjectiveConstraint": dynamics.prescribed_motion,
     # contact
     "CollisionPipeline": contact_components.role("pipeline"),
     **dict.fromkeys(
@@ -142,6 +167,7 @@ UNDERSTOOD: dict[str, Contribution] = {
         ),
         contact_components.collision_model,
     ),
+    "SphereCollisionModel": spheres.sphere_model,
     # actuators
     "SurfacePressureConstraint": actuator_components.cavity,
     "CableConstraint": actuator_components.cable,
@@ -153,79 +179,3 @@ UNDERSTOOD: dict[str, Contribution] = {
     **dict.fromkeys(("Camera", "InteractiveCamera"), visuals.camera),
 }
 """Translation of each type to the draft of a scene."""
-
-IGNORED = {
-    "RequiredPlugin",
-    "AddDataRepository",
-    "AddPluginRepository",
-    "DefaultVisualManagerLoop",
-    "VisualManagerLoop",
-    "VisualStyle",
-    "VisualModelImpl",
-    "OglGrid",
-    "OglLabel",
-    "OglViewport",
-    "OglShadowShader",
-    "LightManager",
-    "DirectionalLight",
-    "SpotLight",
-    "PositionalLight",
-    "RecordedCamera",
-    "ViewerSetting",
-    "StatsSetting",
-    "MouseButtonSetting",
-    "AttachBodyButtonSetting",
-    "SofaDefaultPathSetting",
-    "APIVersion",
-    "InfoComponent",
-    "MessageHandlerComponent",
-    "FileMessageHandlerComponent",
-    "Monitor",
-    "VTKExporter",
-    "STLExporter",
-    "OBJExporter",
-    "MeshExporter",
-    "VisualModelOBJExporter",
-    "WriteState",
-    "ExtraMonitor",
-    "Visual3DText",
-    "PythonMainScriptController",
-    # modifiers of meshes, and geometry algorithms: meshes never change here
-    "TetrahedronSetTopologyModifier",
-    "TetrahedronSetTopologyAlgorithms",
-    "TetrahedronSetGeometryAlgorithms",
-    "TriangleSetTopologyModifier",
-    "TriangleSetTopologyAlgorithms",
-    "TriangleSetGeometryAlgorithms",
-    "EdgeSetTopologyModifier",
-    "EdgeSetTopologyAlgorithms",
-    "EdgeSetGeometryAlgorithms",
-    "PointSetTopologyModifier",
-    "PointSetTopologyAlgorithms",
-    "PointSetGeometryAlgorithms",
-}
-"""Types without effect on the motion of a scene."""
-
-PURPOSES = {
-    "ForceField": "forces on the bodies",
-    "Mass": "the mass of a body",
-    "Solver": "how bodies move in time",
-    "ConstraintCorrection": "how constraints move a body",
-    "Constraint": "what bodies must not do, or an actuator",
-    "CollisionModel": "a surface that touches others",
-    "Intersection": "how contacts are found",
-    "Mapping": "points that follow a body",
-    "Loader": "a mesh",
-    "Container": "the topology of a body",
-    "Topology": "the topology of a body",
-    "ROI": "a selection of points",
-    "Engine": "data that other components read",
-    "Controller": "what happens while the scene runs",
-    "Actuator": "an actuator",
-}
-"""Purpose of a type of component, by the end of its name."""
-
-
-def purpose(type_name: str) -> str:
-    """Purpose of an unknown component, by its name."""
-    return next((what for ending, what in PURPOSES.items() if type_name.endswith(ending)), "an unknown purpose")

@@ -8,6 +8,7 @@ import numpy as np
 
 from taichisoft_sofa.components import other_data as other_data  # declares the kinds of computed data
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES
+from taichisoft_sofa.components.grids import GRID, grid_cells, grid_position
 from taichisoft_sofa.components.loaders import (
     CORNERS,
     OTHER_NAMES,
@@ -74,7 +75,8 @@ def _cells(function: Callable[..., np.ndarray]) -> dict[str, tuple[Any, Callable
 
 for _loader in LOADERS:
     _declare(_loader, {"position": (vectors(3), loader_position), **_cells(_loader_cells)})
-for _container in TOPOLOGIES:
+_declare(GRID, {"position": (vectors(3), grid_position), **_cells(grid_cells)})
+for _container in TOPOLOGIES - {GRID}:
     _declare(_container, {"position": (vectors(3), container_position), **_cells(container_cells)})
 for _engine in ENGINES:
     _declare(

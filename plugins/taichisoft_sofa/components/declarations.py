@@ -2,6 +2,7 @@
 
 from taichisoft_sofa.components import older_names as older_names  # declared under the present names
 from taichisoft_sofa.components.states import is_rigid, width_of
+from taichisoft_sofa.components.typed_values import text
 from taichisoft_sofa.tree.bounds import ABOVE_0, FINITE, FROM_0, LIMIT, LIMIT_FROM_0, RATIO
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import (
@@ -30,6 +31,11 @@ def _derivatives(state: Component) -> ValueKind:
     return vectors(6 if is_rigid(state) else max(width_of(state), 1))
 
 
+def _forces(component: Component) -> ValueKind:
+    """Forces on points, or with torques on the frames of a template Rigid3."""
+    return vectors(6 if text(component, "template").startswith("Rigid") else 3)
+
+
 declare(
     "MechanicalObject",
     velocity=_derivatives,
@@ -50,7 +56,7 @@ declare(
     topology=LINK,
     filename=TEXT,
 )
-for _loader in ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader"):
+for _loader in ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader", "GIDMeshLoader"):
     declare(
         _loader,
         filename=TEXT,
@@ -68,6 +74,7 @@ for _container in (
     "TetrahedronSetTopologyContainer",
     "TriangleSetTopologyContainer",
     "QuadSetTopologyContainer",
+    "HexahedronSetTopologyContainer",
     "EdgeSetTopologyContainer",
     "PointSetTopologyContainer",
 ):
@@ -107,9 +114,35 @@ declare(
     tetrahedra=index_rows(4),
     hexahedra=index_rows(8),
 )
-for _mapping in ("BarycentricMapping", "RigidMapping", "IdentityMapping"):
-    declare(_mapping, input=LINK, output=LINK)
-declare("Tetra2TriangleTopologicalMapping", input=LINK, output=LINK)
+LINKS = dict.fromkeys(("input", "input1", "input2", "output", "object1", "object2"), LINK)
+for _mapping in ("BarycentricMapping", "RigidMapping", "IdentityMapping", "SubsetMultiMapping", "SkinningMapping"):
+    declare(_mapping, **LINKS)
+declare("RigidMapping", index=INTEGER, rigidIndexPerPoint=(INDICES, (), FROM_0), globalToLocalCoords=BOOL)
+declare("SubsetMultiMapping", indexPairs=INDICES)
+declare("SkinningMapping", nbRef=INDICES, indices=INDICES, weight=VECTOR)
+declare("ArticulatedSystemMapping", **LINKS, indexInput2=INTEGER)
+declare("ArticulatedHierarchyContainer", filename=TEXT)
+declare("ArticulationCenter", parentIndex=INTEGER, childIndex=INTEGER, posOnParent=fixed(3), posOnChild=fixed(3))
+declare(
+    "Articulation",
+    translation=BOOL,
+    rotation=BOOL,
+    rotationAxis=(fixed(3), (1.0, 0.0, 0.0)),
+    articulationIndex=INTEGER,
+)
+for _made in ("Tetra2Triangle", "Hexa2Tetra", "Hexa2Quad", "Quad2Triangle"):
+    declare(f"{_made}TopologicalMapping", input=LINK, output=LINK)
+declare("Hexa2TetraTopologicalMapping", swapping=BOOL)
+declare(
+    "RegularGridTopology",
+    n=(INDICES, (2, 2, 2), ABOVE_0),
+    min=fixed(3),
+    max=(fixed(3), (1.0, 1.0, 1.0)),
+    p0=fixed(3),
+    cellWidth=(SCALAR, 0.0, FROM_0),
+    **{f"n{axis}": (INTEGER, 2, ABOVE_0) for axis in "xyz"},
+    **{f"{axis}{end}": (SCALAR, value) for axis in "xyz" for end, value in (("min", 0.0), ("max", 1.0))},
+)
 
 # time and systems of equations
 
@@ -153,6 +186,7 @@ declare(
     indices=(INDICES, (), FROM_0),
     stiffness=(VECTOR, (), FROM_0),
     external_rest_shape=LINK,
+    external_points=(INDICES, (), FROM_0),
 )
 for _support in ("FixedProjectiveConstraint", "PartialFixedProjectiveConstraint"):
     declare(
@@ -162,13 +196,43 @@ for _support in ("FixedProjectiveConstraint", "PartialFixedProjectiveConstraint"
         fixedDirections=(BOOLS, (True, True, True)),
     )
 
+declare(
+    "ConstantForceField",
+    indices=(INDICES, (), FROM_0),
+    points=(INDICES, (), FROM_0),
+    force=_forces,
+    forces=_forces,
+    totalForce=_forces,
+)
+for _motion in ("LinearMovementProjectiveConstraint",):
+    declare(
+        _motion,
+        indices=(INDICES, (0,), FROM_0),
+        keyTimes=VECTOR,
+        movements=vectors(3),
+        relativeMovements=(BOOL, True),
+    )
+
 # contact
 
+for _solver in (
+    *("BlockGaussSeidelConstraintSolver", "ProjectedGaussSeidelConstraintSolver", "NNCGConstraintSolver"),
+    *("UnbuiltGaussSeidelConstraintSolver", "ImprovedJacobiConstraintSolver", "LCPConstraintSolver"),
+):
+    declare(_solver, constraintForces=VECTOR)
 declare("RuleBasedContactManager", response=(TEXT, "PenalityContactForceField"), responseParams=TEXT, default=TEXT)
 for _distance in ("LocalMinDistance", "MinProximityIntersection", "NewProximityIntersection", "DiscreteIntersection"):
     declare(_distance, alarmDistance=(SCALAR, 1.0, ABOVE_0), contactDistance=(SCALAR, 0.5, FROM_0))
 for _model in ("TriangleCollisionModel", "LineCollisionModel", "PointCollisionModel"):
     declare(_model, group=INDICES, selfCollision=BOOL)
+
+declare(
+    "SphereCollisionModel",
+    radius=(SCALAR, 1.0, ABOVE_0),
+    listRadius=(VECTOR, (), ABOVE_0),
+    group=INDICES,
+    selfCollision=BOOL,
+)
 
 # actuators
 

@@ -5,11 +5,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft_sofa.components.graph import STATE, in_node, independent_state, mapping_of, node_of, upwards
-from taichisoft_sofa.components.states import is_rigid, start_position
+from taichisoft_sofa.components.graph import (
+    STATE,
+    in_node,
+    independent_state,
+    is_assembled,
+    mapping_of,
+    nearest,
+    node_of,
+    upwards,
+)
+from taichisoft_sofa.components.states import is_rigid, start_position, width_of
 from taichisoft_sofa.components.typed_values import described
 
 if TYPE_CHECKING:
+    from taichisoft_sofa.components.anchor_targets import AnchorTarget
     from taichisoft_sofa.tree.component import Component
     from taichisoft_sofa.tree.node import Node
 
@@ -62,8 +72,9 @@ class DraftAnchor:
         component: the springs or the constraint.
         points: indices of the points, shape (count,).
         stiffness: stiffness per point [mN/mm].
+        follows_rest: whether the points follow `rest_position`, else their target or initial positions.
         directions: axes along which they are held.
-        follows_rest: whether the points follow `rest_position`, else their initial positions.
+        target: what the points follow, or None.
     """
 
     component: "Component"
@@ -71,6 +82,16 @@ class DraftAnchor:
     stiffness: float
     follows_rest: bool
     directions: str = "xyz"
+    target: "AnchorTarget | None" = None
+
+
+@dataclass(frozen=True)
+class DraftForces:
+    """Constant forces: the component, indices of points, shape (count,), and a force on each [mN], shape (count, 3)."""
+
+    component: "Component"
+    points: np.ndarray
+    forces: np.ndarray
 
 
 @dataclass
@@ -83,6 +104,7 @@ class DraftSurface:
         triangles: point indices, shape (count, 3).
         groups: collision groups.
         self_collision: whether the surface may touch itself.
+        spheres: centres and radii of the spheres that the triangles stand for [mm], shape (count, 4).
     """
 
     component: "Component"
@@ -90,6 +112,7 @@ class DraftSurface:
     triangles: np.ndarray
     groups: frozenset[int]
     self_collision: bool
+    spheres: np.ndarray = field(default_factory=lambda: np.zeros((0, 4)))
 
 
 @dataclass(frozen=True)
@@ -111,6 +134,23 @@ class DraftCable:
 
 
 @dataclass
+class DraftJoint:
+    """The angles of a mechanical object of Vec1, held by springs.
+
+    Attributes:
+        state: the mechanical object.
+        springs: the springs that hold the angles to `rest_position`.
+        mass: inertia of each angle [kg mm^2].
+        is_used: whether a mapping turns frames by the angles.
+    """
+
+    state: "Component"
+    springs: "Component | None" = None
+    mass: float = 0.0
+    is_used: bool = False
+
+
+@dataclass
 class DraftBody:
     """All data of one independent mechanical object.
 
@@ -126,6 +166,7 @@ class DraftBody:
     mass: Mass | None = None
     materials: list[DraftMaterial] = field(default_factory=list)
     anchors: list[DraftAnchor] = field(default_factory=list)
+    forces: list[DraftForces] = field(default_factory=list)
     surfaces: dict[str, DraftSurface] = field(default_factory=dict)
     cavities: list[DraftCavity] = field(default_factory=list)
     cables: list[DraftCable] = field(default_factory=list)
@@ -151,10 +192,15 @@ class SceneDraft:
         effort_of_value: pressure [kPa] or tension [mN] by the value that SOFA calls so: an impulse, or in first order
             the same.
         bodies: one body per independent mechanical object, by the identity of the component.
+        joints: angles by the identity of their mechanical object.
         solvers: time integration by node.
         linear_solvers: linear solvers by node.
         corrections: constraint corrections by node.
         pipeline: components of the contact pipeline, by role.
+        sprung: frames of soft bodies that follow `rest_position`.
+        own_groups: number of collision groups that the translation adds to those of the scene.
+        guides: mechanical objects to which springs lead, with the springs of each.
+        inverse: components of the inverse solver.
         free_motion: whether the animation loop solves constraints.
         appearance: entries of the native table `appearance`.
         departures: differences from SOFA, one line each.
@@ -164,10 +210,15 @@ class SceneDraft:
     exact: bool = False
     effort_of_value: float = 1.0
     bodies: dict[int, DraftBody] = field(default_factory=dict)
+    joints: dict[int, DraftJoint] = field(default_factory=dict)
     solvers: dict[int, "Component"] = field(default_factory=dict)
     linear_solvers: dict[int, "Component"] = field(default_factory=dict)
     corrections: dict[int, "Component"] = field(default_factory=dict)
     pipeline: dict[str, "Component"] = field(default_factory=dict)
+    sprung: dict["Component", None] = field(default_factory=dict)
+    own_groups: int = 0
+    guides: list[tuple["Component", "Component"]] = field(default_factory=list)
+    inverse: list["Component"] = field(default_factory=list)
     free_motion: bool = False
     appearance: dict[str, Any] = field(default_factory=dict)
     departures: dict[str, None] = field(default_factory=dict)
@@ -187,9 +238,21 @@ class SceneDraft:
         if state is None:
             self.refuse(component, "acts on nothing: there is no MechanicalObject in its node or above")
             return None
+        if width_of(state) == 1 or (is_assembled(state) and is_rigid(state)):
+            self.refuse(
+                component, f"acts on {state.getPathName()}, which joints drive; only soft bodies follow it here"
+            )
+            return None
         if id(state) not in self.bodies:
             self.bodies[id(state)] = DraftBody(state, start_position(state))
         return self.bodies[id(state)]
+
+    def joint_of(self, component: "Component") -> DraftJoint | None:
+        """The angles on which a component acts, or None if it acts on something else."""
+        state = nearest(node_of(component), {STATE})
+        if state is None or width_of(state) != 1 or mapping_of(state) is not None:
+            return None
+        return self.joints.setdefault(id(state), DraftJoint(state))
 
     def points_of(self, component: "Component") -> np.ndarray:
         """Points of the mechanical object in a component's node, mapped or independent [mm], shape (count, 3)."""

@@ -1,12 +1,17 @@
 """Time integration, solvers, masses, elasticity and supports of bodies."""
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichisoft.errors import SceneError
-from taichisoft_sofa.components.draft import DraftAnchor, DraftMaterial, Mass
-from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
+from taichisoft_sofa.components.anchor_targets import MotionTarget, PointsTarget
+from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftMaterial, Mass
+from taichisoft_sofa.components.graph import TOPOLOGIES, linked_state, nearest, node_of
+from taichisoft_sofa.components.grids import divided, hexahedra_of
+from taichisoft_sofa.components.joints import hold_joint, weigh_joint
+from taichisoft_sofa.components.states import start_position
 from taichisoft_sofa.components.typed_values import computed, described, flag, is_given, number, numbers, text
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.value_kinds import canonical
@@ -47,7 +52,10 @@ def constraint_correction(component: Component, draft: "SceneDraft") -> None:
 
 
 def uniform_mass(component: Component, draft: "SceneDraft") -> None:
-    """Translate equal masses of all points, or mass and inertia of a rigid body."""
+    """Translate equal masses of all points, mass and inertia of a rigid body, or inertia of a joint."""
+    if (joint := draft.joint_of(component)) is not None:
+        weigh_joint(component, joint)
+        return
     body = draft.body_of(component)
     if body is None:
         return
@@ -166,10 +174,14 @@ def hyperelasticity(component: Component, draft: "SceneDraft") -> None:
 
 
 def _tetrahedra_of(component: Component, draft: "SceneDraft") -> np.ndarray:
-    """Tetrahedra of the nearest topology with tetrahedra, shape (count, 4); without one, it is refused."""
+    """Tetrahedra of the nearest topology with tetrahedra or hexahedra, shape (count, 4); without one, it is refused."""
     link = text(component, "topology")
     topology = component.linked("topology") if link else nearest(node_of(component), TOPOLOGIES, _has_tetrahedra)
     tetrahedra = computed(topology, "tetrahedra", 4) if topology is not None else np.zeros((0, 4), dtype=np.int64)
+    if not len(tetrahedra):
+        with_cells = topology or nearest(node_of(component), TOPOLOGIES, lambda one: len(hexahedra_of(one)[0]) > 0)
+        if with_cells is not None:
+            tetrahedra = divided(*hexahedra_of(with_cells), alternating=True)
     if not len(tetrahedra):
         draft.refuse(component, "finds no tetrahedra in a topology container of its node or above")
     return tetrahedra
@@ -180,12 +192,15 @@ def _has_tetrahedra(topology: Component) -> bool:
 
 
 def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
-    """Translate springs from points to their rest positions; without indices, from all points."""
+    """Translate springs from points to their rest positions; without indices, from all points.
+
+    Springs of a joint hold its angle.
+    """
+    if (joint := draft.joint_of(component)) is not None:
+        hold_joint(component, joint)
+        return
     body = draft.body_of(component)
     if body is None:
-        return
-    if text(component, "external_rest_shape"):
-        draft.refuse(component, "external_rest_shape; springs to other bodies are not there")
         return
     points = numbers(component, "points", "indices").astype(np.int64)
     if not draft.has_points(component, points, len(body.position)):
@@ -197,9 +212,86 @@ def rest_shape_springs(component: Component, draft: "SceneDraft") -> None:
         stiffness = np.array([SPRING])
     # As in SOFA: the first stiffness holds for all points unless there is one per point.
     each = stiffness if len(stiffness) == len(chosen) else np.full(len(chosen), stiffness[0])
+    external = _external_points(component, chosen)
+    if external is not None:
+        draft.guides.append((external.state, component))
     for value in np.unique(each):
-        body.anchors.append(DraftAnchor(component, chosen[each == value], float(value), follows_rest=True))
+        target = None if external is None else replace(external, indices=external.indices[each == value])
+        own = DraftAnchor(component, chosen[each == value], float(value), follows_rest=target is None, target=target)
+        body.anchors.append(own)
     _note_selection(component, "points", draft)
+
+
+def _external_points(component: Component, chosen: np.ndarray) -> PointsTarget | None:
+    """Points of another mechanical object to which springs lead, or None.
+
+    Raises:
+        SceneError: the link leads to no mechanical object, or it has other numbers of points.
+    """
+    if not text(component, "external_rest_shape"):
+        return None
+    ((path, target), *_) = component.linked_all("external_rest_shape") or [("", None)]
+    state = linked_state(component, path, target)
+    count = len(start_position(state))
+    indices = numbers(component, "external_points").astype(np.int64)
+    if not len(indices):
+        indices = chosen if count > int(chosen.max(initial=-1)) and count != len(chosen) else np.arange(len(chosen))
+    if len(indices) != len(chosen) or (len(indices) and indices.max() >= count):
+        raise SceneError(
+            f"{described(component)}: external_points has {len(indices)} points, of {count} in {state.getPathName()}; "
+            f"{len(chosen)} are needed"
+        )
+    return PointsTarget(state, indices)
+
+
+def constant_forces(component: Component, draft: "SceneDraft") -> None:
+    """Translate constant forces on points: one for each, the same for all, or shares of `totalForce`."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    if body.rigid:
+        draft.refuse(component, "acts on a rigid body; constant forces act on the points of soft bodies here")
+        return
+    points = numbers(component, "indices", "points").astype(np.int64)
+    points = points if len(points) else np.arange(len(body.position))
+    if not draft.has_points(component, points, len(body.position)):
+        return
+    if is_given(component, "totalForce"):
+        each = numbers(component, "totalForce").reshape(-1, 3)[:1] / max(len(points), 1)
+    elif is_given(component, "forces"):
+        each = numbers(component, "forces").reshape(-1, 3)
+    else:
+        each = numbers(component, "force", default=(0.0, 0.0, 0.0)).reshape(-1, 3)[:1]
+    if not len(each):
+        draft.refuse(component, "has no force; give force, forces or totalForce")
+        return
+    # As in SOFA: points beyond the list have its last force.
+    forces = each[np.minimum(np.arange(len(points)), len(each) - 1)]
+    body.forces.append(DraftForces(component, points, forces))
+
+
+def prescribed_motion(component: Component, draft: "SceneDraft") -> None:
+    """Translate points that are shifted in time from key to key, linearly."""
+    body = draft.body_of(component)
+    if body is None:
+        return
+    if body.rigid:
+        draft.refuse(component, "moves a rigid body; only points of soft bodies are moved so here")
+        return
+    points = numbers(component, "indices", default=[0.0]).astype(np.int64)
+    times, shifts = numbers(component, "keyTimes"), numbers(component, "movements").reshape(-1, 3)
+    if not draft.has_points(component, points, len(body.position)):
+        return
+    if not len(times) or len(times) != len(shifts) or (np.diff(times) <= 0.0).any():
+        draft.refuse(
+            component, f"keyTimes has {len(times)} times, movements {len(shifts)}; there must be one for each, rising"
+        )
+        return
+    start = body.position[points]
+    if flag(component, "relativeMovements", True) is False:
+        shifts = shifts - start[:1]
+    target = MotionTarget(start, times, shifts)
+    body.anchors.append(DraftAnchor(component, points, HELD, follows_rest=False, target=target))
 
 
 def fixed_points(component: Component, draft: "SceneDraft") -> None:

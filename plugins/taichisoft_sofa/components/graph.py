@@ -1,7 +1,7 @@
 """Relations of components in the tree: the object on which a component acts, and its topology."""
 
 from collections.abc import Callable, Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.tree.value_kinds import canonical
@@ -20,9 +20,13 @@ MAPPINGS = {
     "BarycentricMappingRigid",
     "RigidRigidMapping",
     "SubsetMultiMapping",
+    "ArticulatedSystemMapping",
     "DeformableOnRigidFrameMapping",
 }
+ASSEMBLING = {"SubsetMultiMapping", "ArticulatedSystemMapping"}
+"""Mappings from several mechanical objects."""
 TOPOLOGIES = {
+    "RegularGridTopology",
     "MeshTopology",
     "TetrahedronSetTopologyContainer",
     "TriangleSetTopologyContainer",
@@ -31,7 +35,7 @@ TOPOLOGIES = {
     "EdgeSetTopologyContainer",
     "PointSetTopologyContainer",
 }
-LOADERS = {"MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader"}
+LOADERS = {"MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader", "GIDMeshLoader"}
 
 
 def node_of(component: "Component") -> "Node":
@@ -42,7 +46,7 @@ def node_of(component: "Component") -> "Node":
     """
     node = component.getContext()
     if node is None:
-        raise SceneError(f"{component.describe()} ({component.place}) is in no node")
+        raise SceneError(f"{component.described()} ({component.place}) is in no node")
     return node
 
 
@@ -52,12 +56,15 @@ def in_node(node: "Node", types: set[str]) -> "Component | None":
 
 
 def upwards(node: "Node") -> "Iterator[Node]":
-    """A node and its ancestors, along the first parent of each."""
-    here: Node | None = node
-    while here is not None:
-        yield here
-        parents = list(here.parents)
-        here = parents[0] if parents else None
+    """A node and its ancestors, each once: along the first parent of each, then along the others, as in SOFA."""
+    seen: set[int] = set()
+    waiting = [node]
+    while waiting:
+        above = waiting.pop()
+        if id(above) not in seen:
+            seen.add(id(above))
+            yield above
+            waiting.extend(reversed(above.parents))
 
 
 def nearest(
@@ -72,14 +79,55 @@ def nearest(
 
 
 def mapping_of(state: "Component") -> "Component | None":
-    """The mapping by which a mechanical object follows another, or None."""
-    return in_node(node_of(state), MAPPINGS)
+    """The mapping by which a mechanical object follows others, or None."""
+    for component in node_of(state).objects:
+        if canonical(component.type_name) in MAPPINGS:
+            output = component.linked("output") if component.findData("output") is not None else None
+            if output is None or not hasattr(output, "type_name") or canonical(output.type_name) in (STATE, "Node"):
+                return component  # else it moves a visual model alone
+    return None
+
+
+def inputs_of(mapping: "Component") -> "list[Component]":
+    """The mechanical objects that a mapping's output follows: linked ones, else the nearest one above its node.
+
+    Raises:
+        SceneError: a link leads to no mechanical object.
+    """
+    names = [name for name in ("input1", "input", "object1") if (data := mapping.findData(name)) and data.is_set()]
+    if not names:
+        above = (nearest(parent, {STATE}) for parent in node_of(mapping).parents)
+        return [state for state in above if state is not None][:1]
+    return [linked_state(mapping, *link) for link in mapping.linked_all(names[0])]
+
+
+def linked_state(mapping: "Component", path: str, target: Any) -> "Component":
+    """The mechanical object to which a link of a mapping leads, itself or by its node.
+
+    Raises:
+        SceneError: it leads to none.
+    """
+    kind = getattr(target, "type_name", "")
+    state = in_node(target, {STATE}) if kind == "Node" else target if canonical(kind) == STATE else None
+    if state is None:
+        raise SceneError(f"{mapping.described()} ({mapping.place}): '{path}' leads to no MechanicalObject")
+    found: Component = state
+    return found
+
+
+def is_assembled(state: "Component") -> bool:
+    """Whether a mechanical object is put together from several others: by joints, or from points and frames of them."""
+    mapping = mapping_of(state)
+    return mapping is not None and canonical(mapping.type_name) in ASSEMBLING
 
 
 def independent_state(node: "Node") -> "Component | None":
-    """The independent mechanical object on which everything in a node depends, or None."""
-    for above in upwards(node):
-        state = in_node(above, {STATE})
-        if state is not None and mapping_of(state) is None:
+    """The mechanical object on which everything in a node depends: an independent or assembled one, or None."""
+    state, passed = nearest(node, {STATE}), set[int]()
+    while state is not None and id(state) not in passed and not is_assembled(state):
+        passed.add(id(state))
+        mapping = mapping_of(state)
+        if mapping is None:
             return state
-    return None
+        state = next(iter(inputs_of(mapping)), None)
+    return state

@@ -7,15 +7,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.errors import MeshError, SceneError
-from taichisoft.meshes import boundary_triangles
-from taichisoft_sofa.components.graph import LOADERS, TOPOLOGIES, in_node, nearest, node_of
+from taichisoft_sofa.components.graph import LOADERS, in_node, node_of
+from taichisoft_sofa.components.grids import mapped_cells
 from taichisoft_sofa.components.typed_values import computed, described, is_given, number, numbers, text, vector
 from taichisoft_sofa.meshes.loaded_mesh import LoadedMesh
 from taichisoft_sofa.meshes.placement import placed_by_loader
 from taichisoft_sofa.meshes.reading import read_mesh
 from taichisoft_sofa.meshes.stock import find_mesh
 from taichisoft_sofa.tree.modules import running
-from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft_sofa.tree.component import Component
@@ -78,25 +77,14 @@ def container_position(container: "Component") -> np.ndarray:
 
 
 def container_cells(container: "Component", kind: str) -> np.ndarray:
-    """Cells of a topology container: the cells of its source, or the boundary triangles of a mapping's input."""
+    """Cells of a topology container: the cells of its source, or what a topological mapping makes of others."""
     for name in (kind, *OTHER_NAMES.get(kind, ())):
         if is_given(container, name):
             return numbers(container, name).astype(np.int64).reshape(-1, CORNERS[kind])
-    mapping = in_node(node_of(container), {"Tetra2TriangleTopologicalMapping"})
-    if mapping is not None and kind == "triangles":
-        return boundary_triangles(computed(_input_of(mapping), "tetrahedra", 4))
+    if (mapped := mapped_cells(container, kind)) is not None:
+        return mapped
     source = source_of(container)
     if source is not None:
         return computed(source, kind, CORNERS[kind])
     own = text(container, "filename", "fileTopology")
     return getattr(read_loader(container), kind) if own else np.zeros((0, CORNERS[kind]), dtype=np.int64)
-
-
-def _input_of(mapping: "Component") -> "Component":
-    """The container with the tetrahedra from which a mapping makes triangles."""
-    link = text(mapping, "input")
-    parent = next(iter(node_of(mapping).parents), None)
-    found = mapping.linked("input") if link else None if parent is None else nearest(parent, TOPOLOGIES)
-    if found is None or canonical(found.type_name) not in TOPOLOGIES:
-        raise SceneError(f"{described(mapping)}: input '{link}' is not a container of tetrahedra")
-    return found

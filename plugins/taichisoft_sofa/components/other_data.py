@@ -24,16 +24,24 @@ CORRECTIONS = (
     "PrecomputedConstraintCorrection",
 )
 CONSTRAINT_SOLVERS = (
-    *("GenericConstraintSolver", "BlockGaussSeidelConstraintSolver", "ProjectedGaussSeidelConstraintSolver"),
+    *("BlockGaussSeidelConstraintSolver", "ProjectedGaussSeidelConstraintSolver"),
     *("UnbuiltGaussSeidelConstraintSolver", "NNCGConstraintSolver", "ImprovedJacobiConstraintSolver"),
     "LCPConstraintSolver",
 )
-LOADERS = ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader")
+LOADERS = ("MeshVTKLoader", "MeshSTLLoader", "MeshOBJLoader", "MeshGmshLoader", "GIDMeshLoader")
 CONTAINERS = (
+    "HexahedronSetTopologyContainer",
     *("MeshTopology", "TetrahedronSetTopologyContainer", "TriangleSetTopologyContainer", "QuadSetTopologyContainer"),
     *("EdgeSetTopologyContainer", "PointSetTopologyContainer"),
 )
-MAPPINGS = ("BarycentricMapping", "RigidMapping", "IdentityMapping")
+MAPPINGS = (
+    *("BarycentricMapping", "RigidMapping", "IdentityMapping", "SubsetMultiMapping", "SkinningMapping"),
+    "ArticulatedSystemMapping",
+)
+TOPOLOGICAL = (
+    *("Tetra2TriangleTopologicalMapping", "Hexa2TetraTopologicalMapping", "Hexa2QuadTopologicalMapping"),
+    "Quad2TriangleTopologicalMapping",
+)
 ROIS = ("BoxROI", "SphereROI")
 MASSES = ("UniformMass", "MeshMatrixMass", "DiagonalMass")
 TETRAHEDRA = (
@@ -46,7 +54,7 @@ PHASES = (
     *("BVHNarrowPhase", "ParallelBVHNarrowPhase"),
 )
 DISTANCES = ("LocalMinDistance", "MinProximityIntersection", "NewProximityIntersection", "DiscreteIntersection")
-MODELS = ("TriangleCollisionModel", "LineCollisionModel", "PointCollisionModel")
+MODELS = ("TriangleCollisionModel", "LineCollisionModel", "PointCollisionModel", "SphereCollisionModel")
 VISUALS = ("OglModel", "VisualModel")
 CAMERAS = ("Camera", "InteractiveCamera")
 
@@ -58,8 +66,8 @@ UNUSED: dict[tuple[str, ...], dict[str, Any]] = {
     ("LCPConstraintSolver",): {"mu": 0.6},
     LOADERS: {"transformation": "", "flipNormals": False},
     MAPPINGS: {"mapConstraints": True},
-    ("RigidMapping",): {"globalToLocalCoords": False, "index": 0, "rigidIndexPerPoint": ()},
-    ("Tetra2TriangleTopologicalMapping",): {"flipNormals": False},
+    ("ArticulationCenter",): {"articulationProcess": 0},
+    TOPOLOGICAL: {"flipNormals": False},
     MASSES: {"rayleighMass": 0.0},
     ("UniformMass",): {"compliance": 0.0, "handleTopologicalChanges": False},
     (*TETRAHEDRA, "RestShapeSpringsForceField"): {"rayleighStiffness": 0.0, "isCompliance": False},
@@ -106,7 +114,7 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
         tolerance maxIterations maxIt tol sor scaleTolerance allVerified resolutionMethod unbuilt schemeCorrection
         multithreading reverseAccumulateOrder computeGraphs graphErrors graphConstraints graphForces graphViolations
         currentNumConstraints currentNumConstraintGroups currentIterations currentError computeConstraintForces
-        constraintForces newtonIterations convergence_iterations initial_guess build_lcp multi_grid
+        newtonIterations convergence_iterations initial_guess build_lcp multi_grid
         multi_grid_levels merge_method merge_spatial_step merge_local_levels displayTime displayDebug numIterations
         showGraphs showLevels showCells showTranslation showLevelTranslation displayedGroup graph initialGuess rho
         spectralRadius
@@ -129,10 +137,17 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     MAPPINGS: """
         mapForces mapMasses mapMatrices applyRestPosition useRestPosition isMechanical mapGeometricStiffness
         initialPoints geometricStiffness useX0 indexFromEnd repartition pointMap mapper inputTopology outputTopology
-        parallelMapping object1 object2
+        parallelMapping object1 object2 pointsPerFrame displayWeights
     """,
-    ("Tetra2TriangleTopologicalMapping",): """
-        noNewTriangles noInitialTriangles object1 object2
+    ("ArticulationCenter",): """
+        globalPosition articulations
+    """,
+    ("RegularGridTopology",): """
+        computeHexaList computeQuadList computeTriangleList computeEdgeList computePointList createTexCoords
+        drawEdges drawTriangles drawQuads drawTetrahedra drawHexahedra uv filename points
+    """,
+    TOPOLOGICAL: """
+        noNewTriangles noInitialTriangles object1 object2 noInitialTriangles noNewQuads
     """,
     ("MechanicalObject",): """
         showObjectScale showIndices showIndicesScale showVectors showVectorsScale showColor drawMode derivX dforce
@@ -160,7 +175,13 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
         indices filename listening edgeInfo tetraInfo topology initialPosition mstate
     """,
     ("RestShapeSpringsForceField",): """
-        angularStiffness drawSpring springColor external_points recompute_indices topology
+        angularStiffness drawSpring springColor recompute_indices topology
+    """,
+    ("ConstantForceField",): """
+        arrowSizeCoef showArrowSize showColor indexFromEnd topology
+    """,
+    ("LinearMovementProjectiveConstraint",): """
+        showMovement topology
     """,
     FIXED: """
         drawSize showObject topology
@@ -181,7 +202,7 @@ WITHOUT_EFFECT: dict[tuple[str, ...], str] = {
     MODELS: """
         moving simulated bothSide color numberOfPoints numberOfLines numberOfTriangles useCurvature computeNormals
         displayAsNormals enableDirectPaint topology template LineActiverPath PointActiverPath TriangleActiverPath
-        useBoundaryEdges ignoreCollision displayNormals
+        useBoundaryEdges ignoreCollision displayNormals showImpostors
     """,
     ("SurfacePressureConstraint",): """
         drawPressure drawScale visualization showVisuScale showObject color topology constraintIndex visualize

@@ -1,5 +1,6 @@
 """Initial positions and velocities of mechanical objects."""
 
+import contextlib
 import re
 from typing import TYPE_CHECKING
 
@@ -34,12 +35,22 @@ def width_of(state: "Component") -> int:
     return int(found[1]) if found else 3 if not template else 0
 
 
+def keep_start_position(state: "Component") -> None:
+    """Keep the positions at the start, as SOFA does when it initialises a scene; later writes do not change them."""
+    if not hasattr(state, "_start"):
+        with contextlib.suppress(SceneError):  # refused where it is translated, if that needs it
+            state._start = start_position(state)
+
+
 def start_position(state: "Component") -> np.ndarray:
     """Positions at the start: points, shape (count, 3), or poses (x, y, z, qx, qy, qz, qw), shape (count, 7).
 
     Raises:
         SceneError: the positions are not rows of three or seven numbers, or the template is unknown.
     """
+    if hasattr(state, "_start"):
+        kept: np.ndarray = state._start
+        return kept
     width = width_of(state)
     if width not in WIDTHS:
         raise SceneError(f"{described(state)}: template '{text(state, 'template')}'; known are Vec3 and Rigid3")

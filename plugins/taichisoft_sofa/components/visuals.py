@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from taichisoft_sofa.components.graph import independent_state, node_of
+from taichisoft_sofa.components.graph import independent_state, is_assembled, node_of
+from taichisoft_sofa.components.states import is_rigid, width_of
 from taichisoft_sofa.components.typed_values import described, flag, value_of
 from taichisoft_sofa.components.typed_values import numbers as numbers_of
 from taichisoft_sofa.tree.value_kinds import WrongValue, numbers
@@ -31,7 +32,8 @@ NAMED = {
 def visual_model(component: "Component", draft: "SceneDraft") -> None:
     """Translate the colour of a body; its opacity has no effect."""
     colour = _colour(component, draft)
-    if colour is None or independent_state(node_of(component)) is None:
+    state = independent_state(node_of(component))
+    if colour is None or state is None or width_of(state) == 1 or (is_assembled(state) and is_rigid(state)):
         return
     body = draft.body_of(component)
     if body is not None:

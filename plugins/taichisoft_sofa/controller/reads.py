@@ -2,6 +2,7 @@
 
 import functools
 from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,8 +12,11 @@ from taichisoft.control import Observation
 from taichisoft.errors import SceneError
 from taichisoft.state import State
 from taichisoft_sofa.components.graph import STATE, independent_state, mapping_of, node_of
-from taichisoft_sofa.components.states import start_position
+from taichisoft_sofa.components.other_data import CONSTRAINT_SOLVERS
+from taichisoft_sofa.components.states import is_rigid, start_position
 from taichisoft_sofa.components.typed_values import described
+from taichisoft_sofa.controller.body_parts import part_positions
+from taichisoft_sofa.controller.driven_frames import DrivenFrames, JointMotion
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
@@ -26,7 +30,7 @@ if TYPE_CHECKING:
 class RunValues:
     """Provides the data of a scene's components with their values in a run."""
 
-    def __init__(self, tree: SceneTree, translation: Translation, model: "Model"):
+    def __init__(self, tree: SceneTree, translation: Translation, model: "Model", driven: DrivenFrames):
         """Register as the provider of the tree's data.
 
         Raises:
@@ -36,20 +40,31 @@ class RunValues:
         self._provided: list[tuple[Data, Callable[[], Any]]] = []
         self._effort_of_value = translation.effort_of_value
         self._names = translation.names
+        self._has_friction = model.scene.contact.friction > 0.0
         soft = {body.name: body for body in model.soft_bodies}
         rigid = {body.name: number for number, body in enumerate(model.rigid_bodies)}
         missing = [name for name in translation.soft if name not in soft]
         if missing:
             raise SceneError(f"has a body '{missing[0]}' that the run does not have")
         self._provide(tree.root.findData("time"), lambda: self._seen.time)
+        for joint in driven.joints:
+            self._provide(joint.state.findData("position"), partial(_column, joint, "angle"))
+            self._provide(joint.state.findData("velocity"), partial(_column, joint, "velocity"))
+        for frames in driven.frames:
+            self._provide(frames.findData("position"), partial(driven.poses, frames))
         for component in tree.components():
             kind = canonical(component.type_name)
             if kind == STATE:
                 self._provide_state(component, translation, soft, rigid)
+            elif kind in CONSTRAINT_SOLVERS:
+                self._provide(component.findData("constraintForces"), self._contact_impulses)
             elif kind == "SurfacePressureConstraint" and component in translation.names:
                 self._provide_cavity(component, model)
             elif kind == "CableConstraint" and component in translation.names:
                 self._provide_cable(component, model)
+
+        for name, part in translation.soft.items():
+            self._provide_parts(part, soft[name].nodes)
 
     def observe(self, observation: Observation) -> None:
         """Provide the values of this observation from now on."""
@@ -96,11 +111,37 @@ class RunValues:
         elif name in rigid and name is not None:
             number = rigid[name]
             if mapping_of(state) is None:
-                self._provide(state.findData("position"), lambda: _pose(self._state, number))
-                self._provide(state.findData("velocity"), lambda: _twist(self._state, number))
+                point, turning = (7, 6) if is_rigid(state) else (3, 3)
+                self._provide(state.findData("position"), lambda: _pose(self._state, number)[:, :point])
+                self._provide(state.findData("velocity"), lambda: _twist(self._state, number)[:, :turning])
             else:
                 local = start_position(state)[:, :3]
                 self._provide(state.findData("position"), lambda: _carried(self._state, number, local))
+
+    def _provide_parts(self, part: SoftPart, nodes: slice) -> None:
+        """Provide the mechanical objects of which the scene puts a body together."""
+
+        def points() -> np.ndarray:
+            present = part.body.position[:, :3].copy()
+            present[part.points] = self._state.position[nodes]
+            return present
+
+        for state, positions in part_positions(part, points):
+            if all(state is not driven for target, _, _ in part.targets for driven in target.sources()):
+                self._provide(state.findData("position"), positions)
+
+    def _contact_impulses(self) -> np.ndarray:
+        """Impulse of each contact, along its normal and, with friction, along two tangents [mN s], flattened."""
+        state = self._state
+        normal, impulse = state.contact_normal, state.contact_impulse
+        along = np.einsum("cd,cd->c", impulse, normal)
+        if not self._has_friction:
+            return along
+        axis = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])
+        first = np.cross(normal, axis)
+        first /= np.maximum(np.linalg.norm(first, axis=1, keepdims=True), 1e-300)
+        tangents = (first, np.cross(normal, first))
+        return np.column_stack([along, *(np.einsum("cd,cd->c", impulse, one) for one in tangents)]).ravel()
 
     def _provide_cavity(self, cavity: Component, model: "Model") -> None:
         name = self._names[cavity]
@@ -125,6 +166,12 @@ class RunValues:
             self._provide(cable.findData(data), value)
 
 
+def _column(joint: JointMotion, name: str) -> np.ndarray:
+    """Angles or angular velocities of a joint in rows of one number."""
+    column: np.ndarray = getattr(joint, name)[:, None]
+    return column
+
+
 def _no_force(state: Component) -> np.ndarray:
     """Refuse to read a force, which is not computed; an empty array would be misleading."""
     raise SceneError(f"{described(state)}: force is not known in a run; cables have force, cavities have pressure")
@@ -133,7 +180,7 @@ def _no_force(state: Component) -> np.ndarray:
 def _carriers(state: Component, part: SoftPart) -> tuple[np.ndarray, np.ndarray]:
     """Native nodes that carry the points of a mechanical object, and their weights, 0 for points without nodes."""
     points = start_position(state)
-    if mapping_of(state) is None:
+    if mapping_of(state) is None or state is part.body.state:
         place = np.full(len(points), -1)
         place[part.points] = np.arange(len(part.points))
         return np.maximum(place, 0)[:, None], (place >= 0).astype(np.float64)[:, None]

@@ -8,10 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from taichisoft.control import Control, Controller, KeyEvent, Observation
 from taichisoft.errors import ControllerFailed, SceneError
+from taichisoft_sofa.components.graph import STATE
+from taichisoft_sofa.components.states import keep_start_position
+from taichisoft_sofa.controller.driven_frames import DrivenFrames
 from taichisoft_sofa.controller.reads import RunValues
 from taichisoft_sofa.controller.writes import SceneWrites
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.loading import SceneTree, load_tree
+from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
     from taichisoft.model import Model
@@ -27,19 +31,20 @@ class SofaController(Controller):
     their values in the scene.
     """
 
-    def __init__(self, scene: str, python_path: Sequence[str] = (), exact: bool = False):
+    def __init__(self, scene: str, python_path: Sequence[str] = (), exact: bool = False, data_path: Sequence[str] = ()):
         """Execute the scene.
 
         Args:
             scene: path of the SOFA scene.
             python_path: folders of libraries that the scene imports.
             exact: whether the translation follows SOFA exactly where the default departs from it.
+            data_path: folders of meshes that the scene names.
 
         Raises:
             SceneError: the scene cannot be read.
         """
         self._scene, self._exact = Path(scene), exact
-        self._folders = [Path(folder) for folder in python_path]
+        self._folders, self._data_path = list(map(Path, python_path)), list(map(Path, data_path))
         self._fresh: SceneTree | None = self._load()
         handles_keys = any(
             controller.handles_event(event) for controller in self._fresh.controllers for event in KEY_EVENTS
@@ -49,7 +54,7 @@ class SofaController(Controller):
         self.interactive = handles_keys and sys.stdin is not None and sys.stdin.isatty()
 
     def _load(self) -> SceneTree:
-        return load_tree(self._scene, self._folders)
+        return load_tree(self._scene, self._folders, self._data_path)
 
     def reset(self, model: "Model") -> None:
         """Execute the scene again, and connect it to a run of `model`.
@@ -60,10 +65,14 @@ class SofaController(Controller):
         self._tree, self._fresh = self._fresh or self._load(), None
         translation = translate(self._tree, self._exact)
         try:
-            self._values = RunValues(self._tree, translation, model)
-            self._writes = SceneWrites(self._tree, translation, model)
+            driven = DrivenFrames(self._tree, translation)
+            self._values = RunValues(self._tree, translation, model, driven)
+            self._writes = SceneWrites(self._tree, translation, model, driven)
         except SceneError as error:
             raise ControllerFailed(f"{self._scene}: {error}") from error
+        for component in self._tree.components():
+            if canonical(component.type_name) == STATE:
+                keep_start_position(component)
         self._tree.initialise()
         self._writes.begin()
         self._pressed: list[KeyEvent] = []

@@ -8,8 +8,9 @@ import numpy as np
 from taichisoft.control import Control
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components.actuator_components import VOLUME, is_driven_by_force, value_type
-from taichisoft_sofa.components.component_table import IGNORED
 from taichisoft_sofa.components.typed_values import described, flag, is_given, number
+from taichisoft_sofa.components.without_effect import is_without_effect
+from taichisoft_sofa.controller.driven_frames import DrivenFrames
 from taichisoft_sofa.controller.stiffness import PartStiffness
 from taichisoft_sofa.translation.parts import SoftPart, Translation
 from taichisoft_sofa.tree.base import TreeObject
@@ -30,6 +31,8 @@ USED = {
     "Node": {"gravity"},
 }
 """Data whose changes have an effect, by type of component; for nodes, data of the root."""
+STEERING = {"position", "rest_position", "stiffness"}
+"""Data of joints, of their springs and of frames that the scene moves, whose changes have an effect."""
 SILENT = {"name", "listening", "printLog", "bbox", "animate"}
 """Data whose changes are not expected to move a body."""
 APPEARANCE = {"OglModel", "VisualModel", "BackgroundSetting", "OglSceneFrame"}
@@ -39,13 +42,16 @@ APPEARANCE = {"OglModel", "VisualModel", "BackgroundSetting", "OglSceneFrame"}
 class SceneWrites:
     """Converts writes to the tree to requests of the run."""
 
-    def __init__(self, tree: SceneTree, translation: Translation, model: "Model"):
+    def __init__(self, tree: SceneTree, translation: Translation, model: "Model", driven: DrivenFrames):
         """Find the data that steer the run.
 
         Raises:
             SceneError: the run lacks a cavity or cable of the scene.
         """
-        self._tree, self._translation = tree, translation
+        self._tree, self._translation, self._driven = tree, translation, driven
+        targets = (target for part in translation.soft.values() for target, _, _ in part.targets)
+        self._steering = {id(source) for target in targets for source in target.sources()}
+        self._steering |= {id(joint.springs) for joint in translation.joints}
         self.time_step = model.scene.time.step
         self._cavities, self._cables = [], []
         for component, name in translation.names.items():
@@ -64,6 +70,7 @@ class SceneWrites:
             for cable, name in self._cables
         }
         self._rest = {name: known_data(part.body.state, "rest_position") for name, part in translation.soft.items()}
+        self._held = {name: part.body.position[part.points[part.anchored]] for name, part in translation.soft.items()}
         self._stiffness = [PartStiffness(name, part) for name, part in translation.soft.items() if part.body.materials]
         self._gravity = known_data(tree.root, "gravity")
         self._watched: list[tuple[TreeObject, int]] = []
@@ -107,11 +114,15 @@ class SceneWrites:
             place = cable.findData("pullPoint")
             if place is not None and flag(cable, "hasPullPoint", True) and (moved := place.take()) is not None:
                 pull_points[name] = numbers(moved)
+        self._driven.advance(self.time_step)
         anchors = {}
         for name, data in self._rest.items():
             part, moved = self._translation.soft[name], data.take()
             if moved is not None and len(part.anchored):
-                anchors[name] = _targets(part, np.asarray(moved), data)
+                self._held[name] = _targets(part, np.asarray(moved), data)
+                anchors[name] = self._held[name]
+            if self._driven.anchor_positions(name, self._held[name]):
+                anchors[name] = self._held[name].copy()
         young_modulus: dict[str, float] = {}
         for body in self._stiffness:
             young_modulus |= body.take()
@@ -148,14 +159,14 @@ class SceneWrites:
                 self._watched[place] = owner, owner.data_revision
                 yield from self._unused_writes(owner)
         for item, line in self._tree.root.changes_of_tree():
-            if item.type_name not in IGNORED | APPEARANCE:
+            if item.type_name not in APPEARANCE and not is_without_effect(item.type_name):
                 yield f"{line}, which has no effect in a run"
 
     def _unused_writes(self, owner: TreeObject) -> Iterator[str]:
-        of_type = USED.get(canonical(owner.type_name), set())
+        of_type = USED.get(canonical(owner.type_name), set()) | (STEERING if id(owner) in self._steering else set())
         used = set() if isinstance(owner, Node) and owner is not self._tree.root else of_type
         for data in owner.data_by_name.values():
-            known = data.name in used | SILENT or id(data) in self._reported
+            known = data.name in used | SILENT or data.is_own() or id(data) in self._reported
             if not known and data.revision > self._revisions.get(id(data), 0):
                 self._reported.add(id(data))
                 where = f"{owner.described()} ({data.place})"
@@ -164,7 +175,8 @@ class SceneWrites:
     def _changeable(self) -> Iterator[TreeObject]:
         yield from self._tree.nodes()
         for component in self._tree.components():
-            if type(component) is Component and component.type_name not in IGNORED | APPEARANCE:
+            kind = component.type_name
+            if type(component) is Component and kind not in APPEARANCE and not is_without_effect(kind):
                 yield component
 
 

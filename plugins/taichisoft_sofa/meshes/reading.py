@@ -1,4 +1,4 @@
-"""Readers for the files of SOFA's loaders: VTK, STL, OBJ and Gmsh, in the order of the file."""
+"""Readers for the files of SOFA's loaders: VTK, STL, OBJ, Gmsh and GiD, in the order of the file."""
 
 import contextlib
 import functools
@@ -123,6 +123,43 @@ def _read_obj(path: Path) -> LoadedMesh:
     return LoadedMesh(np.array(points, dtype=np.float64).reshape(-1, 3), *cells)
 
 
+def _read_gid(path: Path) -> LoadedMesh:
+    """Read a mesh of GiD: one kind of element of straight edges, whose numbers of nodes begin at 1."""
+    text = path.read_text(encoding="utf-8", errors="replace")
+    head = re.search(r"ElemType\s+(\w+)\s+Nnode\s+(\d+)", text, re.IGNORECASE)
+    cells = GID_CELLS.get((head[1].lower(), int(head[2]))) if head else None
+    if head is None or cells is None:
+        kinds = ", ".join(f"{kind.capitalize()} of {count} nodes" for kind, count in GID_CELLS)
+        raise MeshError(f"{path}: {head[0] if head else 'has no ElemType and Nnode'}; known are {kinds}")
+    points, elements = (_gid_rows(path, text, block) for block in ("Coordinates", "Elements"))
+    place = {int(number): index for index, number in enumerate(points[:, 0])}
+    corners = elements[:, 1 : 1 + int(head[2])].astype(np.int64)
+    if missing := sorted(set(corners.ravel().tolist()) - place.keys()):
+        raise MeshError(f"{path}: an element names node {missing[0]}, which is not among the coordinates")
+    position = np.zeros((len(points), 3))
+    position[:, : min(points.shape[1] - 1, 3)] = points[:, 1:4]
+    return LoadedMesh(position, **{cells: np.vectorize(place.__getitem__, otypes=[np.int64])(corners)})
+
+
+GID_CELLS = {
+    ("linear", 2): "edges",
+    ("triangle", 3): "triangles",
+    ("quadrilateral", 4): "quads",
+    ("tetrahedra", 4): "tetrahedra",
+    ("hexahedra", 8): "hexahedra",
+}
+"""Cells of a loader by GiD's type of element and number of nodes."""
+
+
+def _gid_rows(path: Path, text: str, block: str) -> np.ndarray:
+    """Numbers between the lines BLOCK and End BLOCK, a row for each line."""
+    found = re.search(rf"^\s*{block}\s*$(.*?)^\s*End\s+{block}", text, re.IGNORECASE | re.MULTILINE | re.DOTALL)
+    if found is None or not found[1].strip():
+        raise MeshError(f"{path}: has no lines between '{block}' and 'End {block}'")
+    rows: np.ndarray = np.loadtxt(io.StringIO(found[1]), ndmin=2)
+    return rows
+
+
 READERS: dict[str, Callable[[Path], LoadedMesh]] = {
     ".vtk": _read_vtk,
     ".vtu": _read_vtk,
@@ -130,4 +167,6 @@ READERS: dict[str, Callable[[Path], LoadedMesh]] = {
     ".obj": _read_obj,
     ".msh": _read_gmsh,
     ".gmsh": _read_gmsh,
+    ".gidmsh": _read_gid,
+    ".gid": _read_gid,
 }

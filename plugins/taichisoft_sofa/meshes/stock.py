@@ -35,8 +35,17 @@ def _plate(half_width: float) -> LoadedMesh:
     return LoadedMesh(np.array(corners), quads=np.array([[0, 1, 2, 3]]))
 
 
+def _ball() -> LoadedMesh:
+    """A sphere of radius 1, facing outward."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=2)
+    return LoadedMesh(np.array(ball.vertices), triangles=np.array(ball.faces, dtype=np.int64))
+
+
 STOCK_MESHES: dict[str, Callable[[], LoadedMesh]] = {
     "mesh/smCube27.obj": lambda: _box((-3.5, -3.5, -3.5), (3.5, 3.5, 3.5), 2),
+    "mesh/ball.obj": _ball,
     "mesh/cube.obj": lambda: _box((-1.0, -1.0, -1.0), (1.0, 1.0, 1.0), 1),
     "mesh/floorFlat.obj": lambda: _plate(20.0),
     "mesh/floor.obj": lambda: _box((-74.67, -5.33, -74.67), (74.67, -1.33, 74.67), 1),

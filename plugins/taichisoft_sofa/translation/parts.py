@@ -11,6 +11,7 @@ import taichisoft
 from taichisoft.meshes import VolumeMesh, write_stl, write_volume_mesh
 
 if TYPE_CHECKING:
+    from taichisoft_sofa.components.anchor_targets import AnchorTarget
     from taichisoft_sofa.components.draft import DraftBody
     from taichisoft_sofa.tree.component import Component
 
@@ -25,15 +26,34 @@ class SoftPart:
         elements: node indices of the tetrahedra, shape (element_count, 4).
         material: number of each element's native material: 0 for the body's own, from 1 for regions, (element_count,).
         anchored: native indices of the anchored nodes, rising, shape (anchor_count,).
-        anchored_follows: whether each anchored node follows `rest_position`, else it is fixed, shape (anchor_count,).
+        anchored_follows: whether each anchored node follows `rest_position`, else a frame or nothing, (anchor_count,).
+        targets: what anchored nodes follow: the target, numbers of the nodes in `anchored`, numbers of points of it.
     """
 
     body: "DraftBody"
     points: np.ndarray
     elements: np.ndarray
     material: np.ndarray
-    anchored: np.ndarray
-    anchored_follows: np.ndarray
+    anchored: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
+    anchored_follows: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=bool))
+    targets: "tuple[tuple[AnchorTarget, np.ndarray, np.ndarray], ...]" = ()
+
+
+@dataclass(frozen=True)
+class Joint:
+    """Angles that springs hold, and that turn frames.
+
+    Attributes:
+        state: mechanical object of the angles.
+        springs: the springs.
+        mass: inertia of each angle [kg mm^2].
+        solver: time integration; None if the angles stand still.
+    """
+
+    state: "Component"
+    springs: "Component"
+    mass: float
+    solver: "Component | None"
 
 
 @dataclass
@@ -48,6 +68,8 @@ class Translation:
         signs: 1 for a cavity whose walls face outward, seen from the air; -1 if a pressure shrinks it.
         soft: soft bodies by native name.
         rigid: rigid bodies by native name.
+        joints: angles that turn frames.
+        sprung: mechanical objects of frames that follow `rest_position`, not `position`.
         departures: differences from SOFA, one line each.
         understood: number of components of each type that were translated.
         ignored: number of components of each type without effect on the motion.
@@ -61,6 +83,8 @@ class Translation:
     signs: "dict[Component, float]" = field(default_factory=dict)
     soft: dict[str, SoftPart] = field(default_factory=dict)
     rigid: "dict[str, DraftBody]" = field(default_factory=dict)
+    joints: list[Joint] = field(default_factory=list)
+    sprung: "dict[Component, None]" = field(default_factory=dict)
     departures: list[str] = field(default_factory=list)
     understood: dict[str, int] = field(default_factory=dict)
     ignored: dict[str, int] = field(default_factory=dict)

@@ -30,8 +30,15 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
         draft.refuse(anchor.component, "holds a rigid body; rigid bodies are free or stand still")
     points, triangles = joined_surfaces(body)
     mass = body.mass.total if body.mass.total is not None else body.mass.each or 0.0
-    pose = body.position[0]
-    shape: dict[str, Any] = {"surface": translation.files.surface(name, points, triangles)}
+    pose = body.position[0] if body.rigid else np.array([*body.position[0], 0.0, 0.0, 0.0, 1.0])
+    ball = only_sphere(body)
+    if not body.rigid and ball is not None:
+        ball = np.array([0.0, 0.0, 0.0, ball[3]])  # its centre is the point itself
+    shape: dict[str, Any]
+    if ball is not None and not ball[:3].any():
+        shape = {"sphere": {"radius": float(ball[3])}}
+    else:
+        shape = {"surface": translation.files.surface(name, points, triangles)}
     if not len(triangles):  # an invisible body has no shape in SOFA, but a native body needs one
         shape = {"box": [1.0, 1.0, 1.0]}
     table: dict[str, Any] = {
@@ -39,16 +46,19 @@ def add_rigid_body(name: str, body: DraftBody, draft: SceneDraft, translation: T
         "collides": bool(len(triangles)) and collides(draft),
         "groups": groups_of(body),
         "mass": float(mass),
-        "centre_of_mass": [0.0, 0.0, 0.0],
+        **({"centre_of_mass": [0.0, 0.0, 0.0]} if "surface" in shape or "box" in shape else {}),
         "position": pose[:3].tolist(),
         "rotation": degrees(pose[3:]),
     }
     velocity = start_velocity(body.state)
     if velocity.any():
-        table |= {"velocity": velocity[:3].tolist(), "angular_velocity": velocity[3:].tolist()}
+        turning = velocity[3:] if body.rigid else np.zeros(3)
+        table |= {"velocity": velocity[:3].tolist(), "angular_velocity": turning.tolist()}
     given = body.mass.inertia
     if given is not None and not (given == UNIT_INERTIA).all():
         table["inertia"] = (mass * given).tolist()
+    elif not body.rigid:
+        draft.depart(f"{body.node.getPathName()}: is a ball that rolls; in SOFA it is a point that does not turn")
     elif draft.exact or not len(triangles):
         table["inertia"] = (mass * UNIT_INERTIA).tolist()
     else:
@@ -64,12 +74,24 @@ def add_obstacle(name: str, body: DraftBody, draft: SceneDraft, translation: Tra
     points, triangles = joined_surfaces(body)
     if not len(triangles) or not collides(draft):
         return
+    ball = only_sphere(body)
     if body.rigid:
         points = points @ Rotation.from_quat(body.position[0, 3:]).as_matrix().T + body.position[0, :3]
-    translation.tables.setdefault("obstacles", {})[name] = {
-        "surface": translation.files.surface(name, points, triangles)
-    }
+    if ball is not None:
+        centre = ball[:3]
+        if body.rigid:
+            centre = Rotation.from_quat(body.position[0, 3:]).apply(centre) + body.position[0, :3]
+        table = {"sphere": {"radius": float(ball[3])}, "translation": centre.tolist()}
+    else:
+        table = {"surface": translation.files.surface(name, points, triangles)}
+    translation.tables.setdefault("obstacles", {})[name] = table
     translation.names[body.state] = name
+
+
+def only_sphere(body: DraftBody) -> np.ndarray | None:
+    """Centre and radius of the single sphere that is the whole surface of a body [mm], shape (4,), or None."""
+    surfaces = list(body.surfaces.values())
+    return surfaces[0].spheres[0] if len(surfaces) == 1 and len(surfaces[0].spheres) == 1 else None
 
 
 def joined_surfaces(body: DraftBody) -> tuple[np.ndarray, np.ndarray]:

@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ import numpy as np
 from taichisoft.meshes import VolumeMesh, count_open_edges, enclosed_volume, tetrahedron_volumes
 from taichisoft.scenes import lame_parameters
 from taichisoft_sofa.components.actuator_components import PRESSURE, is_driven_by_force, value_type
+from taichisoft_sofa.components.anchor_targets import FrameTarget, MotionTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftBody, DraftMaterial, Mass, SceneDraft
 from taichisoft_sofa.components.graph import TOPOLOGIES, nearest, node_of
 from taichisoft_sofa.components.states import start_velocity
@@ -88,7 +90,9 @@ def add_soft_body(
             table["velocity"] = velocity.tolist()
         table["rayleigh_mass"] = number(solver, "rayleighMass", default=0.0)
         table["rayleigh_stiffness"] = number(solver, "rayleighStiffness", default=0.0)
-        table["damped_anchors"] = True
+        # Nodes on frames and in prescribed motions are where these are: the lag is that of a joint's angle.
+        prescribed = (FrameTarget, MotionTarget)
+        table["damped_anchors"] = not any(isinstance(anchor.target, prescribed) for anchor in body.anchors)
     topology = _topology(body)
     if topology is not None and canonical(topology.type_name) == "TetrahedronSetTopologyContainer":
         table["embedding"] = "grid"
@@ -102,17 +106,33 @@ def add_soft_body(
     node_of_point[points] = np.arange(len(points))
     anchors = body.anchors if moves else [DraftAnchor(body.state, np.arange(len(body.position)), STANDING, False)]
     table["anchors"] = _anchors(anchors, node_of_point)
+    if moves and (forces := _forces(body, node_of_point, draft)):
+        table["forces"] = forces
     _add_surfaces(name, body, table, draft, translation)
     _add_cavities(name, body, table, draft, translation)
     _add_cables(name, body, table, draft, translation)
     translation.tables.setdefault("soft_bodies", {})[name] = table
     translation.names[body.state] = name
-    held, follows = np.zeros(len(points), dtype=bool), np.ones(len(points), dtype=bool)
-    for anchor in anchors:
+    translation.soft[name] = _held_part(SoftPart(body, points, elements, element_material), anchors, node_of_point)
+
+
+def _held_part(part: SoftPart, anchors: Sequence[DraftAnchor], node_of_point: np.ndarray) -> SoftPart:
+    """A soft body with what its anchored nodes follow; where two anchors hold a node, the later one decides."""
+    count = len(part.points)
+    held, follows = np.zeros(count, dtype=bool), np.ones(count, dtype=bool)
+    by, row = np.full(count, -1), np.zeros(count, dtype=np.int64)
+    for place, anchor in enumerate(anchors):
         nodes = node_of_point[anchor.points]
-        held[nodes[nodes >= 0]] = True
-        follows[nodes[nodes >= 0]] &= anchor.follows_rest
-    translation.soft[name] = SoftPart(body, points, elements, element_material, np.flatnonzero(held), follows[held])
+        there = np.flatnonzero(nodes >= 0)
+        nodes = nodes[there]
+        held[nodes], by[nodes], row[nodes] = True, place, there
+        follows[nodes] &= anchor.follows_rest
+    targets = []
+    for place, anchor in enumerate(anchors):
+        if anchor.target is not None and (by[held] == place).any():
+            chosen = np.flatnonzero(by[held] == place)
+            targets.append((anchor.target, chosen, row[held][chosen]))
+    return replace(part, anchored=np.flatnonzero(held), anchored_follows=follows[held], targets=tuple(targets))
 
 
 def add_moduli(tetrahedra: np.ndarray, materials: Sequence[DraftMaterial]) -> tuple[np.ndarray, np.ndarray]:
@@ -176,6 +196,35 @@ def _anchors(anchors: list[DraftAnchor], node_of_point: np.ndarray) -> list[dict
     return tables
 
 
+def _part_open_surfaces(surfaces: list[dict[str, Any]], name: str, draft: SceneDraft) -> None:
+    """Give the open surfaces of a body a group in common.
+
+    What lies behind an open surface is inside of it, so that two that stand back to back would overlap.
+    """
+    open_ones = [surface for surface in surfaces if surface.get("open")]
+    if len(open_ones) < 2:
+        return
+    taken = {group for body in draft.bodies.values() for one in body.surfaces.values() for group in one.groups}
+    group = max(taken, default=0) + 1 + draft.own_groups
+    draft.own_groups += 1
+    for surface in open_ones:
+        surface["groups"] = sorted({*surface.get("groups", []), group})
+    draft.depart(f"{name}: its {len(open_ones)} open surfaces do not touch each other; in SOFA they do")
+
+
+def _forces(body: DraftBody, node_of_point: np.ndarray, draft: SceneDraft) -> list[dict[str, Any]]:
+    """Constant forces, those of nodes with the same force together."""
+    each = np.zeros((int(node_of_point.max()) + 1, 3))
+    for one in body.forces:
+        nodes = node_of_point[one.points]
+        np.add.at(each, nodes[nodes >= 0], one.forces[nodes >= 0])
+        if one.forces[nodes < 0].any():
+            draft.depart(f"{one.component.getPathName()}: forces on points that are left out have no effect")
+    kinds, kind_of = np.unique(each, axis=0, return_inverse=True)
+    groups = [(force, np.flatnonzero(kind_of.reshape(-1) == kind)) for kind, force in enumerate(kinds) if force.any()]
+    return [{"nodes": nodes.tolist(), "force": (force * len(nodes)).tolist()} for force, nodes in groups]
+
+
 def _add_surfaces(
     name: str, body: DraftBody, table: dict[str, Any], draft: SceneDraft, translation: Translation
 ) -> None:
@@ -203,6 +252,7 @@ def _add_surfaces(
         if count_open_edges(merged_triangles(surface.points, surface.triangles)):
             made["open"] = True
         table.setdefault("collision_surface", []).append(made)
+    _part_open_surfaces(table.get("collision_surface", []), name, draft)
 
 
 def _add_cavities(

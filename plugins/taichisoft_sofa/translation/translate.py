@@ -5,16 +5,22 @@ from typing import TYPE_CHECKING
 
 from taichisoft.errors import SceneError
 from taichisoft_sofa.components import computed as computed  # registers computed data
-from taichisoft_sofa.components.component_table import IGNORED, UNDERSTOOD, purpose
+from taichisoft_sofa.components.component_table import UNDERSTOOD
 from taichisoft_sofa.components.draft import DraftBody, SceneDraft
-from taichisoft_sofa.components.graph import upwards
+from taichisoft_sofa.components.graph import node_of
+from taichisoft_sofa.components.joints import check_joints
+from taichisoft_sofa.components.refusals import INVERSE, refuse_inverse, refuse_unknown
 from taichisoft_sofa.components.remarks import remarks
 from taichisoft_sofa.components.typed_values import described, flag
+from taichisoft_sofa.components.without_effect import instead_of, is_without_effect
 from taichisoft_sofa.translation.contact import contact_table
 from taichisoft_sofa.translation.distinct_names import body_names
-from taichisoft_sofa.translation.parts import Translation
-from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body
+from taichisoft_sofa.translation.own_bodies import moved_by, own_bodies
+from taichisoft_sofa.translation.parts import Joint, Translation
+from taichisoft_sofa.translation.rigid_bodies import add_obstacle, add_rigid_body, only_sphere
+from taichisoft_sofa.translation.rigid_parts import add_rigid_parts
 from taichisoft_sofa.translation.soft_bodies import add_soft_body, body_tetrahedra
+from taichisoft_sofa.tree.own_components import OwnComponent
 from taichisoft_sofa.tree.value_kinds import canonical
 
 if TYPE_CHECKING:
@@ -42,12 +48,19 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
     root._exact, root._find_file = exact, tree.find_file
     draft, translation = SceneDraft(exact=exact), Translation()
     for node in root.walk():
-        if not all(map(_is_active, upwards(node))):
+        if not _is_active(node):
             continue
         for component in node.objects:
             _gather(component, draft, translation)
+    if draft.inverse:
+        draft.refused.insert(0, refuse_inverse(draft.inverse))
     time_step = float(root.dt.read_value())
-    first_order = _is_first_order(draft)
+    try:
+        bodies = own_bodies(draft)
+    except SceneError as error:
+        draft.refused.append(str(error))
+        bodies = []
+    first_order = _is_first_order(bodies, draft)
     draft.effort_of_value = translation.effort_of_value = 1.0 if first_order else 1.0 / time_step
     translation.tables = {
         "title": Path(tree.path).stem,
@@ -63,7 +76,14 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
             translation.tables["contact"] = contact
     except SceneError as error:
         draft.refused.append(str(error))
-    _add_bodies(draft, translation)
+    check_joints(draft)
+    translation.joints = [
+        Joint(joint.state, joint.springs, joint.mass, draft.above(node_of(joint.state), draft.solvers))
+        for joint in draft.joints.values()
+        if joint.springs is not None
+    ]
+    _add_bodies(bodies, draft, translation)
+    translation.sprung = draft.sprung
     if draft.appearance:
         translation.tables["appearance"] = draft.appearance
     translation.departures += draft.departures
@@ -72,17 +92,17 @@ def translate(tree: "SceneTree", exact: bool = False) -> Translation:
 
 
 def _is_active(node: "Node") -> bool:
+    """Whether a node and those on one way up to the root are active."""
     data = node.findData("activated")  # an attribute would search all components and children first
-    return data is None or bool(data.read_value())
+    active = data is None or bool(data.read_value())
+    return active and (not node.parents or any(map(_is_active, node.parents)))
 
 
 def _gather(component: "Component", draft: SceneDraft, translation: Translation) -> None:
     """Add a component to the draft."""
     kind = component.type_name
     contribute = UNDERSTOOD.get(kind) or UNDERSTOOD.get(canonical(kind))
-    if kind in IGNORED or canonical(kind) in IGNORED:
-        translation.ignored[kind] = translation.ignored.get(kind, 0) + 1
-    elif contribute is not None:
+    if contribute is not None:
         translation.understood[kind] = translation.understood.get(kind, 0) + 1
         try:
             contribute(component, draft)
@@ -90,13 +110,21 @@ def _gather(component: "Component", draft: SceneDraft, translation: Translation)
                 draft.depart(line)
         except SceneError as error:
             draft.refused.append(str(error))
+    elif is_without_effect(kind):
+        translation.ignored[kind] = translation.ignored.get(kind, 0) + 1
+        if missed := instead_of(kind):
+            draft.depart(f"{described(component)}: {missed}")
+    elif kind in INVERSE:
+        draft.inverse.append(component)
+    elif isinstance(component, OwnComponent):
+        draft.refuse(component, component.refusal)
     elif not is_controller(component):
-        draft.refused.append(f"{described(component)}: is not known here; it would be needed for {purpose(kind)}")
+        draft.refused.append(refuse_unknown(component))
 
 
-def _is_first_order(draft: SceneDraft) -> bool:
+def _is_first_order(bodies: list[DraftBody], draft: SceneDraft) -> bool:
     """Whether bodies move without inertia; mixed scenes are refused."""
-    moved = [solver for body in draft.bodies.values() if (solver := _moved_by(body, draft)) is not None]
+    moved = [solver for body in bodies if (solver := moved_by(body, draft)) is not None]
     kinds = {flag(solver, "firstOrder", False) for solver in moved}
     if len(kinds) > 1:
         draft.refuse(moved[0], "firstOrder; all bodies of a scene have inertia, or none has")
@@ -110,13 +138,13 @@ def is_controller(component: "Component") -> bool:
     return type(component) is not Component
 
 
-def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
-    bodies = list(draft.bodies.values())
+def _add_bodies(bodies: list[DraftBody], draft: SceneDraft, translation: Translation) -> None:
     if len(bodies) > MOST_BODIES:  # each has its own meshes and surfaces, which would be written first
         draft.refuse(bodies[MOST_BODIES].state, f"is one of {len(bodies)} bodies; at most {MOST_BODIES} are known here")
         return
     for name, body in zip(body_names([body.node for body in bodies]), bodies, strict=True):
         try:
+            add_rigid_parts(body, draft)
             _add_body(name, body, draft, translation)
         except SceneError as error:
             draft.refused.append(str(error))
@@ -129,27 +157,14 @@ def _add_bodies(draft: SceneDraft, translation: Translation) -> None:
 
 def _add_body(name: str, body: DraftBody, draft: SceneDraft, translation: Translation) -> None:
     """Add a body as a rigid body, soft body or obstacle."""
-    solver = _moved_by(body, draft)
+    solver = moved_by(body, draft)
+    if body.rigid and any(anchor.directions == "xyz" and not anchor.follows_rest for anchor in body.anchors):
+        solver = None  # its frame is fixed
     if not body.rigid and len(body_tetrahedra(body)):
         add_soft_body(name, body, solver, draft, translation)
     elif solver is None:
         add_obstacle(name, body, draft, translation)
-    elif body.rigid:
+    elif body.rigid or (len(body.position) == 1 and only_sphere(body) is not None):
         add_rigid_body(name, body, draft, translation)
     else:
         draft.refuse(body.state, "moves, but is neither rigid nor made of tetrahedra")
-
-
-def _moved_by(body: DraftBody, draft: SceneDraft) -> "Component | None":
-    """The solver that moves a body; None if it stands still."""
-    solver = draft.above(body.node, draft.solvers)
-    if solver is None or not draft.free_motion or draft.above(body.node, draft.corrections) is not None:
-        return solver
-    path = body.node.getPathName()
-    if draft.exact:
-        draft.depart(f"{path}: stands still, since it has no constraint correction")
-        return None
-    draft.depart(
-        f"{path}: moves and collides, though it has no constraint correction, without which SOFA moves nothing"
-    )
-    return solver

@@ -179,6 +179,20 @@ class TreeObject(ABC):
             return path.target
         return follow(str(path), self.link_start(), self) if str(path).startswith("@") else None
 
+    def linked_all(self, name: str) -> "list[tuple[str, Any]]":
+        """Links of a data, a list or a text with spaces, each with its target; None for a broken link."""
+        data = self.findData(name)
+        written = None if data is None else data.written()
+        if isinstance(written, str) and not isinstance(written, LinkPath):
+            links: list[Any] = list(written.split())
+        else:
+            links = list(written) if isinstance(written, list | tuple) else [] if written is None else [written]
+        links = [link.linkpath if hasattr(link, "linkpath") else link for link in links]
+        return [
+            (str(link), link.target if isinstance(link, LinkPath) else follow(str(link), self.link_start(), self))
+            for link in links
+        ]
+
     # Attributes.
 
     def __getattr__(self, name: str) -> Any:

@@ -158,6 +158,10 @@ class Data(Arithmetic):
         """Whether the scene added this data to the component."""
         return self._own is not None
 
+    def written(self) -> Any:
+        """Written value, as in the scene; None for a link that was resolved."""
+        return self._path or self._written
+
     def written_text(self) -> str:
         """Written value as in the scene, for lists and errors."""
         if self._parent is not None or self._path is not None:

@@ -23,6 +23,7 @@ SOURCES = {
 }
 
 
+XML = (".scn", ".xml")
 DEEPEST = 200
 """Largest depth of nodes: more are an error of the scene, and would cause a RecursionError."""
 
@@ -35,10 +36,10 @@ class SceneTree:
         root: root node.
     """
 
-    def __init__(self, path: Path, python_path: Sequence[Path]) -> None:
+    def __init__(self, path: Path, python_path: Sequence[Path], data_path: Sequence[Path] = ()) -> None:
         self.path = path
         self.root = Node("root")
-        self._modules = SceneModules(path.parent, python_path)
+        self._modules = SceneModules(path.parent, python_path, data_path)
 
     def nodes(self) -> Iterator[Node]:
         """All nodes, each once, from the root down."""
@@ -64,7 +65,7 @@ class SceneTree:
         ]
 
     def find_file(self, name: str) -> Path | None:
-        """A file of the scene: beside the scene, or in a folder registered by the scene; None if missing."""
+        """A file of the scene: beside it, in a folder that it registers, or in the data path; None if missing."""
         return self._modules.find_file(name)
 
     def initialise(self) -> None:
@@ -137,7 +138,9 @@ class SceneTree:
             raise failure(_line(error, self.path)) from error
 
 
-def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> SceneTree:
+def load_tree(
+    path: Path | str, python_path: Sequence[Path | str] = (), data_path: Sequence[Path | str] = ()
+) -> SceneTree:
     """Execute a scene's `createScene`.
 
     A scene is a program, which runs with the rights of the user.
@@ -145,6 +148,7 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
     Args:
         path: file of the scene: .py or .pyscn.
         python_path: folders of libraries that the scene imports, such as STLIB's.
+        data_path: folders of meshes, such as SOFA's share folder.
 
     Raises:
         SceneError: the scene cannot be read, or fails.
@@ -153,17 +157,23 @@ def load_tree(path: Path | str, python_path: Sequence[Path | str] = ()) -> Scene
     if not path.is_file():
         raise SceneError(f"{path}: no such file")
     folders = [Path(folder).absolute() for folder in python_path]
-    for folder in folders:
+    data_folders = [Path(folder).absolute() for folder in data_path]
+    for folder in (*folders, *data_folders):
         if not folder.is_dir():
-            raise SceneError(f"{folder}: no such folder to find a scene's libraries in")
+            raise SceneError(f"{folder}: no such folder to find a scene's libraries or meshes in")
     # A program without this function, named by mistake, is not executed.
     try:
         source = path.read_bytes()
     except OSError as error:
         raise SceneError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if path.suffix.lower() in XML or source.lstrip().startswith(b"<"):
+        raise SceneError(
+            f"{path}: is a scene in XML, which is not read here; in Python each <Node name='a'> is root.addChild('a'), "
+            "and each <Type data='...'/> in it addObject('Type', data=...), in a function createScene(root)"
+        )
     if b"createScene" not in source and b"import *" not in source:
         raise SceneError(f"{path}: has no function createScene(root)")
-    tree = SceneTree(path, folders)
+    tree = SceneTree(path, folders, data_folders)
     with tree._running(SceneError) as modules, contextlib.chdir(path.parent):
         create = getattr(modules.run_file(path, "__sofa_scene__"), "createScene", None)
         if not callable(create):

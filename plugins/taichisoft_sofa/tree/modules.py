@@ -13,6 +13,7 @@ from taichisoft_sofa.tree.older_libraries import OlderLibraries
 from taichisoft_sofa.tree.place import PACKAGE, here
 from taichisoft_sofa.tree.scene_controller import PythonScriptController
 from taichisoft_sofa.tree.scene_modules import SceneFinder, SceneLoader, is_ours
+from taichisoft_sofa.tree.serial_stand_in import serial_modules
 from taichisoft_sofa.tree.stand_ins import stand_ins
 
 # Running scenes, innermost last, since a scene may load another.
@@ -29,12 +30,14 @@ class SceneModules:
     Args:
         folder: the folder of the scene.
         python_path: folders of libraries that the scene imports.
+        data_path: folders of meshes, such as SOFA's share folder, searched last.
     """
 
-    def __init__(self, folder: Path, python_path: Sequence[Path] = ()) -> None:
+    def __init__(self, folder: Path, python_path: Sequence[Path] = (), data_path: Sequence[Path] = ()) -> None:
         self.folder = folder
+        self._data_path = list(data_path)
         self._repositories: list[Path] = []
-        self._modules = stand_ins(self._repositories)
+        self._modules = stand_ins(self._repositories) | serial_modules()
         self._names = _names_of_modules(folder)
         self._finder = SceneFinder(folder, python_path)
         self._added_path = [str(folder), *map(str, python_path)]
@@ -101,8 +104,8 @@ class SceneModules:
         return self._modules[name]
 
     def find_file(self, name: str) -> Path | None:
-        """A file of the scene: beside the scene, or in a folder registered by the scene; None if missing."""
-        found = (folder / name for folder in (self.folder, *self._repositories))
+        """A file of the scene: beside it, in a folder that it registers, or in the data path; None if missing."""
+        found = (folder / name for folder in (self.folder, *self._repositories, *self._data_path))
         return next((file for file in found if file.is_file()), None)
 
     def _hidden(self) -> list[str]:

@@ -10,7 +10,7 @@ from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data
 from taichisoft_sofa.tree.links import follow
 from taichisoft_sofa.tree.place import here
-from taichisoft_sofa.tree.value_kinds import BOOL, INTEGER, SCALAR, Declared, canonical, fixed
+from taichisoft_sofa.tree.value_kinds import ALIASES, BOOL, INTEGER, SCALAR, Declared, canonical, fixed
 
 LOG = logging.getLogger(__name__)
 OF_NODES = {
@@ -337,10 +337,17 @@ class Node(TreeObject):
 
     def __getattr__(self, name: str) -> Any:
         if not name.startswith("_"):
-            found = self.own_object(name) or self.getChild(name, warning=False)
+            found = self.own_object(name) or self.getChild(name, warning=False) or self._by_other_name(name)
             if found is not None:
                 return found
         return super().__getattr__(name)
+
+    def _by_other_name(self, name: str) -> Component | None:
+        """A component without a name of its own by another name of its type, as versions of SOFA call it."""
+        if canonical(name) == name and name not in ALIASES.values():
+            return None
+        same = (item for item in self._objects if canonical(item.type_name) == canonical(name))
+        return next((item for item in same if item.getName() == item.type_name), None)
 
     def __hash__(self) -> int:
         return id(self)

@@ -6,11 +6,14 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from taichisoft.errors import SceneError
 from taichisoft_sofa.tree.base import TreeObject
 from taichisoft_sofa.tree.component import Component
 from taichisoft_sofa.tree.data import Data, LinkPath
 from taichisoft_sofa.tree.key_characters import KEYS
 from taichisoft_sofa.tree.node import Node
+from taichisoft_sofa.tree.own_components import DataEngine, ForceField
+from taichisoft_sofa.tree.place import here
 from taichisoft_sofa.tree.prefab import Prefab, RawPrefab
 from taichisoft_sofa.tree.scene_controller import PythonScriptController, SceneController
 
@@ -66,7 +69,9 @@ def stand_ins(repositories: list[Path]) -> dict[str, ModuleType]:
         Controller=SceneController,
         Data=Data,
         DataContainer=Data,
+        DataEngine=DataEngine,
         DataString=Data,
+        **{f"ForceField{template}": ForceField for template in ("", "Vec1d", "Vec2d", "Vec3d", "Vec6d", "Rigid3d")},
         LinkPath=LinkPath,
         Node=Node,
         Object=Component,
@@ -76,7 +81,9 @@ def stand_ins(repositories: list[Path]) -> dict[str, ModuleType]:
     key = StandIn("Sofa.constants.Key", **KEYS)
     constants = StandIn("Sofa.constants", Key=key)
     helper = StandIn("Sofa.Helper", **messages)
-    simulation = StandIn("Sofa.Simulation", init=lambda node: node.init())
+    simulation = StandIn(
+        "Sofa.Simulation", init=lambda node: node.init(), **{name: _own_loop(name) for name in OWN_LOOPS}
+    )
     types = StandIn("Sofa.Types")
     gui = StandIn("Sofa.Gui")
     sofa = StandIn(
@@ -99,6 +106,23 @@ def stand_ins(repositories: list[Path]) -> dict[str, ModuleType]:
     )
     every = (sofa, core, gui, helper, simulation, types, constants, key, runtime, StandIn("SofaTypes"))
     return {module.__name__: module for module in every}
+
+
+OWN_LOOPS = ("animate", "animateNSteps", "load", "reset", "unload", "updateVisual", "initVisual")
+"""Functions of Sofa.Simulation by which a program steps a scene itself."""
+
+
+def _own_loop(name: str) -> Callable[..., None]:
+    """Make a function that refuses a loop of the scene's own."""
+
+    def refused(*_arguments: Any, **_named: Any) -> None:
+        raise SceneError(
+            f"{here()}: Sofa.Simulation.{name}() is a loop of the scene's own; the steps are made by `taichisoft run` "
+            "(--steps N), or in Python by taichisoft.run(taichisoft.load_scene(FILE)): leave it out, and let a "
+            "Sofa.Core.Controller do what happens in every step"
+        )
+
+    return refused
 
 
 LEVELS = {

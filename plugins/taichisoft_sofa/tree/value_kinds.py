@@ -17,6 +17,10 @@ LARGEST_INTEGER = 2**53
 """Larger integers are not distinct as floating-point numbers."""
 
 
+POINT, POSE = 3, 7
+"""Numbers of a point and of a frame's pose."""
+
+
 class WrongValue(ValueError):
     """A value is not of its data's kind; the message has the value and what would be valid."""
 
@@ -188,6 +192,8 @@ def _texts(value: Any) -> list[str]:
 
 
 def _rows(value: Any, width: int, dtype: type) -> NDArray[Any]:
+    if width == POINT and isinstance(value, np.ndarray) and value.ndim == 2 and value.shape[1] == POSE:
+        value = value[:, :POINT]  # of frames whose poses are linked where points are needed, the origins
     found = _indices(value) if dtype is int else numbers(value, dtype)
     if len(found) % width:
         raise WrongValue(f"{len(found)} numbers are not rows of {width}")

@@ -1,4 +1,4 @@
-"""Loads on the nodes of soft bodies: the anchors' springs, the pressures in cavities and the tensions of cables."""
+"""Loads on the nodes of soft bodies: constant forces, springs of anchors, pressures in cavities, tensions of cables."""
 
 from typing import NamedTuple
 
@@ -22,6 +22,18 @@ class Anchors(NamedTuple):
     stiffness: Vectors
     lag: Scalars
     position: Vectors
+
+
+class ConstantForces(NamedTuple):
+    """Constant forces on nodes.
+
+    Attributes:
+        node: the nodes, shape (force_count,).
+        force: force on each [mN], shape (force_count, 3).
+    """
+
+    node: Integers
+    force: Vectors
 
 
 class Base(NamedTuple):
@@ -65,13 +77,14 @@ class Nodes(NamedTuple):
 def sum_impulses(
     time_step: ti.f64,
     nodes: Nodes,
+    forces: ConstantForces,
     anchors: Anchors,
     base: Base,
     coordinates: Coordinates,
     gradient: Gradient,
     effort: Scalars,
 ):
-    """Sum the impulses on the nodes in a step: weight, drag, elements, anchors and actuators.
+    """Sum the impulses on the nodes in a step: weight, drag, elements, constant forces, anchors and actuators.
 
     The force of an anchor is -k (x + lag v - target), with the anchor's position rotated and moved with the base as the
     target. An effort, a pressure [kPa] or a tension [mN], acts along the gradient of its coordinate.
@@ -81,6 +94,9 @@ def sum_impulses(
     for k in range(nodes.loaded.shape[0]):
         i = nodes.loaded[k]
         force[i] = nodes.mass[i] * nodes.gravity[0] - nodes.drag[i] * nodes.velocity[i] + nodes.elastic[i]
+    ti.loop_config(serialize=True)
+    for k in range(forces.node.shape[0]):
+        force[forces.node[k]] += forces.force[k]
     ti.loop_config(serialize=True)
     for k in range(anchors.node.shape[0]):
         i = anchors.node[k]

@@ -1,0 +1,53 @@
+"""Types of components without effect on the motion of a scene."""
+
+PLUGINS_AND_SETTINGS = """
+    RequiredPlugin AddDataRepository AddPluginRepository AddResourceRepository SofaDefaultPathSetting PluginRepository
+    APIVersion InfoComponent MessageHandlerComponent FileMessageHandlerComponent StatsSetting ViewerSetting
+    ViewerDimensionSetting MouseButtonSetting AttachBodyButtonSetting FixPickedParticleButtonSetting
+    CarvingButtonSetting PauseAnimationOnEvent PythonMainScriptController PythonEnvironment AnimationEditor
+"""
+
+PICTURES = """
+    DefaultVisualManagerLoop VisualManagerLoop CompositingVisualLoop VisualStyle VisualModelImpl VisualGrid OglGrid
+    VisualTransform VisualMesh VisualBoundingBox VisualPointCloud VisualVectorField LineAxis Visual3DText OglLabel
+    OglViewport OglShader OglShadowShader OglColorMap OglTexture OglTexture2D OglCylinderModel PostProcessManager
+    SlicedVolumetricModel TrailRenderer ClipPlane DataDisplay MergeVisualModels LightManager DirectionalLight SpotLight
+    PositionalLight RecordedCamera VisualManagerPass VisualManagerSecondaryPass
+"""
+
+RECORDS = """
+    Monitor ExtraMonitor MechanicalStateMonitor EvalPointsDistance EvalSurfaceDistance CompareState CompareTopology
+    VTKExporter STLExporter OBJExporter MeshExporter GIDMeshExporter PlyExporter BlenderExporter
+    VisualModelOBJExporter WriteState WriteTopology
+"""
+
+MODIFIERS = """
+    TetrahedronSetTopologyModifier TetrahedronSetTopologyAlgorithms TetrahedronSetGeometryAlgorithms
+    HexahedronSetTopologyModifier HexahedronSetTopologyAlgorithms HexahedronSetGeometryAlgorithms
+    TriangleSetTopologyModifier TriangleSetTopologyAlgorithms TriangleSetGeometryAlgorithms
+    QuadSetTopologyModifier QuadSetTopologyAlgorithms QuadSetGeometryAlgorithms
+    EdgeSetTopologyModifier EdgeSetTopologyAlgorithms EdgeSetGeometryAlgorithms
+    PointSetTopologyModifier PointSetTopologyAlgorithms PointSetGeometryAlgorithms
+"""
+# Meshes never change here.
+
+DEVICES = "SerialPortBridgeGeneric CommunicationController ServerCommunicationOSC ServerCommunicationZMQ"
+
+IGNORED = set(" ".join((PLUGINS_AND_SETTINGS, PICTURES, RECORDS, MODIFIERS, DEVICES)).split())
+"""Types without effect on the motion of a scene."""
+BEGINNINGS, ENDINGS = ("Ogl",), ("Exporter", "Monitor", "Light", "Shader")
+"""Beginnings and ends of the names of other such types."""
+
+EXPORT = "writes nothing here; `taichisoft recording export` writes the frames of a recording"
+
+
+def is_without_effect(type_name: str) -> bool:
+    """Whether a type without translation concerns pictures, records, settings or devices alone."""
+    return type_name in IGNORED or type_name.startswith(BEGINNINGS) or type_name.endswith(ENDINGS)
+
+
+def instead_of(type_name: str) -> str | None:
+    """What a type does not do here, if its scene is used for that; else None."""
+    if type_name in DEVICES.split():
+        return "exchanges nothing here with a device or program"
+    return EXPORT if type_name.endswith("Exporter") or type_name.startswith("Write") else None

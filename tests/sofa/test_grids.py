@@ -1,0 +1,105 @@
+"""Regular grids, and the cells that topological mappings make of them."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes_of_sofa import BODY, loaded
+
+from taichisoft.meshes.surface import count_open_edges, enclosed_volume
+from taichisoft.meshes.volume_mesh import tetrahedron_volumes
+from taichisoft_sofa.components import computed as computed  # declares all data
+from taichisoft_sofa.components.grids import boundary_quads, divided
+from taichisoft_sofa.meshes.loaded_mesh import split_quads
+from taichisoft_sofa.translation.translate import translate
+from taichisoft_sofa.tree.node import Node
+
+
+def grid(**data: object) -> Node:
+    root = Node("root")
+    root.addObject("RegularGridTopology", name="grid", **data)
+    return root
+
+
+sizes = st.tuples(*[st.integers(2, 4)] * 3)
+
+
+@settings(max_examples=20, deadline=None)
+@given(sizes, st.booleans())
+def test_tetrahedra_fill_a_grid_and_fit_each_other(size: tuple[int, int, int], alternating: bool) -> None:
+    """Their volumes sum up to the box; their faces fit if what they leave open is the box's surface alone."""
+    made = grid(n=size, min=[-1, 0, 2], max=[3, 1, 5]).grid
+    points, hexahedra = made.position.value, made.hexahedra.value
+    assert len(points) == np.prod(size)
+    tetrahedra = divided(hexahedra, made, alternating)
+    volumes = np.abs(tetrahedron_volumes(points, tetrahedra))
+    assert volumes.min() > 0.0
+    assert volumes.sum() == pytest.approx(4.0 * 1.0 * 3.0)
+    faces = np.sort(tetrahedra[:, [[0, 1, 2], [0, 1, 3], [0, 2, 3], [1, 2, 3]]].reshape(-1, 3), axis=1)
+    _, count = np.unique(faces, axis=0, return_counts=True)
+    assert count.max() <= 2
+    nx, ny, nz = (n - 1 for n in size)
+    assert (count == 1).sum() == 4 * (nx * ny + ny * nz + nz * nx)
+    skin = split_quads(boundary_quads(hexahedra))
+    assert enclosed_volume(points, skin) == pytest.approx(12.0)
+    assert count_open_edges(skin) == 0
+
+
+def test_points_of_a_grid_run_along_x_first() -> None:
+    made = grid(nx=3, ny=2, nz=2, xmin=-1, xmax=1, ymin=0, ymax=5, zmin=0, zmax=7, p0=[10, 0, 0]).grid
+    assert made.position.value[:4].tolist() == [[9, 0, 0], [10, 0, 0], [11, 0, 0], [9, 5, 0]]
+    assert made.hexahedra.value.tolist() == [[0, 1, 4, 3, 6, 7, 10, 9], [1, 2, 5, 4, 7, 8, 11, 10]]
+    assert grid(n=[2, 2, 2], cellWidth=3).grid.position.value.max() == 3.0
+    assert grid(n=[3, 2, 1]).grid.quads.value.tolist() == [[0, 1, 4, 3], [1, 2, 5, 4]]
+    assert grid(n=[3, 1, 1]).grid.edges.value.tolist() == [[0, 1], [1, 2]]
+
+
+@pytest.mark.parametrize("mapped", [True, False])
+def test_a_grid_is_a_body_of_tetrahedra_with_a_surface(tmp_path: Path, mapped: bool) -> None:
+    """With a mapping, or since a force field of tetrahedra divides hexahedra itself."""
+    mapping = """
+        node.addObject("TetrahedronSetTopologyContainer", name="tetras", position="@grid.position")
+        node.addObject("Hexa2TetraTopologicalMapping", input="@grid", output="@tetras", swapping=True)
+    """
+    translation = translate(
+        loaded(
+            tmp_path,
+            f"""
+        collisions(root)
+        node = root.addChild("beam")
+        node.addObject("EulerImplicitSolver")
+        node.addObject("SparseLDLSolver")
+        node.addObject("RegularGridTopology", name="grid", n=[4, 2, 2], min=[0, 0, 0], max=[30, 10, 10])
+        {mapping.strip() if mapped else "pass"}
+        node.addObject("MechanicalObject", name="dofs", src="@grid")
+        node.addObject("UniformMass", totalMass=0.1)
+        node.addObject("TetrahedronFEMForceField", youngModulus=100, poissonRatio=0.3)
+        node.addObject("FixedConstraint", indices=[0, 4, 8, 12])
+        skin = node.addChild("skin")
+        skin.addObject("QuadSetTopologyContainer", name="quads")
+        skin.addObject("Hexa2QuadTopologicalMapping", input="@../grid", output="@quads")
+        tri = skin.addChild("tri")
+        tri.addObject("TriangleSetTopologyContainer", name="triangles")
+        tri.addObject("Quad2TriangleTopologicalMapping", input="@../quads", output="@triangles")
+        tri.addObject("MechanicalObject", position="@../../dofs.position")
+        tri.addObject("TriangleCollisionModel")
+        tri.addObject("IdentityMapping", input="@../../dofs")
+        node.addObject("LinearSolverConstraintCorrection")
+        """.replace("\n    \n", "\n"),
+            BODY,
+        )
+    )
+    assert translation.refused == []
+    part = translation.soft["beam"]
+    assert len(part.elements) == 18
+    assert tetrahedron_volumes(part.body.position[part.points], part.elements).sum() == pytest.approx(3000.0)
+    (surface,) = part.body.surfaces.values()
+    assert enclosed_volume(surface.points, surface.triangles) == pytest.approx(3000.0)
+
+
+@pytest.mark.parametrize("size", [[0, 2, 2], [2, 2], [1000, 1000, 1000]])
+def test_a_grid_without_points_or_with_too_many_is_an_error(size: list[int]) -> None:
+    with pytest.raises(Exception, match=r"RegularGridTopology '/grid'.*(n = |must be above 0)"):
+        _ = grid(n=size).grid.position.value

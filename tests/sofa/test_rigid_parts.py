@@ -1,0 +1,317 @@
+"""Joints, the frames that they turn, and the rigid parts of soft bodies that follow frames."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blocks import make_block
+from scenes_of_sofa import BODY, loaded, written
+from scipy.spatial.transform import Rotation
+
+from taichisoft.building.run_parts import make_controller
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
+from taichisoft.meshes.files import write_volume_mesh
+from taichisoft_sofa.components.frames import FramePoses, composed, relative, start_values
+from taichisoft_sofa.controller.sofa_controller import SofaController
+from taichisoft_sofa.translation.translate import translate
+
+TURN, STEP, LAG = 0.5, 0.01, 0.05
+
+# A servo whose wheel (frame 1) turns about y, and a block whose points are shared out among frames and a free part.
+SCENE = """
+import numpy as np
+
+def servo(root, spring=1e9, mass=0.01, rest=0.0):
+    servo = root.addChild("servo")
+    base = servo.addChild("base")
+    base.addObject("MechanicalObject", name="dofs", template="Rigid3", translation=[-30, 0, 0], rotation=[0, 0, 90])
+    base.addObject("FixedProjectiveConstraint", indices=0)
+    base.addObject("UniformMass", totalMass=0.01)
+    joint = servo.addChild("joint")
+    joint.addObject("MechanicalObject", name="dofs", template="Vec1", position=[[0]], rest_position=[[rest]])
+    joint.addObject("RestShapeSpringsForceField", points=0, stiffness=spring)
+    joint.addObject("UniformMass", totalMass=mass)
+    wheel = joint.addChild("wheel")
+    wheel.addObject("MechanicalObject", name="dofs", template="Rigid3", position=[[0, 0, 0, 0, 0, 0, 1]] * 2)
+    wheel.addObject("ArticulatedSystemMapping", input1="@../dofs", input2="@../../base/dofs", output="@./")
+    centre = joint.addChild("centre")
+    centre.addObject("ArticulationCenter", parentIndex=0, childIndex=1)
+    centre.addChild("axes").addObject("Articulation", rotation=True, rotationAxis=[1, 0, 0], articulationIndex=0)
+    joint.addObject("ArticulatedHierarchyContainer")
+    return wheel
+
+def rigidified(root, node, groups, frames):
+    points = np.array(node.loader.position.value)
+    rigid = [i for group in groups for i in group]
+    free = [i for i in range(len(points)) if i not in rigid]
+    parts = root.addChild("parts")
+    soft = parts.addChild("soft")
+    soft.addObject("MechanicalObject", name="dofs", position=points[free])
+    stiff = parts.addChild("stiff")
+    stiff.addObject("MechanicalObject", name="dofs", template="Rigid3", position=frames)
+    carried = stiff.addChild("carried")
+    carried.addObject("MechanicalObject", name="dofs", position=points[rigid])
+    which = [number for number, group in enumerate(groups) for _ in group]
+    carried.addObject("RigidMapping", globalToLocalCoords=True, rigidIndexPerPoint=which)
+    pairs = [[0, free.index(i)] if i in free else [1, rigid.index(i)] for i in range(len(points))]
+    node.addObject("SubsetMultiMapping", input=[soft.dofs.linkpath, carried.dofs.linkpath],
+                   output=node.dofs.linkpath, indexPairs=pairs)
+    for name in ("EulerImplicitSolver", "SparseLDLSolver"):
+        node.removeObject(name)
+    soft.addChild(node)
+    carried.addChild(node)
+    return stiff
+
+def ends(node):
+    x = np.array(node.loader.position.value)[:, 0]
+    return [np.flatnonzero(x < -19).tolist(), np.flatnonzero(x > 19).tolist()]
+
+def createScene(root):
+    free_motion(root)
+    root.dt = 0.01
+    root.addObject("EulerImplicitSolver", rayleighStiffness=0.05)
+    root.addObject("SparseLDLSolver")
+    root.addObject("GenericConstraintCorrection")
+    node = body(root, correction=False)
+"""
+
+DRIVEN = """
+    root.gravity = [0, 0, 0]
+    wheel = servo(root, rest=0.5)
+    left, _ = ends(node)
+    stiff = rigidified(root, node, [left], [[0, 0, 0, 0, 0, 0, 1]])
+    wheel.addChild(stiff)
+    stiff.addObject("SubsetMultiMapping", input=[wheel.linkpath], output="@./", indexPairs=[0, 1])
+"""
+FREE = """
+    root.gravity = [0, 0, -9810]
+    left, right = ends(node)
+    stiff = rigidified(root, node, [left, right], [[-30, 0, 0, 0, 0, 0, 1], [25, 0, 0, 0, 0, 0, 1]])
+    {held}
+"""
+HELD = 'stiff.addObject("FixedProjectiveConstraint", indices=[0])'
+
+HELD_BY_SPRINGS = 'stiff.addObject("RestShapeSpringsForceField", points=[0, 1], stiffness=1e9, angularStiffness=1e9)'
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sofa: None) -> Path:
+    monkeypatch.setenv("TAICHISOFT_CACHE", str(tmp_path / "cache"))
+    write_volume_mesh(make_block((6, 3, 3), (60.0, 30.0, 30.0)), tmp_path / "block.vtk")
+    return tmp_path
+
+
+class Run:
+    """A run of a scene that ends with these lines."""
+
+    def __init__(self, folder: Path, lines: str):
+        written(folder, {"scene.py": BODY + SCENE + lines})
+        scene = load_scene(folder / "scene.py")
+        controller = make_controller(scene)
+        assert isinstance(controller, SofaController)
+        self.controller, self.simulation = controller, Simulation(scene)
+        controller.reset(self.simulation.model)
+        self.start = self.simulation.state.position.copy()
+
+    def steps(self, count: int) -> np.ndarray:
+        for _ in range(count):
+            self.simulation.step(self.controller.control(self.simulation.observe()))
+        return self.simulation.state.position
+
+    @property
+    def root(self) -> Any:
+        return self.controller._tree.root
+
+
+def test_a_joint_follows_its_rest_angle_as_implicit_euler_does(folder: Path) -> None:
+    """Without mass the error of the angle shrinks by b / (b + h) in each step, with Rayleigh's b by stiffness."""
+    run = Run(folder, DRIVEN.replace("servo(root, rest=0.5)", "servo(root, rest=0.5, mass=1e-9)"))
+    angles = []
+    for _ in range(5):
+        run.steps(1)
+        angles.append(run.controller._values and float(run.root.servo.joint.dofs.rest_position.value[0][0]))
+    run.steps(1)
+    angle = float(run.root.servo.joint.dofs.position.value[0][0])
+    assert angle == pytest.approx(TURN * (1.0 - (LAG / (LAG + STEP)) ** 6), rel=1e-9)
+    assert angles == [TURN] * 5
+
+
+def test_a_body_on_a_wheel_turns_with_it(folder: Path) -> None:
+    """Without weight the block at rest is the block at the start, turned about the wheel's axis through its centre.
+
+    The base is turned by 90 degrees about z, so its x axis, about which the wheel turns, is the y axis of space.
+    """
+    run = Run(folder, DRIVEN)
+    position = run.steps(250)
+    centre = np.array([-30.0, 0.0, 0.0])
+    turned = Rotation.from_rotvec([0.0, TURN, 0.0]).apply(run.start - centre) + centre
+    assert np.abs(turned - run.start).max() > 20.0
+    assert position == pytest.approx(turned, abs=1e-3)
+    wheel = run.root.servo.joint.wheel.dofs.position.value
+    assert wheel[0] == pytest.approx([-30, 0, 0, 0, 0, np.sqrt(0.5), np.sqrt(0.5)])
+    assert wheel[1, :3] == pytest.approx(centre)
+    # SOFA's base can be moved by a controller though it is fixed; what stands on it follows at once.
+    run.root.servo.base.dofs.position = [[-30, 7, 0, 0, 0, np.sqrt(0.5), np.sqrt(0.5)]]
+    left = run.start[:, 0] < -29
+    assert run.steps(1)[left] == pytest.approx(turned[left] + [0, 7, 0], abs=1e-3)
+
+
+def test_a_free_rigid_part_keeps_its_shape_and_a_fixed_one_its_place(folder: Path) -> None:
+    run = Run(folder, FREE.format(held=HELD))
+    left, right = run.start[:, 0] < -19, run.start[:, 0] > 19
+    position = run.steps(60)
+    assert position[left] == pytest.approx(run.start[left], abs=1e-6)
+    shift = np.abs(position[right] - run.start[right]).max()
+    assert shift > 0.1
+    pairs = [
+        [points[i] - points[j] for i in range(9) for j in range(i)] for points in (run.start[right], position[right])
+    ]
+    lengths, now = (np.linalg.norm(pair, axis=1) for pair in pairs)
+    assert np.abs(now - lengths).max() < 2e-4 * shift
+
+
+def test_a_free_rigid_part_falls_as_everything_does(folder: Path) -> None:
+    """Implicit Euler falls by g h^2 n (n + 1) / 2 in n steps."""
+    run = Run(folder, FREE.format(held="root.EulerImplicitSolver.rayleighStiffness = 0"))
+    fallen = run.steps(10) - run.start
+    assert fallen == pytest.approx(np.tile([0.0, 0.0, -9810.0 * STEP**2 * 55.0], (len(fallen), 1)), rel=1e-5, abs=1e-5)
+
+
+def test_joints_of_a_chain_turn_and_shift_what_comes_after_them(tmp_path: Path) -> None:
+    tree = loaded(
+        tmp_path,
+        """
+        root.addObject("MechanicalObject", name="angles", template="Vec1", position=[[0.3], [7.0], [-0.8]])
+        arm = root.addChild("arm")
+        arm.addObject("MechanicalObject", name="dofs", template="Rigid3", position=[[1, 2, 3, 0, 0, 0, 1]] * 3)
+        arm.addObject("ArticulatedSystemMapping", input1="@../angles")
+        root.addObject("ArticulatedHierarchyContainer")
+        first = root.addChild("first")
+        first.addObject("ArticulationCenter", parentIndex=0, childIndex=1, posOnParent=[9, 0, 0], posOnChild=[-5, 0, 0])
+        first.addObject("Articulation", rotation=True, rotationAxis=[0, 0, 1], articulationIndex=0)
+        first.addObject("Articulation", translation=True, rotationAxis=[1, 0, 0], articulationIndex=1)
+        second = root.addChild("second")
+        second.addObject("ArticulationCenter", parentIndex=1, childIndex=2, posOnParent=[5, 0, 0])
+        second.addObject("Articulation", rotation=True, rotationAxis=[0, 2, 0], articulationIndex=2)
+        """,
+    )
+    poses = FramePoses(start_values).of(tree.root.arm.dofs)
+    first = Rotation.from_rotvec([0, 0, 0.3])
+    middle = np.array([10, 2, 3]) + first.apply([7.0, 0, 0]) + first.apply([5, 0, 0])
+    assert poses[1, :3] == pytest.approx(middle)
+    assert poses[2, :3] == pytest.approx(middle + first.apply([5, 0, 0]))
+    assert Rotation.from_quat(poses[2, 3:]).as_matrix() == pytest.approx(
+        (first * Rotation.from_rotvec([0, -0.8, 0])).as_matrix()
+    )
+    points = np.random.default_rng(3).normal(size=(3, 3))
+    assert composed(poses, relative(poses, points)) == pytest.approx(points)
+
+
+@pytest.mark.parametrize(
+    ("lines", "refusal"),
+    [
+        (
+            "root.addChild('a').addObject('MechanicalObject', template='Vec1')",
+            "template 'Vec1'; known are Vec3 and Rigid3, and Vec1 for",
+        ),
+        ("servo(root).getParents()[0].removeObject('RestShapeSpringsForceField')", "turns freely"),
+        (FREE.format(held="stiff.addObject('UniformMass', totalMass=1)"), "gives mass to a frame of a soft body"),
+        (
+            "stiff = rigidified(root, node, [ends(node)[0][:3]], [[0, 0, 0, 0, 0, 0, 1]])",
+            "frame 0 moves freely, and its 3 points fill no volume",
+        ),
+        (
+            FREE.format(held=HELD_BY_SPRINGS.replace("1e9", "1e3")),
+            "stiffness = 1000 on a frame of a soft body; 1e+06 or more",
+        ),
+        (DRIVEN.replace("indexPairs=[0, 1]", "indexPairs=[0, 7]"), "names frame 7 of /servo/joint/wheel/dofs"),
+        (DRIVEN.replace("indexPairs=[0, 1]", "indexPairs=[4, 1]"), "indexPairs must be pairs of one of 1 inputs"),
+        (DRIVEN.replace("wheel.linkpath", "'@nowhere'"), "'@nowhere' leads to no MechanicalObject"),
+    ],
+)
+def test_what_cannot_be_driven_is_refused_in_one_line(folder: Path, lines: str, refusal: str) -> None:
+    from textwrap import dedent, indent
+
+    own = indent(dedent(lines.strip("\n")), "    ")
+    written(folder, {"scene.py": BODY + SCENE + own})
+    from taichisoft_sofa.tree.loading import load_tree
+
+    refused = translate(load_tree(folder / "scene.py")).refused
+    assert any(refusal in line for line in refused), refused
+
+
+def test_controllers_read_where_the_parts_of_a_body_are(folder: Path) -> None:
+    """The free frame of a falling body falls with it, and free points are where the body's are."""
+    run = Run(folder, FREE.format(held="root.EulerImplicitSolver.rayleighStiffness = 0"))
+    run.steps(10)
+    run.controller.control(run.simulation.observe())
+    fall = -9810.0 * STEP**2 * 55.0
+    frames = run.root.parts.stiff.dofs.position.value
+    assert frames == pytest.approx(np.array([[-30, 0, fall, 0, 0, 0, 1], [25, 0, fall, 0, 0, 0, 1]]), abs=1e-4)
+    free = np.abs(run.start[:, 0]) < 19
+    assert run.root.parts.soft.dofs.position.value == pytest.approx(run.start[free] + [0, 0, fall], abs=1e-4)
+    carried = run.root.parts.stiff.carried.dofs.position.value
+    assert sorted(carried[:, 2]) == pytest.approx(sorted(run.start[~free, 2] + fall), abs=1e-4)
+
+
+def test_the_rest_position_of_a_frame_stays_when_its_position_is_written(folder: Path) -> None:
+    """SOFA keeps it from the initialisation; the tutorials move a servo from there, step by step."""
+    run = Run(folder, DRIVEN)
+    base = run.root.servo.base.dofs
+    rest = base.rest_position.value.copy()
+    for shift in (1.0, 2.0):
+        base.position = rest + np.array([0, 0, shift, 0, 0, 0, 0])
+        run.steps(1)
+        assert base.rest_position.value == pytest.approx(rest)
+    left = run.start[:, 0] < -29
+    assert run.simulation.state.position[left].mean(axis=0)[2] == pytest.approx(2.0, abs=1e-6)
+
+
+def test_forces_of_contacts_are_impulses_along_normal_and_tangents(folder: Path, tmp_path: Path) -> None:
+    """The normal impulses of a body at rest on a floor balance its weight in a step, m g h."""
+    written(
+        folder,
+        {
+            "scene.py": BODY
+            + """
+def createScene(root):
+    collisions(root, mu=0.5)
+    root.gravity = [0, 0, -9810]
+    root.dt = 0.01
+    floor = root.addChild("floor")
+    floor.addObject("MechanicalObject", template="Rigid3")
+    surface(floor, "mesh/cube.obj", mapping="RigidMapping")
+    ball = root.addChild("ball")
+    ball.addObject("EulerImplicitSolver")
+    ball.addObject("CGLinearSolver", threshold=1e-30)
+    ball.addObject("MechanicalObject", name="point", position=[[0, 0, 3.9]])
+    ball.addObject("UniformMass", totalMass=0.01)
+    ball.addObject("SphereCollisionModel", radius=2)
+    ball.addObject("UncoupledConstraintCorrection")
+"""
+        },
+    )
+    scene = load_scene(folder / "scene.py")
+    simulation, controller = Simulation(scene), make_controller(scene)
+    assert isinstance(controller, SofaController)
+    controller.reset(simulation.model)
+    for _ in range(50):
+        simulation.step(controller.control(simulation.observe()))
+    controller.control(simulation.observe())
+    forces = controller._tree.root.GenericConstraintSolver.constraintForces.value.reshape(-1, 3)
+    assert forces[:, 0].sum() == pytest.approx(0.01 * 9810.0 * 0.01, rel=1e-3)
+    assert np.abs(forces[:, 1:]).max() < 1e-3
+
+
+def test_frames_on_stiff_springs_follow_their_rest_poses(folder: Path) -> None:
+    run = Run(folder, FREE.format(held=HELD_BY_SPRINGS))
+    run.steps(2)
+    assert run.simulation.state.position == pytest.approx(run.start, abs=0.05)
+    right = run.start[:, 0] > 19
+    quarter = [0, 0, np.sin(0.1), np.cos(0.1)]
+    run.root.parts.stiff.dofs.rest_position = [[-30, 0, 0, 0, 0, 0, 1], [25, 3, 0, *quarter]]
+    position = run.steps(1)[right]
+    turned = Rotation.from_quat(quarter).apply(run.start[right] - [25, 0, 0]) + np.array([25, 3, 0])
+    assert position == pytest.approx(turned, abs=1e-6)
