@@ -3,9 +3,9 @@
 The energy-conserving sampling and weighting of Farhat, Avery, Chapman and Cortial (2014): weights that are not negative,
 found by the non-negative least squares of Lawson and Hanson (1974), which take in one domain after the other and end
 as soon as the error is small enough. What is made small is not the error of the forces but that of the motion: the
-amplitudes by which a force error displaces the body at rest, K_r^-1 (G w - G 1), with K_r the stiffness at the state.
-In modes that are orthonormal in the mass, their norm over the root of the body's mass is the root of the mean square
-displacement [mm].
+amplitudes by which a force error displaces a body at rest, K_r^-1 (G w - G 1), with K_r the stiffness at the state.
+The least squares make their norm small, which in modes that are orthonormal in the mass is that of the displacements
+weighted with the masses; the search ends when no node is displaced by more than is allowed.
 """
 
 from collections.abc import Callable
@@ -18,8 +18,6 @@ from taichisoft_reduction.domain_forces import DomainForces
 
 BATCH = 8
 """Domains taken in at a time."""
-NEGLIGIBLE = 1e-5
-"""Share of the largest singular value below which rows of the criterion are left out."""
 
 
 @dataclass(frozen=True)
@@ -41,29 +39,25 @@ class MotionCriterion:
     """By how much weighted domains miss the displacements of some states.
 
     Attributes:
-        rows: displacement by each domain alone, in each state and mode [mm], shape (state_count, mode_count, count).
+        rows: amplitude by each domain alone, in each state and mode [mm sqrt(kg)], shape (state_count, mode_count,
+            count).
+        whole: their sums over all domains, shape (state_count, mode_count).
     """
 
-    def __init__(self, forces: DomainForces, states: np.ndarray, mass: float):
-        """Take states by their amplitudes, shape (state_count, mode_count), of a body of `mass` [kg]."""
+    def __init__(self, forces: DomainForces, states: np.ndarray):
+        """Take states by their amplitudes, shape (state_count, mode_count)."""
         self.rows = np.empty((len(states), states.shape[1], forces.count), np.float32)
         for number, state in enumerate(states):
             factor = scipy.linalg.cho_factor(forces.stiffness(state))
-            self.rows[number] = scipy.linalg.cho_solve(factor, forces.forces(state).T) / np.sqrt(mass)
-        self._whole = self.rows.sum(axis=2, dtype=np.float64)
+            self.rows[number] = scipy.linalg.cho_solve(factor, forces.forces(state).T)
+        self.whole = self.rows.sum(axis=2, dtype=np.float64)
+        self._modes = forces.modes.reshape(-1, states.shape[1]).T
 
     def error(self, domain: np.ndarray, weight: np.ndarray) -> float:
-        """The largest error over all states [mm], of weighted domains."""
-        missed = self.rows[:, :, domain] @ weight - self._whole
-        return float(np.linalg.norm(missed, axis=1).max())
-
-    def compressed(self, share: float) -> np.ndarray:
-        """Rows that have the same sums of squares up to a share of the largest singular value, (row_count, count)."""
-        flat = self.rows.reshape(-1, self.rows.shape[2])
-        values, vectors = scipy.linalg.eigh(flat.astype(np.float64) @ flat.T.astype(np.float64))
-        some = values > share**2 * values[-1]
-        found: np.ndarray = vectors[:, some].T @ flat
-        return found
+        """The largest displacement of a node in any state by what weighted domains miss [mm]."""
+        missed = self.rows[:, :, domain] @ weight - self.whole
+        moved = (missed @ self._modes).reshape(len(missed), -1, 3)
+        return float(np.linalg.norm(moved, axis=2).max())
 
 
 def choose_domains(
@@ -77,39 +71,70 @@ def choose_domains(
         allowed: largest error [mm].
         progress: called with the number of domains and their error.
     """
-    rows = criterion.compressed(NEGLIGIBLE)
+    flat = criterion.rows.reshape(-1, criterion.rows.shape[2])
     # Two more rows: the domains stand for the whole volume, so that states unlike all of these are not too soft.
-    whole = np.sqrt((rows.sum(axis=1) ** 2).mean()) / np.maximum(volume.sum(axis=0), 1e-300)[:, None]
-    rows = np.vstack([rows, (whole * volume.T)[volume.any(axis=0)]])
-    target = rows.sum(axis=1)
-    chosen = np.zeros(0, int)
-    weight = np.zeros(0)
-    residual = target
+    whole = float(np.sqrt((criterion.whole**2).mean())) / np.maximum(volume.sum(axis=0), 1e-300)[:, None]
+    rows = np.vstack([flat, (whole * volume.T)[volume.any(axis=0)]]).astype(np.float32)
+    search = NonNegativeSearch(rows)
     while True:
-        gain = rows.T @ residual
-        gain[chosen] = -np.inf
-        add = np.argsort(gain)[-BATCH:]
+        grows = search.grow(BATCH)
+        error = criterion.error(search.chosen, search.weight)
+        progress(len(search.chosen), error)
+        if error <= allowed or not grows:
+            order = np.argsort(search.chosen)
+            return Cubature(search.chosen[order], search.weight[order], error)
+
+
+class NonNegativeSearch:
+    """The least squares of weights that are not negative, over columns that come in one after the other.
+
+    Attributes:
+        chosen: numbers of the columns, shape (count,).
+        weight: their weights, above 0, shape (count,).
+    """
+
+    def __init__(self, rows: np.ndarray):
+        """Seek weights by which columns of `rows`, shape (row_count, column_count), add up to the sum of all."""
+        self._rows = rows
+        self._target = rows.sum(axis=1, dtype=np.float64)
+        self._right = self._target.astype(np.float32) @ rows
+        self._products = np.zeros((0, 0))
+        self.chosen, self.weight = np.zeros(0, int), np.zeros(0)
+
+    def grow(self, count: int) -> bool:
+        """Take in the columns that reduce the residual most, at most `count`; False where none does."""
+        missed = self._target - self._rows[:, self.chosen] @ self.weight
+        gain = missed.astype(np.float32) @ self._rows
+        gain[self.chosen] = -np.inf
+        add = np.argsort(gain)[-count:]
         add = add[gain[add] > 0.0]
-        chosen, weight, residual = _non_negative(rows, target, np.concatenate([chosen, add]), np.concatenate([weight, np.zeros(len(add))]))
-        error = criterion.error(chosen, weight)
-        progress(len(chosen), error)
-        if error <= allowed or not len(add):
-            order = np.argsort(chosen)
-            return Cubature(chosen[order], weight[order], error)
+        new = self._rows[:, add].astype(np.float64)
+        cross = self._rows[:, self.chosen].T.astype(np.float64) @ new
+        self._products = np.block([[self._products, cross], [cross.T, new.T @ new]])
+        self.chosen = np.concatenate([self.chosen, add])
+        self._solve(np.concatenate([self.weight, np.zeros(len(add))]))
+        return bool(len(add))
+
+    def _solve(self, weight: np.ndarray) -> None:
+        """The least squares over the chosen columns, from weights that are not negative; drops the others."""
+        kept = np.arange(len(self.chosen))
+        while True:
+            solution = _solve_positive(self._products[np.ix_(kept, kept)], self._right[self.chosen[kept]])
+            if (solution > 0.0).all():
+                self.chosen, self.weight = self.chosen[kept], solution
+                self._products = self._products[np.ix_(kept, kept)]
+                return
+            falling = solution <= 0.0
+            fall = np.where(falling, weight - solution, 1.0)
+            share = np.where(falling, weight / np.where(fall > 0.0, fall, 1.0), np.inf)
+            step = float(share.min())
+            stays = share > step
+            weight, kept = (weight + step * (solution - weight))[stays], kept[stays]
 
 
-def _non_negative(
-    rows: np.ndarray, target: np.ndarray, chosen: np.ndarray, weight: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Least squares over some columns with weights above 0, from weights that are not negative; drops the others."""
-    while True:
-        solution = scipy.linalg.lstsq(rows[:, chosen], target, lapack_driver="gelsy")[0]
-        if (solution > 0.0).all():
-            return chosen, solution, target - rows[:, chosen] @ solution
-        falling = solution <= 0.0
-        fall = np.where(falling, weight - solution, 1.0)
-        share = np.where(falling, weight / np.where(fall > 0.0, fall, 1.0), np.inf)
-        step = float(share.min())
-        weight = weight + step * (solution - weight)
-        stays = share > step
-        chosen, weight = chosen[stays], weight[stays]
+def _solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
+    try:
+        found: np.ndarray = scipy.linalg.solve(matrix, right, assume_a="pos")
+    except np.linalg.LinAlgError:  # columns that depend on each other
+        found = scipy.linalg.lstsq(matrix, right)[0]
+    return found

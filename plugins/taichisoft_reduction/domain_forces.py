@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.bodies import ELEMENT_KINDS, edge_frames
+from taichisoft.bodies import ELEMENT_KINDS
 from taichisoft_outputs.law_stress import DomainLaw, hooke_stress_parts, polar_rotations, rubber_stress_parts
 
 if TYPE_CHECKING:
@@ -30,7 +30,6 @@ class DomainForces:
         own_material = body.material - body.material.min()
         domains = ELEMENT_KINDS[body.settings.element].domains(body.mesh.nodes, body.elements, own_material)
         self.count, self.volume, self.modes = len(domains.volume), domains.volume, modes
-        self._domains, self._nodes = domains, body.mesh.nodes
         self.gradient = np.stack([domains.deformation(one) for one in np.moveaxis(modes, 2, 0)], axis=3)
         first, second = body.lame[domains.element].T
         self._lame = first, second
@@ -40,14 +39,8 @@ class DomainForces:
             DomainLaw(np.flatnonzero(own_material[domains.element] == number), one.law or body.settings.law, one.coefficients)
             for number, one in enumerate(body.settings.materials)
         ]
-        self._edges = body.elements[:, :3] if body.settings.corotation == "edges" else None
         turn = _placement(body)
         self.anchor = np.einsum("nir,nij,njs->rs", modes, _turned(body.anchor_stiffness, turn), modes)
-
-    def positions(self, amplitudes: np.ndarray) -> np.ndarray:
-        """Positions of the nodes in the coordinates of the mesh [mm], shape (node_count, 3)."""
-        moved: np.ndarray = self._nodes + self.modes @ amplitudes
-        return moved
 
     def deformation(self, amplitudes: np.ndarray) -> np.ndarray:
         """Deformation gradients, shape (count, 3, 3), at amplitudes, shape (mode_count,)."""
@@ -56,14 +49,7 @@ class DomainForces:
 
     def rotations(self, amplitudes: np.ndarray) -> np.ndarray:
         """Rotation of each domain, shape (count, 3, 3)."""
-        if self._edges is None:
-            return polar_rotations(self.deformation(amplitudes))
-        now, rest = (
-            edge_frames(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-            for corners in (positions[self._edges] for positions in (self.positions(amplitudes), self._nodes))
-        )
-        turned: np.ndarray = now @ np.swapaxes(rest, 1, 2)
-        return turned
+        return polar_rotations(self.deformation(amplitudes))
 
     def forces(self, amplitudes: np.ndarray) -> np.ndarray:
         """Work of each domain on each mode [mN mm / (mm sqrt(kg))], shape (count, mode_count); its sum is -f_r."""

@@ -1,6 +1,6 @@
 """Where a body is pressed in the training: obstacles in the way of its surface, at places spread over its pads."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -8,14 +8,20 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from taichisoft.bodies import SoftBody
+from taichisoft.meshes import MappedSurface
 from taichisoft_reduction.actuator_ranges import Ranges
-from taichisoft_reduction.body_shapes import BodyShape
 from taichisoft_reduction.excitations import AXES, PAUSE, RISE
 from taichisoft_reduction.run_request import RunResult, Timetable
 
-SHAPES = ("ball", "box", "cylinder", "plane")
+KINDS = ("ball", "box", "cylinder", "plane")
+PRESSES, UNSEEN_PRESSES = 10, 6
+"""Places in the training, of which some may be left out since the obstacle would be in the way at rest; and in the
+validation, of which the first that is free is taken."""
+SHARES, UNSEEN_SHARE = (0.15, 0.45), 0.3
+"""How far the actuators are when the body meets the obstacle."""
 RADIUS = 0.1
 """Radius of what presses, as a share of the body's largest extent; boxes and cylinders are as thick as the ball."""
+UNSEEN_RADIUS = 0.075
 DRAG = 0.03
 """How far the base drags the pressed body along its surface, as a share of the body's largest extent."""
 DEPTH = 0.04
@@ -37,49 +43,41 @@ class Press:
     normal: np.ndarray
 
 
-def presses(body: SoftBody, ramp: RunResult | None, touched: np.ndarray, count: int, gap: float, seen: int) -> list[Press]:
+def presses(body: SoftBody, ramp: RunResult | None, touched: np.ndarray, gap: float, unseen: bool) -> list[Press]:
     """Obstacles that touch the body when its actuators are at some share of their largest values.
 
     Args:
         body: the body at rest.
         ramp: result of the ramp of its actuators; None where it has none.
         touched: whether something pressed a node in the scene's own run, shape (node_count,).
-        count: number of obstacles.
         gap: distance between the obstacle and the body at that moment [mm].
-        seen: number of places to leave out, which were used for others.
+        unseen: whether they are for the validation: one obstacle, of another size at another place than any other.
     """
-    surface, rest = body.surface, body.rest_position
-    path = _path(body, ramp)
+    surface, path = body.surface, _path(body, ramp)
     end, start = surface.positions(path[-1]), surface.positions(path[0])
-    held = surface.positions(body.anchored[:, None] * np.ones(3))[:, 0] > 0.5
-    middle = path[len(path) // 2]
-    advance = np.einsum("vd,vd->v", end - start, _normals(surface.positions(middle), surface.triangles))
+    held = _any_node(surface, body.anchored)
     pads = ~held
     if ramp is not None:
+        normals = _normals(surface.positions(path[len(path) // 2]), surface.triangles)
+        advance = np.einsum("vd,vd->v", end - start, normals)
         pads &= advance > LEADING * advance.max()
-    gripped = pads & (surface.positions(touched[:, None] * np.ones(3))[:, 0] > 0.0)
-    sets = [one for one in (gripped, pads) if one.any()]
-    if not sets:
-        return []
-    size = float(np.ptp(rest, axis=0).max())
-    each = -(-(count + seen) // len(sets))
-    places = [_spread(start, np.flatnonzero(one), each) for one in sets]
-    order = [place for some in zip(*places, strict=False) for place in some][seen : seen + count]
+    sets = [one for one in (pads & _any_node(surface, touched), pads) if one.any()]
+    size = float(np.ptp(body.rest_position, axis=0).max())
+    radius = size * (RADIUS if not unseen else UNSEEN_RADIUS)
+    patches = (PRESSES if not unseen else UNSEEN_PRESSES) // max(1, len(sets))
+    samples = _samples(start, surface.triangles)
     found = []
-    for number, vertex in enumerate(order):
-        share = (0.15, 0.45, 0.3)[number % 3 if not seen else 2]
-        frame = path[int(share * (len(path) - 1))]
-        moved = surface.positions(frame)
+    for number, vertex in enumerate(vertex for one in sets for vertex in _spread(start, np.flatnonzero(one), patches)):
+        share = SHARES[number % 2] if not unseen else UNSEEN_SHARE
+        moved = surface.positions(path[int(share * (len(path) - 1))])
         way = end[vertex] - moved[vertex]
         normal = way / np.linalg.norm(way) if ramp is not None else _normals(moved, surface.triangles)[vertex]
-        kind = SHAPES[(number + bool(seen)) % len(SHAPES)]
-        radius = size * (RADIUS if not seen else 0.75 * RADIUS)
-        press = _press(kind, moved[vertex], normal, radius, gap)
-        free = clearance(kind, _samples(start, surface.triangles), moved[vertex], normal, radius, gap)
-        of_base = clearance(kind, start[held], moved[vertex], normal, radius, gap) if held.any() else np.inf
-        if free > 0.0 and of_base > 2.0 * DRAG * size:
-            found.append(press)
-    return found
+        kind = KINDS[(number + unseen) % len(KINDS)]
+        contact = moved[vertex], normal, radius, gap
+        of_base = clearance(kind, start[held], *contact) if held.any() else np.inf
+        if clearance(kind, samples, *contact) > 0.0 and of_base > 2.0 * DRAG * size:
+            found.append(_press(kind, *contact))
+    return found[:1] if unseen else found
 
 
 def press_timetable(ranges: Ranges, press: Press, size: float, level: float = 1.0) -> Timetable:
@@ -146,6 +144,12 @@ def _path(body: SoftBody, ramp: RunResult | None) -> np.ndarray:
     turn = Rotation.from_euler("xyz", body.settings.rotation, degrees=True).as_matrix()
     rising = ramp.displacement[body.name][ramp.time <= RISE].astype(np.float64)
     return np.concatenate([body.rest_position[None], body.rest_position + rising @ turn.T])
+
+
+def _any_node(surface: MappedSurface, some: np.ndarray) -> np.ndarray:
+    """Whether one of the nodes that carry a vertex is among some, shape (node_count,)."""
+    carried: np.ndarray = (some[surface.nodes] & (surface.weights != 0.0)).any(axis=1)
+    return carried
 
 
 def _normals(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

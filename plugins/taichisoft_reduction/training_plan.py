@@ -20,7 +20,6 @@ if TYPE_CHECKING:
 OWN_RUN = "own-run"
 OWN_FRAMES = 120
 """Moments that are kept of a run of the validation."""
-PRESSES = 10
 WEAKER, STRONGER = 0.75, 1.2
 """Factors on what the scene's own controller asks for, in the training."""
 SHIFT = 0.15
@@ -60,7 +59,7 @@ class TrainingPlan:
         for shape in self.shapes:
             tables = excitations(ranges[shape.name], self._scene.gravity, self._shift(shape))
             found += [self._alone(shape, name, table) for name, table in tables.items() if name != "ramp"]
-            found += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, PRESSES, 0)
+            found += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, False)
         return found + self._grasps()
 
     def validation(self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]) -> list[RunRequest]:
@@ -70,9 +69,9 @@ class TrainingPlan:
         for shape in self.shapes:
             tables = unseen(ranges[shape.name], self._shift(shape))
             found += [self._alone(shape, name, table, OWN_FRAMES) for name, table in tables.items()]
-            found += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, 1, PRESSES)
+            found += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, True)
         return found + [
-            self._own("grasp-unseen", scene, frames=OWN_FRAMES)
+            self._own("unseen-grasp", scene, frames=OWN_FRAMES)
             for scene in self._with_object(lambda size: {"box": (0.93 * size).tolist()})
         ]
 
@@ -107,7 +106,7 @@ class TrainingPlan:
         return self._valid({**self._tables, "rigid_bodies": {**self._tables["rigid_bodies"], name: table}})
 
     def _presses(
-        self, shape: BodyShape, ranges: Ranges, ramp: RunResult | None, own: Sequence[RunResult], count: int, seen: int
+        self, shape: BodyShape, ranges: Ranges, ramp: RunResult | None, own: Sequence[RunResult], is_unseen: bool
     ) -> list[RunRequest]:
         body = self._bodies[shape.name]
         if not body.settings.collides:
@@ -119,12 +118,11 @@ class TrainingPlan:
         size = self._size(shape)
         gap = self._scene.contact.contact_distance
         found = []
-        for number, press in enumerate(presses(body, ramp, touched, count, gap, seen)):
-            level = 1.0 if not seen else 0.8
-            table = press_timetable(ranges, press, size, level)
-            name = f"press-{number}" if not seen else "press-unseen"
+        for number, press in enumerate(presses(body, ramp, touched, gap, is_unseen)):
+            table = press_timetable(ranges, press, size, 1.0 if not is_unseen else 0.8)
+            name = f"press-{number}" if not is_unseen else "unseen-press"
             for scene in self._valid({**self._alone_tables(shape), "obstacles": {"press": press.obstacle}}):
-                found.append(self._request(f"{shape.name}-{name}", scene, (shape.name,), table, OWN_FRAMES if seen else 24))
+                found.append(self._request(f"{shape.name}-{name}", scene, (shape.name,), table, OWN_FRAMES if is_unseen else 24))
         return found
 
     def _alone(self, shape: BodyShape, name: str, table: Timetable, frames: int = 24) -> RunRequest:
