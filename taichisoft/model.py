@@ -81,6 +81,7 @@ class Model:
         self.obstacles = tuple(make_obstacle(name, obstacle) for name, obstacle in scene.obstacles.items())
         self.body_names = (*scene.soft_bodies, *scene.rigid_bodies, *scene.obstacles)
         self.rest_position = np.vstack([np.zeros((0, 3)), *(body.rest_position for body in soft)])
+        _refuse_newton_of_modes(soft, scene)
         self.elasticity = Elasticity(soft, scene.time) if soft else None
         self.element_material = np.concatenate([np.zeros(0, dtype=np.int32), *(body.material for body in soft)])
         held = [body.nodes.start + np.flatnonzero(body.anchored) for body in soft]
@@ -280,6 +281,16 @@ class Model:
         if not len(self.anchored_nodes):
             return np.zeros(3)
         return self.rest_position[self.anchored_nodes].mean(axis=0)
+
+
+def _refuse_newton_of_modes(bodies: list[SoftBody], scene: Scene) -> None:
+    """Raise SceneError where bodies that move by modes would be linearised more than once a step."""
+    reduced = [body.name for body in bodies if body.modes is not None]
+    if reduced and scene.time.newton > 1:
+        raise SceneError(
+            f"time.newton = {scene.time.newton}: must be 1 with soft_bodies.{reduced[0]}.reduced; a reduced body is "
+            "linearised once a step"
+        )
 
 
 def _with_mass(body: RigidBody, mass: float) -> RigidBody:

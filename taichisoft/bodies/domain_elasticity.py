@@ -46,12 +46,12 @@ class DomainElasticity:
         found = [
             replace(body.domains, node=body.domains.node + body.nodes.start, element=body.domains.element + first)
             for body, first in zip(bodies, first_element[:-1], strict=True)
-            if body.domains is not None
+            if body.domains is not None and body.modes is None
         ]
         self.domains = IntegrationDomains.joined(found)
         laws = ElasticLaws.joined([body.laws for body in bodies])
         self._arrays = (laws, lag, factor, step)
-        self.data = _data(self.domains, *self._arrays)
+        self.data = domain_data(self.domains, *self._arrays)
 
     def node_pairs(self) -> tuple[np.ndarray, np.ndarray]:
         """Nodes that share a domain, as two arrays; pairs of several domains occur as often."""
@@ -68,11 +68,11 @@ class DomainElasticity:
         hooke = self.data.law == HOOKE
         if hooke.any():
             some = self.domains.select(np.flatnonzero(hooke))
-            self.hooke = HookeDomains(some, _data(some, *self._arrays), block_pairs)
+            self.hooke = HookeDomains(some, domain_data(some, *self._arrays), block_pairs)
         if not hooke.all():
             some = self.domains.select(np.flatnonzero(~hooke))
             some = some.select(along_curve(some.centres(rest_position)))
-            self.rubber = RubberDomains(some, _data(some, *self._arrays), block_pairs)
+            self.rubber = RubberDomains(some, domain_data(some, *self._arrays), block_pairs)
 
 
 class HookeDomains:
@@ -187,10 +187,10 @@ def aligned(count: int, width: int) -> np.ndarray:
     return entries[skip : skip + count * width].reshape(count, width)
 
 
-def _data(
+def domain_data(
     domains: IntegrationDomains, laws: ElasticLaws, lag: np.ndarray, factor: np.ndarray, step: float
 ) -> kernels.Domains:
-    """The arrays that the kernels read, from laws, lag and factor of all elements."""
+    """The arrays that kernels read, from laws, lag and factor of all elements, and time step h."""
     element = domains.element
     own_laws = laws.select(element)
     return kernels.Domains(

@@ -8,8 +8,10 @@ import scipy.sparse as sparse
 from taichisoft.bodies.domain_elasticity import DomainElasticity, DomainSystem, aligned
 from taichisoft.bodies.hooke_parts import find_blocks, find_parts
 from taichisoft.bodies.kernels import linear_tetrahedra as kernels
+from taichisoft.bodies.kernels.domain_deformation import Movement
 from taichisoft.bodies.kernels.hooke_blocks import BlockParts, HookeEntries
 from taichisoft.bodies.kernels.principal_stretches import HOOKE
+from taichisoft.bodies.reduced_elasticity import ReducedElasticity, ReducedSystem, no_modes
 from taichisoft.bodies.rotations import edge_frames
 from taichisoft.bodies.shape_functions import linear_tetrahedra
 from taichisoft.bodies.soft_body_arrays import SoftBody
@@ -50,6 +52,7 @@ class Elasticity:
         symbolic: the pattern of A and of its factor.
         element_data, block_parts: the arrays that the kernels read of the linear elements.
         domains: integration domains of all others; None without any.
+        reduced: bodies that move by modes, whose elements are in none of the above; None without any.
     """
 
     def __init__(self, bodies: Sequence[SoftBody], time: Time):
@@ -57,7 +60,9 @@ class Elasticity:
         counts = [len(body.elements) for body in bodies]
         self.elements = np.vstack([body.elements[:, :4] + body.nodes.start for body in bodies]).astype(np.int32)
         self.rest_position = np.vstack([body.rest_position for body in bodies])
-        self.linear = np.flatnonzero(np.repeat([body.domains is None for body in bodies], counts))
+        self.linear = np.flatnonzero(
+            np.repeat([body.domains is None and body.modes is None for body in bodies], counts)
+        )
         self.linear_elements = np.ascontiguousarray(self.elements[self.linear])
         self.gradient, self.volume = linear_tetrahedra(self.rest_position, self.linear_elements)
         self.lame = np.vstack([body.lame for body in bodies])[self.linear]
@@ -87,12 +92,23 @@ class Elasticity:
         self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
         held = np.repeat(anchor_factor, node_counts)[:, None] * self.anchor_stiffness
         self.diagonal = (np.repeat(mass_factor, node_counts) * self.node_mass)[:, None] + held
-        own_domains = any(body.domains is not None for body in bodies)
+        own_domains = any(body.domains is not None and body.modes is None for body in bodies)
         self.domains = DomainElasticity(bodies, element_lag, element_factor, time.step) if own_domains else None
+        self.reduced: ReducedElasticity | None = None
+        if any(body.modes is not None for body in bodies):
+            factors = (mass_factor, anchor_factor)
+            # The velocities that lead back to the modes count as well where there are no others.
+            reduced_lag = np.maximum(element_lag, time.step)
+            self.reduced = ReducedElasticity(bodies, reduced_lag, element_factor, *factors, time.step)
+            is_reduced = np.repeat([body.modes is not None for body in bodies], node_counts)
+            self.anchor_lag = np.where(is_reduced, np.maximum(self.anchor_lag, time.step), self.anchor_lag)
+            self.diagonal[is_reduced] = 0.0  # they have theirs
         self.symbolic = SymbolicFactor(self._pattern())
         self.block_parts = self._block_parts()
         if self.domains is not None:
             self.domains.find_blocks(self.symbolic.block_pairs, self.rest_position)
+        if self.reduced is not None:
+            self.reduced.find_blocks(self.symbolic.block_pairs)
 
     def _pattern(self) -> sparse.csr_matrix:
         """The pattern of A: nodes that share an element or a domain."""
@@ -104,6 +120,9 @@ class Elasticity:
         )
         if self.domains is not None:
             pairs = self.domains.node_pairs()
+            row, column = np.concatenate([row, pairs[0]]), np.concatenate([column, pairs[1]])
+        if self.reduced is not None:
+            pairs = self.reduced.node_pairs()
             row, column = np.concatenate([row, pairs[0]]), np.concatenate([column, pairs[1]])
         return sparse.csr_matrix((np.ones(row.size), (row, column)), (node_count, node_count))
 
@@ -141,6 +160,8 @@ class ElasticSystem:
         force: elastic force less the lagged stiffness term, f - (h + b) K v [mN], shape (node_count, 3).
         rotation: of each linear element, shape (linear_count, 3, 3).
         solver: the direct solver, whose blocks are A.
+        reduced: the bodies that move by modes; None without any.
+        modes: what kernels read of them; without entries where there are none.
     """
 
     def __init__(self, elasticity: Elasticity):
@@ -162,6 +183,11 @@ class ElasticSystem:
         if elasticity.domains is not None:
             moving = (self.position, self.velocity, self.force)
             self._domains = DomainSystem(elasticity.domains, *moving, self.solver.blocks)
+        self.reduced: ReducedSystem | None = None
+        if elasticity.reduced is not None:
+            movement = Movement(self.position, self.velocity)
+            self.reduced = ReducedSystem(elasticity.reduced, movement, self.solver.blocks)
+        self.modes = no_modes(node_count) if self.reduced is None else self.reduced.modes
 
     def scale_stiffness(self, factor: np.ndarray) -> None:
         """Multiply the stiffness of each element in the model by a factor; Poisson's ratios are unchanged.
@@ -171,6 +197,8 @@ class ElasticSystem:
         """
         if self._domains is not None:
             self._domains.scale_stiffness(factor)
+        if self.reduced is not None:
+            self.reduced.scale_stiffness(factor)
         model, factor = self._elasticity.element_data, factor[self._elasticity.linear]
         np.multiply(model.force_modulus, factor[:, None], out=self._elements.force_modulus)
         np.multiply(model.root, np.sqrt(factor), out=self._elements.root)
@@ -187,6 +215,8 @@ class ElasticSystem:
         kernels.assemble(elements, self._deformation, self._entries, self._elasticity.block_parts, self._matrix)
         if self._domains is not None:
             self._domains.add(damped)
+        if self.reduced is not None:
+            self.reduced.assemble()
 
 
 def internal_force(elasticity: Elasticity, position: np.ndarray) -> np.ndarray:

@@ -1,7 +1,8 @@
 """The arrays of a soft body: placed nodes, elements, materials, masses, anchors, surfaces and cavities."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 
@@ -9,7 +10,9 @@ from taichisoft.bodies.domains import IntegrationDomains
 from taichisoft.bodies.elastic_laws import ElasticLaws, elastic_law
 from taichisoft.bodies.element_kinds import ELEMENT_KINDS
 from taichisoft.bodies.embedding import embed
-from taichisoft.bodies.kernels.principal_stretches import HOOKE
+from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAW_NUMBERS
+from taichisoft.bodies.modes import Modes, check_modes, read_modes
+from taichisoft.bodies.reduced_elasticity import domains_of
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
@@ -79,6 +82,7 @@ class SoftBody:
         tip_nodes: nodes that the scene's `tip` selects, or None.
         collision_surfaces: what touches other bodies, and each other where they have no group in common.
         cavities: the air chambers.
+        modes: by whose amplitudes a reduced body moves, else None.
     """
 
     name: str
@@ -96,6 +100,7 @@ class SoftBody:
     tip_nodes: np.ndarray | None
     collision_surfaces: tuple[CollisionSurface, ...]
     cavities: tuple[Cavity, ...]
+    modes: Modes | None = None
 
     @cached_property
     def anchored(self) -> np.ndarray:
@@ -106,6 +111,22 @@ class SoftBody:
     def surface(self) -> MappedSurface:
         """All collision surfaces as one: the visible surface of the body."""
         return MappedSurface.joined([one.surface for one in self.collision_surfaces])
+
+    @cached_property
+    def fingerprint(self) -> str:
+        """What modes of the body depend on beside its mesh: its element, and laws with moduli as shares of the first.
+
+        Moduli that all change by one factor do not matter to it.
+        """
+        laws, number = self.laws, self.material - self.material.min()
+        texts = []
+        for one in np.unique(number):
+            first = int(np.argmax(number == one))
+            law = next(name for name, code in LAW_NUMBERS.items() if code == laws.kind[first])
+            moduli = laws.modulus[first] / laws.lame[0, 1]
+            values = [f"{value:.6g}" for value in (*moduli, *laws.pure_number[first])]
+            texts.append(f"{law} of {np.count_nonzero(number == one)} elements: {' '.join(values)}")
+        return f"{self.settings.element}, " + "; ".join(texts)
 
 
 def make_soft_body(
@@ -131,7 +152,7 @@ def make_soft_body(
     turn = rotation_from_degrees(body.rotation)
     rest_position = mesh.nodes @ turn.T + np.asarray(body.translation)
     laws, material = _materials(mesh, body, key)
-    return SoftBody(
+    made = SoftBody(
         name=name,
         settings=body,
         mesh=mesh,
@@ -151,6 +172,13 @@ def make_soft_body(
             for cavity_name, cavity in body.cavities.items()
         ),
     )
+    return made if body.reduced is None else _with_modes(made, body.reduced, f"{key}.reduced")
+
+
+def _with_modes(body: SoftBody, file: str, key: str) -> SoftBody:
+    modes = read_modes(Path(file), key)
+    check_modes(modes, file, key, body, len(domains_of(body).element))
+    return replace(body, modes=modes)
 
 
 def _materials(mesh: VolumeMesh, body: settings.SoftBody, key: str) -> tuple[ElasticLaws, np.ndarray]:

@@ -17,7 +17,9 @@ class SymbolicFactor:
     Attributes:
         block_pairs: the two nodes (row, column) of every stored block of A, of the lower triangle in elimination order,
             shape (block_count, 2).
-        order: node eliminated at each position, shape (node_count,).
+        order: node eliminated at each position, shape (unknown_count,); nodes without an entry on the diagonal of the
+            pattern are no unknowns.
+        node_count: number of nodes with those that are no unknowns.
         tree: the way from a node up the tree of supernodes.
         fronts: how the fronts lie in memory, and the tasks that compute them.
         size: columns of tiles that the fronts take.
@@ -27,11 +29,17 @@ class SymbolicFactor:
 
     def __init__(self, adjacency: sparse.csr_matrix):
         """Analyse the pattern of nodes that share an element; shape (node_count, node_count), diagonal included."""
+        self.node_count = adjacency.shape[0]
+        unknown = np.flatnonzero(adjacency.diagonal())
+        if len(unknown) < self.node_count:
+            adjacency = adjacency[unknown][:, unknown].tocsr()
         supernodes = find_supernodes(adjacency)
         node_width, node_height = np.diff(supernodes.first_column), np.diff(supernodes.row_start)
-        self.order = supernodes.order
+        self.order = unknown[supernodes.order].astype(supernodes.order.dtype)
+        position = np.full(self.node_count, -1, dtype=np.int32)
+        position[self.order] = np.arange(len(self.order))
         self.tree = EliminationTree(
-            position_of_node=np.argsort(self.order).astype(np.int32),
+            position_of_node=position,
             supernode_of_position=np.repeat(np.arange(supernodes.count, dtype=np.int32), node_width),
             parent=supernodes.parent,
         )

@@ -27,6 +27,7 @@ FILE_KEYS = {
     "points": ("meshes", POINT_SUFFIXES),
     "script": ("scripts", (".toml", ".csv")),
     "material": ("materials", (".toml",)),
+    "reduced": ("reduced", (".npz",)),
 }
 # Keys whose value may also be a table with the key `file`, or a list of such tables.
 FILE_TABLES = ("mesh", "collision_surface")

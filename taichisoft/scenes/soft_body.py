@@ -194,6 +194,9 @@ class SoftBody(ActuatorTables):
     collision_surface: list[CollisionSurface] = []
     """Surfaces that touch other bodies: the name of a closed surface file that follows the mesh, or a list of tables;
     the mesh's outer boundary when it is not given."""
+    reduced: str | None = None
+    """A file of modes (.npz) that `taichisoft reduce` wrote: the body moves by their amplitudes, which is fast and
+    approximate."""
     collides: bool = True
     """Whether the body touches others; one that does not goes through them."""
     self_contact: bool = False

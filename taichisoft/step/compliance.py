@@ -66,13 +66,13 @@ def _assemble_soft_compliance(
         # The largest possible size is small here, and allocating it saves a launch.
         assemble, entries = soft_compliance_serially, -(-row_count // GROUP) * 3 * len(symbolic.order)
     else:
-        lay_out_columns(rows, coordinates, symbolic.tree, symbolic.fronts, problem.columns)
+        lay_out_columns(rows, coordinates, soft.system.modes, symbolic.tree, symbolic.fronts, problem.columns)
         assemble, entries = soft_compliance, int(problem.columns.size[0])
     problem.make_room_for_columns(entries)
     columns = problem.columns
     columns.progress[:] = 0
     tree, fronts, w = symbolic.tree, symbolic.fronts, problem.compliance
-    assemble(rows, coordinates, gradient, tree, fronts, solver.factor, columns, solver.begun, w, 1)
+    assemble(rows, coordinates, gradient, soft.system.modes, tree, fronts, solver.factor, columns, solver.begun, w, 1)
 
 
 def _add_own_compliances(first_row: int, own_compliances: tuple[tuple[int, np.ndarray], ...], w: np.ndarray) -> None:

@@ -228,12 +228,10 @@ class ConstraintSolver:
 
     def _complete(self, soft: SoftMotion) -> np.ndarray:
         """Velocities of the soft nodes after the impulses [mm/s]; with few rows L^-1 J^T is already known."""
-        rows, columns, cholesky = self._rows, self._rows.columns, soft.system.solver
-        if rows.row_count and GROUP * int(columns.size[0]) > cholesky.symbolic.factor_entries:
-            change = cholesky.complete_with(self._node_impulse)
-        else:
-            change = cholesky.complete(columns, rows.solver.impulse, rows.row_count)
-        return change + soft.known_velocity
+        rows, columns = self._rows, self._rows.columns
+        if rows.row_count and GROUP * int(columns.size[0]) > soft.system.solver.symbolic.factor_entries:
+            return soft.complete_with(self._node_impulse)
+        return soft.complete(columns, rows.solver.impulse, rows.row_count)
 
     def _solution(self, problem: StepProblem, node_velocity: np.ndarray, iterations: int) -> StepSolution:
         rows, solver, rigid = self._rows, self._rows.solver, self._rigid

@@ -5,7 +5,8 @@ import numpy as np
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.elasticity import Elasticity, ElasticSystem
 from taichisoft.bodies.rotations import rotation_from_vector
-from taichisoft.errors import NotPositiveDefinite, SimulationDiverged
+from taichisoft.cholesky.kernels.sparse_columns import SparseColumns
+from taichisoft.errors import ControlError, NotPositiveDefinite, SimulationDiverged
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.kernels import loads as kernels
@@ -51,6 +52,7 @@ class SoftMotion:
         )
         self.base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
         self._base_rotation: np.ndarray | None = None  # rotation vector of `base.turn`
+        self._anchor_position: np.ndarray | None = None  # the last that was checked
         self.known_velocity = np.zeros((model.node_count, 3))
 
     def begin(self, state: State, load: np.ndarray) -> None:
@@ -67,18 +69,45 @@ class SoftMotion:
             SimulationDiverged: the system matrix is not positive definite.
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
+        is_first_order = self._model.scene.time.dynamics == "first order"
+        self._follow_base(state)
+        if self.system.reduced is not None:
+            self._refuse_moved_anchors(state)
+            place, turn = self.base.place, self.base.turn[0]
+            self.system.reduced.begin(place, turn, self._model.scene.time.step, not is_first_order)
         if state.young_modulus is not self._young_modulus:
             self._young_modulus = state.young_modulus
             stiffening = state.young_modulus / self._model.young_modulus
             self.system.scale_stiffness(stiffening[self._model.element_material])
         self.system.assemble()
         self._sum_impulses(state, load)
-        is_first_order = self._model.scene.time.dynamics == "first order"
-        self.factorise(state, self.nodes.impulse, np.zeros(3) if is_first_order else state.velocity)
+        known_velocity = self.system.velocity
+        if is_first_order:
+            known_velocity = np.where(self.system.modes.start[:, None] >= 0, known_velocity, 0.0)
+        self.factorise(state, self.nodes.impulse, known_velocity)
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], shape (node_count, 3), by impulses on the nodes [mN s], shape (node_count, 3)."""
         return self.system.solver.solve(node_impulse)
+
+    def complete(self, columns: SparseColumns, multipliers: np.ndarray, count: int) -> np.ndarray:
+        """Velocities of the nodes after the step [mm/s], shape (node_count, 3), with impulses in the rows of `columns`.
+
+        Arguments are those of `Cholesky.complete`.
+        """
+        return self._moved(self.system.solver.complete(columns, multipliers, count))
+
+    def complete_with(self, node_impulse: np.ndarray) -> np.ndarray:
+        """The same with impulses on the nodes [mN s], shape (node_count, 3)."""
+        reduced = self.system.reduced
+        more = node_impulse if reduced is None else reduced.right_hand_side(node_impulse, 0.0)
+        return self._moved(self.system.solver.complete_with(more))
+
+    def _moved(self, change: np.ndarray) -> np.ndarray:
+        reduced = self.system.reduced
+        if reduced is not None:
+            change = reduced.node_velocity(change)
+        return change + self.known_velocity
 
     def factorise(self, state: State, node_impulse: np.ndarray, known_velocity: np.ndarray) -> None:
         """Factorise the matrix of the system, and begin to solve for the change of velocities by impulses.
@@ -92,6 +121,9 @@ class SoftMotion:
             SimulationDiverged: the matrix is not positive definite.
         """
         self.known_velocity[:] = known_velocity
+        reduced = self.system.reduced
+        if reduced is not None:
+            node_impulse = reduced.right_hand_side(node_impulse, self._model.scene.time.step)
         try:
             self.system.solver.factorise(node_impulse)
         except NotPositiveDefinite as error:
@@ -103,13 +135,30 @@ class SoftMotion:
         self.known_velocity[:] = 0.0
         self.system.solver.leave_out_right_hand_side()
 
-    def _sum_impulses(self, state: State, load: np.ndarray) -> None:
-        self.nodes.gravity[0] = state.gravity
-        self.anchors.position[:] = state.anchor_position
+    def _follow_base(self, state: State) -> None:
         self.base.place[1] = state.base_translation
         if state.base_rotation is not self._base_rotation:
             self._base_rotation = state.base_rotation
             self.base.turn[0] = rotation_from_vector(state.base_rotation)
+
+    def _refuse_moved_anchors(self, state: State) -> None:
+        """Modes follow the base; they cannot follow anchors that move by themselves."""
+        if state.anchor_position is self._anchor_position:
+            return
+        nodes = self._model.anchored_nodes
+        moved = (state.anchor_position != self._model.rest_position[nodes]).any(axis=1)
+        moved &= self.system.modes.start[nodes] >= 0
+        if moved.any():
+            body = self._model.body_of_node(int(nodes[moved.argmax()]))
+            raise ControlError(
+                f"anchor_positions: '{body}' is reduced, and its modes follow the base alone; move the base, or remove "
+                f"soft_bodies.{body}.reduced"
+            )
+        self._anchor_position = state.anchor_position
+
+    def _sum_impulses(self, state: State, load: np.ndarray) -> None:
+        self.nodes.gravity[0] = state.gravity
+        self.anchors.position[:] = state.anchor_position
         kernels.sum_impulses(
             self._model.scene.time.step,
             self.nodes,

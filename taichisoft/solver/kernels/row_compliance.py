@@ -5,6 +5,7 @@ tree from a group's nodes are visited and stored in Y.
 """
 
 from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
+from taichisoft.bodies.kernels.mode_motion import ModeShapes
 from taichisoft.cholesky.kernels.front_layout import FIRST_COLUMN, PANEL, WIDTH, Factor, Fronts
 from taichisoft.cholesky.kernels.sparse_columns import (
     GROUP,
@@ -16,13 +17,32 @@ from taichisoft.cholesky.kernels.sparse_columns import (
 )
 from taichisoft.runtime.launch import Kernel, func, kernel
 from taichisoft.runtime.taichi_start import CHUNK, THREADS, Scalars, ti, vec3
-from taichisoft.runtime.tiles import Column, advance, opaque
+from taichisoft.runtime.tiles import SHIFT, Column, advance, opaque
 from taichisoft.runtime.waiting import BEGUN_LATER, FINISHED, PATIENCE, reaches
 from taichisoft.solver.kernels.row_velocities import ACTUATORS, CONTACTS, MOMENTS, Rows
 
 
 @func
-def give_places(rows: Rows, coordinates: Coordinates, tree: EliminationTree, fronts: Fronts, columns: SparseColumns):
+def mark_unknowns(
+    g: ti.i32, node: ti.i32, modes: ModeShapes, tree: EliminationTree, fronts: Fronts, columns: SparseColumns
+):
+    """Give room to the supernodes that a node leads to, or the amplitudes of its body."""
+    first, count = node, 1
+    if modes.start[node] >= 0:
+        first, count = modes.first_node[2 * modes.body[node]], modes.threes[modes.body[node]]
+    for j in range(count):
+        mark_path(g, first + j, tree, fronts, columns)
+
+
+@func
+def give_places(
+    rows: Rows,
+    coordinates: Coordinates,
+    modes: ModeShapes,
+    tree: EliminationTree,
+    fronts: Fronts,
+    columns: SparseColumns,
+):
     """Fill in `columns.place` and `columns.size` of each group; moments do not act on soft bodies."""
     contact_rows, row_count = 3 * rows.size[CONTACTS], 3 * (rows.size[CONTACTS] + rows.size[MOMENTS])
     columns.size[0] = 0
@@ -33,21 +53,26 @@ def give_places(rows: Rows, coordinates: Coordinates, tree: EliminationTree, fro
             if r < contact_rows:
                 for slot in range(rows.node.shape[1]):
                     if rows.node[r // 3, slot] >= 0:
-                        mark_path(g, rows.node[r // 3, slot], tree, fronts, columns)
+                        mark_unknowns(g, rows.node[r // 3, slot], modes, tree, fronts, columns)
             else:
                 coordinate = rows.coordinate[r - contact_rows]
                 for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
-                    mark_path(g, coordinates.entry_node[k], tree, fronts, columns)
+                    mark_unknowns(g, coordinates.entry_node[k], modes, tree, fronts, columns)
 
 
 @kernel
 def lay_out_columns(
-    rows: Rows, coordinates: Coordinates, tree: EliminationTree, fronts: Fronts, columns: SparseColumns
+    rows: Rows,
+    coordinates: Coordinates,
+    modes: ModeShapes,
+    tree: EliminationTree,
+    fronts: Fronts,
+    columns: SparseColumns,
 ):
     """Find the places and sizes of the columns, before `soft_compliance`."""
     ti.loop_config(serialize=True)
     for _ in range(1):  # without this loop Taichi would distribute the groups over threads
-        give_places(rows, coordinates, tree, fronts, columns)
+        give_places(rows, coordinates, modes, tree, fronts, columns)
 
 
 @func
@@ -58,11 +83,35 @@ def first_entry(g: ti.i32, node: ti.i32, tree: EliminationTree, columns: SparseC
 
 
 @func
+def add_modes(
+    g: ti.i32,
+    column: ti.i32,
+    node: ti.i32,
+    force: vec3,
+    modes: ModeShapes,
+    tree: EliminationTree,
+    columns: SparseColumns,
+):
+    """Add a force at a node of a reduced body to a column of J^T: the forces on its amplitudes."""
+    b = modes.body[node]
+    local, first, tiles = modes.axes[b].transpose() @ force, modes.start[node], modes.tiles[b]
+    for j in range(modes.threes[b]):
+        i = first_entry(g, modes.first_node[2 * b] + j, tree, columns)
+        for d in ti.static(range(3)):
+            tile, lane = first + (3 * j + d >> SHIFT), (3 * j + d) % GROUP
+            share = local[0] * modes.shape[tile][lane]
+            share += local[1] * modes.shape[tile + tiles][lane]
+            share += local[2] * modes.shape[tile + 2 * tiles][lane]
+            columns.y[i + d][column] = columns.y[i + d][column] + share
+
+
+@func
 def fill_group(
     g: ti.i32,
     rows: Rows,
     coordinates: Coordinates,
     gradient: Gradient,
+    modes: ModeShapes,
     tree: EliminationTree,
     fronts: Fronts,
     columns: SparseColumns,
@@ -82,15 +131,23 @@ def fill_group(
             direction = vec3(rows.basis[c][r % 3, 0], rows.basis[c][r % 3, 1], rows.basis[c][r % 3, 2])
             for slot in range(rows.node.shape[1]):
                 if rows.node[c, slot] >= 0:
-                    i = first_entry(g, rows.node[c, slot], tree, columns)
-                    for d in ti.static(range(3)):
-                        y[i + d][column] = y[i + d][column] + rows.weight[c, slot] * direction[d]
+                    node = rows.node[c, slot]
+                    if modes.start[node] >= 0:
+                        add_modes(g, column, node, rows.weight[c, slot] * direction, modes, tree, columns)
+                    else:
+                        i = first_entry(g, node, tree, columns)
+                        for d in ti.static(range(3)):
+                            y[i + d][column] = y[i + d][column] + rows.weight[c, slot] * direction[d]
         else:
             coordinate = rows.coordinate[r - contact_rows]
             for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
-                i = first_entry(g, coordinates.entry_node[k], tree, columns)
-                for d in ti.static(range(3)):
-                    y[i + d][column] = gradient.soft[k][d]
+                node = coordinates.entry_node[k]
+                if modes.start[node] >= 0:
+                    add_modes(g, column, node, gradient.soft[k], modes, tree, columns)
+                else:
+                    i = first_entry(g, node, tree, columns)
+                    for d in ti.static(range(3)):
+                        y[i + d][column] = gradient.soft[k][d]
 
 
 @func
@@ -149,6 +206,7 @@ def make_soft_compliance(workers: int) -> Kernel:
         rows: Rows,
         coordinates: Coordinates,
         gradient: Gradient,
+        modes: ModeShapes,
         tree: EliminationTree,
         fronts: Fronts,
         factor: Factor,
@@ -168,9 +226,9 @@ def make_soft_compliance(workers: int) -> Kernel:
                 row_count = 3 * (rows.size[CONTACTS] + rows.size[MOMENTS]) + rows.size[ACTUATORS]
                 worker, group_count = worker_ // CHUNK, (row_count + GROUP - 1) // GROUP
                 if ti.static(workers == 1):
-                    give_places(rows, coordinates, tree, fronts, columns)
+                    give_places(rows, coordinates, modes, tree, fronts, columns)
                 for g in range(worker * group_count // workers, (worker + 1) * group_count // workers):
-                    fill_group(g, rows, coordinates, gradient, tree, fronts, columns)
+                    fill_group(g, rows, coordinates, gradient, modes, tree, fronts, columns)
                     for s in range(tree.parent.shape[0]):
                         if columns.place[g, s] != NOWHERE:
                             eliminate(g, s, fronts, factor, tree, columns, one)

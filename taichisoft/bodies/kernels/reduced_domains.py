@@ -1,0 +1,201 @@
+"""The elastic forces on amplitudes, and their stiffness, by the chosen integration domains of reduced bodies.
+
+With F = F_0 + sum_k B_k q_k in a domain of volume w, the force on amplitude k is -w P : B_k, and the stiffness
+w B_k : C : B_l. Along the axes of the tangent, as in `rubber_domains.py`, C is a 3x3 matrix of the diagonal and a 2x2
+matrix of each pair across it. With their Cholesky factors a domain's stiffness is the sum of squares of a few rows,
+S^T S, so that all domains of a body together are one dense product.
+"""
+
+from typing import NamedTuple
+
+from taichisoft.bodies.kernels.domain_deformation import (
+    DILATION,
+    SHAPE,
+    Domains,
+    Movement,
+    deformation_and_rate,
+)
+from taichisoft.bodies.kernels.mode_motion import Amplitudes, ModeShapes
+from taichisoft.bodies.kernels.polar_rotation import polar_rotation
+from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAMBDA, MU
+from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
+from taichisoft.runtime.launch import func, kernel
+from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, ti, vec3
+from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaque
+
+
+class ReducedDomains(NamedTuple):
+    """Beside the domains' own arrays, whose gradients are in the frame of the mesh.
+
+    Attributes:
+        body: number among the reduced bodies of each domain, shape (domain_count,).
+        body_start: first domain of each body, shape (body_count + 1,).
+        slope_start: where a domain's B begins in `slope`, shape (domain_count,).
+        slope: B in columns of eight modes: entry 00 of the deformation gradient, then 01, and so on.
+        row_start: first row of each domain in S of its body, shape (domain_count,).
+        row_count: rows of each domain, 1, 6 or 9, shape (domain_count,).
+        body_rows: rows of S of each body, shape (body_count,).
+    """
+
+    body: Integers
+    body_start: Integers
+    slope_start: Integers
+    slope: Columns
+    row_start: Integers
+    row_count: Integers
+    body_rows: Integers
+
+
+class ReducedStiffness(NamedTuple):
+    """Work space, and what it is added to.
+
+    Attributes:
+        rows: S of a body, in columns of eight modes.
+        force: on the amplitudes, in columns of eight.
+        square_start: where the matrix of each body begins in `square`, shape (body_count,).
+        constant: mass, damping and anchors in A, row by row in columns of eight.
+        square: A, likewise; the lower triangle of tiles.
+        block: numbers of the blocks of the system matrix that belong to reduced bodies, shape (count,).
+        block_body: of each the number of its body.
+        block_row, block_column: of each the first amplitude.
+        blocks: of the system matrix, shape (block_count, 3, 3).
+    """
+
+    rows: Columns
+    force: Columns
+    square_start: Integers
+    constant: Columns
+    square: Columns
+    block: Integers
+    block_body: Integers
+    block_row: Integers
+    block_column: Integers
+    blocks: Matrices
+
+
+@func
+def respond(d: ti.i32, modes: ModeShapes, reduced: ReducedDomains, domains: Domains, movement: Movement):
+    """Stress and tangent of a domain in the frame of the mesh, as `respond_by_stretches` gives them."""
+    deformation, rate = deformation_and_rate(d, domains, movement)
+    inverse = modes.axes[reduced.body[d]].transpose()
+    deformation, rate = inverse @ deformation, inverse @ rate
+    stress, left, right = ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3)
+    hessian, same, swapped = ti.Matrix.zero(ti.f64, 3, 3), ti.Matrix.zero(ti.f64, 3, 3), vec3(0.0)
+    if domains.law[d] == HOOKE:
+        rotation, unit, ones = polar_rotation(deformation), ti.Matrix.identity(ti.f64, 3), ti.Matrix.one(ti.f64, 3, 3)
+        first = domains.volume[d, DILATION] * domains.modulus[d, LAMBDA]
+        second = domains.volume[d, SHAPE] * domains.modulus[d, MU]
+        strain = rotation.transpose() @ (deformation + domains.lag[d] * rate) - unit
+        stress = rotation @ (first * strain.trace() * unit + second * (strain + strain.transpose()))
+        left, right = rotation, unit
+        hessian = domains.factor[d] * (first * ones + 2.0 * second * unit)
+        same = domains.factor[d] * second * ones
+        swapped = vec3(domains.factor[d] * second)
+    else:
+        stress, left, right, hessian, same, swapped = respond_by_stretches(d, deformation, rate, domains)
+    return stress, left, right, hessian, same, swapped
+
+
+@ti.func
+def safe_root(pivot: ti.f64):
+    """A root and its inverse, both 0 where the pivot of a semi-definite matrix is not positive."""
+    root, inverse = 0.0, 0.0
+    if pivot > 0.0:
+        root = ti.sqrt(pivot)
+        inverse = 1.0 / root
+    return root, inverse
+
+
+@func
+def strain_domain(
+    d: ti.i32,
+    modes: ModeShapes,
+    reduced: ReducedDomains,
+    domains: Domains,
+    movement: Movement,
+    amplitudes: Amplitudes,
+    stiffness: ReducedStiffness,
+    one: ti.i32,
+):
+    """Add a domain's force on the amplitudes, and fill its rows of S."""
+    stress, left, right, hessian, same, swapped = respond(d, modes, reduced, domains, movement)
+    r00, i00 = safe_root(hessian[0, 0])
+    r10, r20 = hessian[1, 0] * i00, hessian[2, 0] * i00
+    r11, i11 = safe_root(hessian[1, 1] - r10 * r10)
+    r21 = (hessian[2, 1] - r20 * r10) * i11
+    r22, _ = safe_root(hessian[2, 2] - r20 * r20 - r21 * r21)
+    b = reduced.body[d]
+    tiles, start = modes.tiles[b], amplitudes.start[b]
+    first, row_count = opaque(reduced.slope_start[d], one), reduced.row_count[d]
+    row = opaque(reduced.row_start[d] * tiles, one)
+    t = 0
+    while t < tiles:
+        s = [reduced.slope[first + tiles * n + t] for n in range(9)]
+        force, turned, z = Column(0.0), [Column(0.0) for _ in range(9)], [Column(0.0) for _ in range(9)]
+        for i, j in ti.static(ti.ndrange(3, 3)):
+            force += stress[i, j] * s[3 * i + j]
+            for k in ti.static(range(3)):
+                turned[3 * i + j] += left[k, i] * s[3 * k + j]
+        stiffness.force[start + t] = stiffness.force[start + t] - force
+        for i, j, k in ti.static(ti.ndrange(3, 3, 3)):
+            z[3 * i + j] += turned[3 * i + k] * right[k, j]
+        stiffness.rows[row + t] = r00 * z[0] + r10 * z[4] + r20 * z[8]
+        if row_count > 1:
+            stiffness.rows[row + tiles + t] = r11 * z[4] + r21 * z[8]
+            stiffness.rows[row + 2 * tiles + t] = r22 * z[8]
+            for i, j, k in ti.static([(1, 2, 0), (2, 0, 1), (0, 1, 2)]):
+                root, inverse = safe_root(same[i, j])
+                cross = swapped[k] * inverse
+                stiffness.rows[row + (3 + k) * tiles + t] = root * z[3 * i + j] + cross * z[3 * j + i]
+                if row_count > 6:
+                    rest, _ = safe_root(same[j, i] - cross * cross)
+                    stiffness.rows[row + (6 + k) * tiles + t] = rest * z[3 * j + i]
+        t = advance(t, 1, one)
+
+
+@func
+def square_rows(b: ti.i32, row_count: ti.i32, tiles: ti.i32, stiffness: ReducedStiffness, one: ti.i32):
+    """The lower triangle of tiles of S^T S plus what is constant."""
+    for one_tile in range(tiles):
+        for other in range(one_tile + 1):
+            place = opaque(stiffness.square_start[b] + TILE * one_tile * tiles + other, one)
+            total = [stiffness.constant[place + a * tiles] for a in range(TILE)]
+            row, end = other, row_count * tiles
+            shift = one_tile - other
+            while row < end:
+                mine, theirs = stiffness.rows[opaque(row + shift, one)], stiffness.rows[opaque(row, one)]
+                for a in ti.static(range(TILE)):
+                    total[a] += mine[a] * theirs
+                row = advance(row, tiles, one)
+            for a in ti.static(range(TILE)):
+                stiffness.square[place + a * tiles] = total[a]
+
+
+@kernel
+def assemble_reduced(
+    modes: ModeShapes,
+    reduced: ReducedDomains,
+    domains: Domains,
+    movement: Movement,
+    amplitudes: Amplitudes,
+    stiffness: ReducedStiffness,
+    one: ti.i32,
+):
+    """Forces f - (h + b) K v on the amplitudes, and the blocks of A of the reduced bodies."""
+    ti.loop_config(serialize=True)
+    for b in range(modes.tiles.shape[0]):
+        for t in range(amplitudes.start[b], amplitudes.start[b + 1]):
+            stiffness.force[t] = Column(0.0)
+        for d in range(reduced.body_start[b], reduced.body_start[b + 1]):
+            strain_domain(d, modes, reduced, domains, movement, amplitudes, stiffness, one)
+        square_rows(b, reduced.body_rows[b], modes.tiles[b], stiffness, one)
+    ti.loop_config(serialize=True)
+    for n in range(stiffness.block.shape[0]):
+        b = stiffness.block_body[n]
+        entries = ti.Matrix.zero(ti.f64, 3, 3)
+        for i, j in ti.static(ti.ndrange(3, 3)):
+            low = ti.max(stiffness.block_row[n] + i, stiffness.block_column[n] + j)
+            high = ti.min(stiffness.block_row[n] + i, stiffness.block_column[n] + j)
+            place = stiffness.square_start[b] + low * modes.tiles[b] + (high >> SHIFT)
+            entries[i, j] = stiffness.square[place][high % TILE]
+        stiffness.blocks[stiffness.block[n]] = entries

@@ -1,0 +1,357 @@
+"""The reduced soft bodies of a model: their modes and chosen domains, and what they add to the system of a step."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft.bodies.domain_elasticity import aligned, domain_data
+from taichisoft.bodies.domains import IntegrationDomains
+from taichisoft.bodies.element_kinds import ELEMENT_KINDS
+from taichisoft.bodies.kernels import mode_motion, reduced_domains
+from taichisoft.bodies.kernels.domain_deformation import SHAPE, Domains, Movement
+from taichisoft.bodies.kernels.principal_stretches import HOOKE
+from taichisoft.bodies.rotations import rotation_from_degrees
+from taichisoft.runtime.tiles import TILE
+
+if TYPE_CHECKING:
+    from taichisoft.bodies.soft_body_arrays import SoftBody
+
+# Rows of S: of a domain under Hooke's law with energy of volume alone, of others under it, and under other laws.
+DILATED_ROWS, HOOKE_ROWS, RUBBER_ROWS = 1, 6, 9
+
+
+class ReducedElasticity:
+    """Reduced bodies, which never change.
+
+    Attributes:
+        bodies: the reduced ones among the soft bodies.
+        modes: what kernels read of the modes, with each body's frame at the start.
+        node_rest, node_mass: see `mode_motion.NodeMotion`.
+        data: the chosen domains, whose volumes have their weights.
+        domains: where they lie.
+        element: an element of each domain, among those of all soft bodies, shape (domain_count,).
+        mass_factor, anchor_factor: of mass and of the anchors' springs in A, shape (body_count,).
+        anchors: for each body stiffness [mN/mm] and modes of its anchored nodes, shapes (count, 3), (count, 3, width).
+        block: numbers of their blocks in the system matrix, set by `find_blocks`; with body and first amplitudes.
+    """
+
+    def __init__(
+        self,
+        bodies: "Sequence[SoftBody]",
+        lag: np.ndarray,
+        factor: np.ndarray,
+        mass_factor: np.ndarray,
+        anchor_factor: np.ndarray,
+        step: float,
+    ):
+        """Lay out the arrays.
+
+        Args:
+            bodies: all soft bodies, of which some are reduced.
+            lag: h + b [s] of each element of all bodies, shape (element_count,).
+            factor: of the stiffness in A, likewise.
+            mass_factor, anchor_factor: of each body, shape (body_count,).
+            step: time step h [s].
+        """
+        numbers = [number for number, body in enumerate(bodies) if body.modes is not None]
+        self.bodies = tuple(bodies[number] for number in numbers)
+        self.mass_factor, self.anchor_factor = mass_factor[numbers], anchor_factor[numbers]
+        self.node_count = bodies[-1].nodes.stop
+        first_element = np.cumsum([0, *(len(body.elements) for body in bodies)])[numbers]
+        self._lay_out_modes()
+        self._lay_out_domains(first_element, lag, factor, step)
+        self.anchors = [self._anchors_of(body, number) for number, body in enumerate(self.bodies)]
+
+    @property
+    def widths(self) -> np.ndarray:
+        """Amplitudes of each body with the padding, shape (body_count,)."""
+        return TILE * self.modes.tiles
+
+    def _lay_out_modes(self) -> None:
+        start, body_of_node = (np.full(self.node_count, -1, dtype=np.int32) for _ in range(2))
+        self.node_rest, self.node_mass = np.zeros((self.node_count, 3)), np.zeros(self.node_count)
+        tables: dict[tuple[str | None, str], int] = {}
+        shapes: list[np.ndarray] = []
+        tiles, threes, size = [], [], 0
+        for number, body in enumerate(self.bodies):
+            assert body.modes is not None
+            mode_count = body.modes.mode_count
+            threes.append(-(-mode_count // 3))
+            tiles.append(-(-3 * threes[-1] // TILE))
+            key = (body.settings.reduced, body.mesh.source)
+            if key not in tables:
+                tables[key] = size
+                shapes.append(padded(body.modes.modes, TILE * tiles[-1]).reshape(-1, TILE))
+                size += len(shapes[-1])
+            start[body.nodes] = tables[key] + 3 * tiles[-1] * np.arange(len(body.mesh.nodes))
+            body_of_node[body.nodes] = number
+            self.node_rest[body.nodes], self.node_mass[body.nodes] = body.mesh.nodes, body.node_mass
+        turns = [rotation_from_degrees(body.settings.rotation) for body in self.bodies]
+        self.modes = mode_motion.ModeShapes(
+            start=start,
+            body=body_of_node,
+            shape=_aligned_copy(np.vstack(shapes)),
+            tiles=np.array(tiles, dtype=np.int32),
+            first_node=np.array([(b.nodes.start, b.nodes.stop) for b in self.bodies], dtype=np.int32).reshape(-1),
+            threes=np.array(threes, dtype=np.int32),
+            axes=np.array(turns),
+            origin=np.array([body.settings.translation for body in self.bodies], dtype=float),
+        )
+
+    def _lay_out_domains(self, first_element: np.ndarray, lag: np.ndarray, factor: np.ndarray, step: float) -> None:
+        parts: list[Domains] = []
+        tables: dict[tuple[str | None, str], tuple[IntegrationDomains, np.ndarray, int]] = {}
+        slopes, slope_start, body_of_domain, element = [], [], [], []
+        size = 0
+        for number, body in enumerate(self.bodies):
+            assert body.modes is not None
+            key, tiles = (body.settings.reduced, body.mesh.source), int(self.modes.tiles[number])
+            if key not in tables:
+                domains, weight = chosen_domains(body)
+                slope = mode_slopes(domains, padded(body.modes.modes, TILE * tiles))
+                tables[key] = domains, weight, size
+                slopes.append(slope.reshape(-1, TILE))
+                size += len(slopes[-1])
+            domains, weight, first_slope = tables[key]
+            own = slice(first_element[number], first_element[number] + len(body.elements))
+            data = domain_data(domains, body.laws, lag[own], factor[own], step)
+            parts.append(data._replace(node=data.node + body.nodes.start, volume=data.volume * weight[:, None]))
+            slope_start.append(first_slope + 9 * tiles * np.arange(len(weight)))
+            body_of_domain.append(np.full(len(weight), number))
+            element.append(domains.element + first_element[number])
+        entry = np.cumsum([0, *(len(part.node) for part in parts)])
+        starts = [part.start[:-1] + first for part, first in zip(parts, entry[:-1], strict=True)]
+        joined = {name: np.concatenate([getattr(part, name) for part in parts]) for name in Domains._fields}
+        joined["start"] = np.concatenate([*starts, entry[-1:]])
+        joined = {name: np.ascontiguousarray(array) for name, array in joined.items()}
+        for name in ("start", "node", "law"):
+            joined[name] = joined[name].astype(np.int32)
+        self.data, self.element = Domains(**joined), np.concatenate(element)
+        row_count = np.where(self.data.law == HOOKE, HOOKE_ROWS, RUBBER_ROWS)
+        row_count[(self.data.law == HOOKE) & (self.data.volume[:, SHAPE] == 0.0)] = DILATED_ROWS
+        counts = [len(part.law) for part in parts]
+        body_start = np.cumsum([0, *counts])
+        row_start = [
+            np.cumsum(row_count[a:b]) - row_count[a:b] for a, b in zip(body_start, body_start[1:], strict=False)
+        ]
+        self.domains = reduced_domains.ReducedDomains(
+            body=np.concatenate(body_of_domain).astype(np.int32),
+            body_start=body_start.astype(np.int32),
+            slope_start=np.concatenate(slope_start).astype(np.int32),
+            slope=_aligned_copy(np.vstack(slopes)),
+            row_start=np.concatenate(row_start).astype(np.int32),
+            row_count=row_count.astype(np.int32),
+            body_rows=np.add.reduceat(row_count, body_start[:-1]).astype(np.int32),
+        )
+
+    def _anchors_of(self, body: "SoftBody", number: int) -> tuple[np.ndarray, np.ndarray]:
+        assert body.modes is not None
+        held = np.flatnonzero(body.anchored)
+        return body.anchor_stiffness[held], padded(body.modes.modes[held], int(self.widths[number]))
+
+    def node_pairs(self) -> tuple[np.ndarray, np.ndarray]:
+        """The places of the amplitudes of each body, all of which meet, as two arrays of nodes."""
+        rows, columns = [], []
+        for body, threes in zip(self.bodies, self.modes.threes.tolist(), strict=True):
+            places = body.nodes.start + np.arange(threes)
+            rows.append(np.repeat(places, threes))
+            columns.append(np.tile(places, threes))
+        return np.concatenate(rows), np.concatenate(columns)
+
+    def find_blocks(self, block_pairs: np.ndarray) -> None:
+        """Find the blocks of the system matrix, whose two nodes (row, column) are `block_pairs`, (block_count, 2)."""
+        blocks, owners, first = [], [], []
+        for number, body in enumerate(self.bodies):
+            own = (block_pairs[:, 0] >= body.nodes.start) & (block_pairs[:, 0] < body.nodes.stop)
+            blocks.append(np.flatnonzero(own))
+            owners.append(np.full(len(blocks[-1]), number))
+            first.append(3 * (block_pairs[own] - body.nodes.start))
+        row, column = np.vstack(first).astype(np.int32).T
+        self.block = np.concatenate(blocks).astype(np.int32)
+        self.block_body = np.concatenate(owners).astype(np.int32)
+        self.block_row, self.block_column = np.ascontiguousarray(row), np.ascontiguousarray(column)
+
+
+def domains_of(body: "SoftBody") -> IntegrationDomains:
+    """All integration domains of a body in the frame of its mesh, by whose numbers a file of modes chooses."""
+    first = int(body.material.min())
+    kind = ELEMENT_KINDS[body.settings.element]
+    return kind.domains(body.mesh.nodes, body.elements, body.material - first)
+
+
+def chosen_domains(body: "SoftBody") -> tuple[IntegrationDomains, np.ndarray]:
+    """The domains that stand for all of a reduced body, and the factors of their volumes."""
+    assert body.modes is not None
+    domains, numbers = domains_of(body), body.modes.domain
+    if numbers is None:
+        return domains, np.ones(len(domains.element))
+    weight = body.modes.weight if body.modes.weight is not None else np.ones(len(numbers))
+    return domains.select(numbers), weight
+
+
+def mode_slopes(domains: IntegrationDomains, modes: np.ndarray) -> np.ndarray:
+    """B of each domain: its deformation gradient by an amplitude of 1 of each mode.
+
+    Args:
+        domains: the domains.
+        modes: shape (node_count, 3, mode_count).
+
+    Returns:
+        shape (domain_count, 9, mode_count), entry 00 first, then 01.
+    """
+    slopes = np.empty((len(domains.element), 9, modes.shape[2]))
+    for d, (a, b) in enumerate(zip(domains.start[:-1].tolist(), domains.start[1:].tolist(), strict=True)):
+        products = np.tensordot(modes[domains.node[a:b]], domains.gradient[a:b], axes=(0, 0))
+        slopes[d] = products.transpose(0, 2, 1).reshape(9, -1)
+    return slopes
+
+
+def padded(modes: np.ndarray, width: int) -> np.ndarray:
+    """Modes with zeros up to `width` of them, shape (node_count, 3, width)."""
+    wide = np.zeros((*modes.shape[:2], width))
+    wide[..., : modes.shape[2]] = modes
+    return wide
+
+
+def no_modes(node_count: int) -> mode_motion.ModeShapes:
+    """For kernels, where all of so many nodes are unknowns themselves."""
+    none = np.zeros(0, dtype=np.int32)
+    start, body = (np.full(node_count, -1, dtype=np.int32) for _ in range(2))
+    return mode_motion.ModeShapes(
+        start=start,
+        body=body,
+        shape=np.zeros((0, TILE)),
+        tiles=none,
+        first_node=none,
+        threes=none,
+        axes=np.zeros((0, 3, 3)),
+        origin=np.zeros((0, 3)),
+    )
+
+
+def _aligned_copy(rows: np.ndarray) -> np.ndarray:
+    copy = aligned(len(rows), TILE)
+    copy[:] = rows
+    return copy
+
+
+class ReducedSystem:
+    """The reduced bodies at present positions, with present stiffnesses.
+
+    Attributes:
+        modes: the modes, with the frames of the bodies in the step.
+    """
+
+    def __init__(self, elasticity: ReducedElasticity, movement: Movement, blocks: np.ndarray):
+        """Allocate the work space.
+
+        Args:
+            elasticity: the model's reduced bodies.
+            movement: positions and velocities of all nodes, which `begin` changes.
+            blocks: of the system matrix, which `assemble` fills, shape (block_count, 3, 3).
+        """
+        self._elasticity, self._movement = elasticity, movement
+        own = elasticity.modes
+        self.modes = own._replace(axes=own.axes.copy(), origin=own.origin.copy())
+        tiles, widths = own.tiles, elasticity.widths
+        start = np.cumsum([0, *tiles]).astype(np.int32)
+        self._amplitudes = mode_motion.Amplitudes(start, *(aligned(int(start[-1]), TILE) for _ in range(3)))
+        self._nodes = mode_motion.NodeMotion(
+            rest=elasticity.node_rest, mass=elasticity.node_mass, displacement=np.zeros((elasticity.node_count, 3))
+        )
+        self._data = elasticity.data._replace(modulus=elasticity.data.modulus.copy())
+        squares = np.cumsum([0, *(tiles * widths)])
+        self._stiffness = reduced_domains.ReducedStiffness(
+            rows=aligned(int((elasticity.domains.body_rows * tiles).max()), TILE),
+            force=aligned(int(start[-1]), TILE),
+            square_start=squares[:-1].astype(np.int32),
+            constant=aligned(int(squares[-1]), TILE),
+            square=aligned(int(squares[-1]), TILE),
+            block=elasticity.block,
+            block_body=elasticity.block_body,
+            block_row=elasticity.block_row,
+            block_column=elasticity.block_column,
+            blocks=blocks,
+        )
+        self._velocity, self._impulse = (np.zeros((elasticity.node_count, 3)) for _ in range(2))
+        self._unknown = np.zeros((elasticity.node_count, 3))
+        self._base: tuple[bytes, bytes] | None = None
+        self._set_constant()
+
+    def scale_stiffness(self, factor: np.ndarray) -> None:
+        """Multiply the stiffness of each element in the model by `factor`, shape (element_count,)."""
+        model = self._elasticity
+        np.multiply(model.data.modulus, factor[model.element, None], out=self._data.modulus)
+
+    def begin(self, place: np.ndarray, turn: np.ndarray, time_step: float, has_inertia: bool) -> None:
+        """Replace the velocities of the reduced bodies by the nearest ones that lead to positions by modes.
+
+        The base is where it will be at the end of the step, so that velocities have its motion; in first order dynamics
+        they have nothing else.
+
+        Args:
+            place: pivot and translation of the base [mm], shape (2, 3).
+            turn: its rotation, shape (3, 3).
+            time_step: time step h [s].
+            has_inertia: whether dynamics are of second order.
+        """
+        self._follow(place, turn)
+        movement = self._movement
+        mode_motion.find_amplitudes(self.modes, self._nodes, movement.position, movement.velocity, self._amplitudes, 1)
+        mode_motion.find_reference(
+            time_step, float(has_inertia), self.modes, self._nodes, self._amplitudes, movement.velocity, 1
+        )
+
+    def _follow(self, place: np.ndarray, turn: np.ndarray) -> None:
+        """Let the frames follow the base."""
+        pose = place.tobytes(), turn.tobytes()
+        if pose == self._base:
+            return
+        turned = self._base is None or pose[1] != self._base[1]
+        self._base, own = pose, self._elasticity.modes
+        self.modes.axes[:] = turn @ own.axes
+        self.modes.origin[:] = (own.origin - place[0]) @ turn.T + place[0] + place[1]
+        if turned:
+            self._set_constant()
+
+    def _set_constant(self) -> None:
+        """The matrix beside the domains: masses with their damping, and the anchors' springs."""
+        model = self._elasticity
+        for number, (stiffness, modes) in enumerate(model.anchors):
+            along = np.einsum("ij,njk->nik", self.modes.axes[number], modes)  # axes of space
+            flat = (np.sqrt(stiffness)[:, :, None] * along).reshape(-1, modes.shape[2])
+            matrix = model.anchor_factor[number] * (flat.T @ flat) + model.mass_factor[number] * np.eye(flat.shape[1])
+            start = int(self._stiffness.square_start[number])
+            self._stiffness.constant[start : start + matrix.size // TILE] = matrix.reshape(-1, TILE)
+
+    def assemble(self) -> None:
+        """Fill the blocks of the reduced bodies, and find the elastic forces on the amplitudes."""
+        reduced_domains.assemble_reduced(
+            self.modes,
+            self._elasticity.domains,
+            self._data,
+            self._movement,
+            self._amplitudes,
+            self._stiffness,
+            1,
+        )
+
+    def right_hand_side(self, node_impulse: np.ndarray, time_step: float) -> np.ndarray:
+        """Impulses on the unknowns, shape (node_count, 3): on the nodes of full bodies as they are.
+
+        Args:
+            node_impulse: on the nodes [mN s], shape (node_count, 3).
+            time_step: for which the elastic forces on the amplitudes act [s]; 0 to leave them out.
+        """
+        self._impulse[:] = self._unknown[:] = node_impulse
+        mode_motion.project_impulses(
+            time_step, self.modes, self._impulse, self._stiffness.force, self._amplitudes, self._unknown, 1
+        )
+        return self._unknown
+
+    def node_velocity(self, unknown: np.ndarray) -> np.ndarray:
+        """Velocities of the nodes [mm/s] by rates of the unknowns, shape (node_count, 3) each."""
+        self._velocity[:] = self._unknown[:] = unknown
+        mode_motion.expand_velocities(self.modes, self._unknown, self._amplitudes, self._velocity, 1)
+        return self._velocity.copy()
