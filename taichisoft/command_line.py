@@ -149,6 +149,10 @@ def run_command(
     speed: SpeedOption = None,
     keys: Annotated[Path | None, typer.Option(help="Key log (keys.jsonl) of an earlier run, to repeat it.")] = None,
     profile: Annotated[bool, typer.Option("--profile", help="Show the times of the phases of a step.")] = False,
+    reduced: Annotated[
+        Path | None,
+        typer.Option(metavar="FOLDER", help="Soft bodies move by the modes that `taichisoft reduce` wrote there."),
+    ] = None,
 ) -> None:
     """Simulate a scene and write the results to a folder."""
     from taichisoft.running.command import RunRequest, run_scene  # imports Taichi, for which --help need not wait
@@ -157,5 +161,5 @@ def run_command(
     asked = requested(context, outputs)
     folder = output or Path("out") / Path(scene).stem
     replay = KeyReplay(keys) if keys is not None else None
-    request = RunRequest(folder, asked.outputs, duration, speed, replay, profile, asked.controller)
+    request = RunRequest(folder, asked.outputs, duration, speed, replay, profile, asked.controller, reduced)
     run_scene(scene, set_ or [], controller, request, asked.reader, goal)

@@ -11,7 +11,7 @@ import numpy as np
 
 from taichisoft.actuators import ACTUATOR_KINDS, Measured
 from taichisoft.atomic_file import atomic_file
-from taichisoft.bodies import Stretches, spread
+from taichisoft.bodies import Stretches, TrainingRange, spread
 from taichisoft.errors import GoalMissed
 from taichisoft.session import Output
 from taichisoft_outputs.goals import doubts, first_push, goal_figures, shortcomings
@@ -52,6 +52,7 @@ class MetricsOutput(Output):
         self._soft = [
             (body.name, body.nodes, Stretches(body.rest_position, body.elements)) for body in model.soft_bodies
         ]
+        self._training = TrainingRange(model.soft_bodies, model.base_pivot)
         goal = self._scene.goal
         self._object = list(self._scene.rigid_bodies).index(goal.object) if goal is not None else None
         self.restart(state)
@@ -60,6 +61,7 @@ class MetricsOutput(Output):
         """Forget all steps before: figures count from the last start."""
         self._figures = StepFigures(self._scene.contact.contact_distance, self._scene.time.newton_tolerance)
         self._stretch = {name: (1.0, 1.0) for name, _, _ in self._soft}
+        self._beyond_training = {name: 0.0 for name in self._training.names}
         self._largest: dict[str, dict[str, float]] = {figure.observed: {} for figure in self._watched}
         self._last_state = state
         self._slipping = Slipping(len(self._scene.soft_bodies), state)
@@ -121,6 +123,7 @@ class MetricsOutput(Output):
             **self._step_metrics(),
             **self._body_metrics(),
             **self._stretch_metrics(),
+            **self._training_metrics(),
             **self._actuator_metrics(),
             **self._goal_metrics(),
         }
@@ -242,6 +245,12 @@ class MetricsOutput(Output):
             largest, most = spread(stretches.largest(self._last_state.position[nodes]))
             before = self._stretch[name]
             self._stretch[name] = max(largest, before[0]), max(most, before[1])
+        for name, share in self._training.beyond(self._last_state).items():
+            self._beyond_training[name] = max(self._beyond_training[name], share)
+
+    def _training_metrics(self) -> dict[str, Any]:
+        """How far each reduced body went beyond its training, as a share of it; nothing where there is none."""
+        return {"beyond_training": self._beyond_training} if self._beyond_training else {}
 
     def _stretch_metrics(self) -> dict[str, Any]:
         """The largest principal stretch of each soft body in the run; nothing where there is none."""

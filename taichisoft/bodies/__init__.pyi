@@ -10,8 +10,6 @@ from .elasticity import ElasticSystem as ElasticSystem
 from .element_kinds import ELEMENT_KINDS as ELEMENT_KINDS
 from .embedding import embed as embed
 from .modes import Modes as Modes
-from .modes import read_modes as read_modes
-from .reduced_elasticity import domains_of as domains_of
 from .rotations import edge_frames as edge_frames
 from .rotations import matrices_from_quaternions as matrices_from_quaternions
 from .rotations import quaternion_from_matrix as quaternion_from_matrix
@@ -22,3 +20,4 @@ from .shape_functions import linear_tetrahedra as linear_tetrahedra
 from .soft_body_arrays import SoftBody as SoftBody
 from .strain import Stretches as Stretches
 from .strain import spread as spread
+from .training_range import TrainingRange as TrainingRange

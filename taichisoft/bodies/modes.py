@@ -33,6 +33,7 @@ class Modes:
             not known.
         fingerprint: `SoftBody.fingerprint` of the body: its element, laws, and ratios of moduli.
         tolerance: relative error that was asked for [-]; None: not known.
+        error: relative error that the validation found [-]; None: not known.
         report: figures of the validation, as JSON.
     """
 
@@ -43,17 +44,13 @@ class Modes:
     amplitude_range: np.ndarray | None = None
     fingerprint: str = ""
     tolerance: float | None = None
+    error: float | None = None
     report: str = "{}"
 
     @property
     def mode_count(self) -> int:
         """Number of modes."""
         return int(self.modes.shape[2])
-
-    @property
-    def error(self) -> dict[str, Any]:
-        """The figures of the validation."""
-        return dict(json.loads(self.report))
 
     def write(self, path: Path) -> None:
         """Write the file.
@@ -90,7 +87,8 @@ def read_modes(path: Path, key: str) -> Modes:
         if "amplitude_range" in found
         else None,
         fingerprint=str(found.get("fingerprint", "")),
-        tolerance=float(found["tolerance"]) if "tolerance" in found else None,
+        tolerance=_number(found, "tolerance", where),
+        error=_number(found, "error", where),
         report=str(found.get("report", "{}")),
     )
     if not 0 < modes.mode_count <= 3 * len(modes.rest_position):
@@ -102,6 +100,10 @@ def read_modes(path: Path, key: str) -> Modes:
     except ValueError as error:
         raise SceneError(f"{where}: its report is not JSON: {error}") from error
     return modes
+
+
+def _number(found: dict[str, np.ndarray], name: str, where: str) -> float | None:
+    return _numbers(found, name, (), where).item() if name in found else None
 
 
 def _numbers(found: dict[str, np.ndarray], name: str, shape: tuple[int, ...], where: str) -> np.ndarray:
@@ -151,8 +153,8 @@ def check_modes(modes: Modes, path: str, key: str, body: Any, domain_count: int)
     off = float(np.abs(products - np.eye(modes.mode_count)).max())
     if off > ORTHONORMAL:
         raise SceneError(
-            f"{where}: its modes are not orthonormal in the masses of the nodes (off by {off:.3g}): the body has another "
-            f"mass or density; {REMEDY}"
+            f"{where}: its modes are not orthonormal in the masses of the nodes (off by {off:.3g}): the body has "
+            f"another mass or density; {REMEDY}"
         )
     numbers = modes.domain
     if numbers is not None and len(numbers) and not 0 <= numbers.min() <= numbers.max() < domain_count:

@@ -1,13 +1,13 @@
 """The reduced soft bodies of a model: their modes and chosen domains, and what they add to the system of a step."""
 
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from taichisoft.bodies.domain_elasticity import aligned, domain_data
 from taichisoft.bodies.domains import IntegrationDomains
-from taichisoft.bodies.element_kinds import ELEMENT_KINDS
 from taichisoft.bodies.kernels import mode_motion, reduced_domains
 from taichisoft.bodies.kernels.domain_deformation import SHAPE, Domains, Movement
 from taichisoft.bodies.kernels.principal_stretches import HOOKE
@@ -132,9 +132,7 @@ class ReducedElasticity:
         row_count[(self.data.law == HOOKE) & (self.data.volume[:, SHAPE] == 0.0)] = DILATED_ROWS
         counts = [len(part.law) for part in parts]
         body_start = np.cumsum([0, *counts])
-        row_start = [
-            np.cumsum(row_count[a:b]) - row_count[a:b] for a, b in zip(body_start, body_start[1:], strict=False)
-        ]
+        row_start = [np.cumsum(row_count[a:b]) - row_count[a:b] for a, b in pairwise(body_start)]
         self.domains = reduced_domains.ReducedDomains(
             body=np.concatenate(body_of_domain).astype(np.int32),
             body_start=body_start.astype(np.int32),
@@ -173,17 +171,10 @@ class ReducedElasticity:
         self.block_row, self.block_column = np.ascontiguousarray(row), np.ascontiguousarray(column)
 
 
-def domains_of(body: "SoftBody") -> IntegrationDomains:
-    """All integration domains of a body in the frame of its mesh, by whose numbers a file of modes chooses."""
-    first = int(body.material.min())
-    kind = ELEMENT_KINDS[body.settings.element]
-    return kind.domains(body.mesh.nodes, body.elements, body.material - first)
-
-
 def chosen_domains(body: "SoftBody") -> tuple[IntegrationDomains, np.ndarray]:
     """The domains that stand for all of a reduced body, and the factors of their volumes."""
     assert body.modes is not None
-    domains, numbers = domains_of(body), body.modes.domain
+    domains, numbers = body.mesh_domains, body.modes.domain
     if numbers is None:
         return domains, np.ones(len(domains.element))
     weight = body.modes.weight if body.modes.weight is not None else np.ones(len(numbers))

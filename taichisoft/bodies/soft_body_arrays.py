@@ -12,7 +12,6 @@ from taichisoft.bodies.element_kinds import ELEMENT_KINDS
 from taichisoft.bodies.embedding import embed
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAW_NUMBERS
 from taichisoft.bodies.modes import Modes, check_modes, read_modes
-from taichisoft.bodies.reduced_elasticity import domains_of
 from taichisoft.bodies.rotations import rotation_from_degrees
 from taichisoft.bodies.selection import anchor_stiffness, select_elements, select_nodes, surface_group
 from taichisoft.errors import MeshError
@@ -112,6 +111,12 @@ class SoftBody:
         """All collision surfaces as one: the visible surface of the body."""
         return MappedSurface.joined([one.surface for one in self.collision_surfaces])
 
+    @property
+    def mesh_domains(self) -> IntegrationDomains:
+        """All integration domains in the frame of the mesh, also of linear tetrahedra: those that modes choose from."""
+        kind = ELEMENT_KINDS[self.settings.element]
+        return kind.domains(self.mesh.nodes, self.elements, self.material - self.material.min())
+
     @cached_property
     def fingerprint(self) -> str:
         """What modes of the body depend on beside its mesh: its element, and laws with moduli as shares of the first.
@@ -177,7 +182,7 @@ def make_soft_body(
 
 def _with_modes(body: SoftBody, file: str, key: str) -> SoftBody:
     modes = read_modes(Path(file), key)
-    check_modes(modes, file, key, body, len(domains_of(body).element))
+    check_modes(modes, file, key, body, len(body.mesh_domains.element))
     return replace(body, modes=modes)
 
 

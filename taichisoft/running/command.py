@@ -12,6 +12,7 @@ import typer
 from rich.console import Console
 
 from taichisoft.atomic_file import named_os_errors
+from taichisoft.building.reduced_scene import with_reduced_bodies
 from taichisoft.building.run_parts import make_controller, make_output
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
@@ -44,6 +45,7 @@ class RunRequest:
         replay: keys of an earlier run; None: keys from the user.
         profile: whether to show the times of the phases of a step.
         steering: name of the controller for an output by which a user steers, such as a page, or None.
+        reduced: folder with the modes of soft bodies, or None.
     """
 
     folder: Path
@@ -53,6 +55,7 @@ class RunRequest:
     replay: KeyReplay | None = None
     profile: bool = False
     steering: str | None = None
+    reduced: Path | None = None
 
 
 def run_scene(
@@ -75,6 +78,8 @@ def run_scene(
         scene = load_scene(name, overrides, controller, reader_settings, goal)
         if request.steering is not None and controller is None and not _responds_to_keys(scene):
             scene = load_scene(name, overrides, request.steering, reader_settings, goal)
+        if request.reduced is not None:
+            scene = with_reduced_bodies(scene, request.reduced)
     run_simulation(name, scene, lambda: Simulation(scene), request)
 
 

@@ -15,6 +15,7 @@ from taichisoft.plugin_system.hooks import notify
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.strain_watch import StrainWatch
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
+from taichisoft.running.training_watch import TrainingWatch
 from taichisoft.session.output import Output
 from taichisoft.session.session import Session
 from taichisoft.step.report import StepReport
@@ -97,7 +98,9 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
 def _advance(session: Session, on_step: Callable[[StepReport], None] | None) -> str:
     """Make the steps; returns the outcome."""
     controller = session.controller
-    strain_watch = StrainWatch(session.simulation.model)
+    strain_watch, training_watch = StrainWatch(session.simulation.model), TrainingWatch(session.simulation.model)
+    for complaint in training_watch.complaints_at_start():
+        warnings.warn(complaint, stacklevel=4)
     key_handling = KeyHandling(
         session, lambda event: _call(controller, controller.key, event), lambda: _restart(session, strain_watch)
     )
@@ -116,8 +119,8 @@ def _advance(session: Session, on_step: Callable[[StepReport], None] | None) -> 
                 continue
             report = _step(session)
             _warn_once(session, report, warned)
-            complaint = strain_watch.complaint(session.simulation.state)
-            if complaint is not None:
+            strain = strain_watch.complaint(session.simulation.state)
+            for complaint in (*([strain] if strain else ()), *training_watch.complaints(session.simulation.state)):
                 warnings.warn(complaint, stacklevel=4)
             if on_step is not None:
                 on_step(report)

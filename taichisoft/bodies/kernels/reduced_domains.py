@@ -20,7 +20,7 @@ from taichisoft.bodies.kernels.polar_rotation import polar_rotation
 from taichisoft.bodies.kernels.principal_stretches import HOOKE, LAMBDA, MU
 from taichisoft.bodies.kernels.rubber_domains import respond_by_stretches
 from taichisoft.runtime.launch import func, kernel
-from taichisoft.runtime.taichi_start import Integers, Matrices, Scalars, ti, vec3
+from taichisoft.runtime.taichi_start import Integers, Matrices, ti, vec3
 from taichisoft.runtime.tiles import SHIFT, TILE, Column, Columns, advance, opaque
 
 

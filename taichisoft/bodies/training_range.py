@@ -1,0 +1,55 @@
+"""How far reduced bodies are beyond the amplitudes that their modes were trained on."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from taichisoft.bodies.rotations import rotation_from_degrees, rotation_from_vector
+
+if TYPE_CHECKING:
+    from taichisoft.bodies.soft_body_arrays import SoftBody
+    from taichisoft.state import State
+
+
+class TrainingRange:
+    """The trained amplitudes of the reduced bodies of a model.
+
+    Attributes:
+        names: of the reduced bodies whose training is known.
+    """
+
+    def __init__(self, bodies: "Sequence[SoftBody]", base_pivot: np.ndarray):
+        """Take the soft bodies of a model, and the point about which the base turns [mm], shape (3,)."""
+        self._bodies = [body for body in bodies if body.modes is not None and body.modes.amplitude_range is not None]
+        self.names = tuple(body.name for body in self._bodies)
+        self._pivot = base_pivot
+        self._turns = [rotation_from_degrees(body.settings.rotation) for body in self._bodies]
+        self._weighted = []
+        for body in self._bodies:
+            assert body.modes is not None
+            weighted = body.node_mass[:, None, None] * body.modes.modes
+            self._weighted.append(weighted.reshape(-1, body.modes.mode_count))
+
+    def amplitudes(self, number: int, state: "State") -> np.ndarray:
+        """Amplitudes of one of the bodies in a state [mm sqrt(kg)], shape (mode_count,)."""
+        body, turn = self._bodies[number], rotation_from_vector(state.base_rotation)
+        placed = (state.position[body.nodes] - state.base_translation - self._pivot) @ turn + self._pivot
+        local = (placed - np.asarray(body.settings.translation)) @ self._turns[number]
+        found: np.ndarray = (local - body.mesh.nodes).reshape(-1) @ self._weighted[number]
+        return found
+
+    def beyond(self, state: "State") -> dict[str, float]:
+        """By body: displacement beyond the trained amplitudes over the largest one in the training [-], 0 within.
+
+        Both are roots of the mean square over the body's mass, in which the modes are orthonormal.
+        """
+        shares = {}
+        for number, body in enumerate(self._bodies):
+            assert body.modes is not None and body.modes.amplitude_range is not None
+            low, high = body.modes.amplitude_range.T
+            amplitude = self.amplitudes(number, state)
+            excess = np.maximum(np.maximum(low - amplitude, amplitude - high), 0.0)
+            size = float(np.maximum(np.abs(low), np.abs(high)).max())
+            shares[body.name] = float(np.linalg.norm(excess)) / max(size, np.finfo(float).tiny)
+        return shares

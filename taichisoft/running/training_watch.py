@@ -1,0 +1,45 @@
+"""Warnings of reduced bodies whose error is not that of their validation: beyond their training, or above tolerance."""
+
+from collections.abc import Iterator
+
+from taichisoft.bodies.training_range import TrainingRange
+from taichisoft.model import Model
+from taichisoft.state import State
+
+EVERY = 10
+"""Steps between two checks: each takes a product with all modes."""
+MARGIN = 0.05
+"""Displacement beyond the trained amplitudes, over the largest trained one, up to which nothing is said."""
+
+
+class TrainingWatch:
+    """Compares amplitudes with those of the training at intervals."""
+
+    def __init__(self, model: Model):
+        """Prepare; without reduced bodies there is nothing to do."""
+        self._model = model
+        self._range = TrainingRange(model.soft_bodies, model.base_pivot)
+        self._said: set[str] = set()
+
+    def complaints_at_start(self) -> Iterator[str]:
+        """A line for each reduced body whose validation found more than the tolerance."""
+        for body in self._model.soft_bodies:
+            modes = body.modes
+            if modes is None or modes.error is None or modes.tolerance is None or modes.error <= modes.tolerance:
+                continue
+            yield (
+                f"soft_bodies.{body.name}.reduced: its error of {100 * modes.error:.2g} % is above the tolerance of "
+                f"{100 * modes.tolerance:.2g} % that was asked for; try more modes, or a wider training"
+            )
+
+    def complaints(self, state: State) -> Iterator[str]:
+        """A line for each body that is beyond its training for the first time."""
+        if state.step % EVERY or not self._range.names:
+            return
+        for name, share in self._range.beyond(state).items():
+            if share > MARGIN and name not in self._said:
+                self._said.add(name)
+                yield (
+                    f"'{name}' moves as it was not trained to at {state.time:.2f} s: {100 * share:.0f} % beyond the "
+                    "amplitudes of the training: the validation's error no longer holds; metrics.json has the farthest"
+                )

@@ -1,0 +1,243 @@
+"""Bodies that move by modes: with all modes and all domains they move as full ones do."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from blocks import make_block
+from conftest import Figures
+from energy import total_energy
+from scenes import GRAVITY, silicone, simulate
+
+from taichisoft.bodies.modes import Modes
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.meshes.files import write_volume_mesh
+from taichisoft.state import State
+
+SIZE = (40.0, 20.0, 20.0)
+ROUND_OFF = 1e-9  # [mm], of anchors' springs with 1e12 mN/mm beside an elastic stiffness of 1e4
+HELD = [{"box": [[-50, -50, -50], [-19.9, 50, 50]]}]
+
+
+def chamber(folder: Path, **changes: Any) -> dict[str, Any]:
+    """A hollow block held at one side, turned and shifted."""
+    path = folder / "chamber.msh"
+    write_volume_mesh(make_block((4, 3, 3), SIZE, hollow=True), path)
+    placed: dict[str, Any] = {"rotation": (10.0, 20.0, 30.0), "translation": (3.0, 2.0, 1.0)}
+    return silicone(str(path), anchors=HELD, cavities={"air": {"group": "cavity"}}, **{**placed, **changes})
+
+
+def write_modes(
+    path: Path, simulation: Simulation, body: int = 0, mode_count: int | None = None, **changes: Any
+) -> str:
+    """All modes of a body in an odd mix, or the `mode_count` lowest modes of vibration.
+
+    Anchored nodes have modes of their own: mixed with others their springs would leave few digits of these.
+    """
+    made = simulation.model.soft_bodies[body]
+    size, scale = 3 * len(made.node_mass), np.sqrt(np.repeat(made.node_mass, 3))[:, None]
+    if mode_count is None:
+        mix, held = np.random.default_rng(3).standard_normal((size, size)), np.repeat(made.anchored, 3)
+        basis = np.linalg.qr(np.where(held[:, None] == held, mix, 0.0))[0]
+    else:
+        basis = lowest_modes(simulation, body, mode_count)
+    modes = (basis / scale).reshape(-1, 3, basis.shape[1])
+    Modes(made.mesh.nodes, modes, fingerprint=made.fingerprint, **changes).write(path)
+    return str(path)
+
+
+def lowest_modes(simulation: Simulation, body: int, count: int) -> np.ndarray:
+    """Eigenvectors of the stiffness at rest over the masses, times the roots of these, in the frame of the mesh."""
+    model = simulation.model
+    made, elasticity = model.soft_bodies[body], model.elasticity
+    assert elasticity is not None
+    stiffness = np.zeros((3 * model.node_count,) * 2)
+    for nodes, gradient, volume, (first, second) in zip(
+        elasticity.linear_elements, elasticity.gradient[:, 0], elasticity.volume[:, 0], elasticity.lame, strict=True
+    ):
+        products = gradient @ gradient.T
+        block = first * np.einsum("ai,bj->aibj", gradient, gradient)
+        block += second * (np.einsum("aj,bi->aibj", gradient, gradient) + np.einsum("ab,ij->aibj", products, np.eye(3)))
+        rows = (3 * nodes[:, None] + np.arange(3)).reshape(-1)
+        stiffness[np.ix_(rows, rows)] += volume * block.reshape(12, 12)
+    own = slice(3 * made.nodes.start, 3 * made.nodes.stop)
+    stiffness = stiffness[own, own]
+    turn = np.kron(np.eye(len(made.node_mass)), frame(made.settings.rotation))
+    scale = 1.0 / np.sqrt(np.repeat(made.node_mass, 3))
+    turned = turn.T @ (stiffness + np.diag(made.anchor_stiffness.reshape(-1))) @ turn
+    return np.asarray(np.linalg.eigh(scale[:, None] * turned * scale)[1][:, :count])
+
+
+def frame(angles: tuple[float, float, float]) -> np.ndarray:
+    from taichisoft.bodies.rotations import rotation_from_degrees
+
+    return rotation_from_degrees(angles)
+
+
+def with_ball(body: dict[str, Any], **more: Any) -> Simulation:
+    """The chamber, onto whose free end a ball falls."""
+    ball = {"sphere": {"radius": 6.0}, "mass": 0.01, "position": [22.0, 10.0, 14.0], "velocity": [0.0, 0.0, -300.0]}
+    bodies = {"chamber": body, **more.pop("soft_bodies", {})}
+    contact = {"contact_distance": 0.5, "alarm_distance": 2.0, "friction": 0.5, "tolerance": 1e-9}
+    return simulate(
+        gravity=(0.0, 0.0, -GRAVITY),
+        soft_bodies=bodies,
+        rigid_bodies={"ball": ball},
+        contact=contact,
+        **more,
+    )
+
+
+def drive(simulation: Simulation, count: int, volume: bool = False) -> list[State]:
+    """Air and motions of the base, straight and in a turn; the states after each step."""
+    states = []
+    for n in range(count):
+        asked = {"volume_growth": 40.0 * n} if volume else {"pressure": min(8.0, 1.5 * n)}
+        report = simulation.step(
+            Control(
+                **{key: {"chamber.air": value} for key, value in asked.items()},
+                base_translation=np.array([0.2 * n, 0.1 * n, 0.0]),
+                base_rotation=np.array([0.0, -0.01 * n, 0.02 * n]),
+            )
+        )
+        assert report.converged
+        states.append(simulation.state)
+    return states
+
+
+def largest_difference(some: list[State], others: list[State]) -> float:
+    return max(float(np.abs(one.position - two.position).max()) for one, two in zip(some, others, strict=True))
+
+
+CASES = [
+    ("linear", "hooke", False),
+    ("linear", "hooke", True),
+    ("smoothed", "hooke", False),
+    ("smoothed", "neo-hookean", True),
+]
+
+
+@pytest.mark.parametrize(("element", "law", "volume"), CASES)
+def test_all_modes_and_domains_are_the_full_body(
+    tmp_path: Path, figures: Figures, element: str, law: str, volume: bool
+) -> None:
+    """A basis of all motions leaves nothing out: the same equations in other unknowns, with contact, friction, air and
+    a base that turns."""
+    body = chamber(tmp_path, element=element, law=law)
+    full = with_ball(body)
+    reduced = with_ball({**body, "reduced": write_modes(tmp_path / "all.npz", full)})
+    there = drive(full, 12, volume)
+    assert any(len(state.contact_impulse) for state in there)
+    assert np.abs(there[-1].position - full.model.rest_position).max() > 1.0
+    figures.at_most("difference of a node [mm]", largest_difference(there, drive(reduced, 12, volume)), ROUND_OFF)
+
+
+def test_all_modes_of_quadratic_elements(tmp_path: Path, figures: Figures) -> None:
+    """Domains with ten nodes, four to an element; a solid block under its weight, whose base turns."""
+    path = tmp_path / "solid.msh"
+    write_volume_mesh(make_block((2, 1, 1), SIZE), path)
+    body = silicone(str(path), anchors=HELD, element="quadratic", law="neo-hookean", rotation=(10.0, 20.0, 30.0))
+    full = simulate(gravity=(0.0, 0.0, -GRAVITY), soft_bodies={"block": body})
+    modes = write_modes(tmp_path / "all.npz", full)
+    reduced = simulate(gravity=(0.0, 0.0, -GRAVITY), soft_bodies={"block": {**body, "reduced": modes}})
+    for n in range(1, 9):
+        control = Control(base_rotation=np.array([0.0, -0.02 * n, 0.03 * n]))
+        full.step(control)
+        reduced.step(control)
+    figures.at_most("difference [mm]", np.abs(full.state.position - reduced.state.position).max(), ROUND_OFF)
+
+
+def test_the_same_bits_again_and_resumed(tmp_path: Path) -> None:
+    """A state has all that a step needs: the amplitudes are those nearest to its positions."""
+    body = chamber(tmp_path, element="linear")
+    few = {"domain": np.arange(0, 192, 3), "weight": np.full(64, 3.0), "mode_count": 12}
+    modes = write_modes(tmp_path / "few.npz", simulate(soft_bodies={"chamber": body}), **few)
+    simulation = with_ball({**body, "reduced": modes})
+    states = drive(simulation, 10)
+    assert len(states[-1].contact_impulse)
+    states[4].save(tmp_path / "half.npz")
+    again = Simulation(simulation.model)
+    assert drive(again, 10)[-1] == states[-1]
+    again.restore(State.load(tmp_path / "half.npz"))
+    repeated = Simulation(simulation.model)
+    repeated.restore(states[4])
+    for _ in range(3):
+        again.step()
+        repeated.step()
+    assert again.state == repeated.state
+
+
+def test_a_reduced_body_beside_full_ones(tmp_path: Path, figures: Figures) -> None:
+    """One of three bodies by all its modes, the one in the middle; a cable would see no difference either."""
+    body = chamber(tmp_path, element="linear")
+    others = {
+        "left": {**body, "translation": (3.0, -40.0, 1.0)},
+        "right": {**body, "translation": (3.0, 50.0, 1.0), "element": "smoothed"},
+    }
+    full = with_ball(body, soft_bodies=others)
+    modes = write_modes(tmp_path / "all.npz", full)
+    reduced = with_ball({**body, "reduced": modes}, soft_bodies=others)
+    assert [one.modes is not None for one in reduced.model.soft_bodies] == [True, False, False]
+    figures.at_most("difference of a node [mm]", largest_difference(drive(full, 8), drive(reduced, 8)), ROUND_OFF)
+
+
+def test_first_order_dynamics_have_no_velocities_before(tmp_path: Path, figures: Figures) -> None:
+    body = {**chamber(tmp_path, element="linear"), "rayleigh_stiffness": 0.0, "density": 1e-4}
+    scene: dict[str, Any] = {"time": {"step": 0.01, "dynamics": "first order"}}
+    full = simulate(soft_bodies={"chamber": body}, **scene)
+    modes = write_modes(tmp_path / "all.npz", full)
+    reduced = simulate(soft_bodies={"chamber": {**body, "reduced": modes}}, **scene)
+    figures.at_most("difference of a node [mm]", largest_difference(drive(full, 8), drive(reduced, 8)), ROUND_OFF)
+
+
+def test_few_modes_follow_a_base_exactly(tmp_path: Path, figures: Figures) -> None:
+    """Anchored nodes are where the base is, at any speed and in turns; with no load and no inertia left all others are,
+    too."""
+    body = chamber(tmp_path, element="linear", rayleigh_mass=50.0)
+    full = simulate(soft_bodies={"chamber": body})
+    reduced = {**body, "reduced": write_modes(tmp_path / "few.npz", full, mode_count=8)}
+    simulation = simulate(soft_bodies={"chamber": reduced})
+    turn = np.array([0.0, -0.5, 0.8])
+    for n in range(1, 11):
+        simulation.step(Control(base_rotation=turn * n / 10, base_translation=np.array([3.0 * n, 0.0, 0.0])))
+        model, state = simulation.model, simulation.state
+        placed = frame_of(turn * n / 10) @ (model.rest_position - model.base_pivot).T
+        placed = placed.T + model.base_pivot + [3.0 * n, 0.0, 0.0]
+        held = model.anchored_nodes
+        figures.at_most("lag of the anchors [mm]", np.abs(state.position - placed)[held].max(), 1e-6)
+    for _ in range(150):
+        simulation.step()
+    figures.at_most("left after a while [mm]", np.abs(simulation.state.position - placed).max(), 1e-4)
+
+
+def frame_of(vector: np.ndarray) -> np.ndarray:
+    from taichisoft.bodies.rotations import rotation_from_vector
+
+    return rotation_from_vector(vector)
+
+
+def test_energy_does_not_grow(tmp_path: Path, figures: Figures) -> None:
+    """Twelve modes without damping, let go from a bend: implicit Euler's losses only, as of a full body."""
+    body = chamber(tmp_path, element="linear", rayleigh_stiffness=0.0)
+    full = simulate(soft_bodies={"chamber": body}, step=0.002)
+    modes = write_modes(tmp_path / "few.npz", full, mode_count=12)
+    simulation = simulate(soft_bodies={"chamber": {**body, "reduced": modes}}, step=0.002)
+    for _ in range(30):
+        simulation.step(Control(pressure={"chamber.air": 8.0}))
+    simulation.step(Control(pressure={"chamber.air": 0.0}))
+    measured = Simulation(full.model)
+
+    def energy() -> float:
+        measured.state = simulation.state
+        return total_energy(measured)
+
+    first = last = energy()
+    assert first > 0.1
+    for _ in range(150):
+        simulation.step()
+        now = energy()
+        assert now <= last + 1e-9 * first
+        last = now
+    figures.at_most("energy left [-]", last / first, 0.9)
