@@ -10,6 +10,7 @@ weighted with the masses; the search ends when no node is displaced by more than
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import scipy.linalg
@@ -18,6 +19,8 @@ from taichisoft_reduction.domain_forces import DomainForces
 
 BATCH = 8
 """Domains taken in at a time."""
+SPIN = 3.0
+"""Angular velocity of the base [rad/s] that damping forces are taken at."""
 
 
 @dataclass(frozen=True)
@@ -44,12 +47,24 @@ class MotionCriterion:
         whole: their sums over all domains, shape (state_count, mode_count).
     """
 
-    def __init__(self, forces: DomainForces, states: np.ndarray):
-        """Take states by their amplitudes, shape (state_count, mode_count)."""
-        self.rows = np.empty((len(states), states.shape[1], forces.count), np.float32)
-        for number, state in enumerate(states):
+    def __init__(self, forces: DomainForces, states: np.ndarray, spun: np.ndarray, lag: float):
+        """Take states of a body.
+
+        Args:
+            forces: the body's domains.
+            states: amplitudes, shape (state_count, mode_count).
+            spun: amplitudes of states that are also taken spinning about each axis, shape (spun_count, mode_count).
+            lag: factor of the damping forces [s].
+        """
+        axes = SPIN * np.eye(3)
+        works = chain(
+            ((state, forces.forces(state)) for state in states),
+            ((state, lag * forces.spin_forces(state, axis)) for state in spun for axis in axes),
+        )
+        self.rows = np.empty((len(states) + 3 * len(spun), states.shape[1], forces.count), np.float32)
+        for number, (state, work) in enumerate(works):
             factor = scipy.linalg.cho_factor(forces.stiffness(state))
-            self.rows[number] = scipy.linalg.cho_solve(factor, forces.forces(state).T)
+            self.rows[number] = scipy.linalg.cho_solve(factor, work.T)
         self.whole = self.rows.sum(axis=2, dtype=np.float64)
         self._modes = forces.modes.reshape(-1, states.shape[1]).T
 

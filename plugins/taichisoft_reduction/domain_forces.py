@@ -95,6 +95,26 @@ class DomainForces:
         return found
 
 
+    def spin_forces(self, amplitudes: np.ndarray, spin: np.ndarray) -> np.ndarray:
+        """Work of each domain on each mode by damping, over the factor of Rayleigh, where the body spins with its base.
+
+        The damping is that of the stiffness, K v, whose rotations are frozen: dF = W F with the spin W. It is not
+        objective, so that a stretched body resists a spin, and domains have to do the same.
+
+        Args:
+            amplitudes: of the state, shape (mode_count,).
+            spin: angular velocity [rad/s], shape (3,).
+        """
+        f, rotation = self.deformation(amplitudes), self.rotations(amplitudes)
+        local = np.swapaxes(rotation, 1, 2) @ np.cross(np.eye(3), -spin) @ f
+        symmetric = 0.5 * (local + np.swapaxes(local, 1, 2))
+        first, second = self._lame
+        stress = (2.0 * second * self.volume[:, 0])[:, None, None] * (rotation @ symmetric)
+        stress += (first * self.volume[:, 1] * np.trace(local, axis1=1, axis2=2))[:, None, None] * rotation
+        found: np.ndarray = (stress.reshape(self.count, 1, 9) @ self.gradient.reshape(self.count, 9, -1))[:, 0]
+        return found
+
+
 def _placement(body: "SoftBody") -> np.ndarray:
     from scipy.spatial.transform import Rotation
 

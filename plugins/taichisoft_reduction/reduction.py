@@ -108,7 +108,8 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
         for shape in shapes:
             body = next(one for one in model.soft_bodies if one.name == shape.name)
             snapshots = displacements_of(shape, [*recordings, *(trained if wishes.own_training else [])])
-            fits[shape.name] = ShapeFit(body, shape, snapshots, wishes.tolerance, wishes.modes)
+            lag = scene.time.step + body.settings.rayleigh_stiffness
+            fits[shape.name] = ShapeFit(body, shape, snapshots, wishes.tolerance, wishes.modes, lag)
             _refine(fits[shape.name], shape, folder, pool, list(zip(training, trained, strict=True)), wishes, progress)
         files = {name: folder / f"{name}.npz" for name in fits}
         reduced = _reduced_runs(pool, validation, shapes, files, progress, "validation of the reduced model")

@@ -16,12 +16,13 @@ from taichisoft_reduction.run_request import RunResult
 if TYPE_CHECKING:
     from taichisoft.bodies import SoftBody
 
-STATES, PERTURBED = 80, 40
-"""States of the training that the domains are chosen by, and states beside them, so that stiffness counts too."""
+STATES, PERTURBED, SPUN = 110, 40, 20
+"""States of the training that the domains are chosen by, and states beside them, so that stiffness counts too,
+and states that are also taken spinning."""
 PERTURBATION = 0.2
 """How far those are from states of the training, as a share of the amplitudes' standard deviations."""
-SHARE = 0.5
-"""Share of the tolerance that the integration domains may use up."""
+SHARE = 0.25
+"""Share of the tolerance for the domains, in states at rest: in motion errors add up to some three times as much."""
 SEED = 30
 
 
@@ -38,7 +39,13 @@ class ShapeFit:
     cubature: Cubature
 
     def __init__(
-        self, body: "SoftBody", shape: BodyShape, displacements: Sequence[np.ndarray], tolerance: float, modes: int | None
+        self,
+        body: "SoftBody",
+        shape: BodyShape,
+        displacements: Sequence[np.ndarray],
+        tolerance: float,
+        modes: int | None,
+        lag: float,
     ):
         """Find the modes.
 
@@ -48,6 +55,7 @@ class ShapeFit:
             displacements: of the training [mm], each of shape (count, node_count, 3).
             tolerance: largest error over the largest displacement [-].
             modes: number of modes; None: as many as the tolerance needs.
+            lag: how far ahead along the velocities forces are taken, with Rayleigh's damping [s].
 
         Raises:
             ReductionError: the training has too few different states.
@@ -63,15 +71,16 @@ class ShapeFit:
         self.mode_count = modes if modes is not None else self.basis.count_for(tolerance)
         self._forces = DomainForces(body, self.basis.modes[:, :, : self.mode_count])
         self.domain_count = self._forces.count
-        self._criterion = MotionCriterion(self._forces, self._states())
+        states = self._states()
+        self._criterion = MotionCriterion(self._forces, states, states[:SPUN], lag)
 
     def _states(self) -> np.ndarray:
         """Amplitudes that are spread over the training, and some beside them, shape (state_count, mode_count)."""
         amplitudes = self.basis.amplitudes[:, : self.mode_count]
-        some = amplitudes[np.unique(np.linspace(0, len(amplitudes) - 1, STATES).astype(int))]
-        noise = np.random.default_rng(SEED).standard_normal((PERTURBED, self.mode_count))
-        beside = some[:: max(1, len(some) // PERTURBED)][:PERTURBED]
-        return np.vstack([some, beside + PERTURBATION * amplitudes.std(axis=0) * noise[: len(beside)]])
+        some = amplitudes[far_apart(amplitudes, STATES)]
+        beside = some[np.linspace(0, len(some) - 1, min(PERTURBED, len(some))).astype(int)]
+        noise = np.random.default_rng(SEED).standard_normal(beside.shape)
+        return np.vstack([some, beside + PERTURBATION * amplitudes.std(axis=0) * noise])
 
     def choose(self, progress: Callable[[int, float], None], part: float = 1.0) -> None:
         """Choose domains whose error is within a `part` of their share of the tolerance."""
@@ -97,3 +106,13 @@ def displacements_of(shape: BodyShape, results: Sequence[RunResult]) -> list[np.
     """The displacements of all copies in runs that came to their end [mm], each of shape (count, node_count, 3)."""
     found = [result.displacement for result in results if not result.problem]
     return [one[name].astype(np.float64) for one in found for name in shape.bodies if name in one]
+
+
+def far_apart(points: np.ndarray, count: int) -> np.ndarray:
+    """Numbers of points, shape (point_count, dimension), each as far as possible from those before it, (count,)."""
+    chosen = [int(np.linalg.norm(points, axis=1).argmax())]
+    distance = np.full(len(points), np.inf)
+    while len(chosen) < min(count, len(points)):
+        distance = np.minimum(distance, np.linalg.norm(points - points[chosen[-1]], axis=1))
+        chosen.append(int(distance.argmax()))
+    return np.array(chosen)
