@@ -77,7 +77,10 @@ def _limits(model: "Model", name: str, drive: Drive, by_coordinate: bool) -> tup
     ranges = model.actuators.coordinate_range if by_coordinate else model.actuators.effort_range
     low, high = (float(one) for one in ranges[number])
     limits = model.scene.limits
-    scene_low, scene_high = getattr(limits, f"lowest_{drive.name}", None), getattr(limits, f"highest_{drive.name}", None)
+    scene_low, scene_high = (
+        getattr(limits, f"lowest_{drive.name}", None),
+        getattr(limits, f"highest_{drive.name}", None),
+    )
     low = max(low, -np.inf if scene_low is None else scene_low)
     high = min(high, np.inf if scene_high is None else scene_high)
     return low if low > -UNLIMITED else -math.inf, high if high < UNLIMITED else math.inf

@@ -4,8 +4,6 @@ Proper orthogonal decomposition by the method of snapshots (Sirovich 1987): with
 the singular vectors of U = [M^(1/2) u_1, M^(1/2) u_2, ...].
 """
 
-from collections.abc import Sequence
-
 import numpy as np
 import scipy.linalg
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 def reduce(
     scene: Annotated[str, typer.Argument(help="Scene file, or the name of a shipped scene.")],
     output: Annotated[Path, typer.Option("--output", "-o", help="Folder for a file per body, and the validation.")],
-    modes: Annotated[int | None, typer.Option(help="Number of modes of each body, instead of as many as needed.")] = None,
+    modes: Annotated[int | None, typer.Option(help="Modes of each body, not as many as needed.")] = None,
     tolerance: Annotated[
         str, typer.Option(metavar="PERCENT", help="Largest error of a position, of the largest displacement.")
     ] = "0.5%",
@@ -78,7 +78,9 @@ def reduce(
         found = reduce_scene(loaded, output, wishes, _progress(console, bars))
     _show(console, found)
     error = f"{100.0 * found.error:.2g} %"
-    print_line(console, f"{', '.join(map(str, found.files.values()))}: {found.verdict} of {100.0 * wanted:g} % ({error})")
+    print_line(
+        console, f"{', '.join(map(str, found.files.values()))}: {found.verdict} of {100.0 * wanted:g} % ({error})"
+    )
     print_line(console, f"table in {output / TABLE}, curves in {output / PICTURE}")
     if found.verdict != WITHIN:
         print_line(console, "more --runs like the worst ones, more --modes or another --tolerance may help")
@@ -103,7 +105,7 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
     except ValueError:
         found = 0.0, 0.0
     if not (equals and colon and -1e12 < found[0] <= 0.0 < found[1] < 1e12):
-        raise ReductionError(f"--range {text}: must be BODY.ACTUATOR=LOW:HIGH with LOW <= 0 < HIGH, such as a.tube=0:40")
+        raise ReductionError(f"--range {text}: must be BODY.ACTUATOR=LOW:HIGH LOW <= 0 < HIGH, as in a.tube=0:40")
     return name, found
 
 

@@ -1,9 +1,9 @@
 """Few integration domains with weights that move a body as all of them do.
 
-The energy-conserving sampling and weighting of Farhat, Avery, Chapman and Cortial (2014): weights that are not negative,
-found by the non-negative least squares of Lawson and Hanson (1974), which take in one domain after the other and end
-as soon as the error is small enough. What is made small is not the error of the forces but that of the motion: the
-amplitudes by which a force error displaces a body at rest, K_r^-1 (G w - G 1), with K_r the stiffness at the state.
+The energy-conserving sampling and weighting of Farhat, Avery, Chapman and Cortial (2014): weights that are not
+negative, found by the non-negative least squares of Lawson and Hanson (1974), which take in one domain after the other
+and end as soon as the error is small enough. What is made small is not the error of the forces but that of the motion:
+the amplitudes by which a force error displaces a body at rest, K_r^-1 (G w - G 1), with K_r the stiffness at the state.
 The least squares make their norm small, which in modes that are orthonormal in the mass is that of the displacements
 weighted with the masses; the search ends when no node is displaced by more than is allowed.
 """

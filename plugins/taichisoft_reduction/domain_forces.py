@@ -8,6 +8,7 @@ P = R (2 mu e + lambda tr(e) I) with e = sym(R^T F) - I; rubber has P = J s F^-T
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from taichisoft.bodies import ELEMENT_KINDS
 from taichisoft_outputs.law_stress import DomainLaw, hooke_stress_parts, polar_rotations, rubber_stress_parts
@@ -20,6 +21,8 @@ class DomainForces:
     """The integration domains of a body in the coordinates of its mesh.
 
     Attributes:
+        modes: shape (node_count, 3, mode_count).
+        anchor: stiffness of the anchors on the modes, shape (mode_count, mode_count).
         count: number of domains.
         gradient: dF/dq of each domain and mode, shape (count, 3, 3, mode_count).
         volume: for which the energies of shape and of volume count [mm^3], shape (count, 2).
@@ -35,8 +38,9 @@ class DomainForces:
         self._lame = first, second
         self._young = second * (3.0 * first + 2.0 * second) / (first + second)
         self._ratio = 0.5 * first / (first + second)
+        material = own_material[domains.element]
         self._laws = [
-            DomainLaw(np.flatnonzero(own_material[domains.element] == number), one.law or body.settings.law, one.coefficients)
+            DomainLaw(np.flatnonzero(material == number), one.law or body.settings.law, one.coefficients)
             for number, one in enumerate(body.settings.materials)
         ]
         turn = _placement(body)
@@ -77,7 +81,7 @@ class DomainForces:
         return stress
 
     def stiffness(self, amplitudes: np.ndarray, weights: np.ndarray | None = None) -> np.ndarray:
-        """Stiffness of the domains on the modes by the moduli at rest, corotated, with anchors, (mode_count, mode_count).
+        """Stiffness of domains and anchors on the modes by the moduli at rest, corotated, (mode_count, mode_count).
 
         Of Hooke's law it is the part of the tangent that is never negative: 2 mu sym(R^T dF) and lambda tr(R^T dF).
         """
@@ -94,7 +98,6 @@ class DomainForces:
         found: np.ndarray = flat.T @ flat + volume.T @ volume + self.anchor
         return found
 
-
     def spin_forces(self, amplitudes: np.ndarray, spin: np.ndarray) -> np.ndarray:
         """Work of each domain on each mode by damping, over the factor of Rayleigh, where the body spins with its base.
 
@@ -106,7 +109,7 @@ class DomainForces:
             spin: angular velocity [rad/s], shape (3,).
         """
         f, rotation = self.deformation(amplitudes), self.rotations(amplitudes)
-        local = np.swapaxes(rotation, 1, 2) @ np.cross(np.eye(3), -spin) @ f
+        local = np.swapaxes(rotation, 1, 2) @ np.cross(spin, np.eye(3)).T @ f
         symmetric = 0.5 * (local + np.swapaxes(local, 1, 2))
         first, second = self._lame
         stress = (2.0 * second * self.volume[:, 0])[:, None, None] * (rotation @ symmetric)
@@ -116,13 +119,11 @@ class DomainForces:
 
 
 def _placement(body: "SoftBody") -> np.ndarray:
-    from scipy.spatial.transform import Rotation
-
     turn: np.ndarray = Rotation.from_euler("xyz", body.settings.rotation, degrees=True).as_matrix()
     return turn
 
 
 def _turned(stiffness: np.ndarray, turn: np.ndarray) -> np.ndarray:
-    """Springs along the axes of space, shape (node_count, 3), as matrices in the axes of the mesh, (node_count, 3, 3)."""
+    """Springs along the axes of space, (node_count, 3), as matrices in the axes of the mesh, (node_count, 3, 3)."""
     found: np.ndarray = np.einsum("ki,nk,kj->nij", turn, stiffness, turn)
     return found

@@ -68,7 +68,7 @@ def ramp(ranges: Ranges, level: float = 1.0) -> Timetable:
 
 
 def wave(ranges: Ranges, frequency: float, level: float = 1.0, apart: bool = False) -> Timetable:
-    """Waves from 0 to `level` times the largest values; `apart`: each actuator with a phase and frequency of its own."""
+    """Waves from 0 to `level` times the largest values; `apart`: each actuator at a frequency of its own."""
     times = np.linspace(0.0, 1.6, 65)
     channels: Channels = {}
     for number, (name, (key, _, high)) in enumerate(ranges.items()):
@@ -99,9 +99,7 @@ def _gravities(ranges: Ranges, gravity: Sequence[float]) -> list[Timetable]:
     times = (0.0, RISE, RISE + PAUSE)
     found = []
     for direction in (-own, first, -first, second, -second):
-        fixed: Channels = {
-            f"gravity/{axis}": (one,) * 3 for axis, one in zip(AXES, direction.tolist(), strict=True)
-        }
+        fixed: Channels = {f"gravity/{axis}": (one,) * 3 for axis, one in zip(AXES, direction.tolist(), strict=True)}
         found.append(Timetable(times, {**_channels(ranges, 0.8, (0.0, 1.0, 1.0)), **fixed}))
     return found
 
@@ -127,4 +125,3 @@ def _channels(ranges: Ranges, level: float, shape: Sequence[float]) -> Channels:
 
 def _plain(name: str) -> str:
     return name.partition(".")[2]
-

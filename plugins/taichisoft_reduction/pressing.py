@@ -96,9 +96,7 @@ def press_timetable(ranges: Ranges, press: Press, size: float, level: float = 1.
     return Timetable(times, channels)
 
 
-def clearance(
-    kind: str, points: np.ndarray, place: np.ndarray, normal: np.ndarray, radius: float, gap: float
-) -> float:
+def clearance(kind: str, points: np.ndarray, place: np.ndarray, normal: np.ndarray, radius: float, gap: float) -> float:
     """Least distance [mm] of points, shape (count, 3), from what presses at `place`; the arguments as for `_press`."""
     turn = _turn(normal)
     if kind == "plane":

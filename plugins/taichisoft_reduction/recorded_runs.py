@@ -43,7 +43,7 @@ def recorded_runs(paths: Sequence[Path], shapes: Sequence[BodyShape], scene: Sce
             if not displacement:
                 names = ", ".join(shape.name for shape in shapes)
                 raise ReductionError(
-                    f"--runs {path}: none of its soft bodies has the mesh and the material of {names}; record this scene"
+                    f"--runs {path}: no soft body has the mesh and material of {names}; record this scene"
                 )
             arrays = {name: np.array(one) for name, one in displacement.items()}
             found.append(RunResult(str(path), "", np.zeros(0), arrays, {}))

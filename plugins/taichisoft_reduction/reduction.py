@@ -239,5 +239,3 @@ def _about(fit: ShapeFit, shape: BodyShape, path: Path) -> dict[str, Any]:
         "domains": len(fit.cubature.domain),
         "all_domains": fit.domain_count,
     }
-
-

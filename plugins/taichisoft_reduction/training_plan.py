@@ -53,7 +53,9 @@ class TrainingPlan:
         """Ramps of each shape, by which the places to press are found."""
         return [self._alone(shape, "ramp", ramp(own)) for shape in self.shapes if (own := ranges[shape.name])]
 
-    def training(self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]) -> list[RunRequest]:
+    def training(
+        self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]
+    ) -> list[RunRequest]:
         """All runs of the training, those of `first_runs` first."""
         found = self.first_runs(ranges)
         for shape in self.shapes:
@@ -62,7 +64,9 @@ class TrainingPlan:
             found += self._presses(shape, ranges[shape.name], ramps.get(shape.name), own, False)
         return found + self._grasps()
 
-    def validation(self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]) -> list[RunRequest]:
+    def validation(
+        self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]
+    ) -> list[RunRequest]:
         """Runs that are not trained on: the scene's own first, if it has a controller."""
         first = self.own_run()
         found = [] if first is None else [first]
@@ -122,7 +126,9 @@ class TrainingPlan:
             table = press_timetable(ranges, press, size, 1.0 if not is_unseen else 0.8)
             name = f"press-{number}" if not is_unseen else "unseen-press"
             for scene in self._valid({**self._alone_tables(shape), "obstacles": {"press": press.obstacle}}):
-                found.append(self._request(f"{shape.name}-{name}", scene, (shape.name,), table, OWN_FRAMES if is_unseen else 24))
+                found.append(
+                    self._request(f"{shape.name}-{name}", scene, (shape.name,), table, OWN_FRAMES if is_unseen else 24)
+                )
         return found
 
     def _alone(self, shape: BodyShape, name: str, table: Timetable, frames: int = 24) -> RunRequest:
@@ -151,7 +157,13 @@ class TrainingPlan:
 
     def _own(self, name: str, scene: Scene, factor: float = 1.0, frames: int = 40) -> RunRequest:
         return RunRequest(
-            name, scene_to_toml(scene), self._all_bodies, scene.time.duration, factor=factor, frames=frames, **self._common
+            name,
+            scene_to_toml(scene),
+            self._all_bodies,
+            scene.time.duration,
+            factor=factor,
+            frames=frames,
+            **self._common,
         )
 
     def _request(self, name: str, scene: Scene, bodies: tuple[str, ...], table: Timetable, frames: int) -> RunRequest:

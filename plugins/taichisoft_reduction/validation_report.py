@@ -75,8 +75,8 @@ def write_report(folder: Path, comparisons: Sequence[Comparison], tables: dict[s
             for name, found in tables["bodies"].items()
         ),
         "",
-        "Largest and mean error in runs that the model was not trained on, and in brackets the largest in percent of the",
-        "largest change of the quantity; steps per second of processor time on one thread.",
+        "Largest and mean error in runs that the model was not trained on, and in brackets the largest in percent",
+        "of the largest change of the quantity; steps per second of processor time on one thread.",
         "",
         "| " + " | ".join(HEADER) + " |",
         "|---" * len(HEADER) + "|",
