@@ -96,7 +96,7 @@ class Elasticity:
         self.domains = DomainElasticity(bodies, element_lag, element_factor, time.step) if own_domains else None
         self.reduced: ReducedElasticity | None = None
         if any(body.modes is not None for body in bodies):
-            factors = (mass_factor, anchor_factor)
+            factors = (mass_factor, anchor_factor, rayleigh_mass)
             # The velocities that lead back to the modes count as well where there are no others.
             reduced_lag = np.maximum(element_lag, time.step)
             self.reduced = ReducedElasticity(bodies, reduced_lag, element_factor, *factors, time.step)
@@ -183,6 +183,7 @@ class ElasticSystem:
         if elasticity.domains is not None:
             moving = (self.position, self.velocity, self.force)
             self._domains = DomainSystem(elasticity.domains, *moving, self.solver.blocks)
+        self._has_full_bodies = elasticity.domains is not None or len(elasticity.linear) > 0
         self.reduced: ReducedSystem | None = None
         if elasticity.reduced is not None:
             movement = Movement(self.position, self.velocity)
@@ -212,7 +213,8 @@ class ElasticSystem:
         on with `velocity`; without damping by stiffness, f - h K v and b = 0 in A."""
         self._matrix.progress[:] = 0
         elements = self._elements if damped else self._undamped_elements
-        kernels.assemble(elements, self._deformation, self._entries, self._elasticity.block_parts, self._matrix)
+        if self._has_full_bodies:
+            kernels.assemble(elements, self._deformation, self._entries, self._elasticity.block_parts, self._matrix)
         if self._domains is not None:
             self._domains.add(damped)
         if self.reduced is not None:

@@ -32,6 +32,7 @@ class ReducedElasticity:
         domains: where they lie.
         element: an element of each domain, among those of all soft bodies, shape (domain_count,).
         mass_factor, anchor_factor: of mass and of the anchors' springs in A, shape (body_count,).
+        drag: Rayleigh's factor a [1/s], shape (body_count,).
         anchors: for each body stiffness [mN/mm] and modes of its anchored nodes, shapes (count, 3), (count, 3, width).
         block: numbers of their blocks in the system matrix, set by `find_blocks`; with body and first amplitudes.
     """
@@ -43,6 +44,7 @@ class ReducedElasticity:
         factor: np.ndarray,
         mass_factor: np.ndarray,
         anchor_factor: np.ndarray,
+        rayleigh_mass: np.ndarray,
         step: float,
     ):
         """Lay out the arrays.
@@ -52,11 +54,13 @@ class ReducedElasticity:
             lag: h + b [s] of each element of all bodies, shape (element_count,).
             factor: of the stiffness in A, likewise.
             mass_factor, anchor_factor: of each body, shape (body_count,).
+            rayleigh_mass: Rayleigh's factor a of each body, 0 in first order dynamics [1/s], shape (body_count,).
             step: time step h [s].
         """
         numbers = [number for number, body in enumerate(bodies) if body.modes is not None]
         self.bodies = tuple(bodies[number] for number in numbers)
         self.mass_factor, self.anchor_factor = mass_factor[numbers], anchor_factor[numbers]
+        self.drag = rayleigh_mass[numbers]
         self.node_count = bodies[-1].nodes.stop
         first_element = np.cumsum([0, *(len(body.elements) for body in bodies)])[numbers]
         self._lay_out_modes()
@@ -111,7 +115,7 @@ class ReducedElasticity:
                 domains, weight = chosen_domains(body)
                 slope = mode_slopes(domains, padded(body.modes.modes, TILE * tiles))
                 tables[key] = domains, weight, size
-                slopes.append(slope.reshape(-1, TILE))
+                slopes.append(slope.reshape(-1, 9, tiles, TILE).transpose(0, 2, 1, 3).reshape(-1, TILE))
                 size += len(slopes[-1])
             domains, weight, first_slope = tables[key]
             own = slice(first_element[number], first_element[number] + len(body.elements))
@@ -205,6 +209,12 @@ def padded(modes: np.ndarray, width: int) -> np.ndarray:
     return wide
 
 
+def _moment(body: "SoftBody", width: int) -> np.ndarray:
+    """Phi^T M along x, y and z in columns of eight, shape (3 width / 8, 8)."""
+    assert body.modes is not None
+    return np.asarray((body.node_mass[:, None, None] * padded(body.modes.modes, width)).sum(axis=0)).reshape(-1, TILE)
+
+
 def no_modes(node_count: int) -> mode_motion.ModeShapes:
     """For kernels, where all of so many nodes are unknowns themselves."""
     none = np.zeros(0, dtype=np.int32)
@@ -247,7 +257,16 @@ class ReducedSystem:
         self.modes = own._replace(axes=own.axes.copy(), origin=own.origin.copy())
         tiles, widths = own.tiles, elasticity.widths
         start = np.cumsum([0, *tiles]).astype(np.int32)
-        self._amplitudes = mode_motion.Amplitudes(start, *(aligned(int(start[-1]), TILE) for _ in range(3)))
+        self._amplitudes = mode_motion.Amplitudes(
+            start,
+            *(aligned(int(start[-1]), TILE) for _ in range(3)),
+            moment=aligned(3 * int(start[-1]), TILE),
+            drag=elasticity.drag,
+            gravity=np.empty((1, 3)),
+        )
+        moments = [_moment(body, int(width)) for body, width in zip(elasticity.bodies, widths, strict=True)]
+        self._amplitudes.moment[:] = np.vstack(moments)
+        self._all_nodes = np.arange(elasticity.node_count, dtype=np.int32)
         self._nodes = mode_motion.NodeMotion(
             rest=elasticity.node_rest, mass=elasticity.node_mass, displacement=np.zeros((elasticity.node_count, 3))
         )
@@ -275,7 +294,9 @@ class ReducedSystem:
         model = self._elasticity
         np.multiply(model.data.modulus, factor[model.element, None], out=self._data.modulus)
 
-    def begin(self, place: np.ndarray, turn: np.ndarray, time_step: float, has_inertia: bool) -> None:
+    def begin(
+        self, place: np.ndarray, turn: np.ndarray, gravity: np.ndarray, time_step: float, has_inertia: bool
+    ) -> None:
         """Replace the velocities of the reduced bodies by the nearest ones that lead to positions by modes.
 
         The base is where it will be at the end of the step, so that velocities have its motion; in first order dynamics
@@ -284,10 +305,12 @@ class ReducedSystem:
         Args:
             place: pivot and translation of the base [mm], shape (2, 3).
             turn: its rotation, shape (3, 3).
+            gravity: acceleration of gravity [mm/s^2], shape (3,).
             time_step: time step h [s].
             has_inertia: whether dynamics are of second order.
         """
         self._follow(place, turn)
+        self._amplitudes.gravity[0] = gravity
         movement = self._movement
         mode_motion.find_amplitudes(self.modes, self._nodes, movement.position, movement.velocity, self._amplitudes, 1)
         mode_motion.find_reference(
@@ -328,18 +351,24 @@ class ReducedSystem:
             1,
         )
 
-    def right_hand_side(self, node_impulse: np.ndarray, time_step: float) -> np.ndarray:
-        """Impulses on the unknowns, shape (node_count, 3): on the nodes of full bodies as they are.
+    def right_hand_side(self, node_impulse: np.ndarray, loaded: np.ndarray, time_step: float) -> np.ndarray:
+        """Impulses on the unknowns in a step, shape (node_count, 3): on the nodes of full bodies as they are.
 
         Args:
-            node_impulse: on the nodes [mN s], shape (node_count, 3).
-            time_step: for which the elastic forces on the amplitudes act [s]; 0 to leave them out.
+            node_impulse: on the nodes [mN s], without weight and drag of reduced bodies, shape (node_count, 3).
+            loaded: the nodes of reduced bodies among which are all with an impulse, shape (count,).
+            time_step: time step h [s].
         """
         self._impulse[:] = self._unknown[:] = node_impulse
+        force = self._stiffness.force
         mode_motion.project_impulses(
-            time_step, self.modes, self._impulse, self._stiffness.force, self._amplitudes, self._unknown, 1
+            time_step, self.modes, loaded, self._impulse, force, self._amplitudes, self._unknown, 1
         )
         return self._unknown
+
+    def response_to(self, node_impulse: np.ndarray) -> np.ndarray:
+        """Impulses on the unknowns by these on the nodes alone [mN s], shape (node_count, 3) each."""
+        return self.right_hand_side(node_impulse, self._all_nodes, 0.0)
 
     def node_velocity(self, unknown: np.ndarray) -> np.ndarray:
         """Velocities of the nodes [mm/s] by rates of the unknowns, shape (node_count, 3) each."""

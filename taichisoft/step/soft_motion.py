@@ -34,14 +34,19 @@ class SoftMotion:
         self._model = model
         self._geometry = geometry
         self.system = ElasticSystem(elasticity)
+        is_full = self.system.modes.start < 0
+        loaded = is_full.copy()
+        loaded[model.anchored_nodes] = loaded[model.actuators.coordinates.entry_node] = True
+        mass = np.where(is_full, elasticity.node_mass, 0.0)
         self.nodes = kernels.Nodes(
-            mass=elasticity.node_mass,
-            drag=elasticity.node_mass * elasticity.node_rayleigh_mass,
+            loaded=np.flatnonzero(loaded).astype(np.int32),
+            mass=mass,
+            drag=mass * elasticity.node_rayleigh_mass,
             gravity=np.empty((1, 3)),
             position=self.system.position,
             velocity=self.system.velocity,
             elastic=self.system.force,
-            impulse=np.empty((model.node_count, 3)),
+            impulse=np.zeros((model.node_count, 3)),
         )
         self._young_modulus: np.ndarray | None = None  # of the system's elements
         self.anchors = kernels.Anchors(
@@ -74,7 +79,7 @@ class SoftMotion:
         if self.system.reduced is not None:
             self._refuse_moved_anchors(state)
             place, turn = self.base.place, self.base.turn[0]
-            self.system.reduced.begin(place, turn, self._model.scene.time.step, not is_first_order)
+            self.system.reduced.begin(place, turn, state.gravity, self._model.scene.time.step, not is_first_order)
         if state.young_modulus is not self._young_modulus:
             self._young_modulus = state.young_modulus
             stiffening = state.young_modulus / self._model.young_modulus
@@ -100,7 +105,7 @@ class SoftMotion:
     def complete_with(self, node_impulse: np.ndarray) -> np.ndarray:
         """The same with impulses on the nodes [mN s], shape (node_count, 3)."""
         reduced = self.system.reduced
-        more = node_impulse if reduced is None else reduced.right_hand_side(node_impulse, 0.0)
+        more = node_impulse if reduced is None else reduced.response_to(node_impulse)
         return self._moved(self.system.solver.complete_with(more))
 
     def _moved(self, change: np.ndarray) -> np.ndarray:
@@ -123,7 +128,7 @@ class SoftMotion:
         self.known_velocity[:] = known_velocity
         reduced = self.system.reduced
         if reduced is not None:
-            node_impulse = reduced.right_hand_side(node_impulse, self._model.scene.time.step)
+            node_impulse = reduced.right_hand_side(node_impulse, self.nodes.loaded, self._model.scene.time.step)
         try:
             self.system.solver.factorise(node_impulse)
         except NotPositiveDefinite as error:

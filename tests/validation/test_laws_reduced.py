@@ -156,7 +156,7 @@ def test_the_same_bits_again_and_resumed(tmp_path: Path) -> None:
     modes = write_modes(tmp_path / "few.npz", simulate(soft_bodies={"chamber": body}), **few)
     simulation = with_ball({**body, "reduced": modes})
     states = drive(simulation, 10)
-    assert len(states[-1].contact_impulse)
+    assert len(states[5].contact_impulse)
     states[4].save(tmp_path / "half.npz")
     again = Simulation(simulation.model)
     assert drive(again, 10)[-1] == states[-1]

@@ -44,12 +44,18 @@ class Amplitudes(NamedTuple):
         position: amplitudes of the positions, shape (column_count, 8).
         velocity: of the velocities, likewise.
         total: work space, likewise.
+        moment: Phi^T M along x, y and z of each body's frame, three times as many columns.
+        drag: Rayleigh's factor a of each body [1/s], shape (body_count,).
+        gravity: acceleration of gravity [mm/s^2], shape (1, 3).
     """
 
     start: Integers
     position: Columns
     velocity: Columns
     total: Columns
+    moment: Columns
+    drag: Scalars
+    gravity: Vectors
 
 
 class NodeMotion(NamedTuple):
@@ -70,13 +76,14 @@ class NodeMotion(NamedTuple):
 def project(b: ti.i32, i: ti.i32, vector: vec3, modes: ModeShapes, start: ti.i32, total: Columns, one: ti.i32):
     """Add Phi^T of a vector at a node, in the frame of its body, to amplitudes."""
     tiles, t = modes.tiles[b], 0
-    first = opaque(modes.start[i], one)
+    along_x = opaque(modes.start[i], one)
+    along_y, along_z, first = opaque(along_x + tiles, one), opaque(along_x + 2 * tiles, one), opaque(start, one)
     while t < tiles:
-        total[start + t] = (
-            total[start + t]
-            + vector[0] * modes.shape[first + t]
-            + vector[1] * modes.shape[first + tiles + t]
-            + vector[2] * modes.shape[first + 2 * tiles + t]
+        total[first + t] = (
+            total[first + t]
+            + vector[0] * modes.shape[along_x + t]
+            + vector[1] * modes.shape[along_y + t]
+            + vector[2] * modes.shape[along_z + t]
         )
         t = advance(t, 1, one)
 
@@ -85,13 +92,14 @@ def project(b: ti.i32, i: ti.i32, vector: vec3, modes: ModeShapes, start: ti.i32
 def expand(b: ti.i32, i: ti.i32, modes: ModeShapes, start: ti.i32, amplitude: Columns, one: ti.i32) -> vec3:
     """Phi times amplitudes at a node, in the frame of its body."""
     tiles, t = modes.tiles[b], 0
-    first = opaque(modes.start[i], one)
+    along_x = opaque(modes.start[i], one)
+    along_y, along_z, first = opaque(along_x + tiles, one), opaque(along_x + 2 * tiles, one), opaque(start, one)
     x, y, z = Column(0.0), Column(0.0), Column(0.0)
     while t < tiles:
-        values = amplitude[start + t]
-        x += modes.shape[first + t] * values
-        y += modes.shape[first + tiles + t] * values
-        z += modes.shape[first + 2 * tiles + t] * values
+        values = amplitude[first + t]
+        x += modes.shape[along_x + t] * values
+        y += modes.shape[along_y + t] * values
+        z += modes.shape[along_z + t] * values
         t = advance(t, 1, one)
     return vec3(x.sum(), y.sum(), z.sum())
 
@@ -141,20 +149,32 @@ def find_reference(
 def project_impulses(
     time_step: ti.f64,
     modes: ModeShapes,
+    loaded: Integers,
     impulse: Vectors,
     elastic: Columns,
     amplitudes: Amplitudes,
     unknown: Vectors,
     one: ti.i32,
 ):
-    """Impulses on the unknowns by impulses on the nodes, and by elastic forces on the amplitudes in a step."""
+    """Impulses on the unknowns by impulses on nodes, and in a step by elastic forces, weight and drag."""
     ti.loop_config(serialize=True)
     for b in range(modes.tiles.shape[0]):
-        start, inverse = amplitudes.start[b], modes.axes[b].transpose()
-        for t in range(start, amplitudes.start[b + 1]):
-            amplitudes.total[t] = time_step * elastic[t]
-        for i in range(modes.first_node[2 * b], modes.first_node[2 * b + 1]):
-            project(b, i, inverse @ impulse[i], modes, start, amplitudes.total, one)
+        start, tiles, weight = amplitudes.start[b], modes.tiles[b], modes.axes[b].transpose() @ amplitudes.gravity[0]
+        for t in range(tiles):
+            force = elastic[start + t] - amplitudes.drag[b] * amplitudes.velocity[start + t]
+            for d in ti.static(range(3)):
+                force += weight[d] * amplitudes.moment[3 * start + d * tiles + t]
+            amplitudes.total[start + t] = time_step * force
+    ti.loop_config(serialize=True)
+    for n in range(loaded.shape[0]):
+        i = loaded[n]
+        if modes.start[i] >= 0:
+            b = modes.body[i]
+            inverse = modes.axes[b].transpose()
+            project(b, i, inverse @ impulse[i], modes, amplitudes.start[b], amplitudes.total, one)
+    ti.loop_config(serialize=True)
+    for b in range(modes.tiles.shape[0]):
+        start = amplitudes.start[b]
         for j in range(modes.threes[b]):
             for d in ti.static(range(3)):
                 k = 3 * j + d

@@ -31,7 +31,7 @@ class ReducedDomains(NamedTuple):
         body: number among the reduced bodies of each domain, shape (domain_count,).
         body_start: first domain of each body, shape (body_count + 1,).
         slope_start: where a domain's B begins in `slope`, shape (domain_count,).
-        slope: B in columns of eight modes: entry 00 of the deformation gradient, then 01, and so on.
+        slope: B of eight modes after the other: entry 00 of the deformation gradient, then 01, and so on.
         row_start: first row of each domain in S of its body, shape (domain_count,).
         row_count: rows of each domain, 1, 6 or 9, shape (domain_count,).
         body_rows: rows of S of each body, shape (body_count,).
@@ -130,26 +130,28 @@ def strain_domain(
     row = opaque(reduced.row_start[d] * tiles, one)
     t = 0
     while t < tiles:
-        s = [reduced.slope[first + tiles * n + t] for n in range(9)]
+        slope = opaque(first + 9 * t, one)
+        s = [reduced.slope[slope + n] for n in range(9)]
         force, turned, z = Column(0.0), [Column(0.0) for _ in range(9)], [Column(0.0) for _ in range(9)]
         for i, j in ti.static(ti.ndrange(3, 3)):
             force += stress[i, j] * s[3 * i + j]
             for k in ti.static(range(3)):
                 turned[3 * i + j] += left[k, i] * s[3 * k + j]
-        stiffness.force[start + t] = stiffness.force[start + t] - force
+        own = opaque(start + t, one)
+        stiffness.force[own] = stiffness.force[own] - force
         for i, j, k in ti.static(ti.ndrange(3, 3, 3)):
             z[3 * i + j] += turned[3 * i + k] * right[k, j]
-        stiffness.rows[row + t] = r00 * z[0] + r10 * z[4] + r20 * z[8]
+        stiffness.rows[opaque(row + t, one)] = r00 * z[0] + r10 * z[4] + r20 * z[8]
         if row_count > 1:
-            stiffness.rows[row + tiles + t] = r11 * z[4] + r21 * z[8]
-            stiffness.rows[row + 2 * tiles + t] = r22 * z[8]
+            stiffness.rows[opaque(row + tiles + t, one)] = r11 * z[4] + r21 * z[8]
+            stiffness.rows[opaque(row + 2 * tiles + t, one)] = r22 * z[8]
             for i, j, k in ti.static([(1, 2, 0), (2, 0, 1), (0, 1, 2)]):
                 root, inverse = safe_root(same[i, j])
                 cross = swapped[k] * inverse
-                stiffness.rows[row + (3 + k) * tiles + t] = root * z[3 * i + j] + cross * z[3 * j + i]
+                stiffness.rows[opaque(row + (3 + k) * tiles + t, one)] = root * z[3 * i + j] + cross * z[3 * j + i]
                 if row_count > 6:
                     rest, _ = safe_root(same[j, i] - cross * cross)
-                    stiffness.rows[row + (6 + k) * tiles + t] = rest * z[3 * j + i]
+                    stiffness.rows[opaque(row + (6 + k) * tiles + t, one)] = rest * z[3 * j + i]
         t = advance(t, 1, one)
 
 

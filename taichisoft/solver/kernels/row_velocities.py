@@ -309,7 +309,8 @@ def apply_impulses(
         contact_impulse[rows.contact[c]] = world
         for slot in range(rows.node.shape[1]):
             if rows.node[c, slot] >= 0:
-                contact_node_impulse[rows.node[c, slot]] += rows.weight[c, slot] * world
+                node = rows.node[c, slot]  # in place Taichi would add atomically
+                contact_node_impulse[node] = contact_node_impulse[node] + rows.weight[c, slot] * world
         for side in range(2):
             if rows.rigid[c, side] >= 0:
                 for i in range(3):
@@ -323,7 +324,8 @@ def apply_impulses(
     for row in range(rows.size[ACTUATORS]):
         coordinate, own = rows.coordinate[row], impulse[3 * rows.size[CONTACTS] + row]
         for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
-            node_impulse[coordinates.entry_node[k]] += own * gradient.soft[k]
+            node = coordinates.entry_node[k]
+            node_impulse[node] = node_impulse[node] + own * gradient.soft[k]
         for k in range(coordinates.rigid_start[coordinate], coordinates.rigid_start[coordinate + 1]):
             for d in range(6):
                 rigid.impulse[coordinates.rigid_body[k], d] += own * gradient.rigid[k, d]

@@ -40,8 +40,10 @@ class Nodes(NamedTuple):
     """Loads, positions and velocities of all nodes.
 
     Attributes:
-        mass: masses [kg], shape (node_count,).
-        drag: coefficients of Rayleigh damping by mass [kg/s], shape (node_count,).
+        loaded: nodes on which anything may act; of reduced bodies, whose weight and drag act on their amplitudes, those
+            with anchors and actuators, shape (loaded_count,).
+        mass: masses [kg], 0 of reduced bodies, shape (node_count,).
+        drag: coefficients of Rayleigh damping by mass [kg/s], 0 of reduced bodies, shape (node_count,).
         gravity: acceleration of gravity [mm/s^2], shape (1, 3).
         position: positions [mm], shape (node_count, 3).
         velocity: velocities [mm/s], shape (node_count, 3).
@@ -49,6 +51,7 @@ class Nodes(NamedTuple):
         impulse: impulses of all forces in a step [mN s], shape (node_count, 3).
     """
 
+    loaded: Integers
     mass: Scalars
     drag: Scalars
     gravity: Vectors
@@ -75,19 +78,22 @@ def sum_impulses(
     """
     force = ti.static(nodes.impulse)
     ti.loop_config(serialize=True)
-    for i in range(nodes.mass.shape[0]):
+    for k in range(nodes.loaded.shape[0]):
+        i = nodes.loaded[k]
         force[i] = nodes.mass[i] * nodes.gravity[0] - nodes.drag[i] * nodes.velocity[i] + nodes.elastic[i]
     ti.loop_config(serialize=True)
     for k in range(anchors.node.shape[0]):
         i = anchors.node[k]
         target = base.turn[0] @ (anchors.position[k] - base.place[0]) + base.place[0] + base.place[1]
         away = nodes.position[i] - target + anchors.lag[i] * nodes.velocity[i]
-        force[i] -= anchors.stiffness[i] * away
+        force[i] = force[i] - anchors.stiffness[i] * away  # in place Taichi would make it an atomic operation
     ti.loop_config(serialize=True)
     for coordinate in range(effort.shape[0]):
         if effort[coordinate] != 0.0:
             for k in range(coordinates.entry_start[coordinate], coordinates.entry_start[coordinate + 1]):
-                force[coordinates.entry_node[k]] += effort[coordinate] * gradient.soft[k]
+                i = coordinates.entry_node[k]
+                force[i] = force[i] + effort[coordinate] * gradient.soft[k]
     ti.loop_config(serialize=True)
-    for i in range(nodes.mass.shape[0]):
+    for k in range(nodes.loaded.shape[0]):
+        i = nodes.loaded[k]
         force[i] = time_step * force[i]
