@@ -19,6 +19,8 @@ from taichisoft_reduction.domain_forces import DomainForces
 
 BATCH = 8
 """Domains taken in at a time."""
+SINGULAR = 1e-7
+"""Share of the largest pivot below which columns depend on each other."""
 SPIN = 3.0
 """Angular velocity of the base [rad/s] that damping forces are taken at."""
 
@@ -149,7 +151,10 @@ class NonNegativeSearch:
 
 def _solve_positive(matrix: np.ndarray, right: np.ndarray) -> np.ndarray:
     try:
-        found: np.ndarray = scipy.linalg.solve(matrix, right, assume_a="pos")
-    except np.linalg.LinAlgError:  # columns that depend on each other
-        found = scipy.linalg.lstsq(matrix, right)[0]
+        factor = scipy.linalg.cho_factor(matrix)
+        pivots = np.abs(np.diag(factor[0]))
+        independent = bool(pivots.min() > SINGULAR * pivots.max())
+    except np.linalg.LinAlgError:
+        independent = False
+    found: np.ndarray = scipy.linalg.cho_solve(factor, right) if independent else scipy.linalg.lstsq(matrix, right)[0]
     return found
