@@ -19,6 +19,8 @@ from taichisoft_reduction.domain_forces import DomainForces
 
 BATCH = 8
 """Domains taken in at a time."""
+PROGRESS = 1.0 - 1e-6
+"""Share to which the residual has to fall as columns come in."""
 SINGULAR = 1e-7
 """Share of the largest pivot below which columns depend on each other."""
 SPIN = 3.0
@@ -93,13 +95,17 @@ def choose_domains(
     whole = float(np.sqrt((criterion.whole**2).mean())) / np.maximum(volume.sum(axis=0), 1e-300)[:, None]
     rows = np.vstack([flat, (whole * volume.T)[volume.any(axis=0)]]).astype(np.float32)
     search = NonNegativeSearch(rows)
+    batch, residual = BATCH, float("inf")
     while True:
-        grows = search.grow(BATCH)
+        grows = search.grow(batch)
         error = criterion.error(search.chosen, search.weight)
         progress(len(search.chosen), error)
-        if error <= allowed or not grows:
+        # Of several columns that come in together each may push the others out again; a single one cannot.
+        stalled = search.residual > PROGRESS * residual
+        if error <= allowed or not grows or (stalled and batch == 1):
             order = np.argsort(search.chosen)
             return Cubature(search.chosen[order], search.weight[order], error)
+        batch, residual = 1 if stalled else BATCH, search.residual
 
 
 class NonNegativeSearch:
@@ -117,6 +123,11 @@ class NonNegativeSearch:
         self._right = self._target.astype(np.float32) @ rows
         self._products = np.zeros((0, 0))
         self.chosen, self.weight = np.zeros(0, int), np.zeros(0)
+
+    @property
+    def residual(self) -> float:
+        """Root of the sum of squares that is left."""
+        return float(np.linalg.norm(self._target - self._rows[:, self.chosen] @ self.weight))
 
     def grow(self, count: int) -> bool:
         """Take in the columns that reduce the residual most, at most `count`; False where none does."""
