@@ -136,7 +136,9 @@ def _show(console: "Console", found: "Reduction") -> None:
     from taichisoft.terminal_text import plain
     from taichisoft_reduction.validation_report import HEADER, table_rows
 
-    table = Table(*(plain(name) for name in HEADER), title="errors in runs that were not trained on: largest / mean")
+    table = Table(title="errors in runs that were not trained on: largest / mean (largest in percent of the change)")
+    for name in HEADER:
+        table.add_column(plain(name))
     rows: Sequence[Sequence[str]] = table_rows(found.comparisons)
     for row in rows:
         table.add_row(*map(plain, row))

@@ -1,6 +1,7 @@
 """What drives a run of the training: a timetable, or the scene's own controller with other efforts."""
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -52,7 +53,7 @@ class ScaledController(Controller):
     def control(self, observation: Observation) -> Control:
         """See `Controller`."""
         asked = self._controller.control(observation)
-        scaled = {
+        scaled: dict[str, Any] = {
             key: {name: self._factor * value for name, value in getattr(asked, key).items()}
             for key in DRIVES
             if getattr(asked, key)
