@@ -25,6 +25,8 @@ RUNS = "runs"
 """Folder of the runs of training and validation, which a later try need not make again."""
 ATTEMPTS = 3
 """How often domains are chosen until the motions of the training are followed within the tolerance."""
+FAILED = 1.0
+"""Error that a file says where a run of the validation failed: as large as the displacements."""
 REFINED_BY = ("ramp", "wave", "turned-0.6", "press-0", "press-1")
 """Runs of the training, of a body alone, that are repeated with the reduced model."""
 
@@ -121,7 +123,7 @@ def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress)
     }
     tables = as_tables(comparisons, wishes.tolerance, about)
     for name, fit in fits.items():
-        fit.modes(json.dumps(tables)).write(files[name])
+        fit.modes(json.dumps(tables), min(worst(comparisons), FAILED)).write(files[name])
     write_report(folder, comparisons, tables)
     draw_report(folder, full, reduced)
     return Reduction(files, comparisons, verdict(comparisons, wishes.tolerance), worst(comparisons))

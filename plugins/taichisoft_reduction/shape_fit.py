@@ -87,8 +87,8 @@ class ShapeFit:
         allowed = part * SHARE * self._tolerance * self.basis.largest
         self.cubature = choose_domains(self._criterion, self._forces.volume, allowed, progress)
 
-    def modes(self, report: str = "{}") -> Modes:
-        """What goes into the file of the shape."""
+    def modes(self, report: str = "{}", error: float | None = None) -> Modes:
+        """What goes into the file of the shape, with what the validation says, and its error [-]."""
         amplitudes = self.basis.amplitudes[:, : self.mode_count]
         return Modes(
             rest_position=self._body.mesh.nodes,
@@ -98,6 +98,7 @@ class ShapeFit:
             amplitude_range=np.column_stack([amplitudes.min(axis=0), amplitudes.max(axis=0)]),
             fingerprint=self._body.fingerprint,
             tolerance=self._tolerance,
+            error=error,
             report=report,
         )
 
