@@ -23,6 +23,7 @@ FOLDERS = {
     "taichisoft_meshing": "meshing/taichisoft_meshing",
     "taichisoft_outputs": "plugins/taichisoft_outputs",
     "taichisoft_sofa": "plugins/taichisoft_sofa",
+    "taichisoft_reduction": "plugins/taichisoft_reduction",
     "taichisoft_studies": "plugins/taichisoft_studies",
     "taichisoft/plugin_system/plugin_template": "taichisoft/plugin_system/plugin_template",
     "taichisoft/tiny_gripper": "taichisoft/tiny_gripper",

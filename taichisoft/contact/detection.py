@@ -33,7 +33,9 @@ class ContactDetection:
             limits = np.array([NEIGHBOURHOOD * contact_distance, contact_distance])
             self._touching_itself = SelfTouching(surfaces.touching_itself, surfaces.carriers.local, limits)
         self._moved, self._shapes, self._smooth = moving.moved, moving.shapes, moving.smooth
-        with_others = any(map(len, (surfaces.topology.pairs, surfaces.planes.body, surfaces.shapes.moving)))
+        shapes = surfaces.shapes
+        others = surfaces.topology.pairs, surfaces.planes.body, shapes.moving, shapes.surface_pairs
+        with_others = any(map(len, others))
         self._is_needed = with_others or self._touching_itself is not None
         self._reach = np.zeros((len(surfaces.body_size), len(surfaces.body_size)))
         self._make_room(FIRST_CAPACITY)

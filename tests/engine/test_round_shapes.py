@@ -169,3 +169,17 @@ def test_a_run_is_recorded_and_resumed_to_the_bit(tmp_path: Path) -> None:
 
 def bodies_of(simulation: Simulation) -> tuple[Any, Any]:
     return simulation.model.rigid_bodies, simulation.model.obstacles
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [{"sphere": {"radius": 5.0}}, {"cylinder": {"radius": 5.0, "length": 30.0}, "rotation": [90.0, 0.0, 0.0]}],
+)
+def test_a_soft_body_lands_on_a_round_obstacle_that_is_alone_with_it(block, shape) -> None:
+    """The obstacle carries the weight, though nothing else in the scene could touch anything."""
+    body = {"mesh": block((2, 2, 2), (8.0, 8.0, 8.0)), "density": 1e-6, "young_modulus": 50.0, "poisson_ratio": 0.3}
+    placed = {**body, "translation": [0.0, 0.0, 10.2], "rayleigh_mass": 5.0}
+    simulation = Simulation(scene_from_dict({"soft_bodies": {"block": placed}, "obstacles": {"post": shape}}))
+    for _ in range(15):
+        report = simulation.step()
+    assert report.observation.normal_forces["block", "post"] > 0.5 * 8.0**3 * 1e-6 * 9810.0

@@ -1,0 +1,98 @@
+"""Soft bodies that are copies of each other up to their placement: they share a basis."""
+
+import hashlib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from taichisoft.scenes import Scene
+
+if TYPE_CHECKING:
+    from taichisoft.bodies import SoftBody
+    from taichisoft.model import Model
+
+NOT_OF_THE_SHAPE = {"rotation", "translation", "velocity", "colour", "axes", "tip", "reduced"}
+"""Keys of a soft body in which copies may differ: they change neither its mesh nor its forces."""
+
+
+@dataclass(frozen=True)
+class BodyShape:
+    """A mesh with its material, of which a scene has one or several bodies.
+
+    Attributes:
+        name: name of the first of its bodies, by which its file is called.
+        bodies: names of its bodies in the scene.
+    """
+
+    name: str
+    bodies: tuple[str, ...]
+
+
+def body_shapes(scene: Scene) -> list[BodyShape]:
+    """The shapes of the scene's anchored soft bodies, in the scene's order; others have no frame to be relative to."""
+    found: dict[str, list[str]] = {}
+    for name, body in scene.soft_bodies.items():
+        if body.anchors:
+            found.setdefault(shape_key(body), []).append(name)
+    return [BodyShape(names[0], tuple(names)) for names in found.values()]
+
+
+def shape_key(body: Any) -> str:
+    """A text that copies of a soft body, given by its table in a scene, have in common."""
+    return repr(sorted(body.model_dump(mode="json", exclude=NOT_OF_THE_SHAPE).items()))
+
+
+def mesh_digest(bodies: "Iterable[SoftBody]") -> str:
+    """A digest of the meshes of soft bodies, whose files may change under the same name."""
+    whole = hashlib.sha256()
+    for body in bodies:
+        for array in (body.mesh.nodes, body.elements, body.node_mass, body.anchor_stiffness):
+            whole.update(np.ascontiguousarray(array).tobytes())
+    return whole.hexdigest()
+
+
+def base_frame(translation: np.ndarray, rotation: np.ndarray, pivot: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Turn T, shape (3, 3), and shift t [mm], shape (3,), by which the base has moved what is fixed to it: T x + t.
+
+    Args:
+        translation: of the base [mm], shape (3,).
+        rotation: rotation vector of the base [rad], shape (3,).
+        pivot: point about which the base turns [mm], shape (3,).
+    """
+    turn = Rotation.from_rotvec(np.array(rotation)).as_matrix()
+    return turn, pivot + translation - turn @ pivot
+
+
+class RelativeMotion:
+    """Displacements of a soft body in the axes of its mesh, relative to the frame that follows the base."""
+
+    def __init__(self, mesh_nodes: np.ndarray, rotation: Iterable[float], translation: Iterable[float]):
+        """Take the nodes of the mesh [mm], shape (node_count, 3), and the placement of the body as in its scene."""
+        self._nodes = mesh_nodes
+        self._turn = Rotation.from_euler("xyz", list(rotation), degrees=True).as_matrix()
+        self._shift = np.array(list(translation))
+
+    @classmethod
+    def of_body(cls, body: "SoftBody") -> "RelativeMotion":
+        """That of a body of a model."""
+        return cls(body.mesh.nodes, body.settings.rotation, body.settings.translation)
+
+    def displacement(self, position: np.ndarray, base_turn: np.ndarray, base_shift: np.ndarray) -> np.ndarray:
+        """Displacements [mm] of nodes at positions in space [mm], both of shape (node_count, 3).
+
+        Args:
+            position: of the body's nodes.
+            base_turn, base_shift: motion of the base, see `base_frame`.
+        """
+        placed = (position - base_shift) @ base_turn
+        relative: np.ndarray = (placed - self._shift) @ self._turn - self._nodes
+        return relative
+
+
+def relative_motions(model: "Model", names: Iterable[str]) -> dict[str, RelativeMotion]:
+    """The motions of some bodies of a model by their names."""
+    wanted = set(names)
+    return {body.name: RelativeMotion.of_body(body) for body in model.soft_bodies if body.name in wanted}

@@ -1,0 +1,243 @@
+"""The whole way from a scene to reduced models of its soft bodies: training, fit, refinement, validation."""
+
+import hashlib
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from taichisoft import Model, Scene, make_model
+from taichisoft.scenes import scene_from_toml, scene_to_toml
+from taichisoft_reduction.actuator_ranges import Ranges, actuator_ranges
+from taichisoft_reduction.body_shapes import BodyShape, body_shapes
+from taichisoft_reduction.comparison import Comparison, compare, worst
+from taichisoft_reduction.errors import ReductionError
+from taichisoft_reduction.recorded_runs import recorded_runs
+from taichisoft_reduction.run_pool import RunPool
+from taichisoft_reduction.run_request import RunRequest, RunResult
+from taichisoft_reduction.shape_fit import ShapeFit, displacements_of
+from taichisoft_reduction.training_plan import TrainingPlan
+from taichisoft_reduction.validation_report import as_tables, draw_report, verdict, write_report
+
+RUNS = "runs"
+"""Folder of the runs of training and validation, which a later try need not make again."""
+ATTEMPTS = 3
+"""How often domains are chosen until the motions of the training are followed within the tolerance."""
+FAILED = 1.0
+"""Error that a file says where a run of the validation failed: as large as the displacements."""
+REFINED_BY = ("ramp", "wave", "turned-0.6", "press-0", "press-1")
+"""Runs of the training, of a body alone, that are repeated with the reduced model."""
+
+
+@dataclass(frozen=True)
+class Wishes:
+    """What the user asks for.
+
+    Attributes:
+        tolerance: largest error of a position over the largest displacement [-].
+        modes: number of modes of each body; None: as many as the tolerance needs.
+        recordings: recordings of the user's own runs.
+        own_training: whether runs are made for the training.
+        ranges: smallest and largest value by "body.actuator", instead of what the scene's own run says.
+        full_range: whether actuators go to the limits of the scene.
+        processes: runs at a time.
+        plugins: paths of plug-ins that the scene needs.
+    """
+
+    tolerance: float = 0.005
+    modes: int | None = None
+    recordings: Sequence[Path] = ()
+    own_training: bool = True
+    ranges: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    full_range: bool = False
+    processes: int = 1
+    plugins: Sequence[str] = ()
+
+
+class Progress:
+    """What a reduction says while it goes on; this one says nothing."""
+
+    def runs(self, title: str, total: int) -> Callable[[str, str], None]:
+        """Begin a number of runs; what is returned is called with the name of each that ends, and its problem."""
+        return lambda name, problem: None
+
+    def line(self, text: str) -> None:
+        """Say something."""
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """What came out.
+
+    Attributes:
+        files: the file of each shape, by its name.
+        comparisons: runs of the validation.
+        verdict: "within the tolerance" or "above the tolerance".
+        error: largest error of a position over the largest displacement [-].
+    """
+
+    files: Mapping[str, Path]
+    comparisons: Sequence[Comparison]
+    verdict: str
+    error: float
+
+
+def reduce_scene(scene: Scene, folder: Path, wishes: Wishes, progress: Progress) -> Reduction:
+    """Make the reduced models of a scene's anchored soft bodies, and validate them.
+
+    Raises:
+        ReductionError: the scene has no body to reduce, or nothing is known of how far to drive it.
+        TaichisoftError: the scene cannot be simulated.
+    """
+    started = time.perf_counter()
+    model = make_model(scene)
+    shapes = _shapes(scene)
+    _check_ranges(model, wishes.ranges)
+    recordings = recorded_runs(wishes.recordings, shapes, scene)
+    plan = TrainingPlan(scene, model, shapes, wishes.plugins)
+    with RunPool(folder / RUNS, wishes.processes, wishes.plugins) as pool:
+        own_request = plan.own_run()
+        own = pool.results([own_request], progress.runs("own run", 1)) if own_request is not None else []
+        ranges = {
+            shape.name: actuator_ranges(model, shape, own[0] if own else None, wishes.ranges, wishes.full_range)
+            for shape in shapes
+        }
+        _say_ranges(ranges, progress)
+        training, trained, validation, full = _runs(plan, pool, own, ranges, wishes, progress)
+        fits = {}
+        for shape in shapes:
+            body = next(one for one in model.soft_bodies if one.name == shape.name)
+            snapshots = displacements_of(shape, [*recordings, *(trained if wishes.own_training else [])])
+            lag = scene.time.step + body.settings.rayleigh_stiffness
+            fits[shape.name] = ShapeFit(body, shape, snapshots, wishes.tolerance, wishes.modes, lag)
+            _refine(fits[shape.name], shape, folder, pool, list(zip(training, trained, strict=True)), wishes, progress)
+        files = {name: folder / f"{name}.npz" for name in fits}
+        reduced = _reduced_runs(pool, validation, shapes, files, progress, "validation of the reduced model")
+    comparisons = [compare(one, other) for one, other in zip(full, reduced, strict=True)]
+    about = {
+        "scene": scene.title,
+        "bodies": {shape.name: _about(fits[shape.name], shape, files[shape.name]) for shape in shapes},
+        "seconds": time.perf_counter() - started,
+    }
+    tables = as_tables(comparisons, wishes.tolerance, about)
+    for name, fit in fits.items():
+        fit.modes(json.dumps(tables), min(worst(comparisons), FAILED)).write(files[name])
+    write_report(folder, comparisons, tables)
+    draw_report(folder, full, reduced)
+    return Reduction(files, comparisons, verdict(comparisons, wishes.tolerance), worst(comparisons))
+
+
+def _shapes(scene: Scene) -> list[BodyShape]:
+    shapes = body_shapes(scene)
+    if not shapes:
+        bodies = ", ".join(scene.soft_bodies) or "none"
+        raise ReductionError(
+            f"no soft body of the scene has anchors (soft bodies: {bodies}); modes move a body relative to its anchors"
+        )
+    for shape in shapes:
+        settings = scene.soft_bodies[shape.name]
+        if settings.corotation == "edges":
+            raise ReductionError(f'soft_bodies.{shape.name}.corotation = "edges": must be "polar" to be reduced')
+        if getattr(settings, "reduced", None):
+            raise ReductionError(f"soft_bodies.{shape.name}.reduced: the scene is reduced already; remove the key")
+    return shapes
+
+
+def _check_ranges(model: Model, ranges: Mapping[str, tuple[float, float]]) -> None:
+    for name in ranges:
+        if name not in model.actuators.names:
+            known = ", ".join(model.actuators.names) or "none"
+            raise ReductionError(f"--range {name}: the scene has no such actuator; it has: {known}")
+
+
+def _say_ranges(ranges: Mapping[str, Ranges], progress: Progress) -> None:
+    for shape in ranges.values():
+        for name, (key, low, high) in shape.items():
+            progress.line(f"{name}: trained from {low:g} to {high:g} ({key})")
+
+
+def _runs(
+    plan: TrainingPlan,
+    pool: RunPool,
+    own: Sequence[RunResult],
+    ranges: Mapping[str, Ranges],
+    wishes: Wishes,
+    progress: Progress,
+) -> tuple[list[RunRequest], list[RunResult], list[RunRequest], list[RunResult]]:
+    """Requests and results of the training, and of the validation."""
+    first = plan.first_runs(ranges)
+    ramps = pool.results(first, progress.runs("ramps", len(first)))
+    driven = [shape.name for shape in plan.shapes if ranges[shape.name]]
+    by_shape = dict(zip(driven, ramps, strict=True))
+    training = plan.training(ranges, by_shape, own) if wishes.own_training else first
+    validation = plan.validation(ranges, by_shape, own)
+    both = [*training, *validation]
+    results = pool.results(both, progress.runs("training and validation", len(both)))
+    for result in results[: len(training)]:
+        if result.problem:
+            progress.line(f"{result.name}: left out of the training: {result.problem}")
+    return training, results[: len(training)], validation, results[len(training) :]
+
+
+def _refine(
+    fit: ShapeFit,
+    shape: BodyShape,
+    folder: Path,
+    pool: RunPool,
+    training: Sequence[tuple[RunRequest, RunResult]],
+    wishes: Wishes,
+    progress: Progress,
+) -> None:
+    """Choose domains, and choose again where the motions of the training are not followed within the tolerance."""
+    names = [f"{shape.name}-{name}" for name in REFINED_BY]
+    known = [(request, result) for request, result in training if request.name in names and not result.problem]
+    path = folder / f"{shape.name}.npz"
+    for attempt in range(ATTEMPTS):
+        fit.choose(lambda count, error: None, 0.5**attempt)
+        fit.modes().write(path)
+        requests = [request for request, _ in known]
+        again = _reduced_runs(pool, requests, [shape], {shape.name: path}, progress, f"{shape.name}: domains tried")
+        error = worst([compare(result, one) for (_, result), one in zip(known, again, strict=True)]) if known else 0.0
+        progress.line(
+            f"{shape.name}: {fit.mode_count} modes, {len(fit.cubature.domain)} of {fit.domain_count} domains; "
+            f"error of the training {100.0 * error:.2g} %"
+        )
+        if error <= wishes.tolerance:
+            return
+
+
+def _reduced_runs(
+    pool: RunPool,
+    requests: Sequence[RunRequest],
+    shapes: Sequence[BodyShape],
+    files: Mapping[str, Path],
+    progress: Progress,
+    title: str,
+) -> list[RunResult]:
+    """The results of runs with reduced bodies."""
+    reduced = [_with_modes(request, shapes, files) for request in requests]
+    return pool.results(reduced, progress.runs(title, len(reduced)))
+
+
+def _with_modes(request: RunRequest, shapes: Sequence[BodyShape], files: Mapping[str, Path]) -> RunRequest:
+    scene = scene_from_toml(request.scene, request.name)
+    bodies = dict(scene.soft_bodies)
+    digest = hashlib.sha256(request.files.encode())
+    for shape in shapes:
+        digest.update(files[shape.name].read_bytes())
+        for name in set(shape.bodies) & set(bodies):
+            bodies[name] = bodies[name].model_copy(update={"reduced": str(files[shape.name].resolve())})
+    text = scene_to_toml(scene.model_copy(update={"soft_bodies": bodies}))
+    return replace(request, name=f"{request.name}-reduced", scene=text, files=digest.hexdigest())
+
+
+def _about(fit: ShapeFit, shape: BodyShape, path: Path) -> dict[str, Any]:
+    return {
+        "bodies": list(shape.bodies),
+        "file": path.name,
+        "modes": fit.mode_count,
+        "domains": len(fit.cubature.domain),
+        "all_domains": fit.domain_count,
+    }

@@ -1,0 +1,219 @@
+"""Reduced models: forces of domains, modes, weights, the frame of the base, and what is refused."""
+
+import numpy as np
+import pytest
+import scipy.optimize
+from conftest import examples
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from taichisoft import Control, Simulation, make_model, scene_from_dict
+from taichisoft.bodies.elasticity import internal_force
+from taichisoft_reduction.basis import Basis
+from taichisoft_reduction.body_shapes import RelativeMotion, base_frame, body_shapes
+from taichisoft_reduction.command import reduce
+from taichisoft_reduction.comparison import compare, worst
+from taichisoft_reduction.cubature import MotionCriterion, NonNegativeSearch, choose_domains
+from taichisoft_reduction.domain_forces import DomainForces
+from taichisoft_reduction.errors import ReductionError
+from taichisoft_reduction.reduction import Progress, Wishes, reduce_scene
+from taichisoft_reduction.run_request import RunRequest, RunResult, Timetable
+
+ANCHORS = [{"box": [[-0.1, -0.1, -0.1], [0.1, 9.0, 9.0]]}]
+TURNED = {"rotation": [20.0, -35.0, 50.0], "translation": [3.0, 1.0, -2.0]}
+
+
+def beam(block, **body):
+    """A beam of few elements, held at one end and placed askew."""
+    table = {"mesh": block((4, 1, 1), (20.0, 5.0, 5.0)), "density": 1e-6, "poisson_ratio": 0.3, "anchors": ANCHORS}
+    return scene_from_dict({"soft_bodies": {"beam": {**table, **TURNED, **body}}})
+
+
+def random_modes(body, count):
+    rng = np.random.default_rng(0)
+    columns = np.linalg.qr(rng.standard_normal((3 * len(body.rest_position), count)))[0]
+    return columns.reshape(-1, 3, count)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        {"element": "linear", "young_modulus": 100.0},
+        {"element": "smoothed", "young_modulus": 100.0},
+        {"element": "quadratic", "young_modulus": 100.0, "law": "neo-hookean"},
+        {"element": "smoothed", "law": "mooney-rivlin", "coefficients": {"c10": 15.0, "c01": 4.0}},
+    ],
+    ids=lambda law: f"{law['element']}-{law.get('law', 'hooke')}",
+)
+def test_the_domains_together_have_the_forces_of_the_engine(block, law):
+    """f_r = Phi^T f, to rounding: the same law, computed by kernels in space and by numpy in the mesh's frame."""
+    model = make_model(beam(block, **law))
+    (body,) = model.soft_bodies
+    modes = random_modes(body, 5) * ~body.anchored[:, None, None]
+    forces = DomainForces(body, modes)
+    amplitudes = np.array([3.0, -2.0, 1.0, 2.0, -1.0])
+    turn = Rotation.from_euler("xyz", TURNED["rotation"], degrees=True).as_matrix()
+    moved = body.rest_position + (modes @ amplitudes) @ turn.T
+    expected = np.einsum("nir,ni->r", modes, internal_force(model.elasticity, moved) @ turn)
+    assert -forces.forces(amplitudes).sum(axis=0) == pytest.approx(expected, rel=1e-8)
+
+
+def test_the_stiffness_is_the_slope_of_the_forces_at_rest(block):
+    """At rest the corotated stiffness by the moduli at rest is the tangent of every law: df = K dq."""
+    (body,) = make_model(beam(block, element="smoothed", law="yeoh", coefficients={"c10": 20.0})).soft_bodies
+    forces = DomainForces(body, random_modes(body, 6))
+    small = 1e-6 * np.eye(6)
+    slopes = [(forces.forces(one) - forces.forces(-one)).sum(axis=0) / 2e-6 for one in small]
+    assert np.array(slopes) + forces.anchor == pytest.approx(forces.stiffness(np.zeros(6)), rel=1e-5)
+
+
+def test_spin_forces_are_those_of_the_frozen_stiffness(block):
+    """Damping K v of a spin v = w x X: by modes that are this spin, K_d v is the spin's force on each mode."""
+    (body,) = make_model(beam(block, element="linear", young_modulus=100.0, anchors=[])).soft_bodies
+    spin = np.array([0.3, -0.5, 0.8])
+    stretched = np.array([0.1, 0.02, -0.03]) * body.mesh.nodes
+    modes = np.stack([stretched, np.cross(spin, body.mesh.nodes + stretched)], axis=2)
+    forces = DomainForces(body, modes)
+    state = np.array([1.0, 0.0])
+    expected = forces.stiffness(state)[:, 1]
+    assert forces.spin_forces(state, spin).sum(axis=0) == pytest.approx(expected, rel=1e-9, abs=1e-9 * expected[1])
+    assert expected[1] > 0.0
+
+
+def test_modes_are_orthonormal_in_the_mass_and_hold_the_training():
+    """Phi^T M Phi = 1, and all modes give the displacements back; fewer modes hold them less well."""
+    rng = np.random.default_rng(1)
+    mass = rng.uniform(0.5, 2.0, 12)
+    patterns = rng.standard_normal((4, 12, 3))
+    basis = Basis(np.einsum("sk,knd->snd", rng.standard_normal((20, 4)) * [8.0, 4.0, 1.0, 0.3], patterns), mass)
+    flat = basis.modes.reshape(36, -1)
+    assert flat.T @ (np.repeat(mass, 3)[:, None] * flat) == pytest.approx(np.eye(flat.shape[1]), abs=1e-9)
+    errors = [basis.error(count) for count in (1, 2, 3, 4)]
+    assert errors == sorted(errors, reverse=True) and errors[3] < 1e-6 < errors[2]
+    assert basis.count_for(1e-4) == 4
+
+
+def test_a_training_without_motion_is_refused():
+    with pytest.raises(ReductionError, match="nothing moved"):
+        Basis(np.zeros((5, 8, 3)), np.ones(8))
+
+
+@examples(25)
+@given(st.integers(0, 10**6))
+def test_weights_are_the_non_negative_least_squares(seed):
+    """At the end of the search the residual is the one of scipy's solver, and no weight is negative."""
+    rows = np.random.default_rng(seed).standard_normal((12, 30)).astype(np.float32)
+    rows[:, :3] += 1.0
+    search = NonNegativeSearch(rows)
+    for _ in range(60):
+        if not search.grow(4):
+            break
+    assert (search.weight > 0.0).all()
+    target = rows.sum(axis=1, dtype=np.float64)
+    missed = np.linalg.norm(rows[:, search.chosen] @ search.weight - target)
+    assert missed <= scipy.optimize.nnls(rows.astype(float), target)[1] + 1e-3
+
+
+def test_chosen_domains_move_a_beam_as_all_do(block):
+    """Fewer domains than there are, within the error that is allowed, on states they were not chosen by, too."""
+    scene = beam(block, element="smoothed", young_modulus=100.0)
+    model = make_model(scene)
+    (body,) = model.soft_bodies
+    states = []
+    for direction in np.vstack([np.eye(3), -np.eye(3)]):
+        simulation = Simulation(model)
+        for _ in range(12):
+            simulation.step(Control(gravity=30000.0 * direction))
+            states.append(RelativeMotion.of_body(body).displacement(simulation.state.position, np.eye(3), np.zeros(3)))
+    basis = Basis(np.array(states), body.node_mass)
+    forces = DomainForces(body, basis.modes[:, :, :6])
+    amplitudes = basis.amplitudes[:, :6]
+    criterion = MotionCriterion(forces, amplitudes[::2], amplitudes[:1], 0.01)
+    allowed = 0.01 * basis.largest
+    chosen = choose_domains(criterion, forces.volume, allowed, lambda count, error: None)
+    assert chosen.error <= allowed and len(chosen.domain) < 0.6 * forces.count
+    unseen = MotionCriterion(forces, amplitudes[1::2], amplitudes[:1], 0.01)
+    assert unseen.error(chosen.domain, chosen.weight) < 3.0 * allowed
+
+
+@examples(40)
+@given(st.lists(st.floats(-3.0, 3.0), min_size=9, max_size=9))
+def test_a_body_that_moves_with_its_base_has_no_displacement(values):
+    """Turn and shift of the base are taken out, and the placement of the body, whatever they are."""
+    nodes = np.random.default_rng(2).standard_normal((6, 3))
+    placed = RelativeMotion(nodes, [10.0, 50.0, -70.0], [1.0, 2.0, 3.0])
+    turn = Rotation.from_euler("xyz", [10.0, 50.0, -70.0], degrees=True).as_matrix()
+    bent = nodes + 0.3 * nodes[::-1]
+    base_turn, base_shift = base_frame(*np.array(values).reshape(3, 3))
+    position = (bent @ turn.T + [1.0, 2.0, 3.0]) @ base_turn.T + base_shift
+    assert placed.displacement(position, base_turn, base_shift) == pytest.approx(bent - nodes, abs=1e-12)
+    pivot = np.array(values[6:])
+    assert base_turn @ pivot + base_shift == pytest.approx(pivot + values[:3], abs=1e-12)
+
+
+def test_copies_share_a_shape_and_other_materials_do_not():
+    tiny = {"mesh": "tutorial-coarse", "mass": 0.01, "young_modulus": 100.0, "poisson_ratio": 0.3, "anchors": ANCHORS}
+    bodies = {"a": tiny, "b": {**tiny, **TURNED}, "c": {**tiny, "young_modulus": 90.0}, "free": {**tiny, "anchors": []}}
+    found = body_shapes(scene_from_dict({"soft_bodies": bodies}))
+    assert [shape.bodies for shape in found] == [("a", "b"), ("c",)]
+
+
+def run_result(**changes):
+    values = {
+        "name": "run",
+        "problem": "",
+        "time": np.array([0.1, 0.2]),
+        "figures": {"lift of cube [mm]": np.arange(2.0)},
+    }
+    return RunResult(**{**values, "displacement": {"a": np.zeros((2, 4, 3))}, **changes})
+
+
+def test_a_comparison_has_the_largest_error_and_a_failed_run_is_never_good(tmp_path):
+    other = np.zeros((2, 4, 3))
+    other[1, 2] = [0.0, 3.0, 4.0]
+    found = compare(run_result(displacement={"a": 10.0 * other}), run_result(displacement={"a": 9.0 * other}))
+    assert found.deviations["position"].largest == pytest.approx(5.0)
+    assert worst([found]) == pytest.approx(0.1)
+    assert worst([compare(run_result(), run_result(problem="it diverged"))]) == float("inf")
+    run_result().save(tmp_path / "run.npz")
+    assert RunResult.load(tmp_path / "run.npz").figures["lift of cube [mm]"].tolist() == [0.0, 1.0]
+    (tmp_path / "half.npz").write_bytes((tmp_path / "run.npz").read_bytes()[:300])
+    assert RunResult.load(tmp_path / "half.npz") is None
+
+
+def test_a_request_of_other_content_has_another_file():
+    one = RunRequest("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 1.0)}))
+    other = RunRequest("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 2.0)}))
+    assert one.file_name != other.file_name
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"tolerance": "0"}, "--tolerance 0: must be a share"),
+        ({"tolerance": "nan%"}, "--tolerance nan%: must be a share"),
+        ({"modes": 0}, "--modes 0: must be at least 1"),
+        ({"processes": 0}, "--processes 0: must be at least 1"),
+        ({"own_training": False}, "--no-training: needs --runs"),
+        ({"range_": ["a.tube=5:1"]}, "--range a.tube=5:1: must be BODY.ACTUATOR=LOW:HIGH"),
+    ],
+)
+def test_options_that_make_no_sense_are_refused(tmp_path, options, said):
+    with pytest.raises(ReductionError, match=said):
+        reduce(**{"scene": "gripper", "output": tmp_path, "modes": None, "tolerance": "1%", **OTHERS, **options})
+
+
+OTHERS = {"runs": None, "own_training": True, "range_": None, "full_range": False, "processes": None, "set_": None}
+
+
+def test_a_scene_without_anchors_is_refused(block, tmp_path):
+    scene = beam(block, element="linear", young_modulus=100.0, anchors=[])
+    with pytest.raises(ReductionError, match=r"no soft body of the scene has anchors \(soft bodies: beam\)"):
+        reduce_scene(scene, tmp_path, Wishes(), Progress())
+
+
+def test_an_actuator_that_the_scene_does_not_have_is_refused(block, tmp_path):
+    scene = beam(block, element="linear", young_modulus=100.0)
+    with pytest.raises(ReductionError, match=r"--range beam\.air: the scene has no such actuator; it has: none"):
+        reduce_scene(scene, tmp_path, Wishes(ranges={"beam.air": (0.0, 1.0)}), Progress())
