@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any
 
@@ -102,7 +102,7 @@ class GraspSequence:
             "held_since": self._held_since,
             "set_point": self.set_point.save(),
             "regulator": self._regulator.save(),
-            "profile": asdict(self._profile),
+            "profile": vars(self._profile).copy(),
         }
 
     def restore(self, saved: Mapping[str, Any]) -> None:
