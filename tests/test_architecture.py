@@ -36,6 +36,7 @@ LAYERS = {
         "pytest_fixtures",
         "__init__",
         "running",
+        "branching",
         "building",
         "plugin_system",
         "session",
