@@ -41,6 +41,8 @@ if TYPE_CHECKING:
     from taichisoft.session.output import Output as Output
     from taichisoft.session.session import Session as Session
     from taichisoft.state import State as State
+    from taichisoft.statics import Equilibrium as Equilibrium
+    from taichisoft.statics import equilibrium as equilibrium
     from taichisoft.step.report import StepReport as StepReport
 
 __version__ = "0.2.0"
@@ -67,6 +69,7 @@ _NAMES = {
     "session.output": ["Output"],
     "session.session": ["Session"],
     "state": ["State"],
+    "statics": ["Equilibrium", "equilibrium"],
     "step.report": ["StepReport"],
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}

@@ -37,6 +37,7 @@ LAYERS = {
         "__init__",
         "running",
         "branching",
+        "statics",
         "building",
         "plugin_system",
         "session",

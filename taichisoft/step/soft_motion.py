@@ -57,7 +57,7 @@ class SoftMotion:
         """Linearise implicit Euler with the rotations of the start of the step, and begin to solve it.
 
         Without contact and with known efforts p of coordinates q the velocities after the step are
-        v + A^-1 h (f + M g + p dq/dx - a M v - (h + b) K v), in first order dynamics A^-1 h (f + M g + p dq/dx).
+        v + A^-1 h (f + M g + p dq/dx - a M v - (h + b) K v), without inertia A^-1 h (f + M g + p dq/dx).
 
         Args:
             state: at the start of the step.
@@ -73,8 +73,8 @@ class SoftMotion:
             self.system.scale_stiffness(stiffening[self._model.element_material])
         self.system.assemble()
         self._sum_impulses(state, load)
-        is_first_order = self._model.scene.time.dynamics == "first order"
-        self.factorise(state, self.nodes.impulse, np.zeros(3) if is_first_order else state.velocity)
+        has_inertia = self._model.scene.time.dynamics == "second order"
+        self.factorise(state, self.nodes.impulse, state.velocity if has_inertia else np.zeros(3))
 
     def response(self, node_impulse: np.ndarray) -> np.ndarray:
         """Change of velocity [mm/s], shape (node_count, 3), by impulses on the nodes [mN s], shape (node_count, 3)."""
