@@ -68,7 +68,7 @@ WRONG = [
     ),
     (
         with_box(time={"dynamics": "third order"}),
-        "time.dynamics = 'third order': input should be 'second order' or",
+        "time.dynamics = 'third order': input should be 'second order', 'first order' or 'static'",
     ),
     # without effect
     (rigid(scale=2), "rigid_bodies.cube: scale would have no effect beside box; remove it"),
