@@ -40,6 +40,7 @@ SECTIONS = {
         *("Control", "Observation", "StepReport", "State"),
     ],
     "Running": ["run", "make_controller", "make_output", "Controller", "KeyEvent", "Slider", "Output", "Session"],
+    "Planning": ["rollouts", "Rollouts", "equilibrium", "Equilibrium"],
     "Meshes": ["VolumeMesh", "read_volume_mesh", "write_volume_mesh", "Geometry"],
     "Plug-ins": [
         *("hookimpl", "RunOption", "Renderer", "group_with_default"),

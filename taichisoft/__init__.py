@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Any
 from taichisoft import errors as errors
 
 if TYPE_CHECKING:
+    from taichisoft.branching.rollouts import Rollouts as Rollouts
+    from taichisoft.branching.rollouts import rollouts as rollouts
     from taichisoft.building.run_parts import make_controller as make_controller
     from taichisoft.building.run_parts import make_output as make_output
     from taichisoft.building.scene_files import load_scene as load_scene
@@ -39,11 +41,14 @@ if TYPE_CHECKING:
     from taichisoft.session.output import Output as Output
     from taichisoft.session.session import Session as Session
     from taichisoft.state import State as State
+    from taichisoft.statics import Equilibrium as Equilibrium
+    from taichisoft.statics import equilibrium as equilibrium
     from taichisoft.step.report import StepReport as StepReport
 
 __version__ = "0.2.0"
 
 _NAMES = {
+    "branching.rollouts": ["Rollouts", "rollouts"],
     "building.run_parts": ["make_controller", "make_output"],
     "building.scene_files": ["load_scene", "scene_from_dict"],
     "building.simulation": ["Simulation", "make_model"],
@@ -64,6 +69,7 @@ _NAMES = {
     "session.output": ["Output"],
     "session.session": ["Session"],
     "state": ["State"],
+    "statics": ["Equilibrium", "equilibrium"],
     "step.report": ["StepReport"],
 }
 _MODULES = {name: module for module, names in _NAMES.items() for name in names}

@@ -66,6 +66,10 @@ class SimulationDiverged(TaichisoftError):
         self.advice = advice
 
 
+class EquilibriumNotFound(TaichisoftError):
+    """Soft bodies have no equilibrium under their loads, or none that the search has found."""
+
+
 class ForkedProcess(TaichisoftError):
     """A process forked after the start of the simulator tried to compute, which would block for ever."""
 

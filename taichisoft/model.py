@@ -171,6 +171,29 @@ class Model:
             array.setflags(write=False)
         return other
 
+    def static(self) -> "Model":
+        """Make a variant whose steps are equilibria, whatever rates the scene limits; see `taichisoft.equilibrium`.
+
+        Raises:
+            SceneError: the scene has rigid bodies, or a soft body without anchors.
+        """
+        names = [name for name in type(self.scene.limits).model_fields if name.endswith(("_rate", "_speed"))]
+        limits = self.scene.limits.model_copy(update=dict.fromkeys(names))
+        time = self.scene.time.model_copy(update={"dynamics": "static"})
+        other = copy.copy(self)
+        other.scene = self.scene.model_copy(update={"time": time, "limits": limits})
+        for kind, bodies in (
+            ("rigid body", self.rigid_bodies),
+            ("soft body without anchors", _loose(self.soft_bodies)),
+        ):
+            if bodies:
+                raise SceneError(
+                    f"an equilibrium is found of soft bodies with anchors alone; '{bodies[0].name}' is a {kind}"
+                )
+        other.elasticity = Elasticity(list(self.soft_bodies), time)
+        _make_read_only(other.elasticity)
+        return other
+
     def placed_pull_points(self, state: State) -> np.ndarray:
         """Positions of the cables' pull points, moved with the base if attached to it [mm], shape (cable_count, 3)."""
         if not self.cables.pull_point_moves.any():
@@ -291,6 +314,15 @@ def _refuse_newton_of_modes(bodies: list[SoftBody], scene: Scene) -> None:
             f"time.newton = {scene.time.newton}: must be 1 with soft_bodies.{reduced[0]}.reduced; a reduced body is "
             "linearised once a step"
         )
+    if reduced and scene.time.dynamics == "static":
+        raise SceneError(
+            f'time.dynamics = "static": must not be with soft_bodies.{reduced[0]}.reduced; an equilibrium linearises '
+            "its bodies again and again, and a reduced body is linearised once"
+        )
+
+
+def _loose(bodies: tuple[SoftBody, ...]) -> list[SoftBody]:
+    return [body for body in bodies if not body.anchored.any()]
 
 
 def _with_mass(body: RigidBody, mass: float) -> RigidBody:

@@ -3,6 +3,8 @@
 import time
 from functools import partial
 
+import numpy as np
+
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.body_geometry import PosesAhead
 from taichisoft.control.control import Control
@@ -44,7 +46,7 @@ class TimeStepper:
         self._prediction = ContactPrediction(model, self._rigid.state)
         self._constraint_solver = ConstraintSolver(model, self._soft, self._rigid)
         self._solver: ConstraintSolver | NonlinearStep = self._constraint_solver
-        if model.elasticity is not None and self._soft is not None and model.scene.time.newton > 1:
+        if model.elasticity is not None and self._soft is not None and model.scene.time.most_linearisations > 1:
             self._solver = NonlinearStep(model, model.elasticity, self._soft, self._rigid, self._constraint_solver)
         self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model)
@@ -115,6 +117,7 @@ class TimeStepper:
     ) -> State:
         """The state at the end of the step, by the solution's velocities."""
         time_step, velocity = self.model.scene.time.step, solution.rigid_velocity
+        is_static = self.model.scene.time.dynamics == "static"
         position = time_step * solution.node_velocity
         position += start.position
         if shift is not None:
@@ -130,7 +133,7 @@ class TimeStepper:
             time=(start.step + 1) * time_step,
             step=start.step + 1,
             position=position,
-            velocity=solution.node_velocity,
+            velocity=np.zeros_like(position) if is_static else solution.node_velocity,
             rigid_position=rigid_position,
             rigid_rotation=rigid_rotation,
             rigid_velocity=velocity[:, :3].copy(),

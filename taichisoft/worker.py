@@ -255,13 +255,18 @@ class Link:
             raise EOFError("the parent is gone")
         return pickle.loads(arrived)
 
+    @property
+    def has_message(self) -> bool:
+        """Whether `receive` would not have to wait."""
+        return not self._arrived.empty()
+
     def send(self, message: Any) -> None:
         """Send a message, from any thread."""
         self._send(None, message)
 
     def fail(self, error: TaichisoftError | WorkerLost) -> None:
-        """Have the parent raise an error."""
-        self._send(error, None)
+        """Have the parent raise an error, one of ours as the nearest class in `taichisoft.errors`."""
+        self._send(_plain(error) if isinstance(error, TaichisoftError) else error, None)
 
     def _send(self, error: Exception | None, message: Any) -> None:
         with self._sending, suppress(OSError):  # a parent that is gone ends this process anyway
@@ -296,7 +301,7 @@ def work() -> None:
     try:
         _named(sys.argv[1])(link)
     except TaichisoftError as error:
-        link.fail(_plain(error))
+        link.fail(error)
     except Exception as error:
         link.fail(WorkerLost(f"{type(error).__name__}: {' '.join(str(error).split())}"))
 

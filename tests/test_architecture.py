@@ -37,6 +37,8 @@ LAYERS = {
         "pytest_fixtures",
         "__init__",
         "running",
+        "branching",
+        "statics",
         "building",
         "plugin_system",
         "session",

@@ -1,5 +1,6 @@
 """All that docs/plugins.md shows to be typed works."""
 
+import json
 import os
 import re
 import shlex
@@ -16,6 +17,7 @@ from taichisoft.command_line import main
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
 from taichisoft.plugin_system import hooks, plugins
+from taichisoft.running.controller_memory import saved_as_json
 
 DOCUMENT = (Path(__file__).resolve().parents[1] / "docs" / "plugins.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", DOCUMENT, re.DOTALL | re.MULTILINE)
@@ -64,6 +66,14 @@ def test_all_that_is_shown_works(
     buttons.reset(None)
     buttons.key(KeyEvent("c"))
     assert buttons.control(Observation(0.0, 0, pressures={"left": 0.0})).pressure == {"left": 30.0}
+    taichisoft.load_plugin("dither.py")
+    seen = Observation(0.0, 0, pressures={"left": 4.0})
+    dither, again = hooks.find("controller", "dither")(), hooks.find("controller", "dither")()
+    dither.reset(None)
+    first = dither.control(seen)
+    again.reset(None)
+    again.restore(json.loads(saved_as_json(dither)))
+    assert again.control(seen) == dither.control(seen) != first
 
 
 def run(line: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]) -> str:

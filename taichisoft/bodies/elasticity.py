@@ -24,8 +24,8 @@ from taichisoft.scenes.scene import Time
 class Elasticity:
     """All soft bodies, whose matrix A = (1 + h a) M + h (h + b) K has one block of trees per body; it never changes.
 
-    In first order dynamics A = h M + h^2 K: mass is a drag, so M v = f - h K v, here times h. A times a velocity is an
-    impulse as before, so that contacts and actuators need not know the difference.
+    In first order dynamics A = h M + h^2 K: mass is a drag, so M v = f - h K v, here times h; in statics A = h^2 K. A
+    times a velocity is an impulse as before, so that contacts and actuators need not know the difference.
 
     Linear tetrahedra under Hooke's law have a kernel of their own; all other elements are integration domains.
 
@@ -76,9 +76,10 @@ class Elasticity:
         anchor_lag = np.where(is_damped, lag, time.step)
         mass_factor, stiffness_factor = 1.0 + time.step * rayleigh_mass, time.step * lag
         anchor_factor = time.step * anchor_lag
-        if time.dynamics == "first order":
+        if time.dynamics != "second order":
+            drag = time.step if time.dynamics == "first order" else 0.0
             rayleigh_mass, lag, anchor_lag = (np.zeros(len(bodies)) for _ in range(3))
-            mass_factor, stiffness_factor = np.full(len(bodies), time.step), np.full(len(bodies), time.step**2)
+            mass_factor, stiffness_factor = np.full(len(bodies), drag), np.full(len(bodies), time.step**2)
             anchor_factor = stiffness_factor
         self.node_rayleigh_mass = np.repeat(rayleigh_mass, node_counts)
         self.node_lag = np.repeat(lag, node_counts)

@@ -3,8 +3,9 @@
 import inspect
 import warnings
 import weakref
-from collections.abc import Container, Sequence
+from collections.abc import Callable, Container, Hashable, Sequence
 from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -29,6 +30,13 @@ HIGHEST_RATIO = 0.45
 """Poisson's ratio above which linear tetrahedra lock: a finger bends 21.8 mm at 0.3, 6.7 at 0.49, 2.0 at 0.499."""
 
 
+class Closable(Protocol):
+    """Something that is ready for use, until it is closed."""
+
+    def close(self) -> None:
+        """End it."""
+
+
 class Simulation(TimeStepper):
     """A simulation of a scene, or of an existing model."""
 
@@ -42,8 +50,8 @@ class Simulation(TimeStepper):
             TaichisoftError: see `make_model`.
         """
         super().__init__(scene if isinstance(scene, Model) else make_model(scene))
-        self._renderers: dict[tuple[object, ...], Renderer] = {}
-        weakref.finalize(self, _close_all, self._renderers)
+        self._kept: dict[Hashable, Closable] = {}
+        weakref.finalize(self, _close_all, self._kept)
 
     def render(
         self,
@@ -69,19 +77,26 @@ class Simulation(TimeStepper):
             TaichisoftError: the camera or the size is not valid, or this machine cannot draw.
         """
         place = camera if isinstance(camera, str) else tuple(tuple(map(float, point)) for point in camera)
-        key = (renderer, place, *size)
-        if key not in self._renderers:
-            self._renderers[key] = find("renderer", renderer)(model=self.model, size=tuple(size), camera=place)
-        return self._renderers[key].picture(self.state, np.asarray(marks, np.float64).reshape(-1, 3))
+        drawing: Renderer = self.keep(
+            (renderer, place, *size),
+            lambda: find("renderer", renderer)(model=self.model, size=tuple(size), camera=place),
+        )
+        return drawing.picture(self.state, np.asarray(marks, np.float64).reshape(-1, 3))
+
+    def keep(self, key: Hashable, make: Callable[[], Any]) -> Any:
+        """What is kept ready under a key until `close`, such as a renderer; made on the first call."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        return self._kept[key]
 
     def close(self) -> None:
-        """Stop the renderers; a later `render` starts them again."""
-        _close_all(self._renderers)
+        """Stop the renderers, and the processes of `rollouts`; a later call starts them again."""
+        _close_all(self._kept)
 
 
-def _close_all(renderers: dict[tuple[object, ...], Renderer]) -> None:
-    while renderers:
-        renderers.popitem()[1].close()
+def _close_all(kept: dict[Hashable, Closable]) -> None:
+    while kept:
+        kept.popitem()[1].close()
 
 
 def make_model(scene: Scene) -> Model:

@@ -4,11 +4,12 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from taichisoft.control.control import Control
 from taichisoft.control.keys import KeyEvent
 from taichisoft.control.observation import Observation
+from taichisoft.errors import PluginError
 
 if TYPE_CHECKING:  # a model brings Taichi
     from taichisoft.model import Model
@@ -62,6 +63,30 @@ class Controller(ABC):
     @abstractmethod
     def control(self, observation: Observation) -> Control:
         """Say what shall happen: called before every step, or every `controller.period` of the scene."""
+
+    def save(self) -> dict[str, Any] | None:
+        """Everything that the controller remembers from one `control` to the next, so that a run can go on from here.
+
+        Called after `reset`, before the first step, and after every step that is recorded. The values are what JSON
+        has: None, True and False, numbers, texts, lists, dictionaries with texts as keys (arrays by `tolist()`, a
+        generator of random numbers by its `bit_generator.state`). A controller that depends on its observations alone
+        gives {}.
+
+        Returns:
+            The values by name; None, as here, where the controller cannot say: a resumed run begins with `reset` then.
+        """
+        return None
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from what `save` gave; called after `reset`.
+
+        What it then asks for must be what it would have asked for, had the run not been interrupted.
+
+        Raises:
+            PluginError: the class has no `restore` of its own.
+        """
+        if saved:
+            raise PluginError(f"{type(self).__qualname__} has save() without restore(); write both, or neither")
 
     def base_stops_at(self, observation: Observation) -> float | None:
         """The earliest time from which the base stays where it is in a run that begins with an observation [s].

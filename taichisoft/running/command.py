@@ -45,6 +45,7 @@ class RunRequest:
         speed: simulated over wall-clock time [-]; None: the default.
         replay: keys of an earlier run; None: keys from the user.
         profile: whether to show the times of the phases of a step.
+        saved: what the controller goes on from, as its `save` gave it; None: it begins with `reset` alone.
         steering: name of the controller for an output by which a user steers, such as a page, or None.
         reduced: folder with the modes of soft bodies, or None.
         steps: number of time steps, instead of `duration`, or None.
@@ -59,6 +60,7 @@ class RunRequest:
     steering: str | None = None
     reduced: Path | None = None
     steps: int | None = None
+    saved: Mapping[str, Any] | None = None
 
 
 def run_scene(
@@ -133,7 +135,7 @@ def run_simulation(
         if speed is not None:
             with console.status(status) as shown, compilations_shown(lambda one: shown.update(f"preparing {one}")):
                 _load_kernels(simulation)
-        session = Session(simulation, controller, outputs, duration, folder, speed, request.replay)
+        session = Session(simulation, controller, outputs, duration, folder, speed, request.replay, request.saved)
         _write_scene(scene, folder)
         outcome = _run(session, console, folder, scene.title or name, request.profile)
     if outcome == INTERRUPTED:

@@ -2,7 +2,8 @@
 
 import time
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
 from typing import Any, TypeVar
 
 from taichisoft.building.simulation import Simulation
@@ -12,6 +13,7 @@ from taichisoft.errors import ControlError, GoalMissed, PluginError
 from taichisoft.interruption import deferred_signals, stop_if_asked
 from taichisoft.plugin_system.failure import failures_of
 from taichisoft.plugin_system.hooks import notify
+from taichisoft.running.controller_memory import saved_as_json
 from taichisoft.running.key_handling import KeyHandling
 from taichisoft.running.strain_watch import StrainWatch
 from taichisoft.running.time_limit import TimeLimitExceeded, call_within
@@ -36,6 +38,7 @@ def run(
     outputs: Sequence[Output] = (),
     duration: float | None = None,
     on_step: Callable[[StepReport], None] | None = None,
+    saved: Mapping[str, Any] | None = None,
 ) -> str:
     """Drive a simulation from its present state and show every step to the outputs.
 
@@ -45,6 +48,7 @@ def run(
         outputs: record every step, and are always ended, whatever happens.
         duration: simulated time [s]; None: the scene's; infinite: until a key or `Session.stop` ends the run.
         on_step: called after every step, for a progress display.
+        saved: what the controller goes on from, as its `save` gave it at this state; None: it begins with `reset`.
 
     Returns:
         "completed"; "stopped" by a key or by `Session.stop`; "interrupted" by Ctrl and c
@@ -59,7 +63,7 @@ def run(
         TaichisoftError: the duration is not positive, or an output failed to write; the outputs keep the results
             computed before any of these errors.
     """
-    return run_session(Session(simulation, controller, outputs, duration), on_step)
+    return run_session(Session(simulation, controller, outputs, duration, saved=saved), on_step)
 
 
 def run_session(session: Session, on_step: Callable[[StepReport], None] | None = None) -> str:
@@ -73,9 +77,10 @@ def run_session(session: Session, on_step: Callable[[StepReport], None] | None =
     hooks_called = False
     with deferred_signals():
         try:
-            _call(session.controller, session.controller.reset, session.simulation.model)
+            _begin_controller(session)
             for output in session.outputs:
                 begun.append(output)
+                output.save_controller = partial(saved_as_json, session.controller)
                 _call(output, output.begin, session.simulation.model, session.simulation.state)
             hooks_called = True
             notify("taichisoft_run_begins", session=session)
@@ -168,10 +173,18 @@ def _next_control(session: Session) -> Control:
     return asked
 
 
+def _begin_controller(session: Session) -> None:
+    """Reset the controller, and have it go on from what it remembered if the session says so."""
+    controller = session.controller
+    _call(controller, controller.reset, session.simulation.model)
+    if session.saved is not None:
+        _call(controller, controller.restore, session.saved)
+
+
 def _restart(session: Session, strain_watch: StrainWatch) -> None:
     strain_watch.restart()
     session.simulation.restore(session.first_state)
-    _call(session.controller, session.controller.reset, session.simulation.model)
+    _begin_controller(session)
     for output in session.outputs:
         _call(output, output.restart, session.first_state)
     session.pace.restart()

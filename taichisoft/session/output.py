@@ -1,6 +1,7 @@
 """Base class of outputs, which record a run."""
 
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:  # these import Taichi
@@ -17,9 +18,12 @@ class Output(ABC):
 
     Attributes:
         gives_keys: whether the output puts keys into the session, to steer a run without a terminal.
+        save_controller: function that returns as JSON what the controller of the run remembers now, see
+            `Controller.save`; empty for a controller that does not save. The run sets it before `begin`.
     """
 
     gives_keys: bool = False
+    save_controller: Callable[[], str] = staticmethod(lambda: "")
 
     def begin(self, model: "Model", state: "State") -> None:
         """Begin a run; called once, with the state before the first step."""

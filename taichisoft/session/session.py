@@ -2,9 +2,9 @@
 
 import math
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from taichisoft.control.controller import Controller
 from taichisoft.control.keys import KeyEvent, KeyStream
@@ -48,6 +48,7 @@ class Session:
         recent_keys: last key events handled.
         replay: keys of an earlier session, which replace the events in `keys`, or None.
         first_state: state at the start and after a restart.
+        saved: what the controller remembers then, as `Controller.save` gave it; None: it begins with `reset` alone.
         stops: whether the run ends before the next step.
     """
 
@@ -60,6 +61,7 @@ class Session:
         folder: Path | None = None,
         speed: float | None = None,
         replay: KeyReplay | None = None,
+        saved: Mapping[str, Any] | None = None,
     ):
         """Assemble a run.
 
@@ -71,6 +73,7 @@ class Session:
             folder: folder for the key log.
             speed: simulated over wall-clock time [-]; None: as fast as possible.
             replay: keys of an earlier session.
+            saved: what the controller goes on from, as its `save` gave it; None: it begins with `reset` alone.
 
         Raises:
             PluginError: the controller is not a `Controller`, or an output is not an `Output`.
@@ -91,6 +94,7 @@ class Session:
         self.recent_keys: deque[KeyEvent] = deque(maxlen=RECENT_KEYS)
         self.replay = replay
         self.first_state = simulation.state
+        self.saved = saved
         self.stops = False
 
     @property

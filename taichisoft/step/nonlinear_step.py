@@ -52,7 +52,7 @@ class NonlinearStep:
         self._geometry = ActuatorGeometry(model.actuators, model.node_count)
         self._equations = EndOfStep(model, elasticity, soft, self._geometry)
         self._soft, self._rigid, self._constraint_solver = soft, rigid, constraint_solver
-        self._time_step, self._most = model.scene.time.step, model.scene.time.newton
+        self._time_step, self._most = model.scene.time.step, model.scene.time.most_linearisations
         self._tolerance = model.scene.time.newton_tolerance
 
     def solve(self, problem: StepProblem) -> StepSolution:

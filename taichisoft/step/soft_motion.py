@@ -68,7 +68,7 @@ class SoftMotion:
         """Linearise implicit Euler with the rotations of the start of the step, and begin to solve it.
 
         Without contact and with known efforts p of coordinates q the velocities after the step are
-        v + A^-1 h (f + M g + p dq/dx - a M v - (h + b) K v), in first order dynamics A^-1 h (f + M g + p dq/dx).
+        v + A^-1 h (f + M g + p dq/dx - a M v - (h + b) K v), without inertia A^-1 h (f + M g + p dq/dx).
 
         Args:
             state: at the start of the step.
@@ -78,12 +78,12 @@ class SoftMotion:
             SimulationDiverged: the system matrix is not positive definite.
         """
         self.system.position[:], self.system.velocity[:] = state.position, state.velocity
-        is_first_order = self._model.scene.time.dynamics == "first order"
+        has_inertia = self._model.scene.time.dynamics == "second order"
         self._follow_base(state)
         if self.system.reduced is not None:
             self._refuse_moved_anchors(state)
             place, turn = self.base.place, self.base.turn[0]
-            self.system.reduced.begin(place, turn, state.gravity, self._model.scene.time.step, not is_first_order)
+            self.system.reduced.begin(place, turn, state.gravity, self._model.scene.time.step, has_inertia)
         if state.young_modulus is not self._young_modulus:
             self._young_modulus = state.young_modulus
             stiffening = state.young_modulus / self._model.young_modulus
@@ -91,7 +91,7 @@ class SoftMotion:
         self.system.assemble()
         self._sum_impulses(state, load)
         known_velocity = self.system.velocity
-        if is_first_order:
+        if not has_inertia:
             known_velocity = np.where(self.system.modes.start[:, None] >= 0, known_velocity, 0.0)
         self.factorise(state, self.nodes.impulse, known_velocity)
 

@@ -67,8 +67,8 @@ WRONG = [
         "time.dynamics = 'first order' is for soft bodies alone; remove the rigid body 'cube'",
     ),
     (
-        with_box(time={"dynamics": "static"}),
-        "time.dynamics = 'static': input should be 'second order' or",
+        with_box(time={"dynamics": "third order"}),
+        "time.dynamics = 'third order': input should be 'second order', 'first order' or 'static'",
     ),
     # without effect
     (rigid(scale=2), "rigid_bodies.cube: scale would have no effect beside box; remove it"),

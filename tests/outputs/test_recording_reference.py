@@ -72,7 +72,13 @@ def test_the_paths_of_bodies_and_cables(file: Any) -> None:
 
 @pytest.mark.parametrize(
     ("heading", "group"),
-    [("Frames", "steps"), ("States", "states"), ("Controls", "controls"), ("Contacts", "contacts")],
+    [
+        ("Frames", "steps"),
+        ("States", "states"),
+        ("Controls", "controls"),
+        ("Controllers", "controllers"),
+        ("Contacts", "contacts"),
+    ],
 )
 def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
     """Their names, units and shapes."""

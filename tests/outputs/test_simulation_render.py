@@ -15,7 +15,7 @@ SMALL = (160, 120)
 
 
 def process_id(simulation: Simulation) -> int:
-    (renderer,) = simulation._renderers.values()
+    (renderer,) = simulation._kept.values()
     return renderer._process.worker.process.pid  # type: ignore[attr-defined]
 
 
@@ -43,7 +43,7 @@ def test_a_picture_shows_the_present_state_and_its_process_stays_and_is_replaced
         again = simulation.render("front", SMALL)
     assert np.array_equal(again, first)
     simulation.close()
-    assert not simulation._renderers
+    assert not simulation._kept
 
 
 def test_a_picture_that_is_interrupted_is_not_taken_for_the_next_one(taichisoft_scene: Scene) -> None:

@@ -1,6 +1,9 @@
 """The controller "closed-loop": grasps by feel, lifts, holds, and squeezes harder when the object slips."""
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from taichisoft.control import Control, Controller, Observation
 from taichisoft_controllers.closed_loop.grasp_actuation import actuation_of
@@ -38,7 +41,7 @@ class ClosedLoopController(Controller):
         self._actuation = actuation_of(model, self._settings)
         self._sensing = GraspSensing(model, self._actuation.drive, self._settings.touch_force)
         self._sequence = GraspSequence(self._settings, self._sensing.object, self._actuation)
-        self._first: Observation | None = None
+        self._base: np.ndarray | None = None
         self._time = 0.0
         self._held_since: float | None = None
 
@@ -48,8 +51,8 @@ class ClosedLoopController(Controller):
         Raises:
             ControllerFailed: the object cannot be grasped or lifted, or was dropped.
         """
-        if self._first is None:
-            self._first, self._time = observation, observation.time
+        if self._base is None:
+            self._base, self._time = observation.base_translation, observation.time
         sequence = self._sequence
         assert sequence is not None, "control() before reset()"
         grasp = self._sensing.sense(observation, sequence.command)
@@ -62,7 +65,7 @@ class ClosedLoopController(Controller):
         return Control(
             pressure=commands if by_pressure else {},
             cable_pull={} if by_pressure else commands,
-            base_translation=self._first.base_translation + sequence.height * self._sensing.up,
+            base_translation=self._base + sequence.height * self._sensing.up,
             signals={
                 "phase": float(sequence.phase),
                 "set_point": sequence.set_point.force,
@@ -72,6 +75,25 @@ class ClosedLoopController(Controller):
                 "sunk": sequence.sunk,
             },
         )
+
+    def save(self) -> dict[str, Any]:
+        """Where the base began, how far the grasp is, and what its sensing and its regulator have learnt."""
+        assert self._sequence is not None, "save() before reset()"
+        return {
+            "base": self._base.tolist() if self._base is not None else None,
+            "time": self._time,
+            "held_since": self._held_since,
+            "friction": self._sensing.save(),
+            "grasp": self._sequence.save(),
+        }
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on in the same phase, with the present settings; a set point that slips have raised stays raised."""
+        assert self._sequence is not None, "restore() before reset()"
+        self._base = np.array(saved["base"]) if saved["base"] is not None else None
+        self._time, self._held_since = saved["time"], saved["held_since"]
+        self._sensing.restore(saved["friction"])
+        self._sequence.restore(saved["grasp"])
 
     def summary(self) -> dict[str, str]:
         """Rows of the table that closes a run."""

@@ -1,5 +1,6 @@
 """The grasp of an object as it is felt and seen in an observation."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -91,6 +92,14 @@ class GraspSensing:
             offset=float(observation.object_positions[self.object] @ self.up) - base_height,
             object_speed=float(np.linalg.norm(observation.object_velocities[self.object])),
         )
+
+    def save(self) -> dict[str, float]:
+        """The largest friction over normal force that each finger has shown [-]."""
+        return dict(self._most_used)
+
+    def restore(self, saved: Mapping[str, float]) -> None:
+        """Go on with what the fingers have shown before."""
+        self._most_used.update(saved)
 
     def _applied(self, actuator: str, observation: Observation, asked: float) -> float:
         """What an actuator was driven with; a slack cable is paid out as was asked, wherever its finger may stick."""

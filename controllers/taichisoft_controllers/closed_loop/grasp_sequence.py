@@ -1,8 +1,10 @@
 """The phases of a grasp, from open fingers to an object that is held: what each asks for, and when it ends."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import Any
 
 from taichisoft.errors import ControllerFailed
 from taichisoft_controllers.closed_loop.grasp_actuation import GraspActuation
@@ -65,6 +67,8 @@ class GraspSequence:
         self._phase_begun = 0.0
         self._true_since: float | None = None
         self._grasps_made = 0
+        self._taken_up = self._held_at = self._held_since = 0.0
+        self._profile = LiftProfile(0.0, 0.0, settings.lift_time, WAITING_TIME)
         self._advance = {
             Phase.APPROACH: self._approach,
             Phase.GRIP: self._grip,
@@ -82,6 +86,35 @@ class GraspSequence:
             ControllerFailed: the object cannot be grasped or lifted, or was dropped.
         """
         self._advance[self.phase](grasp, elapsed)
+
+    def save(self) -> dict[str, Any]:
+        """The phase, what it asks for, and the times and heights that it compares with."""
+        return {
+            "phase": int(self.phase),
+            "command": self.command,
+            "height": self.height,
+            "sunk": self.sunk,
+            "phase_begun": self._phase_begun,
+            "true_since": self._true_since,
+            "grasps_made": self._grasps_made,
+            "taken_up": self._taken_up,
+            "held_at": self._held_at,
+            "held_since": self._held_since,
+            "set_point": self.set_point.save(),
+            "regulator": self._regulator.save(),
+            "profile": vars(self._profile).copy(),
+        }
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from what `save` gave."""
+        self.phase, self.command = Phase(saved["phase"]), saved["command"]
+        self.height, self.sunk = saved["height"], saved["sunk"]
+        self._phase_begun, self._true_since = saved["phase_begun"], saved["true_since"]
+        self._grasps_made, self._taken_up = saved["grasps_made"], saved["taken_up"]
+        self._held_at, self._held_since = saved["held_at"], saved["held_since"]
+        self.set_point.restore(saved["set_point"])
+        self._regulator.restore(saved["regulator"])
+        self._profile = LiftProfile(**saved["profile"])
 
     def _approach(self, grasp: SensedGrasp, elapsed: float) -> None:
         """Close until all fingers touch."""

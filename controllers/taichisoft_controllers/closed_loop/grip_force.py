@@ -1,7 +1,9 @@
 """The force of a grip: how hard it shall be, and the pressure or pull that makes it so."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from taichisoft_controllers.closed_loop.grasp_actuation import GraspActuation
 from taichisoft_controllers.closed_loop.grasp_sensing import SensedGrasp
@@ -27,6 +29,16 @@ class GripSetPoint:
     slip_speed: float
     raised_count: int = 0
     _being_raised: bool = False
+
+    def save(self) -> dict[str, Any]:
+        """What slips have raised the set point to, None where none has."""
+        raised = self.force if self.raised_count else None
+        return {"raised_to": raised, "raised_count": self.raised_count, "being_raised": self._being_raised}
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from what `save` gave; a set point that was never raised is that of the settings."""
+        self.force = self.force if saved["raised_to"] is None else saved["raised_to"]
+        self.raised_count, self._being_raised = saved["raised_count"], saved["being_raised"]
 
     def watch(self, grasp: SensedGrasp, can_follow: bool) -> bool:
         """Raise the set point if the object slips and the force `can_follow`; returns whether it slips."""
@@ -66,6 +78,14 @@ class ForceRegulator:
         self._integral = applied - self.actuation.proportional_gain * error
         self._wanted = applied
         self.saturated = False
+
+    def save(self) -> dict[str, Any]:
+        """The integral, and what was wanted last."""
+        return {"integral": self._integral, "wanted": self._wanted, "saturated": self.saturated}
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from what `save` gave."""
+        self._integral, self._wanted, self.saturated = saved["integral"], saved["wanted"], saved["saturated"]
 
     def command(self, error: float, applied: float, elapsed: float) -> float:
         """The pressure [kPa] or pull [mm] to apply.

@@ -1,6 +1,7 @@
 """A controller that follows keys, with the bindings of SOFA's pneunet gripper tutorial."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -132,6 +133,22 @@ class KeyboardController(Controller):
             base_rotation=self._turn * self._up,
             **asked,  # type: ignore[arg-type] # keys of actuators alone
         )
+
+    def save(self) -> dict[str, Any]:
+        """Where keys and sliders have led so far, and which finger is selected."""
+        return {
+            "sliders": {name: slider.value for name, slider in self.sliders.items()},
+            "translation": self._translation.tolist(),
+            "turns": self._turns,
+            "selected": self._selected,
+        }
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on from there; a slider of another range goes as near as its ends allow."""
+        for name, value in saved["sliders"].items():
+            self.sliders[name] = _moved(self.sliders[name], value)
+        self._translation, self._turns = np.array(saved["translation"]), saved["turns"]
+        self._select(saved["selected"])
 
     @property
     def _turn(self) -> float:

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -50,6 +50,13 @@ class KeyframeController(Controller):
     def control(self, observation: Observation) -> Control:
         """The values at the start of the coming step."""
         return self._targets.control(self._at(observation.time), self._driven)
+
+    def save(self) -> dict[str, Any]:
+        """Nothing: the time says it all."""
+        return {}
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on by the time."""
 
     def base_stops_at(self, observation: Observation) -> float:
         """The time of the last keyframe that has the base elsewhere than the one before."""

@@ -3,13 +3,13 @@
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from taichisoft.actuators import Drive
 from taichisoft.control import Control, Controller, Observation
-from taichisoft.errors import SceneError
+from taichisoft.errors import SceneError, StateError
 from taichisoft_controllers.drives import DRIVES, read_drive
 from taichisoft_controllers.scripted.script_file import Step
 from taichisoft_controllers.scripted.script_targets import ROTATION, TRANSLATION, Ramp, Targets
@@ -63,6 +63,29 @@ class StepController(Controller):
         """
         values = self._values(observation)
         return self._targets.control(values, self._driven, {SIGNAL: float(len(self._begun) - 1)})
+
+    def save(self) -> dict[str, Any]:
+        """When the steps began, what they drive, and how far the present one is."""
+        return {
+            "begun": list(self._begun),
+            "driven": self._driven.tolist(),
+            "step": self._current.save() if self._current is not None else None,
+        }
+
+    def restore(self, saved: Mapping[str, Any]) -> None:
+        """Go on in the step in which the run was.
+
+        Raises:
+            StateError: the script has fewer steps, or drives other things.
+        """
+        begun, driven, step = list(saved["begun"]), np.array(saved["driven"], dtype=bool), saved["step"]
+        if len(begun) > len(self._steps) + 1 or len(driven) != len(self._driven):
+            raise StateError(
+                f"{self._path}: not the script that the controller followed, which was at steps.{len(begun) - 1}; "
+                "`taichisoft resume --reset-controller` begins with the first step"
+            )
+        self._begun, self._driven = begun, driven
+        self._current = StepInProgress.restored(step, *self._end_of(len(begun) - 1)) if step is not None else None
 
     def base_stops_at(self, observation: Observation) -> float:
         """The end of the last way of the base, as if every condition were true at once."""
@@ -118,15 +141,22 @@ class StepController(Controller):
         """
         index = len(self._begun)
         self._begun.append(time)
+        waiting, hold = self._end_of(index)
         if index == len(self._steps):
-            return StepInProgress(time, Ramp(values, values, np.zeros(len(values)), False), None, math.inf)
+            return StepInProgress(time, Ramp(values, values, np.zeros(len(values)), False), waiting, hold)
         step, efforts, chosen = self._steps[index], self._efforts(index), np.zeros(len(self._driven), dtype=bool)
         chosen[list(efforts)] = True
         start = values.copy()
         begins = np.flatnonzero(chosen & ~self._driven)
         start[begins] = self._targets.observed(observation)[begins]
         self._driven = self._targets.drive(self._driven, chosen)
-        return StepInProgress(time, self._way(step, start, efforts), self._waiting[index], step.hold or 0.0)
+        return StepInProgress(time, self._way(step, start, efforts), waiting, hold)
+
+    def _end_of(self, index: int) -> tuple[Waiting | None, float]:
+        """What a step waits for, and how long it then rests [s]; what comes after the last step does not end."""
+        if index == len(self._steps):
+            return None, math.inf
+        return self._waiting[index], self._steps[index].hold or 0.0
 
     def _way(self, step: Step, start: np.ndarray, efforts: Mapping[int, float]) -> Ramp:
         """The way from the values at the start of a step to its targets; `efforts` has actuators' targets by place."""

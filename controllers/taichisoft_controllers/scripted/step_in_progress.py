@@ -1,6 +1,7 @@
 """A step of a script that goes on: its way, the condition that it waits for, its rest."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 
@@ -92,6 +93,27 @@ class StepInProgress:
         self.values = way.start
         self._way, self._waiting, self._hold = way, waiting, hold
         self._rest_begun: float | None = None if waiting is not None else way.length
+
+    def save(self) -> dict[str, Any]:
+        """Where it is on its way; numbers of all values, in the order of the script's targets."""
+        way = self._way
+        return {
+            "begun": self.begun,
+            "values": self.values.tolist(),
+            "start": way.start.tolist(),
+            "target": way.target.tolist(),
+            "durations": way.durations.tolist(),
+            "smooth": way.smooth,
+            "rest_begun": self._rest_begun,
+        }
+
+    @classmethod
+    def restored(cls, saved: Mapping[str, Any], waiting: Waiting | None, hold: float) -> Self:
+        """The step that `save` described, with what it waits for and how long it then rests [s]."""
+        start, target, durations = (np.array(saved[name]) for name in ("start", "target", "durations"))
+        step = cls(saved["begun"], Ramp(start, target, durations, saved["smooth"]), waiting, hold)
+        step.values, step._rest_begun = np.array(saved["values"]), saved["rest_begun"]
+        return step
 
     def advance(self, observation: Observation, reached: np.ndarray) -> float | None:
         """Bring `values` to the observation's time.

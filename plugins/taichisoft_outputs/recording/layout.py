@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from taichisoft.state import State
 
 FILE_NAME = "recording.h5"
-LAYOUT = 9
+LAYOUT = 10
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 SIGNAL_COUNT = 32
 """Signals that there is room for: which ones come is not known when a file begins."""
@@ -76,7 +76,12 @@ def _controls(kind: ActuatorKind) -> dict[str, RecordedQuantity]:
     return {path.replace("steps/", "controls/"): _quantities(kind)[path] for path in paths}
 
 
-COUNTS = {"states": "steps/state_count", "controls": "steps/control_count", "contacts": "steps/contact_count"}
+COUNTS = {
+    "states": "steps/state_count",
+    "controls": "steps/control_count",
+    "controllers": "steps/controller_count",
+    "contacts": "steps/contact_count",
+}
 """Groups that have any number of rows in a frame, and the quantity that counts them."""
 
 QUANTITIES = {
@@ -116,6 +121,7 @@ QUANTITIES = {
     "controls/young_modulus": RecordedQuantity("kPa", "young_modulus"),
     **{path: quantity for kind in ACTUATOR_KINDS for path, quantity in _controls(kind).items()},
     "controls/pull_point": RecordedQuantity("mm", "pull_point"),
+    "controllers/saved": RecordedQuantity("byte"),
     "contacts/bodies": RecordedQuantity("1", "contact_body_pair"),
     "contacts/point": RecordedQuantity("mm", "contact_point"),
     "contacts/normal": RecordedQuantity("1", "contact_normal"),
@@ -124,7 +130,7 @@ QUANTITIES = {
 }
 """All datasets of frames by their paths. `steps` have a row for every frame. Other groups have as many rows for a frame
 as `COUNTS` says: `states` one where a run can go on, `controls` one for each step since the frame before that is not a
-frame, `contacts` one for each contact."""
+frame, `controllers` one for each byte of what the controller remembers, `contacts` one for each contact."""
 FIELDS = [path for path in QUANTITIES if path == "steps/position" or not path.startswith("steps/")]
 """The large part of a frame; the other quantities are its figures, which are read of many frames at once."""
 CONTROLS = [path for path in QUANTITIES if path.startswith("controls/")]

@@ -291,6 +291,15 @@ class Recording:
         count = int(self.row("control_count", frame))
         return [*({field: rows[step] for field, rows in between.items()} for step in range(count)), own]
 
+    def controller_state(self, frame: int) -> dict[str, Any] | None:
+        """What the controller remembered at the end of a frame's step, as its `save` gave it; None: it does not save.
+
+        Raises:
+            RecordingError: it is damaged.
+        """
+        text = self._group_rows("controllers/saved", frame).tobytes()
+        return json.loads(text) if text else None
+
     def rows_of_frames(self, first: int, end: int) -> dict[str, np.ndarray]:
         """All that belongs to the frames from `first` to before `end`, by paths of datasets, one after the other.
 

@@ -32,11 +32,14 @@ def resume(
     goal: GoalOption = None,
     outputs: OutputsOption = "recording,metrics",
     speed: SpeedOption = None,
+    reset_controller: Annotated[
+        bool, typer.Option("--reset-controller", help="Let the controller begin again instead of going on as it was.")
+    ] = False,
 ) -> None:
     """Go on from a frame of a recording, into a new folder.
 
-    The run continues to the bit, as long as its controller depends on what it observes alone. One that remembers what
-    it did (scripts of steps, closed loops) begins again.
+    The run continues to the bit, the controller included: it goes on with what it remembered then. One that does not
+    save what it remembers, and another one than the recorded, begins with a reset.
     """
     import rich
 
@@ -44,7 +47,13 @@ def resume(
         from taichisoft.running import RunRequest, run_simulation
     from taichisoft_outputs.recording.layout import FILE_NAME, RecordingError
     from taichisoft_outputs.recording.reader import read_recording
-    from taichisoft_outputs.recording.resume import base_has_moved, recorded_scene, remaining_time, resumed_simulation
+    from taichisoft_outputs.recording.resume import (
+        base_has_moved,
+        recorded_scene,
+        remaining_time,
+        resumed_simulation,
+        saved_controller,
+    )
 
     asked = requested(context, outputs)
     with read_recording(run) as recording:
@@ -56,12 +65,13 @@ def resume(
         if scene.goal is not None and base_has_moved(recording, frame):
             typer.echo("the goal of the scene is not judged: the base had moved before")
             scene = scene.model_copy(update={"goal": None})
-        typer.echo(f"going on from {recording.row('time', frame):g} s")
+        saved, said = (None, "") if reset_controller else saved_controller(recording, frame, scene)
+        typer.echo(f"going on from {recording.row('time', frame):g} s{said}")
         run_simulation(
             str(run),
             scene,
             lambda: resumed_simulation(recording, frame, scene),
-            RunRequest(folder, asked.outputs, duration, speed),
+            RunRequest(folder, asked.outputs, duration, speed, saved=saved),
             usual_duration=lambda: remaining_time(recording, frame, scene),
         )
 

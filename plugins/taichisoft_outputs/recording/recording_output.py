@@ -85,7 +85,7 @@ class RecordingOutput(Output):
         self._write_or_skip_last()
         self._solver.add(report)
         self._slide = self._slide + self._slipping.add(state)
-        self._last = Frame(state, report, self._solver, self._slide, self._controls)
+        self._last = Frame(state, report, self._solver, self._slide, self.save_controller(), self._controls)
 
     def restart(self, state: "State") -> None:
         """The frames go on with the first state again; what came before stays."""
@@ -124,7 +124,7 @@ class RecordingOutput(Output):
     def _first_frame(self, state: "State") -> Frame:
         """The frame of a first state, from which the steps go on."""
         self._begin_next_frame(state)
-        return Frame(state, None, self._solver, self._slide)
+        return Frame(state, None, self._solver, self._slide, self.save_controller())
 
     def _begin_next_frame(self, state: "State") -> None:
         self._solver, self._slide, self._controls = SolverFigures(), np.zeros_like(state.rigid_position), []

@@ -131,6 +131,21 @@ def remaining_time(recording: Recording, frame: int, scene: Scene) -> float:
     return end - time
 
 
+def saved_controller(recording: Recording, frame: int, scene: Scene) -> tuple[dict[str, Any] | None, str]:
+    """What the scene's controller remembers in a frame, and a remark where it has to begin again.
+
+    Raises:
+        RecordingError: it is damaged.
+    """
+    before, now = recording.scene.controller, scene.controller
+    if before is None or now is None or before.name != now.name:
+        return None, ""
+    saved = recording.controller_state(frame)
+    if saved is None:
+        return None, f"; the controller '{now.name}' begins again, since it does not save what it remembers"
+    return saved, ""
+
+
 def base_has_moved(recording: Recording, frame: int) -> bool:
     """Whether the base has moved since the last start; the goal of a scene is judged from the moment before it does."""
     base = recording.column("base_translation")

@@ -61,6 +61,7 @@ class Frame:
         report: the report of the step; None for the state before the first one.
         solver: figures of the steps since the last frame.
         slide: way of each rigid body against what holds it since the last frame [mm], shape (rigid_count, 3).
+        controller: what the controller remembers after the step, as JSON; empty where it does not save.
         controls: `controls_of` the steps since the last frame, without its own.
     """
 
@@ -68,6 +69,7 @@ class Frame:
     report: "StepReport | None"
     solver: SolverFigures
     slide: np.ndarray
+    controller: str = ""
     controls: Sequence[Mapping[str, np.ndarray]] = ()
 
 
@@ -98,7 +100,10 @@ class RowMaker:
         contacts, solver, state, actuators = self._contacts(frame), frame.solver, frame.state, self._model.actuators
         coordinates = actuators.own_coordinates(state)
         rows = {path: self._of_state(path, frame, has_state) for path in QUANTITIES if QUANTITIES[path].state_field}
+        memory = np.frombuffer(frame.controller.encode(), np.uint8)
         figures = {
+            "controllers/saved": memory,
+            "steps/controller_count": len(memory),
             "steps/state_count": int(has_state),
             "steps/control_count": len(frame.controls),
             "steps/contact_count": len(state.contact_point),

@@ -1,0 +1,72 @@
+"""One future of a state: the same steps in whichever process makes them."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from taichisoft.branching.rollout_figures import Figure
+from taichisoft.control.control import Control
+from taichisoft.errors import SimulationDiverged
+from taichisoft.state import State
+from taichisoft.time_stepper import TimeStepper
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What a future begins with and is driven by.
+
+    Attributes:
+        start: state from which it begins.
+        controls: what is asked for, one after the other.
+        steps_per_control: number of steps for which each of them stands.
+        figures: what is taken from the observation after every step.
+    """
+
+    start: State
+    controls: tuple[Control, ...]
+    steps_per_control: int
+    figures: tuple[Figure, ...]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a sample.
+
+    Attributes:
+        state: the last state that was reached.
+        values: values of each figure after the steps that were made, each of shape (steps_made, ...).
+        diverged: the arguments of the `SimulationDiverged` that ended it early, or None.
+    """
+
+    state: State
+    values: tuple[np.ndarray, ...]
+    diverged: tuple[str, int, str, str] | None
+
+
+def roll_out(simulation: TimeStepper, sample: Sample, is_cancelled: Callable[[], bool]) -> Outcome | None:
+    """Make the steps of a sample; None if it was cancelled on the way.
+
+    Raises:
+        ControlError: a control asks for something impossible.
+        StateError: the start belongs to another model.
+    """
+    simulation.restore(sample.start)
+    rows: list[list[np.ndarray]] = []
+    diverged = None
+    for control in sample.controls:
+        for number in range(sample.steps_per_control):
+            if is_cancelled():
+                return None
+            try:
+                simulation.step(control if number == 0 else None)
+            except SimulationDiverged as error:
+                diverged = (error.body, error.step, error.cause, error.advice)
+                break
+            if sample.figures:
+                observation = simulation.observe()
+                rows.append([figure.of(observation) for figure in sample.figures])
+        if diverged:
+            break
+    values = tuple(np.array(column) for column in zip(*rows, strict=True))
+    return Outcome(simulation.state, values, diverged)

@@ -1,0 +1,233 @@
+"""Many futures of one state, for controllers that plan: `rollouts` makes them, in processes that stay ready."""
+
+import pickle
+import threading
+from collections.abc import Sequence
+
+import numpy as np
+
+from taichisoft.branching.rollout_figures import find_figure
+from taichisoft.branching.rollout_processes import RolloutProcesses, Task
+from taichisoft.branching.rollout_sample import Outcome, Sample, roll_out
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.errors import SimulationDiverged, TaichisoftError
+from taichisoft.state import State
+from taichisoft.time_stepper import TimeStepper
+
+
+class Rollouts:
+    """Futures of one state: what becomes of it under each of several sequences of controls.
+
+    All arrays have a row for each sample, in the order of the controls. Reading a result waits for it; `done` and
+    `cancel` do not wait.
+
+    Attributes:
+        sample_count: number of samples.
+        step_count: number of steps of each sample.
+        figures: names of the figures, by which `rollouts["object_positions.cube"]` gives arrays.
+        times: time at the end of each step [s], shape (step_count,).
+    """
+
+    def __init__(self, arrivals: "Arrivals", times: np.ndarray):
+        """Read what arrives."""
+        self.sample_count, self.step_count = len(arrivals.ended), len(times)
+        self.figures = tuple(arrivals.values)
+        self.times = times
+        self._arrivals = arrivals
+
+    def __getitem__(self, figure: str) -> np.ndarray:
+        """Values of a figure after every step, shape (sample_count, step_count, ...); NaN after steps not made."""
+        self.wait()
+        return self._arrivals.values[figure]
+
+    @property
+    def states(self) -> tuple[State, ...]:
+        """The last state that each sample reached: `Simulation.restore` goes on from there."""
+        self.wait()
+        return tuple(self._arrivals.states)
+
+    @property
+    def errors(self) -> tuple[SimulationDiverged | None, ...]:
+        """Why a sample ended early, None for one that did not diverge."""
+        self.wait()
+        return tuple(self._arrivals.errors)
+
+    @property
+    def complete(self) -> np.ndarray:
+        """Whether all steps of a sample were made, shape (sample_count,): it neither diverged nor was cancelled."""
+        self.wait()
+        return self._arrivals.complete.copy()
+
+    @property
+    def done(self) -> np.ndarray:
+        """Whether a sample has ended by now, shape (sample_count,)."""
+        return self._arrivals.ended.copy()
+
+    def wait(self, time_limit: float | None = None) -> bool:
+        """Wait until all samples have ended; returns whether they have. Ctrl and c cancels them.
+
+        Args:
+            time_limit: longest time to wait [s]; None: as long as it takes.
+
+        Raises:
+            ControlError: a control asks for something impossible.
+            TaichisoftError: a process was lost, or the simulation was closed.
+        """
+        try:
+            return self._arrivals.wait(time_limit)
+        except KeyboardInterrupt:
+            self.cancel()
+            raise
+
+    def cancel(self) -> None:
+        """End what is not done yet, after at most a step; the results so far stay."""
+        self._arrivals.cancel()
+
+
+class Arrivals:
+    """The results of samples as they arrive, from any thread.
+
+    Attributes:
+        values: values of each figure by its name, each of shape (sample_count, step_count, ...).
+        states: the last state of each sample.
+        errors: why each sample ended early, or None.
+        complete, ended: whether all steps of a sample were made; whether it has ended; shape (sample_count,).
+        cancelled: whether nobody wants the rest.
+    """
+
+    def __init__(self, simulation: Simulation, samples: Sequence[Sample]):
+        """Prepare the arrays."""
+        first, now = samples[0], simulation.observe()
+        size = len(samples), len(first.controls) * first.steps_per_control
+        self.values = {one.name: np.full((*size, *one.of(now).shape), np.nan) for one in first.figures}
+        self.states: list[State] = [first.start] * len(samples)
+        self.errors: list[SimulationDiverged | None] = [None] * len(samples)
+        self.complete, self.ended = np.zeros(len(samples), dtype=bool), np.zeros(len(samples), dtype=bool)
+        self.cancelled = False
+        self._simulation = simulation  # which ends the processes when it is deleted
+        self._failure: TaichisoftError | None = None
+        self._change = threading.Condition()
+        self._processes: RolloutProcesses | None = None
+
+    def make_here(self, samples: Sequence[Sample]) -> None:
+        """Make the samples in this process, one after the other."""
+        own = TimeStepper(self._simulation.model)
+        for index, sample in enumerate(samples):
+            try:
+                self.add(index, roll_out(own, sample, lambda: self.cancelled))
+            except TaichisoftError as error:
+                self.fail(index, error)
+
+    def make_in(self, processes: RolloutProcesses, samples: Sequence[Sample]) -> None:
+        """Have the samples made by processes."""
+        self._processes, model = processes, self._simulation.model
+        processes.submit([Task(model, sample, index, self) for index, sample in enumerate(samples)])
+
+    def wait(self, time_limit: float | None) -> bool:
+        """Wait until all have ended; returns whether they have.
+
+        Raises:
+            TaichisoftError: a sample failed.
+        """
+        with self._change:
+            ended = self._change.wait_for(lambda: bool(self.ended.all()), time_limit)
+        if self._failure is not None:
+            raise self._failure
+        return ended
+
+    def cancel(self) -> None:
+        """End the samples that are being made, and leave out the others."""
+        self.cancelled = True
+        if self._processes is not None:
+            self._processes.cancel(self)
+
+    def add(self, index: int, outcome: Outcome | None) -> None:
+        """Take what became of a sample; None if it was cancelled."""
+        with self._change:
+            if outcome is not None:
+                for column, values in zip(self.values.values(), outcome.values, strict=False):  # none after no step
+                    column[index, : len(values)] = values
+                self.states[index] = outcome.state.changed(**vars(outcome.state))  # read-only, also from a process
+                self.errors[index] = SimulationDiverged(*outcome.diverged) if outcome.diverged else None
+                self.complete[index] = outcome.diverged is None
+            self.ended[index] = True
+            self._change.notify_all()
+
+    def fail(self, index: int, error: TaichisoftError) -> None:
+        """Take the error by which a sample has no outcome; the others are cancelled."""
+        self._failure = self._failure or error
+        self.cancel()
+        self.add(index, None)
+
+
+def rollouts(
+    simulation: Simulation,
+    controls: Sequence[Sequence[Control]],
+    workers: int = 2,
+    figures: Sequence[str] = (),
+    steps_per_control: int = 1,
+) -> Rollouts:
+    """Make futures of the present state of a simulation, which stays where it is.
+
+    The first call starts the processes, which takes seconds; they stay ready until `Simulation.close`, or until the
+    simulation is deleted. The call returns at once, and what it returns waits when a result is read. The bits do not
+    depend on the number of workers. Taichi runs one loop at a time in a process, so that Python's threads gain nothing.
+
+    Args:
+        simulation: the simulation.
+        controls: a sequence of controls for each sample, all of the same length; what a control does not mention stays
+            as it is.
+        workers: number of processes, one for each free core; 0 makes the samples in this process before it returns.
+        figures: what to keep of every step: fields of `Observation` ("tip_positions", "object_positions.cube",
+            "pressures.finger1.cavity", "normal_forces.finger1|cube") and of `State` ("state.position").
+        steps_per_control: number of steps for which each control stands.
+
+    Raises:
+        TaichisoftError: an argument is not valid, or a figure has another name. Errors of the samples are raised when
+            their results are read.
+    """
+    samples = _samples(simulation, controls, figures, steps_per_control)
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 0:
+        raise TaichisoftError(f"workers = {workers!r}: must be a whole number of processes, or 0 for none")
+    arrivals = Arrivals(simulation, samples)
+    if workers == 0:
+        arrivals.make_here(samples)
+    else:
+        _refuse_what_cannot_be_sent(samples)
+        arrivals.make_in(simulation.keep(("rollouts", workers), lambda: RolloutProcesses(workers)), samples)
+    steps = simulation.state.step + 1 + np.arange(len(samples[0].controls) * steps_per_control)
+    return Rollouts(arrivals, steps * simulation.model.scene.time.step)
+
+
+def _samples(
+    simulation: Simulation, controls: Sequence[Sequence[Control]], names: Sequence[str], steps_per_control: int
+) -> list[Sample]:
+    if isinstance(steps_per_control, bool) or not isinstance(steps_per_control, int) or steps_per_control < 1:
+        raise TaichisoftError(f"steps_per_control = {steps_per_control!r}: must be a whole number, 1 or more")
+    if isinstance(names, str):
+        raise TaichisoftError(f"figures = '{names}': must be a sequence of names, as in [\"{names}\"]")
+    rows = [tuple(row) for row in controls]
+    if not rows or not rows[0]:
+        raise TaichisoftError("controls: must have a sample or more, each with a control or more")
+    for number, row in enumerate(rows):
+        if len(row) != len(rows[0]):
+            raise TaichisoftError(
+                f"controls: sample {number} has {len(row)}, sample 0 has {len(rows[0])}; all must have as many"
+            )
+        for control in row:
+            if not isinstance(control, Control):
+                raise TaichisoftError(f"controls: sample {number}: {control!r} must be a taichisoft.Control")
+    observation, bodies = simulation.observe(), simulation.model.body_names
+    found = tuple(find_figure(name, observation, bodies) for name in names)
+    return [Sample(simulation.state, row, steps_per_control, found) for row in rows]
+
+
+def _refuse_what_cannot_be_sent(samples: Sequence[Sample]) -> None:
+    for number, sample in enumerate(samples):
+        try:
+            pickle.dumps(sample.controls)
+        except Exception as error:
+            raise TaichisoftError(
+                f"controls: sample {number} cannot be sent to a process: {error}; plain dictionaries and arrays can"
+            ) from error

@@ -1,0 +1,202 @@
+"""Many futures of one state: the same bits in this process and in others, arrays, and an end when it is wanted."""
+
+import gc
+import os
+import re
+import signal
+import time
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from conftest import PATIENCE
+
+from taichisoft.branching.rollouts import rollouts
+from taichisoft.building.scene_files import load_scene
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.control.observation import Observation
+from taichisoft.errors import ControlError, SimulationDiverged, TaichisoftError
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+
+FIGURES = ("object_positions.cube", "normal_forces.cube|left", "pressures", "state.velocity", "time")
+
+
+@pytest.fixture(scope="module")
+def grasp():
+    """The pads press on the cube, and nothing limits their pressure."""
+    without_limits = ("limits.highest_pressure=1e9", "limits.pressure_rate=1e12")
+    simulation = Simulation(load_scene(TINY_GRIPPER, without_limits))
+    for pressure in np.linspace(0.0, 9.0, 30):
+        simulation.step(squeeze(pressure))
+    yield simulation
+    simulation.close()
+
+
+def squeeze(pressure, height=0.0):
+    both = {"left.cavity": pressure, "right.cavity": pressure}
+    return Control(pressure=both, base_translation=np.array([0.0, 0.0, height]))
+
+
+def lifts(count, length):
+    """Samples that lift the base, each faster than the one before."""
+    return [[squeeze(9.0 + index, 0.1 * index * step) for step in range(length)] for index in range(count)]
+
+
+@pytest.mark.parametrize("steps_per_control", [1, 3])
+def test_futures_are_the_runs_that_follow_and_processes_change_no_bit(grasp, steps_per_control):
+    """By hand, in this process, in two processes of one thread each; and the simulation stays where it is."""
+    start, controls = grasp.state, lifts(4, 5)
+    here = rollouts(grasp, controls, 0, FIGURES, steps_per_control)
+    apart = rollouts(grasp, controls, 2, FIGURES, steps_per_control)
+    assert grasp.state is start and here["normal_forces.cube|left"].max() > 0.0
+    by_hand = Simulation(grasp.model)
+    for index, sample in enumerate(controls):
+        by_hand.restore(start)
+        for step in range(5 * steps_per_control):
+            by_hand.step(None if step % steps_per_control else sample[step // steps_per_control])
+            seen = by_hand.observe()
+            assert seen.time == here.times[step] == here["time"][index, step]
+            assert np.array_equal(here["object_positions.cube"][index, step], seen.object_positions["cube"])
+            assert np.array_equal(here["state.velocity"][index, step], by_hand.state.velocity)
+            assert here["normal_forces.cube|left"][index, step] == seen.normal_forces["left", "cube"]
+        assert here.states[index] == by_hand.state
+    assert apart.states == here.states and apart.complete.all() and apart.errors == (None,) * 4
+    assert all(np.array_equal(here[name], apart[name]) for name in FIGURES)
+    assert here["pressures"].shape == (4, 5 * steps_per_control, 2)
+
+
+def test_a_state_that_comes_from_a_process_is_as_good_as_any(grasp):
+    (state,) = rollouts(grasp, lifts(1, 3), 2).states
+    simulation = Simulation(grasp.model)
+    simulation.restore(state)
+    simulation.step()
+    with pytest.raises(ValueError, match="read-only"):
+        state.position[0] = 0.0
+
+
+def test_a_future_that_diverges_says_so_and_the_others_go_on(grasp):
+    controls = [[squeeze(9.0)] * 6, [squeeze(9.0)] * 2 + [squeeze(1e7)] * 4]
+    made = rollouts(grasp, controls, 2, ["pressures"])
+    good, bad = made.errors
+    assert good is None and isinstance(bad, SimulationDiverged) and bad.step >= 32
+    assert made.complete.tolist() == [True, False]
+    steps = bad.step - 30
+    assert np.isfinite(made["pressures"][0]).all() and np.isfinite(made["pressures"][1, :steps]).all()
+    assert np.isnan(made["pressures"][1, steps:]).all() and steps < 6
+    assert made.states[1].step == bad.step
+
+
+@pytest.mark.parametrize("workers", [0, 2])
+def test_a_control_that_the_model_does_not_have_is_an_error_of_the_results(grasp, workers):
+    made = rollouts(grasp, [[Control(pressure={"middle": 1.0})], *lifts(3, 1)], workers)
+    with pytest.raises(ControlError, match="middle"):
+        made.wait()
+    assert rollouts(grasp, lifts(2, 1), workers).complete.all(), "and the next call works"
+
+
+def test_cancelled_futures_end_in_the_middle_and_leave_what_is_done(grasp):
+    expected = rollouts(grasp, lifts(2, 3), 0, ["pressures"])
+    made = rollouts(grasp, [*lifts(2, 3), *lifts(6, 3)], 2, ["pressures"])
+    made.wait()
+    long = rollouts(grasp, lifts(6, 1), 2, ["pressures"], steps_per_control=100_000)
+    assert not long.wait(0.3)
+    began = time.monotonic()
+    long.cancel()
+    assert long.wait(PATIENCE) and time.monotonic() - began < PATIENCE / 10
+    assert not long.complete.any() and long.done.all() and np.isnan(long["pressures"]).all()
+    again = rollouts(grasp, lifts(2, 3), 2, ["pressures"])
+    assert np.array_equal(again["pressures"], expected["pressures"]) and again.states == expected.states
+    made.cancel()
+    assert made.complete.all(), "what was done stays"
+
+
+def test_processes_take_over_another_model(grasp):
+    """Friction 0: the cube slides out of the pads that rise."""
+    model, figures = grasp.model, ["object_positions.cube"]
+    (before,) = rollouts(grasp, lifts(2, 8)[1:], 2, figures)["object_positions.cube"]
+    try:
+        grasp.change_model(model.varied(friction=0.0))
+        after = [rollouts(grasp, lifts(2, 8), workers, figures) for workers in (0, 2)]
+    finally:
+        grasp.change_model(model)
+    assert after[0].states == after[1].states
+    assert after[0]["object_positions.cube"][1, -1, 2] < before[-1, 2] - 0.01
+
+
+def test_a_process_that_is_lost_is_said_and_replaced(grasp):
+    rollouts(grasp, lifts(2, 1), 2).wait()
+    made = rollouts(grasp, [[squeeze(9.0)]] * 2, 2, steps_per_control=1_000_000)
+    assert not made.wait(0.2)
+    process = grasp._kept["rollouts", 2]._processes[0]._worker.process
+    os.kill(process.pid, signal.SIGKILL)
+    with pytest.raises(TaichisoftError, match=r"sample . of the rollouts: .*SIGKILL"):
+        made.wait()
+    assert rollouts(grasp, lifts(2, 1), 2).complete.all()
+
+
+def test_processes_end_with_their_simulation():
+    simulation = Simulation(load_scene(TINY_GRIPPER))
+    made = rollouts(simulation, [[squeeze(1.0)]], 1)
+    assert made.complete.all()
+    process = simulation._kept["rollouts", 1]._processes[0]._worker.process
+    del simulation, made
+    gc.collect()
+    assert process.wait(PATIENCE) is not None
+
+
+def test_a_simulation_that_is_closed_ends_them():
+    simulation = Simulation(load_scene(TINY_GRIPPER))
+    made = rollouts(simulation, [[squeeze(1.0)]] * 2, 1, steps_per_control=1_000_000)
+    assert not made.wait(0.2)
+    simulation.close()
+    with pytest.raises(TaichisoftError, match=r"ended by `Simulation.close`"):
+        made.wait()
+    assert rollouts(simulation, [[squeeze(1.0)]], 0).complete.all()
+
+
+def test_every_field_of_an_observation_with_a_fixed_shape_is_a_figure(grasp):
+    seen = grasp.observe()
+    pairs = ("contact_counts", "normal_forces", "friction_forces", "slip_speeds")
+    others = (*pairs, "contact_points", "contact_forces", "clipped", "state")
+    names = [one.name for one in fields(Observation) if one.name not in others]
+    made = rollouts(grasp, [[Control()]], 0, names)
+    grasp_after = Simulation(grasp.model)
+    grasp_after.restore(made.states[0])
+    seen = grasp_after.observe()
+    for name in names:
+        value = getattr(seen, name)
+        expected = list(value.values()) if hasattr(value, "values") else value
+        assert np.array_equal(made[name][0, 0], np.array(expected, dtype=float)), name
+    for pair in pairs:
+        (values,) = rollouts(grasp, [[Control()]], 0, [f"{pair}.cube|left"])[f"{pair}.cube|left"]
+        assert values.tolist() == [getattr(seen, pair)["left", "cube"]]
+    assert rollouts(grasp, [[Control()]], 0, ["slip_speeds.left|right"])["slip_speeds.left|right"].tolist() == [[0.0]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"controls": []}, "controls: must have a sample or more"),
+        ({"controls": [[]]}, "controls: must have a sample or more, each with a control or more"),
+        ({"controls": [[Control()], []]}, "controls: sample 1 has 0, sample 0 has 1"),
+        ({"controls": [[{"pressure": 1.0}]]}, "controls: sample 0: {'pressure': 1.0} must be a taichisoft.Control"),
+        ({"controls": [[Control(signals={"a": lambda: 0})]], "workers": 1}, "sample 0 cannot be sent to a process: "),
+        ({"workers": -1}, "workers = -1: must be a whole number"),
+        ({"workers": 1.5}, "workers = 1.5: must be a whole number"),
+        ({"steps_per_control": 0}, "steps_per_control = 0: must be a whole number"),
+        ({"figures": "pressures"}, "figures = 'pressures': must be a sequence of names"),
+        ({"figures": ["pressure"]}, "'pressure': not a field of an observation with a fixed shape; did you mean 'pres"),
+        ({"figures": ["contact_points"]}, "not a field of an observation with a fixed shape"),
+        ({"figures": ["pressures.left"]}, "pressures has no 'left'; there are: left.cavity, right.cavity"),
+        ({"figures": ["time.now"]}, "time has no 'now'; leave out what follows time"),
+        ({"figures": ["state"]}, "state has no ''"),
+        ({"figures": ["state.contact_point"]}, "state has no 'contact_point'"),
+        ({"figures": ["normal_forces"]}, "name two bodies, as in normal_forces.finger1|cube"),
+        ({"figures": ["normal_forces.left|cub"]}, "no body is called 'cub'; did you mean 'cube'?"),
+    ],
+)
+def test_what_cannot_be_made_is_refused_at_once_in_one_line(grasp, arguments, message):
+    with pytest.raises(TaichisoftError, match=re.escape(message)) as refused:
+        rollouts(grasp, **{"controls": [[Control()]], "workers": 0, **arguments})
+    assert "\n" not in str(refused.value)

@@ -1,0 +1,160 @@
+"""Equilibria: closed forms, the ends of motions, and what has none."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from conftest import Figures
+
+from taichisoft.building.scene_files import load_scene, scene_from_dict
+from taichisoft.building.simulation import Simulation
+from taichisoft.control.control import Control
+from taichisoft.errors import ControlError, EquilibriumNotFound, SceneError
+from taichisoft.pytest_fixtures import TINY_GRIPPER
+from taichisoft.statics import equilibrium
+
+WALL = (
+    "rigid_bodies={}",
+    "limits={highest_pressure=1000.0, pressure_rate=1.0}",
+    "obstacles={wall={box=[10.0, 40.0, 40.0], translation=[0.0, 0.0, 20.0]}}",
+)
+"""In place of the cube; the limit of the rate is one of motion, not of equilibria."""
+
+
+@pytest.fixture(scope="module")
+def pads() -> Simulation:
+    return Simulation(load_scene(TINY_GRIPPER, WALL))
+
+
+def squeeze(pressure: float, **others: Any) -> Control:
+    return Control(pressure={"left.cavity": pressure, "right.cavity": pressure}, **others)
+
+
+@pytest.mark.parametrize("element", ["linear", "smoothed"])
+def test_a_bar_stretches_under_its_weight(block: Any, figures: Figures, element: str) -> None:
+    """u = rho g L^2 / (2 E) at its end, without lateral contraction: linear elements have it exactly at
+    their nodes, but for a strain of 0.4 %, by which the rotation of a tetrahedron is not quite 0."""
+    length, modulus, density, gravity = 40.0, 100.0, 1e-6, 9810.0
+    finger = {
+        "mesh": block((2, 2, 16), (5.0, 5.0, length)),
+        "element": element,
+        "young_modulus": modulus,
+        "poisson_ratio": 0.0,
+        "density": density,
+        "anchors": [{"box": [[-3.0, -3.0, 0.499 * length], [3.0, 3.0, length]]}],
+    }
+    scene = {"soft_bodies": {"bar": finger}, "gravity": [0.0, 0.0, -gravity], "time": {"dynamics": "static"}}
+    simulation = Simulation(scene_from_dict(scene))
+    simulation.step()
+    low = simulation.model.rest_position[:, 2] == simulation.model.rest_position[:, 2].min()
+    sunk = -(simulation.state.position - simulation.model.rest_position)[low, 2].mean()
+    figures.close("extension of a hanging bar, mm", sunk, density * gravity * length**2 / (2.0 * modulus), 2e-5)
+    assert not simulation.state.velocity.any()
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.6])
+def test_an_equilibrium_is_where_a_motion_comes_to_rest(pads: Simulation, figures: Figures, friction: float) -> None:
+    """Two pads that air presses on a wall, from the same start. With friction the way matters, so the motion begins
+    where the equilibrium has ended and must stay there."""
+    simulation = Simulation(pads.model.varied(friction=friction))
+    found = equilibrium(simulation, squeeze(10.0))
+    forces = found.observation.normal_forces
+    assert forces["left", "wall"] > 100.0 and found.state.time == simulation.state.time == 0.0
+    if friction:
+        simulation.restore(found.state)
+    for _ in range(100 if friction else 1500):
+        simulation.step(squeeze(10.0))
+    moved = float(np.abs(simulation.state.position - found.state.position).max())
+    figures.at_most(f"from the end of a motion, friction {friction:g}, mm", moved, 1e-4)
+    settled = simulation.observe().normal_forces["left", "wall"]
+    assert forces["left", "wall"] == pytest.approx(settled, rel=1e-4)
+
+
+def test_bodies_that_a_large_load_drives_together_do_not_pass_each_other(figures: Figures) -> None:
+    """Two pads without anything between them, which a single step would drive through each other."""
+    free = ("rigid_bodies={}", "obstacles={}", "limits={}")
+    simulation = Simulation(load_scene(TINY_GRIPPER, free))
+    found = equilibrium(simulation, squeeze(40.0))
+    assert found.increments > 3 and found.observation.normal_forces["left", "right"] > 10.0
+    simulation.restore(found.state)
+    for _ in range(100):
+        simulation.step(squeeze(40.0))
+    moved = float(np.abs(simulation.state.position - found.state.position).max())
+    figures.at_most("pads driven together, from the end of a motion, mm", moved, 1e-4)
+
+
+def test_the_time_step_and_the_way_do_not_matter_without_friction(pads: Simulation) -> None:
+    """From rest at once, and by way of another pressure; with steps of 1 ms and 0.1 s."""
+    ends = []
+    for step, way in ((0.001, (8.0,)), (0.1, (8.0,)), (0.01, (3.0, 12.0, 8.0))):
+        simulation = Simulation(load_scene(TINY_GRIPPER, [*WALL, f"time.step={step}", "contact.friction=0.0"]))
+        for pressure in way:
+            found = equilibrium(simulation, squeeze(pressure))
+            simulation.restore(found.state)
+        ends.append(found.state.position)
+    assert np.abs(ends[1] - ends[0]).max() < 1e-5
+    assert np.abs(ends[2] - ends[0]).max() < 1e-5
+
+
+def test_a_base_takes_its_fingers_along(pads: Simulation) -> None:
+    """An equilibrium far from the wall is the same elsewhere; the limits of the base's speed have no say."""
+    shift = np.array([0.0, 100.0, 20.0])
+    here = equilibrium(pads, squeeze(2.0))
+    there = equilibrium(pads, squeeze(2.0, base_translation=shift))
+    np.testing.assert_allclose(
+        there.state.position - here.state.position, np.tile(shift, (pads.model.node_count, 1)), atol=1e-6
+    )
+    assert there.state.base_translation.tolist() == shift.tolist()
+    pads_there = Simulation(pads.model)
+    pads_there.restore(there.state)
+    pads_there.step()
+    assert np.abs(pads_there.state.position - there.state.position).max() < 1e-6
+
+
+def test_a_volume_that_is_imposed_is_reached(pads: Simulation) -> None:
+    rest = pads.model.cavities.rest_value[0]
+    found = equilibrium(pads, Control(volume_growth={"left.cavity": 150.0}))
+    assert found.observation.volumes["left.cavity"] == pytest.approx(rest + 150.0, abs=1e-4)
+    again = equilibrium(pads, Control(pressure={"left.cavity": found.observation.pressures["left.cavity"]}))
+    assert again.observation.volumes["left.cavity"] == pytest.approx(rest + 150.0, abs=1e-3)
+
+
+def test_a_run_in_statics_goes_from_one_equilibrium_to_the_next() -> None:
+    simulation = Simulation(load_scene(TINY_GRIPPER, [*WALL, 'time.dynamics="static"', "limits.pressure_rate=300.0"]))
+    dynamic = Simulation(load_scene(TINY_GRIPPER, WALL))
+    for pressure in (3.0, 6.0, 9.0):
+        report = simulation.step(squeeze(pressure))
+        found = equilibrium(dynamic, squeeze(pressure))
+        dynamic.restore(found.state)
+        assert report.converged and report.newton_residual <= 1e-7
+        np.testing.assert_allclose(simulation.state.position, found.state.position, atol=1e-6)
+
+
+def test_loads_that_nothing_carries_are_said(pads: Simulation) -> None:
+    with pytest.raises(EquilibriumNotFound, match=r"no equilibrium found beyond \d+\.\d% of the change of the loads: "):
+        equilibrium(Simulation(load_scene(TINY_GRIPPER, [*WALL, "limits.highest_pressure=1e9"])), squeeze(1e7))
+    with pytest.raises(ControlError, match="middle"):
+        equilibrium(pads, Control(pressure={"middle": 1.0}))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "message"),
+    [
+        ((), "an equilibrium is found of soft bodies with anchors alone; 'cube' is a rigid body"),
+        ((*WALL, "soft_bodies.left.anchors=[]"), "'left' is a soft body without anchors"),
+    ],
+)
+def test_bodies_that_are_not_held_are_refused(overrides: tuple[str, ...], message: str) -> None:
+    with pytest.raises(SceneError, match=message):
+        equilibrium(Simulation(load_scene(TINY_GRIPPER, overrides)))
+    with pytest.raises(SceneError, match=r"time\.dynamics = 'static'"):
+        load_scene(TINY_GRIPPER, [*overrides, 'time.dynamics="static"'])
+
+
+def test_a_model_that_was_changed_is_followed(pads: Simulation) -> None:
+    simulation = Simulation(pads.model)
+    sticking = equilibrium(simulation, squeeze(12.0))
+    simulation.change_model(pads.model.varied(friction=0.0))
+    sliding = equilibrium(simulation, squeeze(12.0))
+    assert sticking.observation.friction_forces["left", "wall"] > 1.0
+    assert sliding.observation.friction_forces["left", "wall"] < 1e-6
