@@ -27,7 +27,7 @@ class ReducedElasticity:
     Attributes:
         bodies: the reduced ones among the soft bodies.
         modes: what kernels read of the modes, with each body's frame at the start.
-        node_rest, node_mass: see `mode_motion.NodeMotion`.
+        node_rest, node_mass: see `mode_motion.FrameMotion`.
         data: the chosen domains, whose volumes have their weights.
         domains: where they lie.
         element: an element of each domain, among those of all soft bodies, shape (domain_count,).
@@ -270,7 +270,7 @@ class ReducedSystem:
         moments = [_moment(body, int(width)) for body, width in zip(elasticity.bodies, widths, strict=True)]
         self._amplitudes.moment[:] = np.vstack(moments)
         self._all_nodes = np.arange(elasticity.node_count, dtype=np.int32)
-        self._nodes = mode_motion.NodeMotion(
+        self._nodes = mode_motion.FrameMotion(
             rest=elasticity.node_rest, mass=elasticity.node_mass, displacement=np.zeros((elasticity.node_count, 3))
         )
         self._data = elasticity.data._replace(modulus=elasticity.data.modulus.copy())

@@ -11,7 +11,6 @@ import pytest
 from conftest import examples
 from hypothesis import given
 from hypothesis import strategies as st
-from taichisoft_outputs.recording.recording_output import RecordingOutput
 from test_resume import taichisoft
 
 from taichisoft.building.scene_files import load_scene
@@ -28,6 +27,7 @@ from taichisoft.running.loop import run, run_session
 from taichisoft.session.session import Session
 from taichisoft_controllers.keyboard.keyboard_controller import KeyboardController
 from taichisoft_outputs.recording.reader import read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.resume import resumed_simulation, state_at
 
 STEPS = """

@@ -11,7 +11,7 @@ from scenes_of_sofa import BODY, loaded
 from taichisoft.meshes.surface import count_open_edges, enclosed_volume
 from taichisoft.meshes.volume_mesh import tetrahedron_volumes
 from taichisoft_sofa.components import computed as computed  # declares all data
-from taichisoft_sofa.components.grids import boundary_quads, divided
+from taichisoft_sofa.components.regular_grids import boundary_quads, divided
 from taichisoft_sofa.meshes.loaded_mesh import split_quads
 from taichisoft_sofa.translation.translate import translate
 from taichisoft_sofa.tree.node import Node

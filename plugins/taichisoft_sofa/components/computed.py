@@ -8,7 +8,6 @@ import numpy as np
 
 from taichisoft_sofa.components import other_data as other_data  # declares the kinds of computed data
 from taichisoft_sofa.components.graph import LOADERS, STATE, TOPOLOGIES
-from taichisoft_sofa.components.grids import GRID, grid_cells, grid_position
 from taichisoft_sofa.components.loaders import (
     CORNERS,
     OTHER_NAMES,
@@ -17,6 +16,7 @@ from taichisoft_sofa.components.loaders import (
     loader_position,
     read_loader,
 )
+from taichisoft_sofa.components.regular_grids import GRID, grid_cells, grid_position
 from taichisoft_sofa.components.selections import (
     CELLS_IN,
     INDICES_OF,

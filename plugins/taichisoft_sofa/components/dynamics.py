@@ -9,8 +9,8 @@ from taichisoft.errors import SceneError
 from taichisoft_sofa.components.anchor_targets import MotionTarget, PointsTarget
 from taichisoft_sofa.components.draft import DraftAnchor, DraftForces, DraftMaterial, Mass
 from taichisoft_sofa.components.graph import TOPOLOGIES, linked_state, nearest, node_of
-from taichisoft_sofa.components.grids import divided, hexahedra_of
 from taichisoft_sofa.components.joints import hold_joint, weigh_joint
+from taichisoft_sofa.components.regular_grids import divided, hexahedra_of
 from taichisoft_sofa.components.states import start_position
 from taichisoft_sofa.components.typed_values import computed, described, flag, is_given, number, numbers, text
 from taichisoft_sofa.tree.component import Component

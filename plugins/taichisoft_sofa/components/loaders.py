@@ -8,7 +8,7 @@ import numpy as np
 
 from taichisoft.errors import MeshError, SceneError
 from taichisoft_sofa.components.graph import LOADERS, in_node, node_of
-from taichisoft_sofa.components.grids import mapped_cells
+from taichisoft_sofa.components.regular_grids import mapped_cells
 from taichisoft_sofa.components.typed_values import computed, described, is_given, number, numbers, text, vector
 from taichisoft_sofa.meshes.loaded_mesh import LoadedMesh
 from taichisoft_sofa.meshes.placement import placed_by_loader

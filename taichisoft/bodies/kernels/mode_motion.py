@@ -58,7 +58,7 @@ class Amplitudes(NamedTuple):
     gravity: Vectors
 
 
-class NodeMotion(NamedTuple):
+class FrameMotion(NamedTuple):
     """Motion of the nodes in the frames of their bodies.
 
     Attributes:
@@ -106,7 +106,7 @@ def expand(b: ti.i32, i: ti.i32, modes: ModeShapes, start: ti.i32, amplitude: Co
 
 @kernel
 def find_amplitudes(
-    modes: ModeShapes, nodes: NodeMotion, position: Vectors, velocity: Vectors, amplitudes: Amplitudes, one: ti.i32
+    modes: ModeShapes, nodes: FrameMotion, position: Vectors, velocity: Vectors, amplitudes: Amplitudes, one: ti.i32
 ):
     """The amplitudes nearest to positions and velocities, and the displacements in the bodies' frames."""
     ti.loop_config(serialize=True)
@@ -127,7 +127,7 @@ def find_reference(
     time_step: ti.f64,
     inertia: ti.f64,
     modes: ModeShapes,
-    nodes: NodeMotion,
+    nodes: FrameMotion,
     amplitudes: Amplitudes,
     velocity: Vectors,
     one: ti.i32,
