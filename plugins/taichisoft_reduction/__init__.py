@@ -11,6 +11,6 @@ if TYPE_CHECKING:
 @hookimpl
 def taichisoft_commands(application: "typer.Typer") -> None:
     """Add `taichisoft reduce`."""
-    from taichisoft_reduction.command import reduce
+    from taichisoft_reduction.reduce_command import reduce
 
     application.command()(reduce)

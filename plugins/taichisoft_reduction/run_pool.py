@@ -8,8 +8,8 @@ from pathlib import Path
 from taichisoft.errors import TaichisoftError
 from taichisoft.worker import Worker, WorkerLost
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.run_process import to_json
-from taichisoft_reduction.run_request import RunRequest, RunResult
+from taichisoft_reduction.run_request import RunResult, TrainingRun
+from taichisoft_reduction.training_process import to_json
 
 START_LIMIT = 600.0
 """Time that a process has to load Taichi and the plug-ins [s]."""
@@ -34,11 +34,11 @@ class RunPool:
         for worker in self._all:
             worker.end()
 
-    def finished(self, request: RunRequest) -> bool:
+    def finished(self, request: TrainingRun) -> bool:
         """Whether the result of a run is there."""
         return RunResult.load(self._folder / request.file_name) is not None
 
-    def results(self, requests: Sequence[RunRequest], done: Callable[[str, str], None]) -> list[RunResult]:
+    def results(self, requests: Sequence[TrainingRun], done: Callable[[str, str], None]) -> list[RunResult]:
         """The results of runs, in the order of the requests, each from its file where that is there.
 
         Args:
@@ -49,7 +49,7 @@ class RunPool:
             ReductionError: a process was lost, or a result cannot be written.
         """
         self._folder.mkdir(parents=True, exist_ok=True)
-        waiting: queue.SimpleQueue[RunRequest] = queue.SimpleQueue()
+        waiting: queue.SimpleQueue[TrainingRun] = queue.SimpleQueue()
         missing = [request for request in requests if not self.finished(request)]
         for request in sorted(missing, key=lambda one: -one.duration * len(one.bodies)):  # long ones first
             waiting.put(request)
@@ -86,12 +86,12 @@ class RunPool:
         try:
             return self._workers.get_nowait()
         except queue.Empty:
-            worker = Worker("taichisoft_reduction.run_process:make_runs", ONE_THREAD)
+            worker = Worker("taichisoft_reduction.training_process:make_runs", ONE_THREAD)
             self._all.append(worker)
             worker.ask(self._plugins, START_LIMIT)
             return worker
 
-    def _load(self, request: RunRequest) -> RunResult:
+    def _load(self, request: TrainingRun) -> RunResult:
         result = RunResult.load(self._folder / request.file_name)
         if result is None:
             raise ReductionError(f"{self._folder / request.file_name}: cannot be read; remove it and try again")

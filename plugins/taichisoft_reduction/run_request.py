@@ -38,7 +38,7 @@ class Timetable:
 
 
 @dataclass(frozen=True)
-class RunRequest:
+class TrainingRun:
     """A run to be made.
 
     Attributes:

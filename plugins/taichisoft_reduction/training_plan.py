@@ -12,7 +12,7 @@ from taichisoft_reduction.actuator_ranges import Ranges
 from taichisoft_reduction.body_shapes import BodyShape, mesh_digest
 from taichisoft_reduction.excitations import excitations, ramp, unseen
 from taichisoft_reduction.pressing import press_timetable, presses
-from taichisoft_reduction.run_request import RunRequest, RunResult, Timetable
+from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
 
 if TYPE_CHECKING:
     from taichisoft import Model
@@ -45,17 +45,17 @@ class TrainingPlan:
         self._all_bodies = tuple(name for shape in shapes for name in shape.bodies)
         self._bodies = {body.name: body for body in model.soft_bodies}
 
-    def own_run(self) -> RunRequest | None:
+    def own_run(self) -> TrainingRun | None:
         """The scene's own run, for the validation; None without a controller."""
         return self._own(OWN_RUN, self._scene, frames=OWN_FRAMES) if self._scene.controller is not None else None
 
-    def first_runs(self, ranges: Mapping[str, Ranges]) -> list[RunRequest]:
+    def first_runs(self, ranges: Mapping[str, Ranges]) -> list[TrainingRun]:
         """Ramps of each shape, by which the places to press are found."""
         return [self._alone(shape, "ramp", ramp(own)) for shape in self.shapes if (own := ranges[shape.name])]
 
     def training(
         self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]
-    ) -> list[RunRequest]:
+    ) -> list[TrainingRun]:
         """All runs of the training, those of `first_runs` first."""
         found = self.first_runs(ranges)
         for shape in self.shapes:
@@ -66,7 +66,7 @@ class TrainingPlan:
 
     def validation(
         self, ranges: Mapping[str, Ranges], ramps: Mapping[str, RunResult], own: Sequence[RunResult]
-    ) -> list[RunRequest]:
+    ) -> list[TrainingRun]:
         """Runs that are not trained on: the scene's own first, if it has a controller."""
         first = self.own_run()
         found = [] if first is None else [first]
@@ -79,7 +79,7 @@ class TrainingPlan:
             for scene in self._with_object(lambda size: {"box": (0.93 * size).tolist()})
         ]
 
-    def _grasps(self) -> list[RunRequest]:
+    def _grasps(self) -> list[TrainingRun]:
         """The scene's own run with other efforts, and with other objects in the place of its own."""
         if self._scene.controller is None:
             return []
@@ -111,7 +111,7 @@ class TrainingPlan:
 
     def _presses(
         self, shape: BodyShape, ranges: Ranges, ramp: RunResult | None, own: Sequence[RunResult], is_unseen: bool
-    ) -> list[RunRequest]:
+    ) -> list[TrainingRun]:
         body = self._bodies[shape.name]
         if not body.settings.collides:
             return []
@@ -131,7 +131,7 @@ class TrainingPlan:
                 )
         return found
 
-    def _alone(self, shape: BodyShape, name: str, table: Timetable, frames: int = 24) -> RunRequest:
+    def _alone(self, shape: BodyShape, name: str, table: Timetable, frames: int = 24) -> TrainingRun:
         """A run of the first body of a shape alone, or with all soft bodies where it cannot be alone."""
         scenes = self._valid(self._alone_tables(shape)) or self._valid(self._without(self._tables, "obstacles"))
         scene = scenes[0] if scenes else self._scene
@@ -155,8 +155,8 @@ class TrainingPlan:
         except TaichisoftError:
             return []
 
-    def _own(self, name: str, scene: Scene, factor: float = 1.0, frames: int = 40) -> RunRequest:
-        return RunRequest(
+    def _own(self, name: str, scene: Scene, factor: float = 1.0, frames: int = 40) -> TrainingRun:
+        return TrainingRun(
             name,
             scene_to_toml(scene),
             self._all_bodies,
@@ -166,9 +166,9 @@ class TrainingPlan:
             **self._common,
         )
 
-    def _request(self, name: str, scene: Scene, bodies: tuple[str, ...], table: Timetable, frames: int) -> RunRequest:
+    def _request(self, name: str, scene: Scene, bodies: tuple[str, ...], table: Timetable, frames: int) -> TrainingRun:
         duration = max(scene.time.step, round(table.duration / scene.time.step) * scene.time.step)
-        return RunRequest(name, scene_to_toml(scene), bodies, duration, table, frames=frames, **self._common)
+        return TrainingRun(name, scene_to_toml(scene), bodies, duration, table, frames=frames, **self._common)
 
     def _size(self, shape: BodyShape) -> float:
         return float(np.ptp(self._bodies[shape.name].rest_position, axis=0).max())

@@ -17,7 +17,7 @@ OF_STATE = tuple(one.name for one in fields(State) if not one.name.startswith("c
 
 
 @dataclass(frozen=True)
-class Figure:
+class RolloutFigure:
     """A part of an observation.
 
     Attributes:
@@ -44,7 +44,7 @@ class Figure:
         return np.asarray(value, dtype=np.float64)
 
 
-def find_figure(name: str, observation: Observation, bodies: tuple[str, ...]) -> Figure:
+def find_figure(name: str, observation: Observation, bodies: tuple[str, ...]) -> RolloutFigure:
     """The figure that a name means.
 
     Args:
@@ -61,13 +61,13 @@ def find_figure(name: str, observation: Observation, bodies: tuple[str, ...]) ->
         hint = nearest(field, KNOWN, "there are")
         raise TaichisoftError(f"figures: '{name}': not a field of an observation with a fixed shape; {hint}")
     if field in BY_PAIR:
-        return Figure(name, field, _pair(name, key, bodies))
+        return RolloutFigure(name, field, _pair(name, key, bodies))
     value = getattr(observation, field)
     valid = OF_STATE if field == "state" else tuple(value) if isinstance(value, Mapping) else ()
     if key not in valid and (key or field == "state"):
         hint = nearest(key, valid, "there are") if valid else f"leave out what follows {field}"
         raise TaichisoftError(f"figures: '{name}': {field} has no '{key}'; {hint}")
-    return Figure(name, field, key)
+    return RolloutFigure(name, field, key)
 
 
 def _pair(name: str, key: str, bodies: tuple[str, ...]) -> tuple[str, str]:

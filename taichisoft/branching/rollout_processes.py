@@ -7,7 +7,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from taichisoft.branching.rollout_sample import Outcome, Sample, roll_out
+from taichisoft.branching.rollout_sample import RolloutOutcome, RolloutSample, roll_out
 from taichisoft.errors import TaichisoftError
 from taichisoft.model import Model
 from taichisoft.time_stepper import TimeStepper
@@ -27,7 +27,7 @@ class Receiver(Protocol):
 
     cancelled: bool
 
-    def add(self, index: int, outcome: Outcome | None) -> None:
+    def add(self, index: int, outcome: RolloutOutcome | None) -> None:
         """Take what became of a sample; None if it was cancelled."""
 
     def fail(self, index: int, error: TaichisoftError) -> None:
@@ -39,7 +39,7 @@ class Task:
     """A sample to be made, and who takes its outcome."""
 
     model: Model
-    sample: Sample
+    sample: RolloutSample
     index: int
     receiver: Receiver
 
@@ -116,7 +116,7 @@ class RolloutProcess:
             task.receiver.fail(task.index, TaichisoftError(f"sample {task.index} of the rollouts: {text}"))
         return True
 
-    def _make(self, task: Task) -> Outcome | None:
+    def _make(self, task: Task) -> RolloutOutcome | None:
         with self._sending:
             if self._closed:
                 raise TaichisoftError("the rollouts were ended by `Simulation.close`")
@@ -127,7 +127,7 @@ class RolloutProcess:
             worker.send(("sample", (id(task), task.sample)))
             self._running = task
         try:
-            outcome: Outcome | None = worker.receive()
+            outcome: RolloutOutcome | None = worker.receive()
         except WorkerLost as error:
             if self._closed:
                 raise TaichisoftError("the rollouts were ended by `Simulation.close`") from error

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from taichisoft.branching.rollout_figures import Figure
+from taichisoft.branching.rollout_figures import RolloutFigure
 from taichisoft.control.control import Control
 from taichisoft.errors import SimulationDiverged
 from taichisoft.state import State
@@ -13,7 +13,7 @@ from taichisoft.time_stepper import TimeStepper
 
 
 @dataclass(frozen=True)
-class Sample:
+class RolloutSample:
     """What a future begins with and is driven by.
 
     Attributes:
@@ -26,11 +26,11 @@ class Sample:
     start: State
     controls: tuple[Control, ...]
     steps_per_control: int
-    figures: tuple[Figure, ...]
+    figures: tuple[RolloutFigure, ...]
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RolloutOutcome:
     """What became of a sample.
 
     Attributes:
@@ -44,7 +44,7 @@ class Outcome:
     diverged: tuple[str, int, str, str] | None
 
 
-def roll_out(simulation: TimeStepper, sample: Sample, is_cancelled: Callable[[], bool]) -> Outcome | None:
+def roll_out(simulation: TimeStepper, sample: RolloutSample, is_cancelled: Callable[[], bool]) -> RolloutOutcome | None:
     """Make the steps of a sample; None if it was cancelled on the way.
 
     Raises:
@@ -69,4 +69,4 @@ def roll_out(simulation: TimeStepper, sample: Sample, is_cancelled: Callable[[],
         if diverged:
             break
     values = tuple(np.array(column) for column in zip(*rows, strict=True))
-    return Outcome(simulation.state, values, diverged)
+    return RolloutOutcome(simulation.state, values, diverged)

@@ -8,7 +8,7 @@ import numpy as np
 
 from taichisoft.branching.rollout_figures import find_figure
 from taichisoft.branching.rollout_processes import RolloutProcesses, Task
-from taichisoft.branching.rollout_sample import Outcome, Sample, roll_out
+from taichisoft.branching.rollout_sample import RolloutOutcome, RolloutSample, roll_out
 from taichisoft.building.simulation import Simulation
 from taichisoft.control.control import Control
 from taichisoft.errors import SimulationDiverged, TaichisoftError
@@ -96,7 +96,7 @@ class Arrivals:
         cancelled: whether nobody wants the rest.
     """
 
-    def __init__(self, simulation: Simulation, samples: Sequence[Sample]):
+    def __init__(self, simulation: Simulation, samples: Sequence[RolloutSample]):
         """Prepare the arrays."""
         first, now = samples[0], simulation.observe()
         size = len(samples), len(first.controls) * first.steps_per_control
@@ -110,7 +110,7 @@ class Arrivals:
         self._change = threading.Condition()
         self._processes: RolloutProcesses | None = None
 
-    def make_here(self, samples: Sequence[Sample]) -> None:
+    def make_here(self, samples: Sequence[RolloutSample]) -> None:
         """Make the samples in this process, one after the other."""
         own = TimeStepper(self._simulation.model)
         for index, sample in enumerate(samples):
@@ -119,7 +119,7 @@ class Arrivals:
             except TaichisoftError as error:
                 self.fail(index, error)
 
-    def make_in(self, processes: RolloutProcesses, samples: Sequence[Sample]) -> None:
+    def make_in(self, processes: RolloutProcesses, samples: Sequence[RolloutSample]) -> None:
         """Have the samples made by processes."""
         self._processes, model = processes, self._simulation.model
         processes.submit([Task(model, sample, index, self) for index, sample in enumerate(samples)])
@@ -142,7 +142,7 @@ class Arrivals:
         if self._processes is not None:
             self._processes.cancel(self)
 
-    def add(self, index: int, outcome: Outcome | None) -> None:
+    def add(self, index: int, outcome: RolloutOutcome | None) -> None:
         """Take what became of a sample; None if it was cancelled."""
         with self._change:
             if outcome is not None:
@@ -202,7 +202,7 @@ def rollouts(
 
 def _samples(
     simulation: Simulation, controls: Sequence[Sequence[Control]], names: Sequence[str], steps_per_control: int
-) -> list[Sample]:
+) -> list[RolloutSample]:
     if isinstance(steps_per_control, bool) or not isinstance(steps_per_control, int) or steps_per_control < 1:
         raise TaichisoftError(f"steps_per_control = {steps_per_control!r}: must be a whole number, 1 or more")
     if isinstance(names, str):
@@ -220,10 +220,10 @@ def _samples(
                 raise TaichisoftError(f"controls: sample {number}: {control!r} must be a taichisoft.Control")
     observation, bodies = simulation.observe(), simulation.model.body_names
     found = tuple(find_figure(name, observation, bodies) for name in names)
-    return [Sample(simulation.state, row, steps_per_control, found) for row in rows]
+    return [RolloutSample(simulation.state, row, steps_per_control, found) for row in rows]
 
 
-def _refuse_what_cannot_be_sent(samples: Sequence[Sample]) -> None:
+def _refuse_what_cannot_be_sent(samples: Sequence[RolloutSample]) -> None:
     for number, sample in enumerate(samples):
         try:
             pickle.dumps(sample.controls)

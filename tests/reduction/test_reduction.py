@@ -12,13 +12,13 @@ from taichisoft import Control, Simulation, make_model, scene_from_dict
 from taichisoft.bodies.elasticity import internal_force
 from taichisoft_reduction.basis import Basis
 from taichisoft_reduction.body_shapes import RelativeMotion, base_frame, body_shapes
-from taichisoft_reduction.command import reduce
 from taichisoft_reduction.comparison import compare, worst
 from taichisoft_reduction.cubature import MotionCriterion, NonNegativeSearch, choose_domains
 from taichisoft_reduction.domain_forces import DomainForces
 from taichisoft_reduction.errors import ReductionError
-from taichisoft_reduction.reduction import Progress, Wishes, reduce_scene
-from taichisoft_reduction.run_request import RunRequest, RunResult, Timetable
+from taichisoft_reduction.reduce_command import reduce
+from taichisoft_reduction.run_request import RunResult, Timetable, TrainingRun
+from taichisoft_reduction.shape_reduction import Progress, Wishes, reduce_scene
 
 ANCHORS = [{"box": [[-0.1, -0.1, -0.1], [0.1, 9.0, 9.0]]}]
 TURNED = {"rotation": [20.0, -35.0, 50.0], "translation": [3.0, 1.0, -2.0]}
@@ -183,8 +183,8 @@ def test_a_comparison_has_the_largest_error_and_a_failed_run_is_never_good(tmp_p
 
 
 def test_a_request_of_other_content_has_another_file():
-    one = RunRequest("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 1.0)}))
-    other = RunRequest("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 2.0)}))
+    one = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 1.0)}))
+    other = TrainingRun("run", "scene", ("a",), 1.0, Timetable((0.0, 1.0), {"pressure/a.b": (0.0, 2.0)}))
     assert one.file_name != other.file_name
 
 

@@ -16,7 +16,7 @@ from taichisoft_reduction.comparison import Comparison, compare, worst
 from taichisoft_reduction.errors import ReductionError
 from taichisoft_reduction.recorded_runs import recorded_runs
 from taichisoft_reduction.run_pool import RunPool
-from taichisoft_reduction.run_request import RunRequest, RunResult
+from taichisoft_reduction.run_request import RunResult, TrainingRun
 from taichisoft_reduction.shape_fit import ShapeFit, displacements_of
 from taichisoft_reduction.training_plan import TrainingPlan
 from taichisoft_reduction.validation_report import as_tables, draw_report, verdict, write_report
@@ -165,7 +165,7 @@ def _runs(
     ranges: Mapping[str, Ranges],
     wishes: Wishes,
     progress: Progress,
-) -> tuple[list[RunRequest], list[RunResult], list[RunRequest], list[RunResult]]:
+) -> tuple[list[TrainingRun], list[RunResult], list[TrainingRun], list[RunResult]]:
     """Requests and results of the training, and of the validation."""
     first = plan.first_runs(ranges)
     ramps = pool.results(first, progress.runs("ramps", len(first)))
@@ -186,7 +186,7 @@ def _refine(
     shape: BodyShape,
     folder: Path,
     pool: RunPool,
-    training: Sequence[tuple[RunRequest, RunResult]],
+    training: Sequence[tuple[TrainingRun, RunResult]],
     wishes: Wishes,
     progress: Progress,
 ) -> None:
@@ -210,7 +210,7 @@ def _refine(
 
 def _reduced_runs(
     pool: RunPool,
-    requests: Sequence[RunRequest],
+    requests: Sequence[TrainingRun],
     shapes: Sequence[BodyShape],
     files: Mapping[str, Path],
     progress: Progress,
@@ -221,7 +221,7 @@ def _reduced_runs(
     return pool.results(reduced, progress.runs(title, len(reduced)))
 
 
-def _with_modes(request: RunRequest, shapes: Sequence[BodyShape], files: Mapping[str, Path]) -> RunRequest:
+def _with_modes(request: TrainingRun, shapes: Sequence[BodyShape], files: Mapping[str, Path]) -> TrainingRun:
     scene = scene_from_toml(request.scene, request.name)
     bodies = dict(scene.soft_bodies)
     digest = hashlib.sha256(request.files.encode())

@@ -9,7 +9,7 @@ from typing import Any
 
 from taichisoft.errors import BeyondLaw, TaichisoftError
 from taichisoft.worker import Link
-from taichisoft_reduction.run_request import RunRequest, Timetable
+from taichisoft_reduction.run_request import Timetable, TrainingRun
 
 
 def make_runs(link: Link) -> None:
@@ -29,19 +29,19 @@ def make_runs(link: Link) -> None:
         link.send(make_run(from_json(text), Path(path)))
 
 
-def to_json(request: RunRequest) -> str:
+def to_json(request: TrainingRun) -> str:
     """A request as text."""
     return json.dumps(asdict(request))
 
 
-def from_json(text: str) -> RunRequest:
+def from_json(text: str) -> TrainingRun:
     """What `to_json` wrote."""
     values = json.loads(text)
     table = values["timetable"]
-    return RunRequest(**{**values, "timetable": None if table is None else Timetable(**table)})
+    return TrainingRun(**{**values, "timetable": None if table is None else Timetable(**table)})
 
 
-def make_run(request: RunRequest, path: Path) -> str:
+def make_run(request: TrainingRun, path: Path) -> str:
     """Make a run and write its result; the problem that ended it early, or an empty text."""
     from taichisoft.atomic_file import atomic_file
     from taichisoft.building import Simulation, make_controller

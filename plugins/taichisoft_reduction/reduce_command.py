@@ -12,7 +12,7 @@ from taichisoft_reduction.errors import ReductionError
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from taichisoft_reduction.reduction import Reduction
+    from taichisoft_reduction.shape_reduction import Reduction
 
 
 def reduce(
@@ -58,7 +58,7 @@ def reduce(
     from taichisoft.building import load_scene
     from taichisoft.running import locked_folder, print_line
     from taichisoft.runtime import available_cores
-    from taichisoft_reduction.reduction import Wishes, reduce_scene
+    from taichisoft_reduction.shape_reduction import Wishes, reduce_scene
     from taichisoft_reduction.validation_report import PICTURE, TABLE, WITHIN
     from taichisoft_studies.commands.study_options import quiet_interruption, requested_plugins
 
@@ -112,7 +112,7 @@ def _range(text: str) -> tuple[str, tuple[float, float]]:
 def _progress(console: "Console", bars: ExitStack) -> Any:
     """Bars of runs, and lines between them."""
     from taichisoft.running import print_line
-    from taichisoft_reduction.reduction import Progress
+    from taichisoft_reduction.shape_reduction import Progress
     from taichisoft_studies.commands.study_options import progress_bar
 
     class Shown(Progress):
