@@ -85,7 +85,7 @@ class Model:
         self.element_material = np.concatenate([np.zeros(0, dtype=np.int32), *(body.material for body in soft)])
         held = [body.nodes.start + np.flatnonzero(body.anchored) for body in soft]
         self.anchored_nodes = np.concatenate([*held, np.zeros(0)]).astype(np.int32)
-        self.actuators = Actuators(soft, self.rigid_bodies, self.obstacles)
+        self.actuators = Actuators(scene, soft, self.rigid_bodies, self.obstacles)
         self.surfaces = ContactSurfaces(soft, self.rigid_bodies, self.obstacles)
         self._refuse_bodies_within_contact_distance()
         self.friction = self._pair_table("friction")
@@ -127,10 +127,10 @@ class Model:
             actuator_imposed=np.zeros(count, dtype=bool),
             actuator_request=np.zeros(count),
             actuator_target=np.zeros(count),
-            actuator_effort=np.zeros(count),
+            actuator_effort=actuators.rest_effort.copy(),
             actuator_value=actuators.rest_value.copy(),
             actuator_loss=np.zeros(actuators.count - count),
-            pull_point=self.cables.rest_pull_point.copy(),
+            **actuators.start(),
             contact_body_pair=np.zeros((0, 2), dtype=np.int32),
             contact_point=np.zeros((0, 3)),
             contact_normal=np.zeros((0, 3)),

@@ -41,6 +41,8 @@ class State:
         actuator_value: volume [mm^3] or length [mm], shape (actuator_count,).
         actuator_loss: tension lost to friction at each inner point in the last step, negative for a cable paid out
             [mN], in the order of the cables with friction, shape (loss_count,).
+        air_mass: mass of the air in each cavity and its line [kg], shape (cavity_count,).
+        air_flow: flow of air into cavity and line in the last step [kg/s], shape (cavity_count,).
         pull_point: positions of the pull points before the base moved them [mm], shape (cable_count, 3).
         contact_body_pair: numbers of the two bodies of each contact of the last step, shape (contact_count, 2).
         contact_point: midpoint of each contact at its detection [mm], shape (contact_count, 3).
@@ -71,6 +73,8 @@ class State:
     actuator_effort: np.ndarray
     actuator_value: np.ndarray
     actuator_loss: np.ndarray
+    air_mass: np.ndarray
+    air_flow: np.ndarray
     pull_point: np.ndarray
     contact_body_pair: np.ndarray
     contact_point: np.ndarray

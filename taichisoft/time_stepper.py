@@ -125,7 +125,7 @@ class TimeStepper:
         ahead = PosesAhead(position, rigid_position, rigid_rotation)
         self._geometry.update(ahead, self.model.placed_pull_points(start))
         effort, loss = self.model.actuators.split(solution.effort)
-        count = int(reported.count[0])
+        value, count = self._geometry.value.copy(), int(reported.count[0])
         return start.changed(
             time=(start.step + 1) * time_step,
             step=start.step + 1,
@@ -136,8 +136,9 @@ class TimeStepper:
             rigid_velocity=velocity[:, :3].copy(),
             rigid_angular_velocity=velocity[:, 3:].copy(),
             actuator_effort=effort,
-            actuator_value=self._geometry.value.copy(),
+            actuator_value=value,
             actuator_loss=loss,
+            **self.model.actuators.after(start, effort, value, time_step),
             contact_body_pair=reported.bodies[:count].copy(),
             contact_point=reported.point[:count].copy(),
             contact_normal=reported.normal[:count].copy(),

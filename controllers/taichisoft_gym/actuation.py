@@ -55,10 +55,12 @@ class Actuation:
         Raises:
             SceneError: the scene has neither a cavity nor a cable.
         """
+        tables = [(kind, *one) for kind in ACTUATOR_KINDS for one in scene.actuators(kind.plural).items()]
+        # The first way to drive an actuator; sealed air has none.
         self._driven = [
-            (kind.drives[0], name, table)
-            for kind in ACTUATOR_KINDS
-            for name, table in scene.actuators(kind.plural).items()
+            (drive, name, table)
+            for kind, name, table in tables
+            for drive in [one for one in kind.drives if one.fits(table)][:1]
         ]
         if not self._driven:
             raise SceneError("an environment needs a soft body with a cavity or a cable; the scene has none")

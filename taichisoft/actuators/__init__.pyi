@@ -3,6 +3,7 @@ from .cavities import CAVITIES as CAVITIES
 from .kind import ActuatorKind as ActuatorKind
 from .kind import Drive as Drive
 from .kind import Measured as Measured
+from .kind import StateFigure as StateFigure
 from .kinds import ACTUATOR_KINDS as ACTUATOR_KINDS
 from .kinds import kind_called as kind_called
 from .kinds import kind_of as kind_of

@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.actuators.kind import ActuatorKind, ActuatorSet, Drive, Measured, Room
+from taichisoft.actuators.kind import ActuatorKind, ActuatorSet, Drive, Measured, Room, StateFigure
 from taichisoft.actuators.limits import limits
+from taichisoft.actuators.shut_air import ShutAir, air_mass
 from taichisoft.bodies.body_geometry import Poses
 from taichisoft.meshes import curved_walls
 from taichisoft.meshes.surface import stacked
@@ -14,6 +15,9 @@ from taichisoft.meshes.surface import stacked
 if TYPE_CHECKING:
     from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
     from taichisoft.bodies.soft_body_arrays import SoftBody
+    from taichisoft.scenes.actuators import Cavity
+    from taichisoft.scenes.scene import Scene
+    from taichisoft.state import State
 
 COLLAPSE_ADVICE = "less suction, or a lowest_volume_growth or lowest_pressure of the cavity"
 
@@ -23,10 +27,11 @@ class Cavities(ActuatorSet):
 
     Attributes:
         surfaces, curved: what the kernels read; without cavities their arrays are empty.
+        atmosphere: absolute pressure outside [kPa].
     """
 
-    def __init__(self, bodies: "Sequence[SoftBody]"):
-        """Lay out the arrays."""
+    def __init__(self, bodies: "Sequence[SoftBody]", atmosphere: float):
+        """Lay out the arrays, for an absolute pressure outside [kPa]."""
         from taichisoft.actuators.kernels import enclosed_volumes as kernels
 
         found = [(body, cavity) for body in bodies for cavity in body.cavities]
@@ -64,9 +69,16 @@ class Cavities(ActuatorSet):
             coordinate_range=np.array(
                 [limits(one.lowest_volume_growth, one.highest_volume_growth) for one in settings]
             ),
-            effort_range=np.array([limits(one.lowest_pressure, one.highest_pressure) for one in settings]),
+            effort_range=np.array(
+                [limits(one.lowest_pressure, one.highest_pressure, unless_given=-atmosphere) for one in settings]
+            ),
             soft_entries=entries,
         )
+        self.atmosphere, self._settings = atmosphere, settings
+        self.has_law = np.array([one.air != "regulated" for one in settings], dtype=bool)
+        self.takes_effort = np.array([CAVITIES.effort.fits(one) for one in settings], dtype=bool)
+        self._dead_volume = np.array([one.dead_volume for one in settings])
+        self.rest_effort = np.array([one.shut_pressure for one in settings])
         self.curved = kernels.CurvedTriangles(
             start=curved_start,
             vertices=curved,
@@ -74,6 +86,35 @@ class Cavities(ActuatorSet):
             first_slope=np.ascontiguousarray(curved_walls.SLOPES[..., 0]),
             second_slope=np.ascontiguousarray(curved_walls.SLOPES[..., 1]),
         )
+
+    def why_not(self, drive: Drive, number: int) -> str:
+        """The kind of air that a cavity has, where it cannot be driven so."""
+        table = self._settings[number]
+        return "" if drive.fits(table) else f'its air is "{table.air}"'
+
+    def laws(self, state: "State", time_step: float) -> dict[int, ShutAir]:
+        """How the volumes of cavities with air of their own follow from its pressure."""
+        return {
+            number: ShutAir(
+                mass=float(state.air_mass[number]),
+                exponent=self._settings[number].exponent,
+                rest_volume=float(self.rest_value[number]),
+                dead_volume=float(self._dead_volume[number]),
+                atmosphere=self.atmosphere,
+            )
+            for number in np.flatnonzero(self.has_law).tolist()
+        }
+
+    def start(self) -> dict[str, np.ndarray]:
+        """The air that is in the cavities at first."""
+        mass = air_mass(self.rest_effort + self.atmosphere, self.rest_value + self._dead_volume)
+        return {"air_mass": mass, "air_flow": np.zeros(len(mass))}
+
+    def after(self, start: "State", effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
+        """The air in the cavities after a step: shut in, or as much as a regulator let in for its pressure."""
+        let_in = air_mass(effort + self.atmosphere, value + self._dead_volume)
+        mass = np.where(self.has_law, start.air_mass, let_in)
+        return {"air_mass": mass, "air_flow": (mass - start.air_mass) / time_step}
 
     def shapes(self, room: Room) -> "CavityVolumes":
         """What measures their volumes."""
@@ -126,8 +167,18 @@ class CavityVolumes:
         return self._volumes.volume
 
 
-def _make(soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]") -> Cavities:
-    return Cavities(soft)
+def _make(
+    scene: "Scene", soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]"
+) -> Cavities:
+    return Cavities(soft, scene.atmosphere)
+
+
+def _is_regulated(cavity: "Cavity") -> bool:
+    return cavity.air == "regulated"
+
+
+def _has_own_air(cavity: "Cavity") -> bool:
+    return cavity.air != "regulated"
 
 
 CAVITIES = ActuatorKind(
@@ -146,8 +197,9 @@ CAVITIES = ActuatorKind(
         furthest=150.0,
         more="raise the pressure",
         less="lower the pressure",
+        fits=_is_regulated,
     ),
-    coordinate=Drive("volume_growth", "mm^3", asked="volume_growth"),
+    coordinate=Drive("volume_growth", "mm^3", asked="volume_growth", fits=_is_regulated),
     value=Measured(
         "volume",
         "mm^3",
@@ -165,6 +217,30 @@ CAVITIES = ActuatorKind(
         meaning="growth of the volume, sum of all cavities",
         total=True,
         recorded=False,
+    ),
+    figures=(
+        StateFigure(
+            "air_mass",
+            "kg",
+            observed="air_masses",
+            meaning="air in cavities and their lines, sum of all",
+            total=True,
+            plotted="air [mg]",
+            plot_factor=1e6,
+            field="air_mass",
+            matters=_has_own_air,
+        ),
+        StateFigure(
+            "air_flow",
+            "kg/s",
+            observed="air_flows",
+            meaning="flow of air into cavities and their lines, sum of all",
+            total=True,
+            plotted="flow of air [mg/s]",
+            plot_factor=1e6,
+            field="air_flow",
+            matters=_has_own_air,
+        ),
     ),
     imposed="volume_imposed",
     drawn="walls",

@@ -28,6 +28,9 @@ class Observation:
         pressures: pressures in the last step [kPa], by cavity name.
         volumes: volumes of the cavities [mm^3], by cavity name.
         flows: rates of change of the volumes [mm^3/s], by cavity name.
+        air_masses: air in the cavities and their lines [kg], by cavity name; with regulated air as much as a regulator let
+            in for its pressure.
+        air_flows: flows of air into the cavities and their lines in the last step [kg/s], by cavity name.
         cable_tensions: tensions at the pulled ends in the last step [mN], by cable name.
         cable_lengths: lengths of the cables [mm], by cable name.
         cable_pulls: how far the cables are pulled in [mm], by cable name.
@@ -58,6 +61,8 @@ class Observation:
     pressures: Mapping[str, float] = field(default_factory=dict)
     volumes: Mapping[str, float] = field(default_factory=dict)
     flows: Mapping[str, float] = field(default_factory=dict)
+    air_masses: Mapping[str, float] = field(default_factory=dict)
+    air_flows: Mapping[str, float] = field(default_factory=dict)
     cable_tensions: Mapping[str, float] = field(default_factory=dict)
     cable_lengths: Mapping[str, float] = field(default_factory=dict)
     cable_pulls: Mapping[str, float] = field(default_factory=dict)

@@ -101,6 +101,8 @@ class Observer:
             for figure, values in figures:
                 if figure.observed:
                     found[figure.observed] = _numbers(names, actuators.of(kind, values))
+            for further in kind.figures:
+                found[further.observed] = _numbers(names, getattr(state, further.field))
         return found
 
     def _rates(self, state: State) -> np.ndarray:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators.kind import ActuatorKind
+from taichisoft.actuators.kind import ActuatorKind, ActuatorSet
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.bodies.rotations import compose_rotation_vectors
 from taichisoft.control.control import Control
@@ -96,13 +96,13 @@ def _actuator_requests(model: Model, state: State, control: Control) -> dict[str
         imposed, request = imposed.copy(), request.copy()
         for kind in ACTUATOR_KINDS:
             place = model.actuators.place(kind)
-            _drive(kind, model.actuators.names_of(kind), control, imposed[place], request[place])
+            _drive(kind, model.actuators.sets[kind.name], control, imposed[place], request[place])
     target = limit_actuators(model, state, imposed, request)
     return {"actuator_imposed": imposed, "actuator_request": request, "actuator_target": target}
 
 
 def _drive(
-    kind: ActuatorKind, names: tuple[str, ...], control: Control, imposed: np.ndarray, request: np.ndarray
+    kind: ActuatorKind, actuators: ActuatorSet, control: Control, imposed: np.ndarray, request: np.ndarray
 ) -> None:
     """Fill in whether each actuator of a kind is driven by its coordinate, else by its effort, and the value."""
     efforts, coordinates = (getattr(control, drive.asked) for drive in (kind.effort, kind.coordinate))
@@ -112,7 +112,10 @@ def _drive(
         raise ControlError(f"control: {kind.name} '{both[0]}' is given a {words}; give one of them")
     for drive, wishes in ((kind.effort, efforts), (kind.coordinate, coordinates)):
         for name, value in wishes.items():
-            index = _index(name, names, kind.name, drive.asked)
+            index = _index(name, actuators.names, kind.name, drive.asked)
+            why_not = actuators.why_not(drive, index)
+            if why_not:
+                raise ControlError(f"control.{drive.asked}['{name}']: cannot be asked for, {why_not}")
             imposed[index] = drive is kind.coordinate
             request[index] = _finite(value, f"control.{drive.asked}['{name}']", ())
 

@@ -213,6 +213,8 @@ class Scene(Table):
     """Text that displays show instead of the file's name."""
     gravity: Vector = (0.0, 0.0, -9810.0)
     """Acceleration of gravity [mm/s^2]."""
+    atmosphere: Positive = 101.325
+    """Absolute pressure outside the cavities [kPa], over which all other pressures are given (gauge pressure)."""
     time: Time = Time()
     contact: Contact = Contact()
     base_pivot: Vector | None = None
@@ -269,6 +271,17 @@ class Scene(Table):
                     f"controller.period = {period:g} s must be a whole multiple of time.step = {step:g} s, such as "
                     f"{near} s"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _check_vacuum(self) -> Self:
+        vacuum, cavities = -self.atmosphere, self.actuators("cavities")
+        tables = {f"soft_bodies.{name.replace('.', '.cavities.')}": table for name, table in cavities.items()}
+        for place, table in {**tables, "limits": self.limits}.items():
+            for key in ("lowest_pressure", "highest_pressure", "shut_pressure"):
+                pressure = getattr(table, key, None)
+                if pressure is not None and (pressure < vacuum or (pressure == vacuum and key != "lowest_pressure")):
+                    raise ValueError(f"{place}.{key} = {pressure:g} kPa must be above the vacuum's {vacuum:g} kPa")
         return self
 
     @model_validator(mode="after")

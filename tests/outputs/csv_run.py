@@ -45,6 +45,8 @@ def report(step: int, **changes: Any) -> Any:
     seen: dict[str, Any] = {
         "pressures": {"left.air": 1.0 * step, "right.base": 2.0 * step, "right.tip": 3.0 * step},
         "volumes": {"left.air": 100.0, "right.base": 200.0, "right.tip": 300.0 + 1.0 / 3.0},
+        "air_masses": {"left.air": 1e-7, "right.base": 2e-7, "right.tip": 3e-7 * step},
+        "air_flows": {"left.air": 1e-6 * step, "right.base": 2e-6, "right.tip": -3e-6},
         "cable_tensions": {"right.tendon": 400.0 * step},
         "cable_pulls": {"right.tendon": -0.5 * step},
         "cable_lengths": {"right.tendon": 90.0 + 0.5 * step},

@@ -121,6 +121,8 @@ def fake_state(step: int) -> SimpleNamespace:
         actuator_effort=np.array([2.0 * step]),
         actuator_value=np.array([100.0 + step]),
         actuator_loss=np.zeros(0),
+        air_mass=np.array([1e-5 + 1e-6 * step]),
+        air_flow=np.array([1e-4 * step]),
         pull_point=np.zeros((0, 3)),
         contact_body_pair=np.tile(np.array([0, 1], dtype=np.int32), (contacts, 1)),
         contact_point=np.full((contacts, 3), float(step)),
@@ -139,6 +141,8 @@ def fake_report(step: int) -> SimpleNamespace:
         observation=SimpleNamespace(
             pressures={"finger.cavity": 2.0 * step},
             volumes={"finger.cavity": 100.0 + step},
+            air_masses={"finger.cavity": 1e-5 + 1e-6 * step},
+            air_flows={"finger.cavity": 1e-4 * step},
             normal_forces={("cube", "finger"): 3.0 * step},
             friction_forces={("finger", "cube"): 1.0 * step},
             slip_speeds={("finger", "cube"): 0.5 * step},

@@ -136,7 +136,7 @@ QUANTITIES: Mapping[str, Kind] = {
     **{
         figure.name: _actuators(kind, figure)
         for kind in ACTUATOR_KINDS
-        for figure in (*kind.drives, kind.value, kind.rate)
+        for figure in (*kind.drives, kind.value, kind.rate, *kind.figures)
         if figure is not None
     },
     "bending_angle": Kind(

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, Measured
+from taichisoft.actuators import ACTUATOR_KINDS, ActuatorKind, Measured, StateFigure
 from taichisoft.bodies import Stretches, anchor_stiffness, select_nodes
 from taichisoft_outputs.base_motion import last_at_rest
 from taichisoft_outputs.plots.figure import Curve, Panel, pieces
@@ -180,9 +180,14 @@ def panels_of(recording: Recording) -> dict[str, Callable[[RunCurves], Panel]]:
 
 
 def expected(name: str, recording: Recording) -> bool:
-    """Whether somebody expects a panel: that of cables only where there are some."""
-    kinds = [kind for kind in ACTUATOR_KINDS if name in (one.name for one in kind.measured)]
-    return all(kind.always_driven or recording.actuators.names_of(kind) for kind in kinds)
+    """Whether somebody expects a panel: that of cables only where there are some, of air where it has its own law."""
+    for kind in ACTUATOR_KINDS:
+        tables = recording.scene.actuators(kind.plural).values()
+        for figure in kind.measured:
+            if figure.name == name:
+                matters = figure.matters if isinstance(figure, StateFigure) else bool
+                return (kind.always_driven and figure not in kind.figures) or any(map(matters, tables))
+    return True
 
 
 def _evenly_spaced(times: np.ndarray, count: int) -> np.ndarray:

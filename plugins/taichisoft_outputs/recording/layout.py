@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from taichisoft.state import State
 
 FILE_NAME = "recording.h5"
-LAYOUT = 9
+LAYOUT = 10
 """The only layout that this version writes and reads. Every change of what lies where in the file gets a new number."""
 SIGNAL_COUNT = 32
 """Signals that there is room for: which ones come is not known when a file begins."""
@@ -63,6 +63,8 @@ def _quantities(kind: ActuatorKind) -> dict[str, Quantity]:
         f"steps/{effort.name}": Quantity(effort.unit, "actuator_effort", kind=kind),
         f"steps/{value.name}": Quantity(value.unit, "actuator_value", kind=kind),
     }
+    for figure in kind.figures:
+        found[f"steps/{figure.name}"] = Quantity(figure.unit, figure.field)
     if kind.loss:
         found[f"steps/{kind.loss}"] = Quantity(effort.unit, "actuator_loss", kind=kind)
     if coordinate.observed:
