@@ -121,6 +121,7 @@ class Model:
             base_rotation=np.zeros(3),
             base_request=np.zeros((2, 3)),
             base_velocity=np.zeros((2, 3)),
+            base_wrench=np.zeros((2, 3)),
             anchor_position=self.rest_position[self.anchored_nodes],
             gravity=self.gravity.copy(),
             young_modulus=self.young_modulus.copy(),

@@ -3,6 +3,8 @@
 import time
 from functools import partial
 
+import numpy as np
+
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.body_geometry import PosesAhead
 from taichisoft.control.control import Control
@@ -14,6 +16,7 @@ from taichisoft.model import Model
 from taichisoft.solver.actuator_requests import ActuatorRequests, request
 from taichisoft.solver.kernels.reported_contacts import ReportedContacts
 from taichisoft.state import State
+from taichisoft.step.base_wrench import BaseWrench
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.contact_prediction import ContactPrediction
 from taichisoft.step.divergence import DivergenceCheck
@@ -46,6 +49,7 @@ class TimeStepper:
         self._solver: ConstraintSolver | NonlinearStep = self._constraint_solver
         if model.elasticity is not None and self._soft is not None and model.scene.time.newton > 1:
             self._solver = NonlinearStep(model, model.elasticity, self._soft, self._rigid, self._constraint_solver)
+        self._base_wrench = BaseWrench(model)
         self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model)
 
@@ -88,9 +92,10 @@ class TimeStepper:
         contacts = self._prediction.find(start)
         problem = StepProblem(start, contacts, self._geometry, requests)
         solution = self._solver.solve(problem)
+        force_on_anchors = self._solver.force_on_anchors(problem, solution)
         reported = self._constraint_solver.report(problem, solution)
         shift = self._constraint_solver.find_shift(problem)
-        end = self._integrate(start, solution, shift, reported)
+        end = self._integrate(start, solution, shift, reported, force_on_anchors)
         self._divergence_check.check(start, end)
         self.state = end
         self.report = self._make_report(problem, solution, shift, end, control, started)
@@ -111,7 +116,12 @@ class TimeStepper:
         self._rigid.begin(start)
 
     def _integrate(
-        self, start: State, solution: StepSolution, shift: Shift | None, reported: ReportedContacts
+        self,
+        start: State,
+        solution: StepSolution,
+        shift: Shift | None,
+        reported: ReportedContacts,
+        force_on_anchors: np.ndarray,
     ) -> State:
         """The state at the end of the step, by the solution's velocities."""
         time_step, velocity = self.model.scene.time.step, solution.rigid_velocity
@@ -135,6 +145,7 @@ class TimeStepper:
             rigid_rotation=rigid_rotation,
             rigid_velocity=velocity[:, :3].copy(),
             rigid_angular_velocity=velocity[:, 3:].copy(),
+            base_wrench=self._base_wrench.find(start, force_on_anchors, solution.effort),
             actuator_effort=effort,
             actuator_value=value,
             actuator_loss=loss,

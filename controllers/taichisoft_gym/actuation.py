@@ -98,8 +98,8 @@ class Actuation:
 
 
 def _range(drive: Drive, table: Any, pressure: tuple[float, float]) -> tuple[float, float]:
-    """The given pressures; of other drives from 0 to the highest value that the table of an actuator allows."""
+    """The given pressures; of other drives from their lowest to the highest value that an actuator's table allows."""
     if drive is CAVITIES.effort:
         return pressure
     usual = USUAL_PULL if drive.relative else drive.furthest
-    return 0.0, getattr(table, f"highest_{drive.name}") or usual
+    return drive.nearest, getattr(table, f"highest_{drive.name}", None) or usual

@@ -79,6 +79,7 @@ class Drive(Measured):
         rate: key of its fastest change in limits of scenes and in steps of scripts; "" where it changes at once.
         step: change by one press of a key.
         furthest: end of sliders where no limit gives one; of coordinates with `relative` a share of the value at rest.
+        nearest: other end of sliders where no limit gives one.
         relative: whether `furthest` is such a share.
         more, less: what the keys + and - do, for the help.
         fits: whether an actuator with this table in the scene can be driven so.
@@ -90,6 +91,7 @@ class Drive(Measured):
     rate: str = ""
     step: float = 0.0
     furthest: float = 0.0
+    nearest: float = 0.0
     relative: bool = False
     more: str = ""
     less: str = ""
@@ -102,6 +104,17 @@ class Drive(Measured):
 
 
 @dataclass(frozen=True)
+class StateDrive(Drive, StateFigure):
+    """A way to drive actuators beside their efforts and coordinates, such as by valves.
+
+    Attributes:
+        request: field of `State` with what was asked for, shape (actuator_count of the kind,).
+    """
+
+    request: str = ""
+
+
+@dataclass(frozen=True)
 class ActuatorKind:
     """A kind of actuator.
 
@@ -111,7 +124,7 @@ class ActuatorKind:
         coordinate: what is driven otherwise.
         value: what is measured of the bodies.
         rate: rate of the value; None where nobody sees it.
-        figures: further figures, which states have.
+        figures: further figures, which states have; actuators can be driven by some of them.
         imposed: dataset of recordings that says whether the coordinate is driven.
         loss: dataset of recordings with the efforts lost at the actuators' further coordinates; "" without any.
         drawn: as the walls of bodies that have the name of the actuator, or as lines, in the colour of the effort.
@@ -136,7 +149,8 @@ class ActuatorKind:
     @property
     def drives(self) -> tuple[Drive, ...]:
         """The drives that an observation shows, which keys, sliders and scripts can follow; the usual one first."""
-        return tuple(drive for drive in (self.coordinate, self.effort) if drive.observed)
+        further = (figure for figure in self.figures if isinstance(figure, StateDrive))
+        return tuple(drive for drive in (self.coordinate, self.effort, *further) if drive.observed)
 
     @property
     def measured(self) -> tuple[Measured, ...]:

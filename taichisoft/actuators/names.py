@@ -32,8 +32,8 @@ class ActuatorNames:
         return self.names[self.place(kind)]
 
     def driven_by(self, kind: ActuatorKind, drive: Drive) -> tuple[str, ...]:
-        """The names of a kind's actuators that can be driven so: all of them, as far as names tell."""
-        return self.names_of(kind)
+        """The names of a kind's actuators that can be driven so, as far as names tell: all, by effort or coordinate."""
+        return self.names_of(kind) if drive in (kind.effort, kind.coordinate) else ()
 
     def of(self, kind: ActuatorKind, values: np.ndarray) -> np.ndarray:
         """The part of a kind in values of all actuators, such as `State.actuator_effort`, (..., actuator_count)."""

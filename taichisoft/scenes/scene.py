@@ -276,9 +276,12 @@ class Scene(Table):
     @model_validator(mode="after")
     def _check_vacuum(self) -> Self:
         vacuum, cavities = -self.atmosphere, self.actuators("cavities")
-        tables = {f"soft_bodies.{name.replace('.', '.cavities.')}": table for name, table in cavities.items()}
-        for place, table in {**tables, "limits": self.limits}.items():
-            for key in ("lowest_pressure", "highest_pressure", "shut_pressure"):
+        tables: dict[str, Any] = {"limits": self.limits}
+        for name, cavity in cavities.items():
+            place = f"soft_bodies.{name.replace('.', '.cavities.')}"
+            tables |= {place: cavity, f"{place}.line": cavity.line}
+        for place, table in tables.items():
+            for key in ("lowest_pressure", "highest_pressure", "shut_pressure", "supply", "exhaust"):
                 pressure = getattr(table, key, None)
                 if pressure is not None and (pressure < vacuum or (pressure == vacuum and key != "lowest_pressure")):
                     raise ValueError(f"{place}.{key} = {pressure:g} kPa must be above the vacuum's {vacuum:g} kPa")

@@ -4,7 +4,8 @@ A law gives the coordinate by the effort, and falls: the more air is pressed, th
 the coordinate by the effort, too, and there it rises. The row of the constraint problem is the law's tangent, an own
 compliance as that of a stretchy cable, and where law and bodies meet is found by Newton's method: solve, take the
 tangent at the effort found, and solve again. Where a tangent leads out of the bracket of efforts known to be too low
-and too high, the chord between them takes its place, whose solution lies inside (Dekker's safeguard).
+and too high, or hardly shrinks it, the chord between them takes its place, whose solution lies inside (as in Dekker's
+method for one unknown).
 """
 
 import math
@@ -14,8 +15,10 @@ import numpy as np
 
 from taichisoft.actuators.kind import CoordinateLaw
 
-# Distance from the law at which a row follows it, over the scale of the coordinate: round-off.
-FOLLOWS = 1e-11
+# Distance from the law at which a row follows it, over the scale of the coordinate, or over the effort: round-off.
+FOLLOWS, EFFORT_FOLLOWS = 1e-11, 1e-13
+# A tangent that leaves more than this share of a bracket gives way to the chord.
+SHRINKS = 0.5
 # Where an effort is too low for the law, the next tangent is so much of the last effort above the lowest.
 NEARER = 0.1
 
@@ -29,7 +32,8 @@ class FollowedLaw:
         law: the law.
         effort, coordinate, slope: a point of the line, and its slope.
         too_low, too_high: bracket of efforts.
-        missed: distance between line and law where a line was last solved with, over the scale.
+        missed: distance between line and law where a line was last solved with, over the scale of the coordinate or of
+            the effort.
         is_chord: whether the line is the chord of the bracket instead of a tangent.
     """
 
@@ -73,7 +77,8 @@ class FollowedLaw:
             return replace(self.tangent(self.row, self.law, nearer), too_high=self.too_high)
         coordinate, slope = self.law.growth(effort)
         above = self.coordinate + self.slope * (effort - self.effort) - coordinate
-        missed = abs(above) / self.law.scale
+        # Where the coordinate changes fast with the effort, round-off of the effort is much of the coordinate.
+        missed = abs(above) / max(self.law.scale, -EFFORT_FOLLOWS / FOLLOWS * slope * (effort - self.law.lowest_effort))
         if missed <= FOLLOWS:
             return replace(self, missed=missed)
         if self._is_outside(effort) and not self.is_chord:
@@ -81,7 +86,10 @@ class FollowedLaw:
         # What lies outside although a chord was solved with tells that other rows have moved the bracket.
         low, high = (-math.inf, math.inf) if self._is_outside(effort) else (self.too_low, self.too_high)
         low, high = (low, effort) if above > 0.0 else (effort, high)
-        return FollowedLaw(self.row, self.law, effort, coordinate, slope, low, high, missed)
+        line = FollowedLaw(self.row, self.law, effort, coordinate, slope, low, high, missed)
+        # Where a law is steepest, as that of a valve between equal pressures, tangents lead to and fro across it.
+        is_slow = not self.is_chord and high - low > SHRINKS * (self.too_high - self.too_low)
+        return line._chord() if is_slow and high - low < math.inf else line
 
     def _is_outside(self, effort: float) -> bool:
         """Whether an effort lies outside a bracket with two ends."""

@@ -20,6 +20,7 @@ from taichisoft.step.soft_motion import SoftMotion
 from taichisoft.step.solution import Shift, StepProblem, StepSolution
 
 FIRST_CAPACITY = 16
+NO_FORCE = np.zeros((0, 3))
 # Most tangents to the laws of actuators in a solve; usually three.
 MOST_TANGENTS = 40
 
@@ -89,6 +90,12 @@ class ConstraintSolver:
             self._velocity[:] = node_velocity = self._velocities_after(problem)
             if not self._active_set.add_violated(self._velocity):
                 return self._solution(problem, node_velocity, iterations)
+
+    def force_on_anchors(self, problem: StepProblem, solution: StepSolution) -> np.ndarray:
+        """Forces of the soft bodies on their anchors in a solution [mN], shape (anchor_count, 3)."""
+        if self._soft is None:
+            return NO_FORCE
+        return self._soft.force_on_anchors(problem.requests.load, solution.node_velocity, solution.node_impulse)
 
     def report(self, problem: StepProblem, solution: StepSolution) -> ReportedContacts:
         """Contacts that took part, and the closest contact of other bodies near each other."""

@@ -86,6 +86,10 @@ class NonlinearStep:
             force += solution.node_impulse
             velocity = self._rates(solution)
 
+    def force_on_anchors(self, problem: StepProblem, solution: StepSolution) -> np.ndarray:
+        """Forces of the bodies on the anchors in the solution last found [mN], shape (anchor_count, 3)."""
+        return self._equations.force_on_anchors(solution.effort, solution.contact_node_impulse)
+
     def _free_solution(self, problem: StepProblem, solution: StepSolution) -> StepSolution:
         """Nodes at rest under known loads only, the start of the first line search."""
         zero = np.zeros_like(solution.node_velocity)

@@ -30,7 +30,7 @@ class SoftMotion:
             elasticity: elasticity of the model.
             geometry: geometry of the model's actuators at the start of a step.
         """
-        self._model = model
+        self._model, self._time_step = model, model.scene.time.step
         self._geometry = geometry
         self.system = ElasticSystem(elasticity)
         self.nodes = kernels.Nodes(
@@ -49,6 +49,10 @@ class SoftMotion:
             lag=elasticity.anchor_lag,
             position=np.empty((len(model.anchored_nodes), 3)),
         )
+        self.no_anchors = self.anchors._replace(node=self.anchors.node[:0].copy())
+        self._rows_of_anchors = RowsOfNodes(elasticity.symbolic.block_pairs, model.anchored_nodes)
+        self._anchored_mass = elasticity.inertia[model.anchored_nodes][:, None]
+        self._other_impulse = np.empty((model.node_count, 3))
         self.base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
         self._base_rotation: np.ndarray | None = None  # rotation vector of `base.turn`
         self.known_velocity = np.zeros((model.node_count, 3))
@@ -98,6 +102,24 @@ class SoftMotion:
             body = self._model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
 
+    def force_on_anchors(self, load: np.ndarray, node_velocity: np.ndarray, node_impulse: np.ndarray) -> np.ndarray:
+        """Forces of the bodies on the anchors in the step [mN], shape (anchor_count, 3).
+
+        They are what the equations of the anchored nodes leave without their springs: the springs' stretch times their
+        stiffness, 1e12 mN/mm, would show the round-off of velocities.
+
+        Args:
+            load: known pressures [kPa] and tensions [mN], shape (coordinate_count,).
+            node_velocity: velocities after the step [mm/s], shape (node_count, 3).
+            node_impulse: impulses of contacts and of actuator rows [mN s], shape (node_count, 3).
+        """
+        nodes, anchored = self.nodes._replace(impulse=self._other_impulse), self.anchors.node
+        self._sum(nodes, self.no_anchors, load)
+        change = node_velocity - self.known_velocity
+        taken = self._anchored_mass * change[anchored] + self._rows_of_anchors.times(self.system.solver.blocks, change)
+        force: np.ndarray = (self._other_impulse[anchored] + node_impulse[anchored] - taken) / self._time_step
+        return force
+
     def leave_out_forces(self) -> None:
         """Restart from rest with the impulses of contacts only."""
         self.known_velocity[:] = 0.0
@@ -110,12 +132,48 @@ class SoftMotion:
         if state.base_rotation is not self._base_rotation:
             self._base_rotation = state.base_rotation
             self.base.turn[0] = rotation_from_vector(state.base_rotation)
+        self._sum(self.nodes, self.anchors, load)
+
+    def _sum(self, nodes: kernels.Nodes, anchors: kernels.Anchors, load: np.ndarray) -> None:
         kernels.sum_impulses(
-            self._model.scene.time.step,
-            self.nodes,
-            self.anchors,
+            self._time_step,
+            nodes,
+            anchors,
             self.base,
             self._model.actuators.coordinates,
             self._geometry.gradient,
             load,
         )
+
+
+class RowsOfNodes:
+    """The rows of some nodes in a matrix of 3x3 blocks whose rows sum to zero but for the diagonal of masses."""
+
+    def __init__(self, block_pairs: np.ndarray, nodes: np.ndarray):
+        """Find the blocks beside the diagonal.
+
+        Args:
+            block_pairs: row and column of the stored blocks of the symmetric matrix, shape (block_count, 2).
+            nodes: the nodes in rising order, shape (n,).
+        """
+        first, second = block_pairs.T
+        beside, self._count = first != second, len(nodes)
+        here, there = (beside & np.isin(one, nodes) for one in (first, second))
+        self._block = np.concatenate([np.flatnonzero(here), np.flatnonzero(there)])
+        self._here_count = int(here.sum())
+        self._node = np.concatenate([first[here], second[there]])
+        self._other = np.concatenate([second[here], first[there]])
+        self._row = np.searchsorted(nodes, self._node)
+
+    def times(self, blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Product without what is on the diagonal beside the negative sums of the rows, shape (n, 3).
+
+        Args:
+            blocks: the stored blocks, shape (block_count, 3, 3).
+            vectors: shape (node_count, 3).
+        """
+        some, difference = blocks[self._block], vectors[self._other] - vectors[self._node]
+        some[self._here_count :] = some[self._here_count :].transpose(0, 2, 1)
+        products = np.einsum("bij,bj->bi", some, difference)
+        sums = [np.bincount(self._row, products[:, axis], self._count) for axis in range(3)]
+        return np.column_stack(sums)

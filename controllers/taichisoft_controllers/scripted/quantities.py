@@ -147,6 +147,8 @@ QUANTITIES: Mapping[str, Kind] = {
     "lift": Kind("mm", "height of the object over its height at the start", _lift, OBJECT),
     "speed": Kind("mm/s", "speed of the object's centre of mass", _speed, OBJECT),
     "base_translation": Kind("mm", "distance of the base from its rest", _base("base_translation", 1.0), AXIS),
+    "base_force": Kind("mN", "force on the base, its amount", _base("base_force", 1.0), AXIS),
+    "base_torque": Kind("mN mm", "torque on the base about its pivot, its amount", _base("base_torque", 1.0), AXIS),
     "base_rotation": Kind("degrees", "angle of the base's turn", _base("base_rotation", math.degrees(1.0)), AXIS),
 }
 """Quantities by name. "The object" is that of the goal; without a goal it is all rigid bodies, or the only one."""

@@ -138,6 +138,11 @@ def _forces(column: str, y_axis: str, run: RunCurves) -> Panel:
     return run.over_time(y_axis, values[:, touching], ["|".join(pair) for pair in pairs], [first for first, _ in pairs])
 
 
+def _wrench(row: int, y_axis: str, run: RunCurves) -> Panel:
+    """Components of the force on the base, or of the torque, in world axes."""
+    return run.over_time(y_axis, run.recording.column("base_wrench")[:, row], ["x", "y", "z"], ["", "", ""])
+
+
 def step_time(run: RunCurves) -> Panel:
     """Time that each step took to compute, beside the time that it simulated."""
     values = 1e3 * np.where(run.recording.column("step_time") > 0.0, run.recording.column("step_time"), np.nan)
@@ -169,6 +174,8 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "normal-force": partial(_forces, "normal_force", "normal force [mN]"),
     "friction-force": partial(_forces, "friction_force", "friction force [mN]"),
     "slip": slip,
+    "base-force": partial(_wrench, 0, "force on the base [mN]"),
+    "base-torque": partial(_wrench, 1, "torque on the base [mN mm]"),
     "step-time": step_time,
 }
 """The functions that make the panels, by name."""

@@ -1,0 +1,38 @@
+"""The wrench on the base: what a sensor of forces and torques between gripper and robot would show."""
+
+import numpy as np
+
+from taichisoft.actuators.lines import Line, moved_with_base
+from taichisoft.model import Model
+from taichisoft.state import State
+
+
+class BaseWrench:
+    """Sums up what soft bodies exert on the base by their anchors, and cables that are pulled from it."""
+
+    def __init__(self, model: Model):
+        """Find the cables."""
+        self._model, actuators = model, model.actuators
+        pulled = [line for line in model.cables.lines if line.has_pull_point and line.pull_point_moves]
+        self._cables = [(line, actuators.first_coordinate[actuators.names.index(line.name)]) for line in pulled]
+
+    def find(self, start: State, force_on_anchors: np.ndarray, effort: np.ndarray) -> np.ndarray:
+        """Force [mN], and torque about the pivot [mN mm], in world axes, in the step from a state, shape (2, 3).
+
+        Args:
+            start: state at the start of the step, with the base where it is at the end.
+            force_on_anchors: forces of the bodies on their anchors [mN], shape (anchor_count, 3).
+            effort: efforts of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
+        """
+        pivot = self._model.base_pivot + start.base_translation
+        arm = moved_with_base(start.anchor_position, start, self._model.base_pivot) - pivot
+        wrench = np.array([force_on_anchors.sum(axis=0), np.cross(arm, force_on_anchors).sum(axis=0)])
+        for line, coordinate in self._cables:
+            wrench += self._pull(line, start, float(effort[coordinate]), pivot)
+        return wrench
+
+    def _pull(self, line: Line, start: State, tension: float, pivot: np.ndarray) -> np.ndarray:
+        """What a cable exerts on the base at its pull point, where it runs at the start of the step."""
+        first, second = line.points(start, self._model.base_pivot)[:2]
+        force = tension * (second - first) / np.linalg.norm(second - first)
+        return np.array([force, np.cross(first - pivot, force)])
