@@ -157,6 +157,8 @@ class Model:
         for name, mass in masses.items():
             if name not in names:
                 raise SceneError(f"masses: no rigid body is called '{name}'; {nearest(name, names, 'there are')}")
+            if self.rigid_bodies[names.index(name)].follows_base:
+                raise SceneError(f"masses: '{name}' follows the base and has no mass")
             if not 0.0 < mass < math.inf:
                 raise SceneError(f"masses['{name}'] = {mass!r}: must be above 0")
         if friction is not None and not 0.0 <= friction < math.inf:

@@ -145,7 +145,7 @@ class TimeStepper:
             rigid_rotation=rigid_rotation,
             rigid_velocity=velocity[:, :3].copy(),
             rigid_angular_velocity=velocity[:, 3:].copy(),
-            base_wrench=self._base_wrench.find(start, force_on_anchors, solution.effort),
+            base_wrench=self._base_wrench.find(start, force_on_anchors, solution, self._rigid.carried),
             actuator_effort=effort,
             actuator_value=value,
             actuator_loss=loss,

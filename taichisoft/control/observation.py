@@ -42,7 +42,8 @@ class Observation:
         bending_angles: turn of the tip against the base [rad], from 0 to pi, by finger.
         base_translation: shift of all anchors from their rest positions [mm], shape (3,).
         base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
-        base_force: force on the base in the last step, by anchors and by cables that are pulled from it [mN], (3,).
+        base_force: force on the base in the last step, by anchors, by bodies that it carries, and by cables that are
+            pulled from it [mN], shape (3,).
         base_torque: torque of it about the base's pivot, which moves with the base [mN mm], shape (3,).
         base_force_in_base, base_torque_in_base: the same in axes that turn with the base, as a sensor on it has them.
         object_positions: centre of mass of each rigid body [mm], shape (3,), by name.

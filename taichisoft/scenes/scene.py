@@ -323,6 +323,8 @@ class Scene(Table):
             if name not in self.rigid_bodies:
                 known = ", ".join(self.rigid_bodies) or "none"
                 raise ValueError(f"{key} is '{name}', which is not a rigid body; there are: {known}")
+            if self.rigid_bodies[name].follows is not None:
+                raise ValueError(f"{key} is '{name}', which follows the base whatever acts on it; name another body")
         if not self.soft_bodies and not self.rigid_bodies:
             raise ValueError("a scene needs at least one soft body or rigid body")
         return self

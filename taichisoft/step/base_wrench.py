@@ -5,30 +5,38 @@ import numpy as np
 from taichisoft.actuators.lines import Line, moved_with_base
 from taichisoft.model import Model
 from taichisoft.state import State
+from taichisoft.step.rigid_motion import CarriedBodies
+from taichisoft.step.solution import StepSolution
 
 
 class BaseWrench:
-    """Sums up what soft bodies exert on the base by their anchors, and cables that are pulled from it."""
+    """Sums up what anchored soft bodies, bodies that it carries, and cables that it pulls exert on the base."""
 
     def __init__(self, model: Model):
-        """Find the cables."""
+        """Find the cables, and the bodies that the base carries."""
         self._model, actuators = model, model.actuators
         pulled = [line for line in model.cables.lines if line.has_pull_point and line.pull_point_moves]
         self._cables = [(line, actuators.first_coordinate[actuators.names.index(line.name)]) for line in pulled]
 
-    def find(self, start: State, force_on_anchors: np.ndarray, effort: np.ndarray) -> np.ndarray:
+    def find(
+        self, start: State, force_on_anchors: np.ndarray, solution: StepSolution, carried: CarriedBodies
+    ) -> np.ndarray:
         """Force [mN], and torque about the pivot [mN mm], in world axes, in the step from a state, shape (2, 3).
 
         Args:
             start: state at the start of the step, with the base where it is at the end.
             force_on_anchors: forces of the bodies on their anchors [mN], shape (anchor_count, 3).
-            effort: efforts of the actuators' coordinates [kPa] and [mN], shape (coordinate_count,).
+            solution: efforts of the actuators, and impulses on the rigid bodies.
+            carried: the rigid bodies that the base carries, where they are at the end of the step.
         """
         pivot = self._model.base_pivot + start.base_translation
         arm = moved_with_base(start.anchor_position, start, self._model.base_pivot) - pivot
         wrench = np.array([force_on_anchors.sum(axis=0), np.cross(arm, force_on_anchors).sum(axis=0)])
         for line, coordinate in self._cables:
-            wrench += self._pull(line, start, float(effort[coordinate]), pivot)
+            wrench += self._pull(line, start, float(solution.effort[coordinate]), pivot)
+        for impulse, centre in zip(solution.rigid_impulse[carried.index], carried.position, strict=True):
+            force, torque = np.split(impulse / self._model.scene.time.step, 2)
+            wrench += [force, torque + np.cross(centre - pivot, force)]
         return wrench
 
     def _pull(self, line: Line, start: State, tension: float, pivot: np.ndarray) -> np.ndarray:

@@ -157,3 +157,21 @@ def test_a_cable_that_the_base_pulls_pulls_the_base(figures: Figures) -> None:
         else:
             pull = np.linalg.norm(force - rest)
             figures.close("pull from space that the base feels nothing of [mN]", float(pull), 900.0, 1e-3)
+
+
+def test_what_finger_and_palm_do_to_each_other_is_not_on_the_base(figures: Figures) -> None:
+    """A finger that bends against a palm on the same base: their contact cancels in the wrench of the step."""
+    palm = {"box": [40.0, 10.0, 40.0], "position": [-95.0, 45.0, 0.0], "follows": "base"}
+    simulation = gripper(tables={"rigid_bodies": {"palm": palm}})
+    worst = pressed = 0.0
+    for number in range(50):
+        before = simulation.state
+        turning = np.array([0.5, 0.2, -1.0])
+        seen = simulation.step(
+            Control(pressure={"finger.cavity": 1.0 * number}, base_angular_velocity=turning)
+        ).observation
+        rest = node_forces(simulation, before)
+        worst = max(worst, float(np.abs(rest.sum(axis=0) - seen.base_force).max() / np.abs(rest).sum(axis=0).max()))
+        pressed = max(pressed, seen.normal_forces.get(("finger", "palm"), 0.0))
+    assert pressed > 50.0
+    figures.at_most("force on the base of finger and palm [of the largest]", worst, BOUND)
