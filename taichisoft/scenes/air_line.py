@@ -26,8 +26,9 @@ class AirLine(Table):
     for that share of each period."""
     period: Positive | None = None
     """Time from one opening of an on/off valve to the next [s]."""
-    delay: NotNegative = 0.0
-    """Time from a request to its first effect on regulator or valve [s], rounded to whole steps."""
+    delay: Annotated[float, Field(strict=True, ge=0.0, le=10.0)] = 0.0
+    """Time from a request to its first effect on regulator or valve [s], rounded to whole steps; 10 s at most, since
+    what is on its way is kept."""
     response_time: NotNegative = 0.0
     """Time in which the regulator's pressure, or the opening of a proportional valve, goes 63 % of the way to what is
     asked for (time constant of first order) [s]."""
