@@ -86,7 +86,7 @@ class Model:
         self.element_material = np.concatenate([np.zeros(0, dtype=np.int32), *(body.material for body in soft)])
         held = [body.nodes.start + np.flatnonzero(body.anchored) for body in soft]
         self.anchored_nodes = np.concatenate([*held, np.zeros(0)]).astype(np.int32)
-        self.actuators = Actuators(soft, self.rigid_bodies, self.obstacles)
+        self.actuators = Actuators(scene, soft, self.rigid_bodies, self.obstacles)
         self.surfaces = ContactSurfaces(soft, self.rigid_bodies, self.obstacles)
         self._refuse_bodies_within_contact_distance()
         self.friction = self._pair_table("friction")
@@ -122,16 +122,17 @@ class Model:
             base_rotation=np.zeros(3),
             base_request=np.zeros((2, 3)),
             base_velocity=np.zeros((2, 3)),
+            base_wrench=np.zeros((2, 3)),
             anchor_position=self.rest_position[self.anchored_nodes],
             gravity=self.gravity.copy(),
             young_modulus=self.young_modulus.copy(),
             actuator_imposed=np.zeros(count, dtype=bool),
             actuator_request=np.zeros(count),
             actuator_target=np.zeros(count),
-            actuator_effort=np.zeros(count),
+            actuator_effort=actuators.rest_effort.copy(),
             actuator_value=actuators.rest_value.copy(),
             actuator_loss=np.zeros(actuators.count - count),
-            pull_point=self.cables.rest_pull_point.copy(),
+            **actuators.start(),
             contact_body_pair=np.zeros((0, 2), dtype=np.int32),
             contact_point=np.zeros((0, 3)),
             contact_normal=np.zeros((0, 3)),
@@ -157,6 +158,8 @@ class Model:
         for name, mass in masses.items():
             if name not in names:
                 raise SceneError(f"masses: no rigid body is called '{name}'; {nearest(name, names, 'there are')}")
+            if self.rigid_bodies[names.index(name)].follows_base:
+                raise SceneError(f"masses: '{name}' follows the base and has no mass")
             if not 0.0 < mass < math.inf:
                 raise SceneError(f"masses['{name}'] = {mass!r}: must be above 0")
         if friction is not None and not 0.0 <= friction < math.inf:

@@ -29,6 +29,8 @@ class State:
         base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
         base_request: requested translation [mm] and rotation vector [rad], before limits, shape (2, 3).
         base_velocity: requested linear [mm/s] and angular velocity [rad/s], 0 if a pose was requested, shape (2, 3).
+        base_wrench: force [mN] and torque about the base's pivot [mN mm] on the base in the last step, in world axes,
+            shape (2, 3).
         anchor_position: positions of the anchors' springs, before the base moves them [mm], (anchor_count, 3).
         gravity: acceleration of gravity [mm/s^2], shape (3,).
         young_modulus: Young's moduli of the materials [kPa], shape (material_count,).
@@ -41,6 +43,14 @@ class State:
         actuator_value: volume [mm^3] or length [mm], shape (actuator_count,).
         actuator_loss: tension lost to friction at each inner point in the last step, negative for a cable paid out
             [mN], in the order of the cables with friction, shape (loss_count,).
+        air_mass: mass of the air in each cavity and its line [kg], shape (cavity_count,).
+        tube_air_mass: the part of it in the tube of the line [kg], shape (cavity_count,).
+        air_flow: flow of air into cavity and line in the last step [kg/s], shape (cavity_count,).
+        valve_request: requested openings of the valves, from -1 (to the exhaust) to 1, shape (cavity_count,).
+        valve_opening: openings in the last step, after delay and response, shape (cavity_count,).
+        supply_pressure: pressures of the lines' sources in the last step [kPa], shape (cavity_count,).
+        delayed_requests: openings or pressures [kPa] that were asked for and have had no effect yet, the oldest first,
+            shape (cavity_count, longest delay in steps).
         pull_point: positions of the pull points before the base moved them [mm], shape (cable_count, 3).
         contact_body_pair: numbers of the two bodies of each contact of the last step, shape (contact_count, 2).
         contact_point: midpoint of each contact at its detection [mm], shape (contact_count, 3).
@@ -62,6 +72,7 @@ class State:
     base_rotation: np.ndarray
     base_request: np.ndarray
     base_velocity: np.ndarray
+    base_wrench: np.ndarray
     anchor_position: np.ndarray
     gravity: np.ndarray
     young_modulus: np.ndarray
@@ -71,6 +82,13 @@ class State:
     actuator_effort: np.ndarray
     actuator_value: np.ndarray
     actuator_loss: np.ndarray
+    air_mass: np.ndarray
+    tube_air_mass: np.ndarray
+    air_flow: np.ndarray
+    valve_request: np.ndarray
+    valve_opening: np.ndarray
+    supply_pressure: np.ndarray
+    delayed_requests: np.ndarray
     pull_point: np.ndarray
     contact_body_pair: np.ndarray
     contact_point: np.ndarray

@@ -16,6 +16,7 @@ from taichisoft.model import Model
 from taichisoft.solver.actuator_requests import ActuatorRequests, request
 from taichisoft.solver.kernels.reported_contacts import ReportedContacts
 from taichisoft.state import State
+from taichisoft.step.base_wrench import BaseWrench
 from taichisoft.step.constraint_solver import ConstraintSolver
 from taichisoft.step.contact_prediction import ContactPrediction
 from taichisoft.step.divergence import DivergenceCheck
@@ -23,7 +24,7 @@ from taichisoft.step.nonlinear_step import NonlinearStep
 from taichisoft.step.report import StepReport
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.solution import Shift, StepProblem, StepSolution
+from taichisoft.step.solution import ForcesOnBase, Shift, StepProblem, StepSolution
 
 
 class TimeStepper:
@@ -48,6 +49,7 @@ class TimeStepper:
         self._solver: ConstraintSolver | NonlinearStep = self._constraint_solver
         if model.elasticity is not None and self._soft is not None and model.scene.time.most_linearisations > 1:
             self._solver = NonlinearStep(model, model.elasticity, self._soft, self._rigid, self._constraint_solver)
+        self._base_wrench = BaseWrench(model)
         self._divergence_check = DivergenceCheck(model)
         self._observer = Observer(model)
 
@@ -90,9 +92,10 @@ class TimeStepper:
         contacts = self._prediction.find(start)
         problem = StepProblem(start, contacts, self._geometry, requests)
         solution = self._solver.solve(problem)
+        forces_on_base = self._solver.forces_on_base(problem, solution)
         reported = self._constraint_solver.report(problem, solution)
         shift = self._constraint_solver.find_shift(problem)
-        end = self._integrate(start, solution, shift, reported)
+        end = self._integrate(start, solution, shift, reported, forces_on_base)
         self._divergence_check.check(start, end)
         self.state = end
         self.report = self._make_report(problem, solution, shift, end, control, started)
@@ -113,7 +116,12 @@ class TimeStepper:
         self._rigid.begin(start)
 
     def _integrate(
-        self, start: State, solution: StepSolution, shift: Shift | None, reported: ReportedContacts
+        self,
+        start: State,
+        solution: StepSolution,
+        shift: Shift | None,
+        reported: ReportedContacts,
+        forces_on_base: ForcesOnBase,
     ) -> State:
         """The state at the end of the step, by the solution's velocities."""
         time_step, velocity = self.model.scene.time.step, solution.rigid_velocity
@@ -128,7 +136,7 @@ class TimeStepper:
         ahead = PosesAhead(position, rigid_position, rigid_rotation)
         self._geometry.update(ahead, self.model.placed_pull_points(start))
         effort, loss = self.model.actuators.split(solution.effort)
-        count = int(reported.count[0])
+        value, count = self._geometry.value.copy(), int(reported.count[0])
         return start.changed(
             time=(start.step + 1) * time_step,
             step=start.step + 1,
@@ -138,9 +146,11 @@ class TimeStepper:
             rigid_rotation=rigid_rotation,
             rigid_velocity=velocity[:, :3].copy(),
             rigid_angular_velocity=velocity[:, 3:].copy(),
+            base_wrench=self._base_wrench.find(start, position, forces_on_base, solution, self._rigid.carried),
             actuator_effort=effort,
-            actuator_value=self._geometry.value.copy(),
+            actuator_value=value,
             actuator_loss=loss,
+            **self.model.actuators.after(start, effort, value, time_step),
             contact_body_pair=reported.bodies[:count].copy(),
             contact_point=reported.point[:count].copy(),
             contact_normal=reported.normal[:count].copy(),

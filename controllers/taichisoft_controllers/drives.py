@@ -19,7 +19,7 @@ DRIVES = tuple(drive for kind in ACTUATOR_KINDS for drive in kind.drives)
 
 def driven_by(drive: Drive, model: "Model") -> tuple[str, ...]:
     """Names of all actuators of a model that can be driven so."""
-    return model.actuators.names_of(kind_of(drive))
+    return model.actuators.driven_by(kind_of(drive), drive)
 
 
 def table_of_drives(name: str, base: type[Table], field: Callable[[Drive, ActuatorKind], tuple[str, Any, str]]) -> Any:

@@ -55,10 +55,12 @@ class Actuation:
         Raises:
             SceneError: the scene has neither a cavity nor a cable.
         """
+        tables = [(kind, *one) for kind in ACTUATOR_KINDS for one in scene.actuators(kind.plural).items()]
+        # The first way to drive an actuator; sealed air has none.
         self._driven = [
-            (kind.drives[0], name, table)
-            for kind in ACTUATOR_KINDS
-            for name, table in scene.actuators(kind.plural).items()
+            (drive, name, table)
+            for kind, name, table in tables
+            for drive in [one for one in kind.drives if one.fits(table)][:1]
         ]
         if not self._driven:
             raise SceneError("an environment needs a soft body with a cavity or a cable; the scene has none")
@@ -96,8 +98,8 @@ class Actuation:
 
 
 def _range(drive: Drive, table: Any, pressure: tuple[float, float]) -> tuple[float, float]:
-    """The given pressures; of other drives from 0 to the highest value that the table of an actuator allows."""
+    """The given pressures; of other drives from their lowest to the highest value that an actuator's table allows."""
     if drive is CAVITIES.effort:
         return pressure
     usual = USUAL_PULL if drive.relative else drive.furthest
-    return 0.0, getattr(table, f"highest_{drive.name}") or usual
+    return drive.nearest, getattr(table, f"highest_{drive.name}", None) or usual

@@ -27,6 +27,15 @@ PAIR_UNITS = {"normal_force": "mN", "friction_force": "mN", "slip_speed": "mm/s"
 """Columns of every pair of bodies; a report has them under the plural."""
 
 
+WRENCH_UNITS = {
+    "base_force": "mN",
+    "base_torque": "mN mm",
+    "base_force_in_base": "mN",
+    "base_torque_in_base": "mN mm",
+}
+"""Units of the fields of an observation with the wrench on the base."""
+
+
 class CsvOutput(Output):
     """Writes a row for every step, with its time at its end.
 
@@ -109,6 +118,7 @@ class CsvOutput(Output):
             *(f"{figure.name} {name} [{figure.unit}]" for figure, name in self._figures),
             *(f"base_translation {axis} [mm]" for axis in "xyz"),
             *(f"base_rotation {axis} [degrees]" for axis in "xyz"),
+            *(f"{field} {axis} [{unit}]" for field, unit in WRENCH_UNITS.items() for axis in "xyz"),
             *(f"position {name} {axis} [mm]" for name in self._objects for axis in "xyz"),
             *(f"lift {name} [mm]" for name in self._objects),
             *(f"{quantity} {'|'.join(pair)} [{unit}]" for quantity, unit in PAIR_UNITS.items() for pair in self._pairs),
@@ -122,6 +132,7 @@ class CsvOutput(Output):
             *(getattr(seen, figure.observed)[name] for figure, name in self._figures),
             *state.base_translation.tolist(),
             *np.degrees(state.base_rotation).tolist(),
+            *(component for field in WRENCH_UNITS for component in getattr(seen, field).tolist()),
             *state.rigid_position.ravel().tolist(),
             *((state.rigid_position - self._start) @ self._up).tolist(),
         ]

@@ -4,6 +4,7 @@ from .finite_limits import UNLIMITED as UNLIMITED
 from .kind import ActuatorFigure as ActuatorFigure
 from .kind import ActuatorKind as ActuatorKind
 from .kind import Drive as Drive
+from .kind import StateFigure as StateFigure
 from .kinds import ACTUATOR_KINDS as ACTUATOR_KINDS
 from .kinds import kind_called as kind_called
 from .kinds import kind_of as kind_of

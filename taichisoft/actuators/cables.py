@@ -14,6 +14,7 @@ from taichisoft.meshes.surface import stacked
 if TYPE_CHECKING:
     from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
     from taichisoft.bodies.soft_body_arrays import SoftBody
+    from taichisoft.scenes.scene import Scene
 
 
 class Cables(ActuatorSet):
@@ -84,6 +85,10 @@ class Cables(ActuatorSet):
             for number, cable in enumerate(self.all)
         )
         self._lay_out()
+
+    def start(self) -> dict[str, np.ndarray]:
+        """The pull points of the first state."""
+        return {"pull_point": self.rest_pull_point.copy()}
 
     def shapes(self, room: Room) -> "CableShapes":
         """What measures their lengths."""
@@ -173,6 +178,12 @@ class CableShapes:
         return np.where(paths.first_point == first, -beyond, beyond)
 
 
+def _make(
+    scene: "Scene", soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]"
+) -> Cables:
+    return Cables(soft, rigid, obstacles)
+
+
 CABLES = ActuatorKind(
     name="cable",
     plural="cables",
@@ -210,5 +221,5 @@ CABLES = ActuatorKind(
     imposed="pull_imposed",
     loss="tension_loss",
     drawn="lines",
-    make=Cables,
+    make=_make,
 )

@@ -6,7 +6,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from taichisoft.actuators.finite_limits import limits
-from taichisoft.actuators.kind import ActuatorFigure, ActuatorKind, ActuatorSet, Drive, Room
+from taichisoft.actuators.kind import ActuatorFigure, ActuatorKind, ActuatorSet, Drive, Room, StateDrive, StateFigure
+from taichisoft.actuators.line_air import LineAir, Tube
+from taichisoft.actuators.orifice import Orifice, tube, tube_volume
+from taichisoft.actuators.shut_air import ShutAir, air_mass
+from taichisoft.actuators.valves import Valves
 from taichisoft.bodies.body_geometry import Poses
 from taichisoft.meshes import curved_walls
 from taichisoft.meshes.surface import stacked
@@ -14,6 +18,10 @@ from taichisoft.meshes.surface import stacked
 if TYPE_CHECKING:
     from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
     from taichisoft.bodies.soft_body_arrays import SoftBody
+    from taichisoft.scenes.actuators import CavitySettings
+    from taichisoft.scenes.air_line import AirLine
+    from taichisoft.scenes.scene import Scene
+    from taichisoft.state import State
 
 COLLAPSE_ADVICE = "less suction, or a lowest_volume_growth or lowest_pressure of the cavity"
 
@@ -23,10 +31,12 @@ class Cavities(ActuatorSet):
 
     Attributes:
         surfaces, curved: what the kernels read; without cavities their arrays are empty.
+        atmosphere: absolute pressure outside [kPa].
+        valves: the valves of cavities with a line.
     """
 
-    def __init__(self, bodies: "Sequence[SoftBody]"):
-        """Lay out the arrays."""
+    def __init__(self, bodies: "Sequence[SoftBody]", atmosphere: float, time_step: float):
+        """Lay out the arrays, for an absolute pressure outside [kPa] and a time step [s]."""
         from taichisoft.actuators.kernels import enclosed_volumes as kernels
 
         found = [(body, cavity) for body in bodies for cavity in body.cavities]
@@ -64,9 +74,19 @@ class Cavities(ActuatorSet):
             coordinate_range=np.array(
                 [limits(one.lowest_volume_growth, one.highest_volume_growth) for one in settings]
             ),
-            effort_range=np.array([limits(one.lowest_pressure, one.highest_pressure) for one in settings]),
+            effort_range=np.array(
+                [limits(one.lowest_pressure, one.highest_pressure, unless_given=-atmosphere) for one in settings]
+            ),
             soft_entries=entries,
         )
+        self.atmosphere, self._settings = atmosphere, settings
+        lines = {number: one.line for number, one in enumerate(settings) if one.line is not None}
+        self.valves = Valves(lines, len(settings), time_step)
+        self._tubes = [_tube(one.line) for one in settings]
+        self.has_law = np.array([one.air != "regulated" for one in settings], dtype=bool)
+        self.takes_effort = np.array([CAVITIES.effort.fits(one) for one in settings], dtype=bool)
+        self._dead_volume = np.array([one.dead_volume for one in settings])
+        self.rest_effort = np.array([one.shut_pressure for one in settings])
         self.curved = kernels.CurvedTriangles(
             start=curved_start,
             vertices=curved,
@@ -74,6 +94,59 @@ class Cavities(ActuatorSet):
             first_slope=np.ascontiguousarray(curved_walls.SLOPES[..., 0]),
             second_slope=np.ascontiguousarray(curved_walls.SLOPES[..., 1]),
         )
+
+    def why_not(self, drive: Drive, number: int) -> str:
+        """The kind of air that a cavity has, where it cannot be driven so."""
+        table = self._settings[number]
+        if drive.fits(table):
+            return ""
+        constant = " with a supply of constant pressure" if table.line is not None and drive is CAVITIES.effort else ""
+        return f'its air is "{table.air}"{constant}'
+
+    def laws(self, state: "State", time_step: float) -> dict[int, ShutAir | LineAir]:
+        """How the volumes of cavities with air of their own follow from its pressure."""
+        return {number: self._law(number, state, time_step) for number in np.flatnonzero(self.has_law).tolist()}
+
+    def _law(self, number: int, state: "State", time_step: float) -> ShutAir | LineAir:
+        mass, rest_volume = float(state.air_mass[number]), float(self.rest_value[number])
+        line = self._settings[number].line
+        if line is None:
+            exponent, dead_volume = self._settings[number].exponent, float(self._dead_volume[number])
+            return ShutAir(mass, exponent, rest_volume, dead_volume, self.atmosphere)
+        opening, in_tube = float(state.valve_opening[number]), float(state.tube_air_mass[number])
+        source = float(state.supply_pressure[number]) if opening >= 0.0 else line.exhaust
+        return LineAir(
+            cavity_mass=mass - in_tube,
+            tube_mass=in_tube,
+            valve=Orifice(abs(opening) * line.conductance, line.critical_ratio),
+            source=source + self.atmosphere,
+            tube=self._tubes[number],
+            rest_volume=rest_volume,
+            atmosphere=self.atmosphere,
+            time_step=time_step,
+        )
+
+    def start(self) -> dict[str, np.ndarray]:
+        """The air that is in the cavities at first, and their valves."""
+        tubes = np.array([0.0 if tube is None else tube.volume for tube in self._tubes])
+        in_tube = air_mass(self.rest_effort + self.atmosphere, tubes)
+        mass = air_mass(self.rest_effort + self.atmosphere, self.rest_value + self._dead_volume) + in_tube
+        flow = np.zeros(len(mass))
+        return {"air_mass": mass, "tube_air_mass": in_tube, "air_flow": flow, **self.valves.start()}
+
+    def after(self, start: "State", effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
+        """The air in the cavities after a step: shut in, through a valve, or as much as a regulator let in."""
+        let_in = air_mass(effort + self.atmosphere, value + self._dead_volume)
+        mass, in_tube = np.where(self.has_law, start.air_mass, let_in), start.tube_air_mass.copy()
+        flow = (mass - start.air_mass) / time_step
+        for number in self.valves.lines:
+            law = self._law(number, start, time_step)
+            assert isinstance(law, LineAir)
+            flow[number], into_cavity = law.flows(float(effort[number]))
+            mass[number] += time_step * flow[number]
+            if law.tube is not None:
+                in_tube[number] += time_step * (flow[number] - into_cavity)
+        return {"air_mass": mass, "tube_air_mass": in_tube, "air_flow": flow}
 
     def shapes(self, room: Room) -> "CavityVolumes":
         """What measures their volumes."""
@@ -126,9 +199,54 @@ class CavityVolumes:
         return self._volumes.volume
 
 
-def _make(soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]") -> Cavities:
-    return Cavities(soft)
+def _make(
+    scene: "Scene", soft: "Sequence[SoftBody]", rigid: "Sequence[RigidBody]", obstacles: "Sequence[Obstacle]"
+) -> Cavities:
+    return Cavities(soft, scene.atmosphere, scene.time.step)
 
+
+def _tube(line: "AirLine | None") -> Tube | None:
+    if line is None or line.tube_length is None or line.tube_diameter is None:
+        return None
+    return Tube(tube(line.tube_length, line.tube_diameter), tube_volume(line.tube_length, line.tube_diameter))
+
+
+def _is_regulated(cavity: "CavitySettings") -> bool:
+    return cavity.air == "regulated"
+
+
+def _has_regulator(cavity: "CavitySettings") -> bool:
+    """Whether a pressure can be asked for."""
+    return cavity.air == "regulated" or (cavity.line is not None and cavity.line.has_regulator)
+
+
+def _has_valve(cavity: "CavitySettings") -> bool:
+    return cavity.air == "line"
+
+
+def _has_own_air(cavity: "CavitySettings") -> bool:
+    return cavity.air != "regulated"
+
+
+VALVE = StateDrive(
+    "valve",
+    "1",
+    observed="valve_openings",
+    meaning="opening of the valve, mean of all cavities",
+    plotted="opening of the valve [-]",
+    digits=2,
+    asked="valve",
+    rate="valve_rate",
+    step=0.1,
+    furthest=1.0,
+    nearest=-1.0,
+    more="open the valve to the source",
+    less="open the valve to the exhaust",
+    fits=_has_valve,
+    field="valve_opening",
+    matters=_has_valve,
+    request="valve_request",
+)
 
 CAVITIES = ActuatorKind(
     name="cavity",
@@ -146,8 +264,9 @@ CAVITIES = ActuatorKind(
         furthest=150.0,
         more="raise the pressure",
         less="lower the pressure",
+        fits=_has_regulator,
     ),
-    coordinate=Drive("volume_growth", "mm^3", asked="volume_growth"),
+    coordinate=Drive("volume_growth", "mm^3", asked="volume_growth", fits=_is_regulated),
     value=ActuatorFigure(
         "volume",
         "mm^3",
@@ -165,6 +284,31 @@ CAVITIES = ActuatorKind(
         meaning="growth of the volume, sum of all cavities",
         total=True,
         recorded=False,
+    ),
+    figures=(
+        StateFigure(
+            "air_mass",
+            "kg",
+            observed="air_masses",
+            meaning="air in cavities and their lines, sum of all",
+            total=True,
+            plotted="air [mg]",
+            plot_factor=1e6,
+            field="air_mass",
+            matters=_has_own_air,
+        ),
+        StateFigure(
+            "air_flow",
+            "kg/s",
+            observed="air_flows",
+            meaning="flow of air into cavities and their lines, sum of all",
+            total=True,
+            plotted="flow of air [mg/s]",
+            plot_factor=1e6,
+            field="air_flow",
+            matters=_has_own_air,
+        ),
+        VALVE,
     ),
     imposed="volume_imposed",
     drawn="walls",

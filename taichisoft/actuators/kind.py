@@ -6,9 +6,9 @@ is driven by one of the two; the other one is a result.
 """
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -20,6 +20,12 @@ if TYPE_CHECKING:
     from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
     from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
     from taichisoft.bodies.soft_body_arrays import SoftBody
+    from taichisoft.scenes.scene import Scene
+    from taichisoft.state import State
+
+
+def _always(table: Any) -> bool:
+    return True
 
 
 @dataclass(frozen=True)
@@ -52,6 +58,19 @@ class ActuatorFigure:
 
 
 @dataclass(frozen=True)
+class StateFigure(ActuatorFigure):
+    """A figure that the state has for each actuator of a kind, such as the air in a cavity.
+
+    Attributes:
+        field: field of `State`, shape (actuator_count of the kind,).
+        matters: whether plots show it unasked for an actuator with this table in the scene.
+    """
+
+    field: str = ""
+    matters: Callable[[Any], bool] = _always
+
+
+@dataclass(frozen=True)
 class Drive(ActuatorFigure):
     """A figure by which actuators can be driven: their effort or their coordinate.
 
@@ -60,8 +79,10 @@ class Drive(ActuatorFigure):
         rate: key of its fastest change in limits of scenes and in steps of scripts; "" where it changes at once.
         step: change by one press of a key.
         furthest: end of sliders where no limit gives one; of coordinates with `relative` a share of the value at rest.
+        nearest: other end of sliders where no limit gives one.
         relative: whether `furthest` is such a share.
         more, less: what the keys + and - do, for the help.
+        fits: whether an actuator with this table in the scene can be driven so.
 
     A table of a scene may have `lowest_NAME` and `highest_NAME`, by its name, as keys of an actuator and of limits.
     """
@@ -70,14 +91,27 @@ class Drive(ActuatorFigure):
     rate: str = ""
     step: float = 0.0
     furthest: float = 0.0
+    nearest: float = 0.0
     relative: bool = False
     more: str = ""
     less: str = ""
+    fits: Callable[[Any], bool] = _always
 
     @property
     def words(self) -> str:
         """The name in a sentence."""
         return self.name.replace("_", " ")
+
+
+@dataclass(frozen=True)
+class StateDrive(Drive, StateFigure):
+    """A way to drive actuators beside their efforts and coordinates, such as by valves.
+
+    Attributes:
+        request: field of `State` with what was asked for, shape (actuator_count of the kind,).
+    """
+
+    request: str = ""
 
 
 @dataclass(frozen=True)
@@ -90,11 +124,13 @@ class ActuatorKind:
         coordinate: what is driven otherwise.
         value: what is measured of the bodies.
         rate: rate of the value; None where nobody sees it.
+        figures: further figures, which states have; actuators can be driven by some of them.
         imposed: dataset of recordings that says whether the coordinate is driven.
         loss: dataset of recordings with the efforts lost at the actuators' further coordinates; "" without any.
         drawn: as the walls of bodies that have the name of the actuator, or as lines, in the colour of the effort.
         always_driven: whether a script asks for its effort from the start on, also where it is not named.
-        make: gives the actuators of the kind in soft bodies, some of which may act on rigid bodies and obstacles.
+        make: gives the actuators of the kind in soft bodies, some of which may act on rigid bodies and obstacles, of a
+            scene.
     """
 
     name: str
@@ -104,20 +140,22 @@ class ActuatorKind:
     value: ActuatorFigure
     imposed: str
     drawn: Literal["walls", "lines"]
-    make: "Callable[[Sequence[SoftBody], Sequence[RigidBody], Sequence[Obstacle]], ActuatorSet]"
+    make: "Callable[[Scene, Sequence[SoftBody], Sequence[RigidBody], Sequence[Obstacle]], ActuatorSet]"
     rate: ActuatorFigure | None = None
     loss: str = ""
     always_driven: bool = False
+    figures: tuple[StateFigure, ...] = ()
 
     @property
     def drives(self) -> tuple[Drive, ...]:
         """The drives that an observation shows, which keys, sliders and scripts can follow; the usual one first."""
-        return tuple(drive for drive in (self.coordinate, self.effort) if drive.observed)
+        further = (figure for figure in self.figures if isinstance(figure, StateDrive))
+        return tuple(drive for drive in (self.coordinate, self.effort, *further) if drive.observed)
 
     @property
     def measured(self) -> tuple[ActuatorFigure, ...]:
         """What an observation shows."""
-        some = (self.effort, self.coordinate, self.value, self.rate)
+        some = (self.effort, self.coordinate, self.value, self.rate, *self.figures)
         return tuple(one for one in some if one is not None and one.observed)
 
 
@@ -127,6 +165,7 @@ class ActuatorSet(ABC):
     Attributes:
         names: "body.actuator", in order.
         rest_value: values at the start, shape (actuator_count,).
+        rest_effort: efforts at the start, shape (actuator_count,).
         sign: 1 where the coordinate is the growth of the value, -1 where it is what the value lacks.
         coordinate_range, effort_range: smallest and largest, shape (actuator_count, 2).
         effort_at_stop: smallest effort where a stop of the coordinate holds it, shape (actuator_count,).
@@ -137,6 +176,9 @@ class ActuatorSet(ABC):
             friction, shape (actuator_count + 1,).
         rubs: whether friction resists a coordinate's motion, shape (actuator_count,).
         compliance: by how much each actuator's coordinates give way to its efforts, (coordinate_count of it,) twice.
+        has_law: whether coordinate and effort of an actuator follow a law of their own, instead of one of them being
+            what is asked for, shape (actuator_count,).
+        takes_effort: whether the effort can be asked for, shape (actuator_count,).
         lines: what a frame shows of actuators that are drawn as lines.
     """
 
@@ -155,9 +197,12 @@ class ActuatorSet(ABC):
         count = len(names)
         self.names, self.rest_value, self.soft_entries = tuple(names), rest_value, soft_entries
         self.coordinate_range, self.effort_range = coordinate_range.reshape(-1, 2), effort_range.reshape(-1, 2)
+        self.rest_effort = np.zeros(count)
         self.effort_at_stop = np.full(count, -UNLIMITED)
         self.pushes_and_pulls = np.zeros(count, dtype=bool)
         self.rubs = np.zeros(count, dtype=bool)
+        self.has_law = np.zeros(count, dtype=bool)
+        self.takes_effort = np.ones(count, dtype=bool)
         self.rigid_entries = [np.zeros(0)] * count
         self.coordinate_start = np.arange(count + 1)
         self.compliance: Sequence[np.ndarray] = [np.zeros((1, 1))] * count
@@ -165,6 +210,29 @@ class ActuatorSet(ABC):
     @abstractmethod
     def shapes(self, room: "Room") -> "ActuatorShapes":
         """What measures them, in arrays of all actuators."""
+
+    def why_not(self, drive: Drive, number: int) -> str:
+        """Why an actuator cannot be driven so, for a message; "" where it can."""
+        return ""
+
+    def laws(self, state: "State", time_step: float) -> "Mapping[int, CoordinateLaw]":
+        """The laws that actuators follow in the step [s] from a state, by their numbers in this set."""
+        return {}
+
+    def start(self) -> dict[str, np.ndarray]:
+        """Fields of the first state that belong to this kind, but for the request of its users."""
+        return {}
+
+    def after(self, start: "State", effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
+        """Fields of the state after a step [s] that belong to this kind.
+
+        Args:
+            start: state at the start of the step.
+            effort: efforts of the kind's actuators in the step, shape (actuator_count,).
+            value: their values after it, shape (actuator_count,).
+            time_step: time step [s].
+        """
+        return {}
 
     def failure(self, value: np.ndarray) -> tuple[str, str, str] | None:
         """Name of an actuator whose value makes no sense, what happened, and what to try; None where all are well."""
@@ -202,3 +270,18 @@ class ActuatorShapes(Protocol):
 
     def coordinates(self) -> np.ndarray:
         """The coordinates as last measured, but for constants, shape (coordinate_count,)."""
+
+
+class CoordinateLaw(Protocol):
+    """A coordinate as a falling function of the effort, such as the space that shut-in air takes at a pressure."""
+
+    @property
+    def lowest_effort(self) -> float:
+        """The effort at which the coordinate becomes infinite."""
+
+    @property
+    def scale(self) -> float:
+        """Size of coordinates, for what is left of them."""
+
+    def growth(self, effort: float) -> tuple[float, float]:
+        """Coordinate [mm^3] and slope [mm^3/kPa] at an effort [kPa] above the lowest."""

@@ -14,4 +14,4 @@ def kind_called(name: str) -> ActuatorKind:
 
 def kind_of(drive: Drive) -> ActuatorKind:
     """The kind whose actuators are driven so."""
-    return next(kind for kind in ACTUATOR_KINDS if drive in (kind.effort, kind.coordinate))
+    return next(kind for kind in ACTUATOR_KINDS if drive in (kind.effort, kind.coordinate, *kind.figures))

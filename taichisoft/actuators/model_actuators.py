@@ -6,12 +6,13 @@ import numpy as np
 
 from taichisoft.actuators.finite_limits import UNLIMITED
 from taichisoft.actuators.kernels.coordinate_gradients import Coordinates, Gradient
-from taichisoft.actuators.kind import ActuatorKind, ActuatorShapes, Room
+from taichisoft.actuators.kind import ActuatorKind, ActuatorShapes, CoordinateLaw, Drive, Room
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.actuators.names import ActuatorNames
 from taichisoft.bodies.body_geometry import Poses
 from taichisoft.bodies.rigid_body_arrays import Obstacle, RigidBody
 from taichisoft.bodies.soft_body_arrays import SoftBody
+from taichisoft.scenes.scene import Scene
 from taichisoft.state import State
 
 
@@ -24,22 +25,27 @@ class Actuators(ActuatorNames):
         first_coordinate: number of each actuator's first coordinate, which is its own, and one past the last of all,
             shape (actuator_count + 1,).
         rest_value: values at the start [mm^3] or [mm], shape (actuator_count,).
+        rest_effort: efforts at the start [kPa] or [mN], shape (actuator_count,).
         sign: 1 where the coordinate grows with the value, else -1, shape (actuator_count,).
         coordinate_range: smallest and largest coordinate [mm^3] or [mm], shape (actuator_count, 2).
         effort_range: smallest and largest pressure [kPa] or tension [mN], shape (actuator_count, 2).
         effort_at_stop: smallest effort where a stop holds the coordinate, shape (actuator_count,).
         compliance: by how much the coordinates of each actuator give way to its efforts.
         always_has_rows: whether an actuator takes part in the constraint problem even where its effort is imposed,
-            since it has stops, rubs, or acts on a rigid body, shape (actuator_count,).
+            since it has stops, rubs, acts on a rigid body, or follows a law, shape (actuator_count,).
+        takes_effort: whether the effort can be asked for, shape (actuator_count,).
+        has_law: whether effort and coordinate follow a law, see `ActuatorSet.laws`, shape (actuator_count,).
     """
 
-    def __init__(self, soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]):
-        """Find the actuators, and lay out the arrays.
+    def __init__(
+        self, scene: Scene, soft: Sequence[SoftBody], rigid: Sequence[RigidBody], obstacles: Sequence[Obstacle]
+    ):
+        """Find the actuators of a scene in its bodies, and lay out the arrays.
 
         Raises:
             MeshError, SceneError: an actuator does not fit its bodies.
         """
-        self.sets = {kind.name: kind.make(soft, rigid, obstacles) for kind in ACTUATOR_KINDS}
+        self.sets = {kind.name: kind.make(scene, soft, rigid, obstacles) for kind in ACTUATOR_KINDS}
         sets = tuple(self.sets.values())
         soft_entries = [nodes for one in sets for nodes in one.soft_entries]
         rigid_entries = [bodies for one in sets for bodies in one.rigid_entries]
@@ -49,10 +55,12 @@ class Actuators(ActuatorNames):
             rigid_start=_starts(rigid_entries).astype(np.int32),
             rigid_body=np.concatenate([np.zeros(0), *rigid_entries]).astype(np.int32),
         )
+        self._tables = {kind.name: scene.actuators(kind.plural) for kind in ACTUATOR_KINDS}
         super().__init__({kind: found.names for kind, found in self.sets.items()})
         counts = np.concatenate([np.diff(one.coordinate_start) for one in sets])
         self.first_coordinate = np.cumsum([0, *counts])
         self.rest_value = np.concatenate([one.rest_value for one in sets])
+        self.rest_effort = np.concatenate([one.rest_effort for one in sets])
         self.sign = np.concatenate([np.full(len(one.names), one.sign) for one in sets])
         self.coordinate_range = np.vstack([one.coordinate_range for one in sets])
         self.effort_range = np.vstack([one.effort_range for one in sets])
@@ -62,12 +70,46 @@ class Actuators(ActuatorNames):
         over_rigid = np.diff(self.coordinates.rigid_start)[self.first_coordinate[:-1]] > 0
         rubs = np.concatenate([one.rubs for one in sets])
         stops = (np.abs(self.coordinate_range) < UNLIMITED).any(axis=1)
-        self.always_has_rows = stops | rubs | over_rigid
+        self.takes_effort = np.concatenate([one.takes_effort for one in sets])
+        self.has_law = np.concatenate([one.has_law for one in sets])
+        self.always_has_rows = stops | rubs | over_rigid | self.has_law
 
     @property
     def count(self) -> int:
         """Number of coordinates."""
         return len(self.coordinates.entry_start) - 1
+
+    def driven_by(self, kind: ActuatorKind, drive: Drive) -> tuple[str, ...]:
+        """The names of a kind's actuators that can be driven so."""
+        return tuple(name for name, table in self._tables[kind.name].items() if drive.fits(table))
+
+    def laws(self, state: State, time_step: float) -> dict[int, CoordinateLaw]:
+        """The laws that actuators follow in the step [s] from a state, by the numbers of the actuators."""
+        if not self.has_law.any():
+            return {}
+        return {
+            self.place(kind).start + number: law
+            for kind in ACTUATOR_KINDS
+            for number, law in self.sets[kind.name].laws(state, time_step).items()
+        }
+
+    def start(self) -> dict[str, np.ndarray]:
+        """Fields of the first state that belong to a kind of actuators alone."""
+        return {name: values for one in self.sets.values() for name, values in one.start().items()}
+
+    def after(self, start: State, effort: np.ndarray, value: np.ndarray, time_step: float) -> dict[str, np.ndarray]:
+        """Fields of the state after a step [s] that belong to a kind of actuators alone.
+
+        Args:
+            start: state at the start of the step.
+            effort: pressures [kPa] and tensions [mN] in the step, shape (actuator_count,).
+            value: volumes [mm^3] and lengths [mm] after it, shape (actuator_count,).
+            time_step: time step [s].
+        """
+        fields: dict[str, np.ndarray] = {}
+        for kind in ACTUATOR_KINDS:
+            fields |= self.sets[kind.name].after(start, self.of(kind, effort), self.of(kind, value), time_step)
+        return fields
 
     def losses_of(self, kind: ActuatorKind, losses: np.ndarray) -> np.ndarray:
         """The part of a kind in `State.actuator_loss`, (..., loss_count)."""

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from taichisoft.actuators.kind import ActuatorKind
+from taichisoft.actuators.kind import ActuatorKind, Drive
 
 
 class ActuatorNames:
@@ -30,6 +30,10 @@ class ActuatorNames:
     def names_of(self, kind: ActuatorKind) -> tuple[str, ...]:
         """The names of a kind's actuators."""
         return self.names[self.place(kind)]
+
+    def driven_by(self, kind: ActuatorKind, drive: Drive) -> tuple[str, ...]:
+        """The names of a kind's actuators that can be driven so, as far as names tell: all, by effort or coordinate."""
+        return self.names_of(kind) if drive in (kind.effort, kind.coordinate) else ()
 
     def of(self, kind: ActuatorKind, values: np.ndarray) -> np.ndarray:
         """The part of a kind in values of all actuators, such as `State.actuator_effort`, (..., actuator_count)."""

@@ -44,6 +44,8 @@ class Elasticity:
         node_lead: how far ahead along the velocities a node's body is turned before it is linearised [s]: h under laws
             of rubber, else 0; shape (node_count,).
         undamped: h / (h + b) of each linear element, 1 in first order dynamics, shape (linear_count,).
+        inertia: masses with their drag on the diagonal of the system's matrix [kg], in first order dynamics drag times
+            time step, shape (node_count,).
         anchor_stiffness: along x, y and z [mN/mm], shape (node_count, 3).
         anchor_lag: as node_lag, of the anchors' springs [s]: h, or h + b where a body's anchors are damped; shape
             (node_count,).
@@ -92,7 +94,8 @@ class Elasticity:
         self.node_lead = np.repeat(np.where(turns_ahead & (lag > 0.0), time.step, 0.0), node_counts)
         self.element_data = self._element_data(polar[some], element_lag[some], element_factor[some])
         held = np.repeat(anchor_factor, node_counts)[:, None] * self.anchor_stiffness
-        self.diagonal = (np.repeat(mass_factor, node_counts) * self.node_mass)[:, None] + held
+        self.inertia = np.repeat(mass_factor, node_counts) * self.node_mass
+        self.diagonal = self.inertia[:, None] + held
         own_domains = any(body.domains is not None and body.modes is None for body in bodies)
         self.domains = DomainElasticity(bodies, element_lag, element_factor, time.step) if own_domains else None
         self.reduced: ReducedElasticity | None = None

@@ -32,6 +32,7 @@ class RigidBody:
         collides: whether it touches other bodies.
         groups: surfaces that have one in common do not touch each other.
         smooth: whether the surface stands for a curved one.
+        follows_base: whether the base carries it; mass and inertia then mean nothing.
     """
 
     name: str
@@ -48,6 +49,7 @@ class RigidBody:
     collides: bool = True
     groups: frozenset[int] = frozenset()
     smooth: bool = False
+    follows_base: bool = False
 
     @property
     def radius(self) -> float:
@@ -88,6 +90,8 @@ def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
         MeshError: its surface cannot be read, is not closed, or is not smooth although it should be.
         SceneError: the given inertia is not symmetric positive definite, or one that no body has.
     """
+    if body.follows is not None:
+        body = body.model_copy(update={"density": 1e-6})
     shape = round_shape(body)
     vertices, triangles = _surface(body, shape)
     if body.surface is not None:
@@ -119,6 +123,7 @@ def make_rigid_body(name: str, body: settings.RigidBodySettings) -> RigidBody:
         collides=body.collides,
         groups=frozenset(body.groups),
         smooth=body.smooth,
+        follows_base=body.follows is not None,
     )
 
 

@@ -19,6 +19,11 @@ def rotation_from_vector(vector: np.ndarray) -> np.ndarray:
     return Rotation.from_rotvec(vector.copy()).as_matrix()
 
 
+def vector_from_rotation(matrix: np.ndarray) -> np.ndarray:
+    """The rotation vector [rad], shape (3,), of a rotation matrix."""
+    return Rotation.from_matrix(matrix).as_rotvec()
+
+
 def quaternion_from_matrix(matrix: np.ndarray) -> np.ndarray:
     """Unit quaternion (w, x, y, z) of a rotation matrix."""
     return Rotation.from_matrix(matrix).as_quat()[[3, 0, 1, 2]]

@@ -15,6 +15,8 @@ class Control:
     Attributes:
         pressure: pressures [kPa] by cavity name ("finger1.cavity"); a cavity is driven by pressure or by volume.
         volume_growth: volumes over the rest volume [mm^3], by cavity name; the pressure is then a result.
+        valve: openings of the valves of air lines, from 1, wholly open to the source, to -1, wholly open to the
+            exhaust, by cavity name.
         cable_tension: tensions [mN] by cable name ("finger1.tendon"); a cable is driven by tension or by pull.
         cable_pull: how far cables are pulled in [mm], by cable name; the tension is then a result.
         pull_points: places of pull points [mm], shape (3,), by cable name; where the scene says so, the base's motion
@@ -36,6 +38,7 @@ class Control:
 
     pressure: Mapping[str, float] = field(default_factory=dict)
     volume_growth: Mapping[str, float] = field(default_factory=dict)
+    valve: Mapping[str, float] = field(default_factory=dict)
     cable_tension: Mapping[str, float] = field(default_factory=dict)
     cable_pull: Mapping[str, float] = field(default_factory=dict)
     pull_points: Mapping[str, np.ndarray] = field(default_factory=dict)

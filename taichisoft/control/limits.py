@@ -27,6 +27,9 @@ def limit_actuators(model: Model, state: State, imposed: np.ndarray, request: np
         reaches = [_reach(model, drive) for drive in (kind.effort, kind.coordinate)]
         # Python's own numbers: numpy takes longer to look at arrays of so few.
         for number in range(place.start, place.stop):
+            if not actuators.takes_effort[number]:
+                targets.append(float(request[number]))
+                continue
             by_coordinate = bool(imposed[number])
             low, high = ranges[by_coordinate][number].tolist()
             lowest, highest, furthest = reaches[by_coordinate]

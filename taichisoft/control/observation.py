@@ -26,8 +26,14 @@ class Observation:
         step: index of the step about to be made.
         control_period: time between two calls of the controller [s]; 0 in an observation that was made up without it.
         pressures: pressures in the last step [kPa], by cavity name.
+        pressure_targets: pressures that regulators are driven for, within limits [kPa], by the names of the cavities
+            that have one; behind a line the cavity's pressure comes later.
         volumes: volumes of the cavities [mm^3], by cavity name.
         flows: rates of change of the volumes [mm^3/s], by cavity name.
+        air_masses: air in the cavities and their lines [kg], by cavity name; with regulated air as much as was let in
+            for its pressure.
+        air_flows: flows of air into the cavities and their lines in the last step [kg/s], by cavity name.
+        valve_openings: openings of the valves in the last step, from -1 to 1, after delay and response, by cavity name.
         cable_tensions: tensions at the pulled ends in the last step [mN], by cable name.
         cable_lengths: lengths of the cables [mm], by cable name.
         cable_pulls: how far the cables are pulled in [mm], by cable name.
@@ -36,6 +42,10 @@ class Observation:
         bending_angles: turn of the tip against the base [rad], from 0 to pi, by finger.
         base_translation: shift of all anchors from their rest positions [mm], shape (3,).
         base_rotation: rotation vector of all anchors about the base pivot [rad], shape (3,).
+        base_force: force on the base in the last step, by anchors, by bodies that it carries, and by cables that are
+            pulled from it [mN], shape (3,).
+        base_torque: torque of it about the base's pivot, which moves with the base [mN mm], shape (3,).
+        base_force_in_base, base_torque_in_base: the same in axes that turn with the base, as a sensor on it has them.
         object_positions: centre of mass of each rigid body [mm], shape (3,), by name.
         object_rotations: rotation of each rigid body, a unit quaternion (w, x, y, z), shape (4,), by name.
         object_velocities: velocity of the centre of mass of each rigid body [mm/s], shape (3,), by name.
@@ -56,8 +66,12 @@ class Observation:
     step: int
     control_period: float = 0.0
     pressures: Mapping[str, float] = field(default_factory=dict)
+    pressure_targets: Mapping[str, float] = field(default_factory=dict)
     volumes: Mapping[str, float] = field(default_factory=dict)
     flows: Mapping[str, float] = field(default_factory=dict)
+    air_masses: Mapping[str, float] = field(default_factory=dict)
+    air_flows: Mapping[str, float] = field(default_factory=dict)
+    valve_openings: Mapping[str, float] = field(default_factory=dict)
     cable_tensions: Mapping[str, float] = field(default_factory=dict)
     cable_lengths: Mapping[str, float] = field(default_factory=dict)
     cable_pulls: Mapping[str, float] = field(default_factory=dict)
@@ -66,6 +80,10 @@ class Observation:
     bending_angles: Mapping[str, float] = field(default_factory=dict)
     base_translation: np.ndarray = field(default_factory=lambda: np.zeros(3))
     base_rotation: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    base_force: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    base_torque: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    base_force_in_base: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    base_torque_in_base: np.ndarray = field(default_factory=lambda: np.zeros(3))
     object_positions: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_rotations: Mapping[str, np.ndarray] = field(default_factory=dict)
     object_velocities: Mapping[str, np.ndarray] = field(default_factory=dict)

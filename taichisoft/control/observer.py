@@ -8,9 +8,11 @@ from typing import Any
 
 import numpy as np
 
+from taichisoft.actuators.cavities import CAVITIES
 from taichisoft.actuators.kind import ActuatorFigure
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.actuators.model_actuators import ActuatorGeometry
+from taichisoft.bodies.rotations import rotation_from_vector
 from taichisoft.control.contact_summary import summarise_contacts
 from taichisoft.control.fingertips import Fingertips
 from taichisoft.control.limits import clipped
@@ -29,6 +31,15 @@ ARRAYS_BY_NAME = (
     "contact_forces",
 )
 """Fields of an observation that hold arrays by name."""
+ARRAYS_OF_BASE = (
+    "base_translation",
+    "base_rotation",
+    "base_force",
+    "base_torque",
+    "base_force_in_base",
+    "base_torque_in_base",
+)
+"""Fields that hold an array."""
 
 
 class Observer:
@@ -71,6 +82,7 @@ class Observer:
             bending_angles=_numbers(tips.names, bending_angles),
             base_translation=state.base_translation,
             base_rotation=state.base_rotation,
+            **self._base_wrench(state),
             object_positions=_by_name(self._object_names, state.rigid_position),
             object_rotations=_by_name(self._object_names, state.rigid_rotation),
             object_velocities=_by_name(self._object_names, state.rigid_velocity),
@@ -84,6 +96,16 @@ class Observer:
             clipped=clipped(model, state),
             state=state,
         )
+
+    def _base_wrench(self, state: State) -> dict[str, Any]:
+        """The fields of an observation with the wrench on the base."""
+        (force, torque), turn = state.base_wrench, rotation_from_vector(state.base_rotation)
+        return {
+            "base_force": force,
+            "base_torque": torque,
+            "base_force_in_base": turn.T @ force,
+            "base_torque_in_base": turn.T @ torque,
+        }
 
     def _actuators(self, state: State) -> dict[str, Any]:
         """The fields of an observation that say how actuators are."""
@@ -101,7 +123,17 @@ class Observer:
             for figure, values in figures:
                 if figure.observed:
                     found[figure.observed] = _numbers(names, actuators.of(kind, values))
+            for further in kind.figures:
+                found[further.observed] = _numbers(names, getattr(state, further.field))
+        found["pressure_targets"] = self._pressure_targets(state)
         return found
+
+    def _pressure_targets(self, state: State) -> Mapping[str, float]:
+        actuators = self._model.actuators
+        is_driven = actuators.takes_effort & ~state.actuator_imposed
+        targets = zip(self._model.cavities.names, actuators.of(CAVITIES, state.actuator_target).tolist(), strict=True)
+        driven = actuators.of(CAVITIES, is_driven).tolist()
+        return MappingProxyType(dict(one for one, is_one in zip(targets, driven, strict=True) if is_one))
 
     def _rates(self, state: State) -> np.ndarray:
         """Rates of all actuators' values [mm^3/s] or [mm/s], shape (actuator_count,)."""
@@ -118,8 +150,8 @@ def _copied(seen: Observation) -> Observation:
         name: MappingProxyType({key: values.copy() for key, values in getattr(seen, name).items()})
         for name in ARRAYS_BY_NAME
     }
-    translation, rotation = seen.base_translation.copy(), seen.base_rotation.copy()
-    return replace(seen, base_translation=translation, base_rotation=rotation, **own)
+    own |= {name: getattr(seen, name).copy() for name in ARRAYS_OF_BASE}
+    return replace(seen, **own)
 
 
 def _by_name(names: tuple[str, ...], values: np.ndarray) -> Mapping[str, np.ndarray]:

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators.kind import ActuatorKind
+from taichisoft.actuators.cavities import CAVITIES, VALVE
+from taichisoft.actuators.kind import ActuatorKind, ActuatorSet
 from taichisoft.actuators.kinds import ACTUATOR_KINDS
 from taichisoft.bodies.rotations import compose_rotation_vectors
 from taichisoft.control.control import Control
@@ -17,7 +18,7 @@ from taichisoft.model import Model
 from taichisoft.state import State
 
 DRIVES = tuple(drive.asked for kind in ACTUATOR_KINDS for drive in (kind.effort, kind.coordinate))
-MAPPINGS = (*DRIVES, "pull_points", "anchor_positions", "young_modulus", "signals")
+MAPPINGS = (*DRIVES, VALVE.asked, "pull_points", "anchor_positions", "young_modulus", "signals")
 """Keys of a control that ask for actuators, and all that have dictionaries by name."""
 
 
@@ -25,8 +26,9 @@ def apply_control(model: Model, state: State, control: Control) -> State:
     """The state with what `control` asks for; what it does not mention stays as it was asked for last.
 
     Raises:
-        ControlError: no `Control`, an unknown cavity, cable, soft body or material, something driven in two ways, a
-            value that is not a finite number, or a Young's modulus that is not positive.
+        ControlError: no `Control`, a request that an actuator cannot follow, an unknown cavity, cable, soft body or
+            material, something driven in two ways, a value that is not a finite number, or a Young's modulus that is
+            not positive.
     """
     if not isinstance(control, Control):
         raise ControlError(f"control = {control!r}: must be a taichisoft.Control")
@@ -38,6 +40,8 @@ def apply_control(model: Model, state: State, control: Control) -> State:
         if not isinstance(value, Real) or isinstance(value, bool):
             raise ControlError(f"control.signals['{name}'] = {value!r}: must be a number")
     changes = _actuator_requests(model, state, control)
+    if control.valve or model.cavities.valves.lines:
+        changes |= _valves(model, state, control, changes["actuator_target"])
     if control.pull_points:
         changes["pull_point"] = _pull_point(model, state, control)
     if _base_moves(state, control):
@@ -96,13 +100,13 @@ def _actuator_requests(model: Model, state: State, control: Control) -> dict[str
         imposed, request = imposed.copy(), request.copy()
         for kind in ACTUATOR_KINDS:
             place = model.actuators.place(kind)
-            _drive(kind, model.actuators.names_of(kind), control, imposed[place], request[place])
+            _drive(kind, model.actuators.sets[kind.name], control, imposed[place], request[place])
     target = limit_actuators(model, state, imposed, request)
     return {"actuator_imposed": imposed, "actuator_request": request, "actuator_target": target}
 
 
 def _drive(
-    kind: ActuatorKind, names: tuple[str, ...], control: Control, imposed: np.ndarray, request: np.ndarray
+    kind: ActuatorKind, actuators: ActuatorSet, control: Control, imposed: np.ndarray, request: np.ndarray
 ) -> None:
     """Fill in whether each actuator of a kind is driven by its coordinate, else by its effort, and the value."""
     efforts, coordinates = (getattr(control, drive.asked) for drive in (kind.effort, kind.coordinate))
@@ -112,9 +116,27 @@ def _drive(
         raise ControlError(f"control: {kind.name} '{both[0]}' is given a {words}; give one of them")
     for drive, wishes in ((kind.effort, efforts), (kind.coordinate, coordinates)):
         for name, value in wishes.items():
-            index = _index(name, names, kind.name, drive.asked)
+            index = _index(name, actuators.names, kind.name, drive.asked)
+            why_not = actuators.why_not(drive, index)
+            if why_not:
+                raise ControlError(f"control.{drive.asked}['{name}']: cannot be asked for, {why_not}")
             imposed[index] = drive is kind.coordinate
             request[index] = _finite(value, f"control.{drive.asked}['{name}']", ())
+
+
+def _valves(model: Model, state: State, control: Control, target: np.ndarray) -> dict[str, np.ndarray]:
+    """How valves and regulators of air lines are in the step, by what they and (actuator_count,) are asked for."""
+    request, cavities = state.valve_request.copy(), model.cavities
+    for name, value in control.valve.items():
+        index = _index(name, cavities.names, CAVITIES.name, VALVE.asked)
+        key = f"control.{VALVE.asked}['{name}']"
+        why_not = cavities.why_not(VALVE, index)
+        if why_not:
+            raise ControlError(f"{key}: cannot be asked for, {why_not}")
+        request[index] = opening = _finite(value, key, ())
+        if not -1.0 <= opening <= 1.0:
+            raise ControlError(f"{key} = {value!r}: must be from -1 (open to the exhaust) to 1 (open to the source)")
+    return cavities.valves.moved(state, model.actuators.of(CAVITIES, target), request)
 
 
 def _pull_point(model: Model, state: State, control: Control) -> np.ndarray:

@@ -1,10 +1,18 @@
 """Actuators as a user describes them: cavities and cables of soft bodies, and limits of what drives them."""
 
-from typing import Annotated, Any, Self, get_args
+from typing import Annotated, Any, Literal, Self, get_args
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
+from taichisoft.scenes.air_line import AirLine
 from taichisoft.scenes.table import Name, NotNegative, Number, Positive, Table, Vector, check_order
+
+AIR_KEYS = {
+    "regulated": ("lowest_pressure", "highest_pressure", "lowest_volume_growth", "highest_volume_growth"),
+    "sealed": ("shut_pressure", "exponent", "dead_volume"),
+    "line": ("line",),
+}
+"""Keys of a cavity that one kind of air alone has."""
 
 
 class CavitySettings(Table):
@@ -22,11 +30,33 @@ class CavitySettings(Table):
     """How far the volume shrinks at most [mm^3], negative, whatever the pressure."""
     highest_volume_growth: Number | None = None
     """How far the volume grows at most [mm^3]: the supply has no more air."""
+    air: Literal["regulated", "sealed", "line"] = "regulated"
+    """What holds the pressure: a "regulated" source has the pressure or the volume that is asked for; "sealed" air is
+    shut in, and its pressure follows the volume; air of a "line" comes and goes through a valve."""
+    line: AirLine | None = None
+    """Source, valve and tube of a line."""
+    shut_pressure: Number = 0.0
+    """Pressure over the atmosphere's at which sealed air is shut in, in the cavity as it is at rest [kPa]."""
+    exponent: Annotated[float, Field(strict=True, ge=1.0, le=1.7)] = 1.0
+    """Exponent n of sealed air, p V^n = const, with p its absolute pressure: 1 for slow changes (isothermal), 1.4 for
+    fast ones without heat flow (adiabatic)."""
+    dead_volume: NotNegative = 0.0
+    """Space for sealed air outside the cavity, in tube and fittings [mm^3]."""
     alternatives = (("group", "surface"),)
 
     @model_validator(mode="after")
     def _check_limits(self) -> Self:
         check_order(self, "pressure", "volume_growth")
+        return self
+
+    @model_validator(mode="after")
+    def _check_air(self) -> Self:
+        for kind, keys in AIR_KEYS.items():
+            given = [key for key in keys if getattr(self, key) != type(self).model_fields[key].default]
+            if given and self.air != kind:
+                raise ValueError(f'{", ".join(given)} would have no effect with air = "{self.air}"; remove it')
+        if self.air == "line" and self.line is None:
+            raise ValueError('air = "line" needs a table line, with conductance at least')
         return self
 
 

@@ -1,7 +1,7 @@
 """Rigid objects and obstacles as a user describes them."""
 
 import math
-from typing import ClassVar, Self
+from typing import ClassVar, Literal, Self
 
 from pydantic import model_validator
 
@@ -35,6 +35,8 @@ class RigidBodySettings(Shaped):
     """Velocity of the centre of mass at the start [mm/s]."""
     angular_velocity: Vector = (0.0, 0.0, 0.0)
     """Angular velocity at the start [rad/s]."""
+    follows: Literal["base"] | None = None
+    """What carries the body instead of forces: "base", as a palm that is screwed to the gripper; it has no mass."""
     collides: bool = True
     """Whether the body touches others; one that does not goes through them."""
     groups: Groups = []
@@ -43,7 +45,21 @@ class RigidBodySettings(Shaped):
     """Colour in pictures and on pages, "#rrggbb"; that of rigid bodies when it is not given."""
     axes: bool = False
     """Whether pictures and pages show its axes: the axes of its surface, from its centre of mass."""
-    alternatives = (("surface", *SHAPES), ("mass", "density"))
+    alternatives = (("surface", *SHAPES),)
+
+    @model_validator(mode="after")
+    def _check_mass(self) -> Self:
+        given = [key for key in ("mass", "density") if getattr(self, key) is not None]
+        if self.follows is None and len(given) != 1:
+            raise ValueError(f"exactly one of mass, density is needed; given: {', '.join(given) or 'none'}")
+        moved = {"mass", "density", "inertia", "centre_of_mass", "velocity", "angular_velocity"}
+        useless = [key for key in type(self).model_fields if key in moved and self._is_given(key)]
+        if self.follows is not None and useless:
+            raise ValueError(f"{', '.join(useless)} would have no effect beside follows; remove it")
+        return self
+
+    def _is_given(self, key: str) -> bool:
+        return bool(getattr(self, key) != type(self).model_fields[key].default)
 
 
 SHORTEST_NORMAL = 1e-9

@@ -224,6 +224,8 @@ class Scene(Table):
     """Text that displays show instead of the file's name."""
     gravity: Vector = (0.0, 0.0, -9810.0)
     """Acceleration of gravity [mm/s^2]."""
+    atmosphere: Positive = 101.325
+    """Absolute pressure outside the cavities [kPa], over which all other pressures are given (gauge pressure)."""
     time: Time = Time()
     contact: Contact = Contact()
     base_pivot: Vector | None = None
@@ -283,6 +285,20 @@ class Scene(Table):
         return self
 
     @model_validator(mode="after")
+    def _check_vacuum(self) -> Self:
+        vacuum, cavities = -self.atmosphere, self.actuators("cavities")
+        tables: dict[str, Any] = {"limits": self.limits}
+        for name, cavity in cavities.items():
+            place = f"soft_bodies.{name.replace('.', '.cavities.')}"
+            tables |= {place: cavity, f"{place}.line": cavity.line}
+        for place, table in tables.items():
+            for key in ("lowest_pressure", "highest_pressure", "shut_pressure", "supply", "exhaust"):
+                pressure = getattr(table, key, None)
+                if pressure is not None and (pressure < vacuum or (pressure == vacuum and key != "lowest_pressure")):
+                    raise ValueError(f"{place}.{key} = {pressure:g} kPa must be above the vacuum's {vacuum:g} kPa")
+        return self
+
+    @model_validator(mode="after")
     def _check_dynamics(self) -> Self:
         dynamics = self.time.dynamics
         if dynamics != "second order" and self.rigid_bodies:
@@ -322,6 +338,8 @@ class Scene(Table):
             if name not in self.rigid_bodies:
                 known = ", ".join(self.rigid_bodies) or "none"
                 raise ValueError(f"{key} is '{name}', which is not a rigid body; there are: {known}")
+            if self.rigid_bodies[name].follows is not None:
+                raise ValueError(f"{key} is '{name}', which follows the base whatever acts on it; name another body")
         if not self.soft_bodies and not self.rigid_bodies:
             raise ValueError("a scene needs at least one soft body or rigid body")
         return self

@@ -1,5 +1,6 @@
 """Actuators in a step: known loads, or rows of the constraint problem with their bounds."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -8,6 +9,7 @@ from taichisoft.actuators.finite_limits import UNLIMITED
 from taichisoft.actuators.model_actuators import ActuatorGeometry
 from taichisoft.bodies.body_geometry import PosesAhead
 from taichisoft.model import Model
+from taichisoft.solver.coordinate_laws import FollowedLaw
 from taichisoft.solver.kernels.actuator_bounds import (
     BOUND_COLUMNS,
     GRIP,
@@ -31,8 +33,8 @@ class ActuatorRequests:
     """The actuators' part of the problem of a step.
 
     An imposed pressure is a known load, and so is the tension of a cable without limits. Efforts that are solved for
-    together with the contacts have rows: imposed volumes and pulls, and cables with stops, friction, or points on a
-    rigid body.
+    together with the contacts have rows: imposed volumes and pulls, pressures of air that is shut in or flows through a
+    line, and cables with stops, friction, or points on a rigid body.
 
     Attributes:
         load: known pressures [kPa] and tensions [mN], 0 for coordinates with rows, shape (coordinate_count,).
@@ -43,7 +45,8 @@ class ActuatorRequests:
         first_impulse: initial guess of the solver [mN s, of a volume kPa s], shape (row_count,).
         start_values: coordinates at the start of the step [mm^3] and [mm], shape (coordinate_count,).
         lead_rate: rates by the shift to the place of the measurement over the time step, shape (coordinate_count,).
-        compliances: first row and own compliance [mm/s per mN s] of each elastic cable with rows.
+        compliances: first row and own compliance [mm/s per mN s] of each elastic cable with rows, and of each law.
+        laws: laws that rows follow, with the lines that stand for them in `mean_rate` and `compliances`.
     """
 
     load: np.ndarray
@@ -55,6 +58,7 @@ class ActuatorRequests:
     start_values: np.ndarray
     lead_rate: np.ndarray
     compliances: tuple[tuple[int, np.ndarray], ...]
+    laws: tuple[FollowedLaw, ...] = ()
 
     def linearised(
         self, geometry: ActuatorGeometry, growth: np.ndarray, rate: np.ndarray, impulse: np.ndarray, time_step: float
@@ -71,11 +75,30 @@ class ActuatorRequests:
             impulse: initial guess of the rows' impulses, shape (row_count,).
             time_step: time step h [s].
         """
+        here = self.following([law.moved(impulse[law.row] / time_step) for law in self.laws], time_step)
         rows, bounds = self.coordinates, self.bounds.copy()
         rubs = bounds[:, GRIP] >= 0.0
         bounds[rubs, GRIP] = geometry.grip[rows[rubs]]
-        target_rate = self.mean_rate + (rate - growth / time_step)[rows]
-        return replace(self, target_rate=target_rate, bounds=bounds, first_impulse=impulse)
+        target_rate = here.mean_rate + (rate - growth / time_step)[rows]
+        return replace(here, target_rate=target_rate, bounds=bounds, first_impulse=impulse)
+
+    def following(self, laws: Sequence[FollowedLaw], time_step: float) -> "ActuatorRequests":
+        """The same requests with other lines for the laws, in the same order."""
+        if not laws:
+            return self
+        mean_rate, target_rate, compliances = self.mean_rate.copy(), self.target_rate.copy(), dict(self.compliances)
+        for before, law in zip(self.laws, laws, strict=True):
+            change = (law.at_zero - before.at_zero) / time_step
+            mean_rate[law.row] += change
+            target_rate[law.row] += change
+            compliances[law.row] = law.compliance(time_step)
+        return replace(
+            self,
+            mean_rate=mean_rate,
+            target_rate=target_rate,
+            compliances=tuple(compliances.items()),
+            laws=tuple(laws),
+        )
 
     def efforts(self, impulse: np.ndarray, time_step: float) -> np.ndarray:
         """Pressures [kPa] and tensions [mN] of all coordinates, shape (coordinate_count,), by the rows' impulses."""
@@ -121,10 +144,13 @@ def _rows(
 ) -> ActuatorRequests:
     """A row for each actuator's own coordinate, then one for each inner point of a cable that rubs.
 
+    A row that follows a law has the law's tangent at the last effort, and no bounds.
+
     The pull of a cable is the sum of the bodies' deformation and its stretch; if it sticks at a point, the part beyond
     grows by its stretch alone.
     """
     actuators, step = model.actuators, model.scene.time.step
+    all_laws, laws = actuators.laws(state, step), []
     coordinates: list[np.ndarray] = []
     rates, bounds = [], []
     compliances: list[tuple[int, np.ndarray]] = []
@@ -140,7 +166,12 @@ def _rows(
             compliances.append((sum(len(before) for before in coordinates), compliance / step**2))
         rows[1:, GRIP] = geometry.grip[own[1:]]
         lowest, highest = actuators.effort_range[actuator].tolist()
-        if imposed[actuator]:
+        if actuator in all_laws:
+            row = sum(len(before) for before in coordinates)
+            laws.append(FollowedLaw.tangent(row, all_laws[actuator], float(last[own[0]])))
+            compliances.append((row, laws[-1].compliance(step)))
+            reference = laws[-1].at_zero
+        elif imposed[actuator]:
             reference = target[actuator]
             rows[0, [LOWEST, HIGHEST]] = lowest * step, highest * step
         else:
@@ -165,4 +196,5 @@ def _rows(
         start_values=geometry.values(),
         lead_rate=np.zeros(len(load)),
         compliances=tuple(compliances),
+        laws=tuple(laws),
     )

@@ -1,5 +1,7 @@
 """The solver of a step's constraint problem: contacts and actuators, solved together."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from taichisoft.cholesky.kernels.sparse_columns import GROUP
@@ -15,9 +17,12 @@ from taichisoft.step.active_set import ActiveSet
 from taichisoft.step.compliance import assemble_compliance
 from taichisoft.step.rigid_motion import RigidMotion
 from taichisoft.step.soft_motion import SoftMotion
-from taichisoft.step.solution import Shift, StepProblem, StepSolution
+from taichisoft.step.solution import ForcesOnBase, Shift, StepProblem, StepSolution
 
 FIRST_CAPACITY = 16
+NO_FORCES = ForcesOnBase(np.zeros((0, 3)), np.zeros((0, 3)))
+# Most tangents to the laws of actuators in a solve; usually three.
+MOST_TANGENTS = 40
 
 
 class ConstraintSolver:
@@ -80,10 +85,18 @@ class ConstraintSolver:
             stop_if_asked()
             self._build_rows(problem)
             self._assemble_compliance(problem)
-            iterations += self._find_impulses(problem, self._strike(problem))
+            problem, sweeps = self._find_impulses(problem, self._strike(problem))
+            iterations += sweeps
             self._velocity[:] = node_velocity = self._velocities_after(problem)
             if not self._active_set.add_violated(self._velocity):
                 return self._solution(problem, node_velocity, iterations)
+
+    def forces_on_base(self, problem: StepProblem, solution: StepSolution) -> ForcesOnBase:
+        """Forces of the soft bodies on the base in a solution."""
+        if self._soft is None:
+            return NO_FORCES
+        load = problem.requests.load
+        return self._soft.forces_on_base(problem.start, load, solution.node_velocity, solution.node_impulse)
 
     def report(self, problem: StepProblem, solution: StepSolution) -> ReportedContacts:
         """Contacts that took part, and the closest contact of other bodies near each other."""
@@ -186,24 +199,54 @@ class ConstraintSolver:
         rows.free[:row_count] += compliance[:, :end] @ strike
         return strike
 
-    def _find_impulses(self, problem: StepProblem, strike: np.ndarray | None) -> int:
-        """Solve for the impulses of the rows; returns the number of iterations.
+    def _find_impulses(self, problem: StepProblem, strike: np.ndarray | None) -> tuple[StepProblem, int]:
+        """Solve for the impulses of the rows, with the laws of actuators followed to where they hold.
 
         The initial guess are the impulses of the last step, or of the solution with fewer contacts.
+
+        Returns:
+            The problem with the lines that stand for the laws there, and the number of iterations.
         """
         solver, rows = self._rows.solver, self._rows
         if not rows.row_count:
             solver.residual = 0.0
-            return 0
+            return problem, 0
         solver.impulse[rows.actuators] = problem.requests.first_impulse
         solver.impulse[rows.actuators.stop : rows.row_count] = 0.0  # moments
         solver.solve(self._settings.tolerance, self._settings.max_iterations)
+        iterations = solver.iterations
+        if problem.requests.laws:
+            problem, iterations = self._follow_laws(problem)
         # The deformation of soft bodies determines the impulses of their contacts.
         on_rigid = int(rows.rows.on_rigid_count[0]) if rows.contact_count else 0
         solver.choose_smallest(rows.rows.on_rigid[:on_rigid], self._settings.tolerance)
         if strike is not None:
             solver.impulse[: len(strike)] += strike
-        return solver.iterations
+        return problem, iterations
+
+    def _follow_laws(self, problem: StepProblem) -> tuple[StepProblem, int]:
+        """Solve again until the laws of actuators hold; what is left counts as residual of the solver."""
+        solver, rows, time_step = self._rows.solver, self._rows, self._time_step
+        iterations, first_row, row_count = solver.iterations, self._rows.actuators.start, self._rows.row_count
+        compliance = rows.compliance[: row_count**2].reshape(row_count, row_count)
+        for _ in range(MOST_TANGENTS):
+            before = problem.requests
+            effort = solver.impulse[rows.actuators] / time_step
+            laws = [law.solved(float(effort[law.row])) for law in before.laws]
+            if all(law.holds for law in laws):
+                return problem, iterations
+            requests = replace(before.following(laws, time_step), first_impulse=effort * time_step)
+            problem = replace(problem, requests=requests)
+            rows.rows.free[rows.actuators] -= requests.target_rate - before.target_rate
+            for law in before.laws:
+                compliance[first_row + law.row, first_row + law.row] -= law.compliance(time_step)[0, 0]
+            for law in laws:
+                compliance[first_row + law.row, first_row + law.row] += law.compliance(time_step)[0, 0]
+            solver.solve(self._settings.tolerance, self._settings.max_iterations)
+            iterations += solver.iterations
+        missed = max(law.missed * law.law.scale for law in problem.requests.laws)
+        solver.residual = max(solver.residual, missed / time_step)
+        return problem, iterations
 
     def _velocities_after(self, problem: StepProblem) -> np.ndarray:
         """Apply the impulses to the rigid bodies; returns the velocities of the soft nodes [mm/s]."""

@@ -3,21 +3,29 @@
 import numpy as np
 
 from taichisoft.bodies.kernels import rigid_integration as kernels
+from taichisoft.bodies.rotations import (
+    matrices_from_quaternions,
+    quaternion_from_matrix,
+    rotation_from_vector,
+    vector_from_rotation,
+)
 from taichisoft.model import Model
 from taichisoft.state import State
 
 
 class RigidMotion:
-    """The rigid bodies of a step.
+    """The rigid bodies of a step; those that the base carries have the velocities that lead to where it is at its end.
 
     Attributes:
         state: poses, velocities and impulses in arrays of kernels.
+        carried: the bodies that the base carries.
     """
 
     def __init__(self, model: Model):
         """Allocate the work space."""
         count = len(model.rigid_bodies)
         self._time_step = model.scene.time.step
+        self.carried = CarriedBodies(model)
         self._bodies = kernels.RigidBodies(
             mass=np.empty(count),
             inertia=np.empty((count, 3, 3)),
@@ -58,6 +66,7 @@ class RigidMotion:
         rigid.impulse[:] = 0.0
         self._bodies.gravity[0] = state.gravity
         kernels.solve_free_motion(self._time_step, self._bodies, rigid)
+        self.carried.begin(state, self._time_step, rigid)
         for first_step, step_count, body, acceleration in self._external_forces:
             if first_step <= state.step < first_step + step_count:
                 rigid.free[body, :3] += self._time_step * acceleration
@@ -86,7 +95,47 @@ class RigidMotion:
         for velocity in velocities if len(end.position) else ():
             end.linear[:], end.angular[:] = velocity[:, :3], velocity[:, 3:]
             kernels.integrate(self._time_step, end)
+        self.carried.place(end)
         return end.position.copy(), end.quaternion.copy()
+
+
+class CarriedBodies:
+    """Rigid bodies that the base carries.
+
+    Attributes:
+        index: their numbers among the rigid bodies, shape (carried_count,).
+        position: centres of mass where the base is at the end of the step [mm], shape (carried_count, 3).
+    """
+
+    def __init__(self, model: Model):
+        """Find them."""
+        self.index = np.array([i for i, body in enumerate(model.rigid_bodies) if body.follows_base], dtype=np.int64)
+        bodies = [model.rigid_bodies[index] for index in self.index]
+        self._pivot = model.base_pivot
+        self._start = np.array([body.start_position for body in bodies]).reshape(-1, 3)
+        self._start_turn = matrices_from_quaternions(np.array([b.start_rotation for b in bodies]).reshape(-1, 4))
+        self.position, self._quaternion = self._start, np.zeros((len(bodies), 4))
+
+    def begin(self, state: State, time_step: float, rigid: kernels.RigidState) -> None:
+        """Give them the velocities of the step, which no impulse changes."""
+        some = self.index
+        if not len(some):
+            return
+        turn = rotation_from_vector(state.base_rotation)
+        self.position = (self._start - self._pivot) @ turn.T + self._pivot + state.base_translation
+        turned = turn @ self._start_turn
+        self._quaternion = np.array([quaternion_from_matrix(one) for one in turned])
+        now = matrices_from_quaternions(state.rigid_rotation[some])
+        rigid.linear[some] = (self.position - state.rigid_position[some]) / time_step
+        rigid.angular[some] = [
+            vector_from_rotation(after @ before.T) / time_step for after, before in zip(turned, now, strict=True)
+        ]
+        rigid.free[some] = np.hstack([rigid.linear[some], rigid.angular[some]])
+        rigid.inverse_mass[some] = 0.0
+
+    def place(self, end: kernels.RigidState) -> None:
+        """Put them where they are at the end of the step, to the last bit."""
+        end.position[self.index], end.quaternion[self.index] = self.position, self._quaternion
 
 
 def _external_forces(model: Model) -> list[tuple[int, int, int, np.ndarray]]:

@@ -10,6 +10,7 @@ from taichisoft.errors import ControlError, NotPositiveDefinite, SimulationDiver
 from taichisoft.model import Model
 from taichisoft.state import State
 from taichisoft.step.kernels import loads as kernels
+from taichisoft.step.solution import ForcesOnBase
 
 
 class SoftMotion:
@@ -32,12 +33,14 @@ class SoftMotion:
             elasticity: elasticity of the model.
             geometry: geometry of the model's actuators at the start of a step.
         """
-        self._model = model
+        self._model, self._time_step = model, model.scene.time.step
         self._geometry = geometry
         self.system = ElasticSystem(elasticity)
         is_full = self.system.modes.start < 0
         loaded = is_full.copy()
-        loaded[model.anchored_nodes] = loaded[model.actuators.coordinates.entry_node] = True
+        constant = np.vstack([body.node_force for body in model.soft_bodies])
+        is_pushed = constant.any(axis=1)
+        loaded[model.anchored_nodes] = loaded[model.actuators.coordinates.entry_node] = loaded[is_pushed] = True
         mass = np.where(is_full, elasticity.node_mass, 0.0)
         self.nodes = kernels.Nodes(
             loaded=np.flatnonzero(loaded).astype(np.int32),
@@ -56,9 +59,17 @@ class SoftMotion:
             lag=elasticity.anchor_lag,
             position=np.empty((len(model.anchored_nodes), 3)),
         )
-        constant = np.vstack([body.node_force for body in model.soft_bodies])
-        loaded = np.flatnonzero(constant.any(axis=1))
-        self.forces = kernels.ConstantForces(node=loaded.astype(np.int32), force=constant[loaded])
+        pushed = np.flatnonzero(is_pushed)
+        self.forces = kernels.ConstantForces(node=pushed.astype(np.int32), force=constant[pushed])
+        self.no_anchors = self.anchors._replace(node=self.anchors.node[:0].copy())
+        self._full_anchors = np.flatnonzero(is_full[model.anchored_nodes])
+        held = model.anchored_nodes[self._full_anchors]
+        self._rows_of_anchors = RowsOfNodes(elasticity.symbolic.block_pairs, held)
+        self._anchored_mass = elasticity.inertia[held][:, None]
+        self._reduced_nodes = np.flatnonzero(~is_full)
+        self._reduced_mass = elasticity.node_mass[self._reduced_nodes, None]
+        self._reduced_drag = elasticity.node_rayleigh_mass[self._reduced_nodes, None]
+        self._other_impulse = np.zeros((model.node_count, 3))
         self.base = kernels.Base(place=np.vstack([model.base_pivot, np.zeros(3)]), turn=np.empty((1, 3, 3)))
         self._base_rotation: np.ndarray | None = None  # rotation vector of `base.turn`
         self._anchor_position: np.ndarray | None = None  # the last that was checked
@@ -139,6 +150,34 @@ class SoftMotion:
             body = self._model.body_of_node(error.node)
             raise SimulationDiverged(body, state.step, str(error), "a smaller time step") from error
 
+    def forces_on_base(
+        self, start: State, load: np.ndarray, node_velocity: np.ndarray, node_impulse: np.ndarray
+    ) -> ForcesOnBase:
+        """Forces of the bodies on the base in the step.
+
+        On anchors they are what the equations of the anchored nodes leave without their springs: the springs' stretch
+        times their stiffness, 1e12 mN/mm, would show the round-off of velocities.
+
+        Args:
+            start: state at the start of the step.
+            load: known pressures [kPa] and tensions [mN], shape (coordinate_count,).
+            node_velocity: velocities after the step [mm/s], shape (node_count, 3).
+            node_impulse: impulses of contacts and of actuator rows [mN s], shape (node_count, 3).
+        """
+        self._sum(self.nodes._replace(impulse=self._other_impulse), self.no_anchors, load)
+        impulse, some = self._other_impulse + node_impulse, self._full_anchors
+        at_anchors = np.zeros((len(self.anchors.node), 3))
+        if len(some):
+            held, change = self.anchors.node[some], node_velocity - self.known_velocity
+            taken = self._anchored_mass * change[held] + self._rows_of_anchors.times(self.system.solver.blocks, change)
+            at_anchors[some] = (impulse[held] - taken) / self._time_step
+        nodes = self._reduced_nodes
+        velocity = rate = node_velocity[nodes]
+        if self._model.scene.time.dynamics == "second order":
+            rate = (velocity - start.velocity[nodes]) / self._time_step + self._reduced_drag * velocity
+        of_reduced = impulse[nodes] / self._time_step + self._reduced_mass * (start.gravity - rate)
+        return ForcesOnBase(at_anchors, of_reduced)
+
     def leave_out_forces(self) -> None:
         """Restart from rest with the impulses of contacts only."""
         self.known_velocity[:] = 0.0
@@ -168,13 +207,49 @@ class SoftMotion:
     def _sum_impulses(self, state: State, load: np.ndarray) -> None:
         self.nodes.gravity[0] = state.gravity
         self.anchors.position[:] = state.anchor_position
+        self._sum(self.nodes, self.anchors, load)
+
+    def _sum(self, nodes: kernels.Nodes, anchors: kernels.Anchors, load: np.ndarray) -> None:
         kernels.sum_impulses(
-            self._model.scene.time.step,
-            self.nodes,
+            self._time_step,
+            nodes,
             self.forces,
-            self.anchors,
+            anchors,
             self.base,
             self._model.actuators.coordinates,
             self._geometry.gradient,
             load,
         )
+
+
+class RowsOfNodes:
+    """The rows of some nodes in a matrix of 3x3 blocks whose rows sum to zero but for the diagonal of masses."""
+
+    def __init__(self, block_pairs: np.ndarray, nodes: np.ndarray):
+        """Find the blocks beside the diagonal.
+
+        Args:
+            block_pairs: row and column of the stored blocks of the symmetric matrix, shape (block_count, 2).
+            nodes: the nodes in rising order, shape (n,).
+        """
+        first, second = block_pairs.T
+        beside, self._count = first != second, len(nodes)
+        here, there = (beside & np.isin(one, nodes) for one in (first, second))
+        self._block = np.concatenate([np.flatnonzero(here), np.flatnonzero(there)])
+        self._here_count = int(here.sum())
+        self._node = np.concatenate([first[here], second[there]])
+        self._other = np.concatenate([second[here], first[there]])
+        self._row = np.searchsorted(nodes, self._node)
+
+    def times(self, blocks: np.ndarray, vectors: np.ndarray) -> np.ndarray:
+        """Product without what is on the diagonal beside the negative sums of the rows, shape (n, 3).
+
+        Args:
+            blocks: the stored blocks, shape (block_count, 3, 3).
+            vectors: shape (node_count, 3).
+        """
+        some, difference = blocks[self._block], vectors[self._other] - vectors[self._node]
+        some[self._here_count :] = some[self._here_count :].transpose(0, 2, 1)
+        products = np.einsum("bij,bj->bi", some, difference)
+        sums = [np.bincount(self._row, products[:, axis], self._count) for axis in range(3)]
+        return np.column_stack(sums)

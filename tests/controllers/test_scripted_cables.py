@@ -129,7 +129,10 @@ def frames(*contents: str) -> str:
             "keyframes.1.pull: does not name 'right.tendon'; a keyframe has the pull of every cable that another one",
         ),
         (frames("pull = 1.0", "tension = 2.0"), "'left.tendon' is given a pull and a tension; keyframes have one of"),
-        (frames("base_translation = [1.0, 0.0, 0.0]"), "keyframes.0: needs at least one of pressure, pull, tension"),
+        (
+            frames("base_translation = [1.0, 0.0, 0.0]"),
+            "keyframes.0: needs at least one of pressure, valve, pull, tension",
+        ),
         (frames("pressure = 5.0"), "keyframes.0.pressure: the scene has no finger or cavity"),
         ("steps = [{ pull = 1.0 }]", "steps.0: pull needs a duration [s] or a pull_speed [mm/s]"),
         ("steps = [{ tension = 1.0 }]", "steps.0: tension needs a duration [s] or a tension_rate [mN/s]"),

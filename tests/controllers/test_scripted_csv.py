@@ -74,7 +74,7 @@ def test_what_programs_and_people_write_is_read(tmp_path: Path, content: str) ->
         ("# a\ntime,time,pressure\n0,1,1", "there are 2 columns 'time'; keep one"),
         ("time,pressure,pressure left\n0,1,1", "the columns 'pressure' and 'pressure left' exclude each other"),
         ("pressure\n1", "the column 'time' is missing; columns are: pressure"),
-        ("time\n1", "keyframes.0: needs at least one of pressure, pull, tension"),
+        ("time\n1", "keyframes.0: needs at least one of pressure, valve, pull, tension"),
         ("time,pressure\n\n0", "0: has 1 cells; 2 are needed, one for each column"),
         ("time,pressure\n0,1,2", "0,1,2: has 3 cells; 2 are needed"),
         ("time,pressure\n0,", "0,: each cell must be a number, as in 0.5"),

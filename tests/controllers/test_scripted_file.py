@@ -108,7 +108,7 @@ def test_a_name_that_the_model_does_not_have_is_refused_before_the_run(
         ),
         ("step = [{ hold = 1.0 }]", "step: unknown key; did you mean 'steps'?"),
         ("steps = []", "steps = []: at least 1 is needed"),
-        ("steps = [{}]", "steps.0: does nothing; it needs at least one of pressure, pull, tension, base_translation,"),
+        ("steps = [{}]", "steps.0: does nothing; it needs at least one of pressure, valve, pull, tension,"),
         ("steps = [{ name = 'a' }]", "steps.0: does nothing"),
         ("steps = [{ time = 1.0, pressure = 1.0 }]", "steps.0.time: unknown key; "),
         ("keyframes = [{ time = 1.0, pressure = 1.0, until = 'time > 1' }]", "keyframes.0.until: unknown key; "),

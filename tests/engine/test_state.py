@@ -24,7 +24,7 @@ def simulation(block: Callable[..., str]) -> Simulation:
         "poisson_ratio": 0.3,
         "translation": [0, 0, 11],
         "anchors": [{"box": [[-10, -10, 10], [10, 10, 10]], "stiffness": 1.0}],
-        "cavities": {"air": {"group": "cavity"}},
+        "cavities": {"air": {"group": "cavity", "air": "line", "line": {"conductance": 1.0, "delay": 0.01}}},
         "cables": {"tendon": {"points": [[-8, 9, -9], [0, 9, -8], [8, 9, -9]], "friction": 0.1}},
     }
     box = {"box": [10, 10, 10], "mass": 0.01, "position": [0, 0, 27]}

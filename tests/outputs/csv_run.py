@@ -45,12 +45,19 @@ def report(step: int, **changes: Any) -> Any:
     seen: dict[str, Any] = {
         "pressures": {"left.air": 1.0 * step, "right.base": 2.0 * step, "right.tip": 3.0 * step},
         "volumes": {"left.air": 100.0, "right.base": 200.0, "right.tip": 300.0 + 1.0 / 3.0},
+        "air_masses": {"left.air": 1e-7, "right.base": 2e-7, "right.tip": 3e-7 * step},
+        "air_flows": {"left.air": 1e-6 * step, "right.base": 2e-6, "right.tip": -3e-6},
+        "valve_openings": {"left.air": 0.5, "right.base": -0.5, "right.tip": 0.0},
         "cable_tensions": {"right.tendon": 400.0 * step},
         "cable_pulls": {"right.tendon": -0.5 * step},
         "cable_lengths": {"right.tendon": 90.0 + 0.5 * step},
         "normal_forces": {("left", "cube"): 10.0 * step, ("cube", "floor"): 9.81, ("left", "right"): 99.0},
         "friction_forces": {("left", "cube"): 1.0 * step},
         "slip_speeds": {("cube", "ball"): 0.5},
+        "base_force": np.array([1.0, 2.0, 3.0]) * step,
+        "base_torque": np.array([4.0, 5.0, 6.0]) * step,
+        "base_force_in_base": np.array([2.0, -1.0, 3.0]) * step,
+        "base_torque_in_base": np.array([5.0, -4.0, 6.0]) * step,
         "clipped": (),
     }
     signals = changes.pop("signals", {"set_point": 60.0, "error": -step})

@@ -66,6 +66,7 @@ def fake_model(floor: bool = False) -> SimpleNamespace:
     cavity = MappedSurface(np.tile(np.arange(4), (4, 1)), inner, FACES)
     finger = SimpleNamespace(
         name="finger",
+        modes=None,
         mesh=VolumeMesh("a", REST, np.array([[0, 1, 2, 3]]), {"outer": FACES}, {"tip": np.array([0])}),
         nodes=slice(0, 4),
         material=np.zeros(1, dtype=np.int32),
@@ -112,6 +113,7 @@ def fake_state(step: int) -> SimpleNamespace:
         base_rotation=np.zeros(3),
         base_request=np.full((2, 3), 0.1 * step),
         base_velocity=np.full((2, 3), 0.2 * step),
+        base_wrench=np.full((2, 3), 0.7 * step),
         anchor_position=REST[:2] + 0.3 * step,
         gravity=np.array([0.0, 0.0, -100.0 * step]),
         young_modulus=np.array([500.0 + step]),
@@ -121,6 +123,13 @@ def fake_state(step: int) -> SimpleNamespace:
         actuator_effort=np.array([2.0 * step]),
         actuator_value=np.array([100.0 + step]),
         actuator_loss=np.zeros(0),
+        air_mass=np.array([1e-5 + 1e-6 * step]),
+        tube_air_mass=np.array([1e-6 * step]),
+        air_flow=np.array([1e-4 * step]),
+        valve_request=np.array([0.02 * step]),
+        valve_opening=np.array([0.01 * step]),
+        supply_pressure=np.array([20.0 + step]),
+        delayed_requests=np.array([[0.03 * step, 0.04 * step]]),
         pull_point=np.zeros((0, 3)),
         contact_body_pair=np.tile(np.array([0, 1], dtype=np.int32), (contacts, 1)),
         contact_point=np.full((contacts, 3), float(step)),
@@ -139,9 +148,15 @@ def fake_report(step: int) -> SimpleNamespace:
         observation=SimpleNamespace(
             pressures={"finger.cavity": 2.0 * step},
             volumes={"finger.cavity": 100.0 + step},
+            air_masses={"finger.cavity": 1e-5 + 1e-6 * step},
+            air_flows={"finger.cavity": 1e-4 * step},
+            valve_openings={"finger.cavity": 0.01 * step},
             normal_forces={("cube", "finger"): 3.0 * step},
             friction_forces={("finger", "cube"): 1.0 * step},
             slip_speeds={("finger", "cube"): 0.5 * step},
+            **dict.fromkeys(
+                ("base_force", "base_torque", "base_force_in_base", "base_torque_in_base"), np.full(3, 0.7 * step)
+            ),
             clipped=(),
         ),
         contact_count=contacts,

@@ -41,6 +41,10 @@ def test_every_number_of_a_step_is_in_its_column(tmp_path: Path) -> None:
         "cable_length right.tendon [mm]": 91.5,
         "base_translation y [mm]": 0.6,
         "base_rotation z [degrees]": 3.0,
+        "base_force y [mN]": 6.0,
+        "base_torque z [mN mm]": 18.0,
+        "base_force_in_base y [mN]": -3.0,
+        "base_torque_in_base x [mN mm]": 15.0,
         "position cube x [mm]": 8.0,
         "position ball z [mm]": 4.0,
         "lift cube [mm]": 3.0,  # along x, against gravity, over the state that the run began with

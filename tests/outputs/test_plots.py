@@ -203,7 +203,9 @@ def test_panels_without_anything_to_show_are_named_and_the_rest_drawn(tmp_path: 
 
 
 def test_unknown_names_are_refused_with_the_known_ones(recording: Recording) -> None:
-    with pytest.raises(PlotError, match="--only pressures: there are: pressure, volume, tension, pull, bending"):
+    with pytest.raises(
+        PlotError, match="--only pressures: there are: pressure, volume, air_mass, air_flow, valve, tension"
+    ):
         draw_plots(recording, "png", ["pressures"])
     with pytest.raises(PlotError, match="--format pdf: there are: png, svg"):
         draw_plots(recording, "pdf")

@@ -90,6 +90,7 @@ def test_the_datasets_of_frames(file: Any, heading: str, group: str) -> None:
         "cavities": len(file["steps"].attrs["cavities"]),
         "cables": len(file["steps"].attrs["cables"]),
         "rubbing_points": 5,
+        "delayed_steps": 0,
         "pairs": len(file["steps"].attrs["pairs"]),
     }
     assert len(set(sizes.values())) == len(sizes), "equal sizes would tell nothing"

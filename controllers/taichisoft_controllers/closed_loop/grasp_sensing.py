@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from taichisoft.actuators import Drive, kind_of
+from taichisoft.actuators import CAVITIES, Drive, kind_of
 from taichisoft.control import Observation
 from taichisoft.errors import SceneError
-from taichisoft_controllers.drives import PULL, driven_by, read_drive
+from taichisoft_controllers.drives import PRESSURE, PULL, driven_by, read_drive
 from taichisoft_controllers.model_names import actuators_called, fingers_called, object_called
 
 if TYPE_CHECKING:
@@ -70,6 +70,8 @@ class GraspSensing:
         self.object = object_called(None, model)
         self.actuators = actuators_called(None, driven_by(drive, model), kind_of(drive).name)
         self._drive = drive
+        cavities = model.scene.actuators(CAVITIES.plural) if drive is PRESSURE else {}
+        self._behind_line = {name for name, cavity in cavities.items() if cavity.line is not None}
         self.up = model.scene.up
         self._pairs = {finger: (finger, self.object) for finger in fingers_called(None, model)}
         self._most_used = dict.fromkeys(self._pairs, 0.0)
@@ -102,7 +104,13 @@ class GraspSensing:
         self._most_used.update(saved)
 
     def _applied(self, actuator: str, observation: Observation, asked: float) -> float:
-        """What an actuator was driven with; a slack cable is paid out as was asked, wherever its finger may stick."""
+        """What an actuator was driven with; a slack cable is paid out as was asked, wherever its finger may stick.
+
+        Behind an air line that is the pressure that its regulator was driven for, not that in the cavity, which follows
+        later: from there, a rate would begin again and again.
+        """
+        if actuator in self._behind_line:
+            return observation.pressure_targets[actuator]
         is_slack = self._drive is PULL and observation.cable_tensions[actuator] <= 0.0
         return asked if is_slack else read_drive(self._drive, observation, actuator)
 

@@ -92,10 +92,12 @@ class KeyboardController(Controller):
         A finger is a soft body with actuators; they are numbered in the order of the scene.
         """
         self.sliders, self._drives = {}, {}
-        for drive in self._chosen:
-            for number, name in enumerate(driven_by(drive, model)):
-                self.sliders[name] = _slider(*_range(drive, number, model), self._step(drive), drive)
-                self._drives[name] = drive
+        for kind, chosen in zip(ACTUATOR_KINDS, self._chosen, strict=True):
+            for number, name in enumerate(model.actuators.names_of(kind)):
+                drives = [drive for drive in (chosen, *kind.drives) if name in driven_by(drive, model)]
+                for drive in drives[:1]:  # sealed air has none
+                    self.sliders[name] = _slider(*_range(drive, number, model), self._step(drive), drive)
+                    self._drives[name] = drive
         driven = {finger_of(name) for name in self.sliders}
         self._fingers = [name for name in model.scene.soft_bodies if name in driven]
         self.bindings = self._bindings()
@@ -125,7 +127,7 @@ class KeyboardController(Controller):
 
     def control(self, observation: Observation) -> Control:
         """The sum of the steps by all keys so far."""
-        asked: dict[str, dict[str, float]] = {drive.asked: {} for drive in self._chosen}
+        asked: dict[str, dict[str, float]] = {drive.asked: {} for drive in self._drives.values()}
         for name, slider in self.sliders.items():
             asked[self._drives[name].asked][name] = slider.value
         return Control(
@@ -195,7 +197,7 @@ class KeyboardController(Controller):
 
 
 def _chosen(kind: ActuatorKind, settings: KeyboardSettings) -> Drive:
-    """The drive of a kind that keys change."""
+    """The drive of a kind that keys change where an actuator has it, or else its first."""
     name = getattr(settings, kind.plural, kind.drives[0].name)
     return next(drive for drive in kind.drives if drive.name == name)
 
@@ -203,6 +205,8 @@ def _chosen(kind: ActuatorKind, settings: KeyboardSettings) -> Drive:
 def _range(drive: Drive, number: int, model: "Model") -> tuple[float, float]:
     """The range that the limits of an actuator and of the scene give; else from 0, or both ways, to the drive's end."""
     kind, limits = kind_of(drive), model.scene.limits
+    if drive not in (kind.effort, kind.coordinate):
+        return drive.nearest, drive.furthest
     found = model.actuators.sets[kind.name]
     low, high = (found.effort_range if drive is kind.effort else found.coordinate_range)[number].tolist()
     furthest = drive.furthest * (float(found.rest_value[number]) if drive.relative else 1.0)

@@ -88,7 +88,7 @@ class KeyframeController(Controller):
                 if self._targets.places[drive, actuator] not in values:
                     kind = kind_of(drive)
                     every = f"the {drive.name} of every {kind.name}"
-                    every += "" if kind.always_driven else " that another one names"
+                    every += "" if kind.always_driven and drive is kind.effort else " that another one names"
                     where = f"{self._path}: keyframes.{index}.{drive.name}"
                     raise SceneError(f"{where}: does not name '{actuator}'; a keyframe has {every}")
 

@@ -140,7 +140,7 @@ QUANTITIES: Mapping[str, QuantityKind] = {
     **{
         figure.name: _actuators(kind, figure)
         for kind in ACTUATOR_KINDS
-        for figure in (*kind.drives, kind.value, kind.rate)
+        for figure in (*kind.drives, kind.value, kind.rate, *kind.figures)
         if figure is not None
     },
     "bending_angle": QuantityKind(
@@ -151,6 +151,10 @@ QUANTITIES: Mapping[str, QuantityKind] = {
     "lift": QuantityKind("mm", "height of the object over its height at the start", _lift, OBJECT),
     "speed": QuantityKind("mm/s", "speed of the object's centre of mass", _speed, OBJECT),
     "base_translation": QuantityKind("mm", "distance of the base from its rest", _base("base_translation", 1.0), AXIS),
+    "base_force": QuantityKind("mN", "force on the base, its amount", _base("base_force", 1.0), AXIS),
+    "base_torque": QuantityKind(
+        "mN mm", "torque on the base about its pivot, its amount", _base("base_torque", 1.0), AXIS
+    ),
     "base_rotation": QuantityKind(
         "degrees", "angle of the base's turn", _base("base_rotation", math.degrees(1.0)), AXIS
     ),

@@ -65,7 +65,7 @@ def _efforts(drive: Drive) -> Callable[[Any], Efforts]:
 
 def _value(drive: Drive, kind: ActuatorKind) -> tuple[str, Any, str]:
     of_all = f"{drive.words.capitalize()} of all {kind.plural} [{drive.unit}], or a table by finger or {kind.name}"
-    every = f" that names every {kind.name}" if kind.always_driven else ""
+    every = f" that names every {kind.name}" if kind.always_driven and drive is kind.effort else ""
     return drive.name, Annotated[Efforts, PlainValidator(_efforts(drive))], f"{of_all}{every}."
 
 

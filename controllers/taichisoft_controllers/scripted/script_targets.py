@@ -27,8 +27,8 @@ class Targets:
         places: the place of an actuator that is driven in a way.
         parts: the places of all that can be driven in a way.
         count: number of values.
-        driven_first: whether what stands at a place is asked for as a script begins: cavities always are, cables only
-            when the script names them; shape (len(places),).
+        driven_first: whether what stands at a place is asked for as a script begins: pressures of cavities always are,
+            cables and valves only when the script names them; shape (len(places),).
     """
 
     def __init__(self, model: "Model"):
@@ -37,12 +37,14 @@ class Targets:
         ways = [(drive, actuator) for drive, names in self._names.items() for actuator in names]
         self.places = {way: place for place, way in enumerate(ways)}
         self.parts: dict[Drive, slice] = {}
-        first = 0
+        place = 0
         for drive in DRIVES:
-            self.parts[drive] = slice(first, first + len(self._names[drive]))
-            first = self.parts[drive].stop
+            self.parts[drive] = slice(place, place + len(self._names[drive]))
+            place = self.parts[drive].stop
         self.count = len(ways) + 6
-        self.driven_first = np.array([kind_of(drive).always_driven for drive, _ in ways], dtype=bool)
+        kinds = [kind_of(drive) for drive, _ in ways]
+        first = [kind.always_driven and drive is kind.effort for kind, (drive, _) in zip(kinds, ways, strict=True)]
+        self.driven_first = np.array(first, dtype=bool)
 
     def read(self, drive: Drive, given: float | Mapping[str, float]) -> dict[int, float]:
         """Values by their places, from one for all actuators or from some by finger or actuator.

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from taichisoft.actuators import ACTUATOR_KINDS, ActuatorFigure, ActuatorKind
+from taichisoft.actuators import ACTUATOR_KINDS, ActuatorFigure, ActuatorKind, StateFigure
 from taichisoft.bodies import Stretches, anchor_stiffness, select_nodes
 from taichisoft_outputs.base_motion import last_at_rest
 from taichisoft_outputs.plots.figure import Panel, PlotCurve, pieces
@@ -140,6 +140,11 @@ def _forces(column: str, y_axis: str, run: RunCurves) -> Panel:
     return run.over_time(y_axis, values[:, touching], ["|".join(pair) for pair in pairs], [first for first, _ in pairs])
 
 
+def _wrench(row: int, y_axis: str, run: RunCurves) -> Panel:
+    """Components of the force on the base, or of the torque, in world axes."""
+    return run.over_time(y_axis, run.recording.column("base_wrench")[:, row], ["x", "y", "z"], ["", "", ""])
+
+
 def step_time(run: RunCurves) -> Panel:
     """Time that each step took to compute, beside the time that it simulated."""
     values = 1e3 * np.where(run.recording.column("step_time") > 0.0, run.recording.column("step_time"), np.nan)
@@ -171,6 +176,8 @@ PANELS: dict[str, Callable[[RunCurves], Panel]] = {
     "normal-force": partial(_forces, "normal_force", "normal force [mN]"),
     "friction-force": partial(_forces, "friction_force", "friction force [mN]"),
     "slip": slip,
+    "base-force": partial(_wrench, 0, "force on the base [mN]"),
+    "base-torque": partial(_wrench, 1, "torque on the base [mN mm]"),
     "step-time": step_time,
 }
 """The functions that make the panels, by name."""
@@ -182,9 +189,14 @@ def panels_of(recording: Recording) -> dict[str, Callable[[RunCurves], Panel]]:
 
 
 def expected(name: str, recording: Recording) -> bool:
-    """Whether somebody expects a panel: that of cables only where there are some."""
-    kinds = [kind for kind in ACTUATOR_KINDS if name in (one.name for one in kind.measured)]
-    return all(kind.always_driven or recording.actuators.names_of(kind) for kind in kinds)
+    """Whether somebody expects a panel: that of cables only where there are some, of air where it has its own law."""
+    for kind in ACTUATOR_KINDS:
+        tables = recording.scene.actuators(kind.plural).values()
+        for figure in kind.measured:
+            if figure.name == name:
+                matters = figure.matters if isinstance(figure, StateFigure) else bool
+                return (kind.always_driven and figure not in kind.figures) or any(map(matters, tables))
+    return True
 
 
 def _evenly_spaced(times: np.ndarray, count: int) -> np.ndarray:

@@ -63,6 +63,8 @@ def _quantities(kind: ActuatorKind) -> dict[str, RecordedQuantity]:
         f"steps/{effort.name}": RecordedQuantity(effort.unit, "actuator_effort", kind=kind),
         f"steps/{value.name}": RecordedQuantity(value.unit, "actuator_value", kind=kind),
     }
+    for figure in kind.figures:
+        found[f"steps/{figure.name}"] = RecordedQuantity(figure.unit, figure.field)
     if kind.loss:
         found[f"steps/{kind.loss}"] = RecordedQuantity(effort.unit, "actuator_loss", kind=kind)
     if coordinate.observed:
@@ -96,10 +98,15 @@ QUANTITIES = {
     "steps/base_rotation": RecordedQuantity("rad", "base_rotation"),
     "steps/base_request": RecordedQuantity("mm, rad", "base_request"),
     "steps/base_velocity": RecordedQuantity("mm/s, rad/s", "base_velocity"),
+    "steps/base_wrench": RecordedQuantity("mN, mN mm", "base_wrench"),
     "steps/anchor_position": RecordedQuantity("mm", "anchor_position"),
     "steps/gravity": RecordedQuantity("mm/s^2", "gravity"),
     "steps/young_modulus": RecordedQuantity("kPa", "young_modulus"),
     **{path: quantity for kind in ACTUATOR_KINDS for path, quantity in _quantities(kind).items()},
+    "steps/tube_air_mass": RecordedQuantity("kg", "tube_air_mass"),
+    "steps/valve_request": RecordedQuantity("1", "valve_request"),
+    "steps/supply_pressure": RecordedQuantity("kPa", "supply_pressure"),
+    "steps/delayed_requests": RecordedQuantity("1 or kPa", "delayed_requests"),
     "steps/pull_point": RecordedQuantity("mm", "pull_point"),
     "steps/normal_force": RecordedQuantity("mN"),
     "steps/friction_force": RecordedQuantity("mN"),
@@ -120,6 +127,7 @@ QUANTITIES = {
     "controls/gravity": RecordedQuantity("mm/s^2", "gravity"),
     "controls/young_modulus": RecordedQuantity("kPa", "young_modulus"),
     **{path: quantity for kind in ACTUATOR_KINDS for path, quantity in _controls(kind).items()},
+    "controls/valve_request": RecordedQuantity("1", "valve_request"),
     "controls/pull_point": RecordedQuantity("mm", "pull_point"),
     "controllers/saved": RecordedQuantity("byte"),
     "contacts/bodies": RecordedQuantity("1", "contact_body_pair"),
