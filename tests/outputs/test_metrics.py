@@ -37,7 +37,8 @@ def model(goal: bool = True) -> Any:
             "rigid_bodies": {name: {"box": [10, 10, 10], "mass": 0.001} for name in ("other", "cube")},
         }
     )
-    return SimpleNamespace(scene=scene, soft_bodies=(), actuators=ActuatorNames({"cavity": (), "cable": ()}))
+    names = ActuatorNames({"cavity": (), "cable": ()})
+    return SimpleNamespace(scene=scene, soft_bodies=(), base_pivot=np.zeros(3), actuators=names)
 
 
 def report(step: int, **changes: Any) -> Any:

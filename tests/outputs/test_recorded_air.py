@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from taichisoft_outputs.recording.output import RecordingOutput
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
