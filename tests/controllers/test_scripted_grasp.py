@@ -95,9 +95,9 @@ def test_the_programs_of_the_documents_read_what_a_run_leaves(
 
 
 def execute(page: str) -> dict[str, Any]:
-    """Run the only Python program of a page; returns its names."""
+    """Run the first Python program of a page; returns its names."""
     text = (DOCS / page).read_text(encoding="utf-8")
-    (program,) = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
+    program, *_ = re.findall(r"^```python\n(.*?)^```$", text, re.DOTALL | re.MULTILINE)
     names: dict[str, Any] = {}
     exec(program, names)
     return names

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from taichisoft_outputs.recording.recording_output import RecordingOutput
 
 from taichisoft.building.scene_files import load_scene
 from taichisoft.building.simulation import Simulation
@@ -14,6 +13,7 @@ from taichisoft.pytest_fixtures import TINY_GRIPPER
 from taichisoft_outputs.csv_output import CsvOutput
 from taichisoft_outputs.plots.panels import PANELS, expected
 from taichisoft_outputs.recording.reader import Recording, read_recording
+from taichisoft_outputs.recording.recording_output import RecordingOutput
 from taichisoft_outputs.recording.resume import recorded_scene, resumed_simulation, state_at
 
 LINE = (

@@ -93,6 +93,7 @@ def _body(corotation: str) -> Any:
     settings = SimpleNamespace(corotation=corotation, rayleigh_stiffness=0.0, rayleigh_mass=0.0, damped_anchors=False)
     return SimpleNamespace(
         settings=settings,
+        modes=None,
         nodes=slice(0, len(MESH.nodes)),
         rest_position=MESH.nodes,
         elements=MESH.elements,

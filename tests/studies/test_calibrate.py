@@ -78,7 +78,7 @@ def test_the_interval_of_noisy_data_holds_the_truth(tmp_path: Path, taichisoft_p
     assert fit.residuals[0][0] == pytest.approx(noise, rel=0.4)
 
 
-def test_rows_are_chosen_shifted_and_computed_from_columns(tmp_path: Path) -> None:
+def test_rows_are_chosen_shifted_and_computed_from_columns(tmp_path: Path, taichisoft_plugins: Any) -> None:
     (tmp_path / "d.csv").write_text("t,a-1,b\n0,1,10\n1,2,20\n2,4,30\n3,9,40\n")
     (experiment,) = calibration_of(
         tmp_path,

@@ -192,7 +192,7 @@ def test_a_search_that_is_wrong_is_told_by_its_key(
 
 
 def test_a_package_too_large_to_come_along_is_named_with_its_own_command(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, taichisoft_plugins: Any
 ) -> None:
     monkeypatch.setattr(optional_packages, "find_spec", lambda name: None if name == "torch" else "there")
     with pytest.raises(PackageMissing, match=r"^sampler = 'gp': needs torch, .* not installed: pip install torch$"):
